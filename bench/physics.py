@@ -9,7 +9,7 @@ motions    Planned and timed motions among obstacles. Errors of the joints in th
            motion is `below` if physics is nearer than was proven; `below without a tube` takes the margin that is
            proven of the motion itself, and `missing` is by how much it was missed at worst.
 drives     The replanner beside a person who walks about and reaches out, and who keeps to the promised speeds. People
-           are kept away by what the tube moves the robot. Contacts are looked for at the joints of the physics.
+           are kept away by what the tube moves the robot, too. Contacts are looked for at the joints of the physics.
 contact    A link at the speed that a region of the body bears (`people.contact`) hits a part of a body of that mass
            and stiffness which is free to give way. `first` is the largest force of the first impact, `later` that of
            the time after it while the robot drives on, both as a share of what the region bears.
@@ -160,7 +160,7 @@ def drive(name: str, seed: int, tube: tuple[float, ...], servo: Servo, seconds: 
     setup = SafeSetup(robot, scene)
     setup.setTube(tube)
     proof = CertifiedMotion(CollisionChecker(robot, scene), separation=Separation(tube=tube))
-    people, tracker = People(clearance=proof.separation.swing(proof.checker)), Tracker(ALL_KEYPOINTS)
+    people, tracker = People(), Tracker(ALL_KEYPOINTS)
     walker = Walker(people, np.array([0.0, 0.0, -0.75]), np.array([0.9, 0.0]), tracker=tracker, seed=seed)
     replanner = Replanner(robot, scene, {"anna": tracker}, people=people, motion=proof)
     world = World({"anna": walker}, {}, replanner.surroundings)

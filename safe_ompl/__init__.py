@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from safe_ompl.motions import Motion, check, widest_tube
     from safe_ompl.paths import PathReport, simplify_danger
     from safe_ompl.people import Tracker
-    from safe_ompl.people.replanning import Replanner
+    from safe_ompl.people.replanning import Replanner, Shield
     from safe_ompl.planning import PlanResult, SafeSetup, plan, planner_data, repair
     from safe_ompl.planning.ompl import (
         CertifiedMotionValidator,
@@ -97,6 +97,7 @@ __all__ = [
     "SafeSetup",
     "Scenario",
     "Scene",
+    "Shield",
     "Sphere",
     "StaleSceneError",
     "StandstillError",

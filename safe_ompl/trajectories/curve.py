@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -191,13 +192,17 @@ class BlendedCurve:
     def at(self, s: FloatArray, pieces: IntArray | None = None) -> CurvePoints:
         """Return the places (S, n) at arc lengths `s: (S,)` in any order; where two pieces meet, of those given."""
         which = self.piece_at(s) if pieces is None else pieces
-        found = CurvePoints(*(np.empty((len(s), len(self.pieces[0].start))) for _ in range(4)))
-        for k in np.unique(which):
-            rows = which == k
-            places = self.pieces[k].places(s[rows] - self.starts[k])
-            for whole, part in zip(found, places, strict=True):
-                whole[rows] = part
-        return found
+        return self._rows(which).places(s - self.starts[which])
+
+    def _rows(self, which: IntArray) -> Piece:
+        """Return pieces (S,) as one, whose attributes are rows (S, n)."""
+        start, slope, bend, swing = (part[which] for part in self._parts)
+        return Piece(start, slope, bend, swing, self.length)
+
+    @cached_property
+    def _parts(self) -> tuple[FloatArray, ...]:
+        """The first four attributes of all pieces, each (number of pieces, n)."""
+        return tuple(np.array(part) for part in list(zip(*self.pieces, strict=True))[:4])
 
     def cells(self, step: float, turn: float = 0.1) -> Cells:
         """Return cells no longer than `step`; on blends q′ changes by no more than `turn` in each."""
@@ -233,23 +238,17 @@ class BlendedCurve:
 
     def _cells(self, bounds: list[FloatArray]) -> Cells:
         """Return the cells between arc lengths that are given for each piece, from its start."""
-        edges: list[FloatArray] = [np.zeros(1)]
-        slopes: list[tuple[FloatArray, FloatArray]] = []
-        bends: list[tuple[FloatArray, FloatArray]] = []
-        swings: list[FloatArray] = []
-        stops, count = [], 0
-        for k, (piece, at) in enumerate(zip(self.pieces, bounds, strict=True)):
-            stops += [count] if k in self.stops else []
-            edges.append(self.starts[k] + at[1:])
-            slopes.append(piece.slope_box(at[:-1], at[1:]))
-            bends.append(piece.bend_box(at[:-1], at[1:]))
-            swings.append(np.tile(np.abs(piece.swing), (len(at) - 1, 1)))
-            count += len(at) - 1
-        slope_low, slope_high = (np.concatenate(side) for side in zip(*slopes, strict=True))
-        bend_low, bend_high = (np.concatenate(side) for side in zip(*bends, strict=True))
-        corners: IntArray = np.array(stops, dtype=np.intp)
+        counts = np.array([len(at) - 1 for at in bounds])
+        which: IntArray = np.repeat(np.arange(len(bounds)), counts)
+        first, last = (np.concatenate([at[side] for at in bounds]) for side in (np.s_[:-1], np.s_[1:]))
+        pieces = self._rows(which)
+        corners: IntArray = (np.cumsum(counts) - counts)[sorted(self.stops)].astype(np.intp)
         return Cells(
-            np.concatenate(edges), slope_low, slope_high, bend_low, bend_high, np.concatenate(swings), corners
+            np.append(0.0, self.starts[which] + last),
+            *pieces.slope_box(first, last),
+            *pieces.bend_box(first, last),
+            np.abs(pieces.swing),
+            corners,
         )
 
 

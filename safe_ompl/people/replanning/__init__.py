@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         StopMotion,
     )
     from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
+    from safe_ompl.people.replanning.shield import Shield, ShieldCommand
 
 __all__ = [
     "Command",
@@ -31,6 +32,8 @@ __all__ = [
     "ReplanningOptions",
     "Roadmap",
     "RobotBodies",
+    "Shield",
+    "ShieldCommand",
     "StopMotion",
 ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
@@ -252,11 +253,16 @@ class GuardedPath:
 
     @classmethod
     def along(
-        cls, bodies: RobotBodies, curve: BlendedCurve, limits: PathLimits, step: float = STEP
+        cls,
+        bodies: RobotBodies,
+        curve: BlendedCurve,
+        limits: PathLimits,
+        step: float = STEP,
+        bends: Callable[[Cells, RateLimits], FloatArray] = bending_cap,
     ) -> GuardedPath:
-        """Return the path along a curve, in cells no longer than a step [rad]."""
+        """Return the path along a curve, in cells no longer than a step [rad]; ṡ is no larger than `bends` (N,)."""
         cells, joints = curve.cells(step), limits.joints
-        speeds = np.minimum(velocity_cap(cells, joints), bending_cap(cells, joints))
+        speeds = np.minimum(velocity_cap(cells, joints), bends(cells, joints))
         of_bodies = bodies.speeds(curve, cells)
         for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
             speeds = np.minimum(speeds, cap.speeds)

@@ -6,7 +6,7 @@ import logging
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,7 @@ from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import BlendedCurve, BlendProof, Trajectory
 
 _log = logging.getLogger(__name__)
+_Given = TypeVar("_Given", bound=Command)
 
 TICK = 0.05  # [s]
 # Accelerations that are tried between full braking (−1) and full acceleration (1).
@@ -125,23 +126,14 @@ class Replanner:
             options = replace(options, **former)
             words = ", ".join(f"{name}=…" for name in former)
             warnings.warn(f"give options=ReplanningOptions({words})", DeprecationWarning, stacklevel=2)
-        self.robot, self.options = robot, options
-        self.people = People() if people is None else people
-        self.tick, self.lost_after = float(options.tick), float(options.lost_after)
-        reach = options.reach
-        if reach is None and self.people.reach is not None:
-            reach = CalibratedReach.load(self.people.reach)
-        self.surroundings = Surroundings(scene, trackers, objects or {}, self.people, reach)
-        self.still = self.surroundings.still
-        self.motion = CertifiedMotion(CollisionChecker(robot, self.still)) if motion is None else motion
-        _check_motion(self.motion, robot, self.still)
-        self._bodies = RobotBodies(robot)
+        self._guard = guard = Guard(robot, scene, trackers, objects, people, options, motion)
+        self.robot, self.options, self.people = robot, options, guard.people
+        self.tick, self.lost_after, self.motion = guard.tick, guard.lost_after, guard.motion
+        self.surroundings, self.still = guard.surroundings, guard.surroundings.still
+        self._bodies = guard.bodies
         self._path: GuardedPath | None = None
-        self._command: Command | None = None
-        self._margin = Margin(np.inf)  # of the motion that was tried last
         self._detours: Detours | None = None
         self._may_turn = False
-        self._violated = False
         self._detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
 
     def __repr__(self) -> str:
@@ -170,7 +162,7 @@ class Replanner:
                 f"the trajectory is of the joints {trajectory.joint_names}, the robot's are {self.robot.joint_names}"
             )
         path = GuardedPath.of(self._bodies, trajectory)
-        last = self._command
+        last = self._guard.last
         if last is not None:
             if last.doing not in (Doing.DONE, Doing.STANDING):
                 raise InputError("the robot still moves: start when it stands or is done")
@@ -180,7 +172,7 @@ class Replanner:
                     f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands"
                 )
         _prove(trajectory.curve, self.motion)
-        self._path, self._command, self._detour = path, None, None
+        self._path, self._guard.last, self._detour = path, None, None
         self._cover(trajectory)
 
     def _cover(self, trajectory: Trajectory) -> None:
@@ -218,11 +210,7 @@ class Replanner:
         UnknownNameError
             If a name is not known.
         """
-        violations = self.surroundings.update(people, objects, time)
-        if violations and not self._violated:
-            _log.warning("%.3f s: %s: stop", time, violations[0])
-        self._violated = bool(violations)
-        return violations
+        return self._guard.update(people, objects, time)
 
     def command(self, time: float) -> Command:
         """Return what the robot does from a time [s] on; see `Command`.
@@ -232,12 +220,10 @@ class Replanner:
         InputError
             If nothing was started, or the time is before the last command or the last measurement.
         """
-        path, last = self._path, self._command
+        path = self._path
         if path is None:
             raise InputError("start a trajectory first")
-        if not time >= self.surroundings.time or not (last is None or time >= last.time):
-            raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
-        s, speed, _ = (0.0, 0.0, 0.0) if last is None else last.motion.at(time - last.time)
+        s, speed = self._guard.place(time)
         found = None
         if self._detour is not None:
             way, begin = self._detour
@@ -246,10 +232,9 @@ class Replanner:
         if found is None:
             found = self._next(path, s, speed, time)
         if found is None:
-            found = self._kept(path, s, speed, time)
-        self._report(time, found)
-        self._path, self._command = found.path, found
-        return found
+            found = self._guard.kept(path, s, speed, time)
+        self._path = found.path
+        return self._guard.given(found, time)
 
     def think(self, units: int = 60) -> bool:
         """Search a detour if the path ahead is barred or slow; return whether the next command has one to take.
@@ -262,7 +247,7 @@ class Replanner:
         units : int
             How much work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
         """
-        command = self._command
+        command = self._guard.last
         if command is None or self._detours is None or not self._may_turn or not self.surroundings.known:
             return False
         if command.doing is Doing.DONE:
@@ -273,9 +258,74 @@ class Replanner:
         self._detour = self._detours.search(command, people, units)
         return self._detour is not None
 
+    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        return self._guard.next(path, s, speed, time)
+
+
+class Guard:
+    """Who is around a robot, and the commands that are proven against them: what replanner and shield share.
+
+    Parameters are those of `Replanner`.
+
+    Attributes
+    ----------
+    surroundings : Surroundings
+        All people and objects that move.
+    motion : CertifiedMotion
+        Proves motions among still obstacles.
+    bodies : RobotBodies
+        Of the robot.
+    last : Command or None
+        The newest command; None before the first one.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        trackers: Mapping[str, Tracker],
+        objects: Mapping[str, float] | None,
+        people: People | None,
+        options: ReplanningOptions,
+        motion: CertifiedMotion | None,
+    ) -> None:
+        people = People() if people is None else people
+        self.tick, self.lost_after = float(options.tick), float(options.lost_after)
+        reach = options.reach
+        if reach is None and people.reach is not None:
+            reach = CalibratedReach.load(people.reach)
+        self.surroundings = Surroundings(scene, trackers, objects or {}, people, reach)
+        still = self.surroundings.still
+        self.motion = CertifiedMotion(CollisionChecker(robot, still)) if motion is None else motion
+        _check_motion(self.motion, robot, still)
+        # A robot that is elsewhere in its tube is nearer to people.
+        nearer = self.motion.separation.swing(self.motion.checker)
+        self.people = replace(people, clearance=people.clearance + nearer)
+        self.bodies = RobotBodies(robot)
+        self.last: Command | None = None
+        self._margin = Margin(np.inf)  # of the motion that was tried last
+        self._violated = False
+
+    def update(
+        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
+    ) -> list[Violation]:
+        """Take what sensors saw; see `Replanner.update`."""
+        violations = self.surroundings.update(people, objects, time)
+        if violations and not self._violated:
+            _log.warning("%.3f s: %s: stop", time, violations[0])
+        self._violated = bool(violations)
+        return violations
+
+    def place(self, time: float) -> tuple[float, float]:
+        """Return s and ṡ on the path of the last command at a time [s]; raise InputError if time goes backwards."""
+        last = self.last
+        if not time >= self.surroundings.time or not (last is None or time >= last.time):
+            raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
+        return (0.0, 0.0) if last is None else last.motion.at(time - last.time)[:2]
+
     # ----------------------------------------------------------------------------------------------------- proofs
 
-    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+    def next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
         measured = self.surroundings.time
         if speed == 0 and s >= path.length - _SAME:
@@ -311,9 +361,9 @@ class Replanner:
             found = slower
         return found
 
-    def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
+    def kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
         """Return what is left of the stop that was proven before, or rest."""
-        last = self._command
+        last = self.last
         reason = self.surroundings.trouble(time, self.lost_after) or self._margin.description
         if last is None or speed == 0:
             rest = path.motion_from(s, 0.0, -1.0, self.tick)
@@ -322,14 +372,17 @@ class Replanner:
 
     # ------------------------------------------------------------------------------------------------------- log
 
-    def _report(self, time: float, command: Command) -> None:
-        before = None if self._command is None else self._command.doing
+    def given(self, command: _Given, time: float) -> _Given:
+        """Keep a command as the last one, and return it; what the robot does now goes to the log if it is new."""
+        before = None if self.last is None else self.last.doing
+        self.last = command
         if command.doing is before:
-            return
+            return command
         why = f": {command.reason}" if command.reason else ""
         drives = (Doing.MOVING, Doing.SLOWED)
         level = logging.DEBUG if command.doing in drives and before in drives else logging.INFO
         _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
+        return command
 
 
 def _check_motion(motion: CertifiedMotion, robot: Robot, still: Scene) -> None:

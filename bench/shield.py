@@ -1,0 +1,357 @@
+"""The shield against other filters of what a policy proposes: a Panda beside recorded people.
+
+Run it from the root of the repository with `python -m bench.shield FOLDER`, FOLDER with recordings as for
+`bench.live`. A scripted policy proposes at each tick a chunk of 16 positions at 20 Hz along a path that it knows, to
+and fro as in `scenarios/panda_shelf.yaml`, from where the robot is, with noise. Filters of the chunk:
+
+* the shield;
+* none: the chunk as it is;
+* clamp A-B: the chunk's timing scaled by the distance of the nearest person, from 0 at A mm to 1 at B mm;
+* pink D: a control barrier filter, `SelfCollisionBarrier` of pink (pin-pink) for all pairs of link and limb, which
+  must keep D mm. It needs `pip install pin-pink quadprog`; it is left out where they are not installed. It knows
+  nothing of the shelf, nor how people move: D must be large enough for that.
+
+All but the shield may change their velocity at once. A task is done when the robot is within 0.02 rad of the end of
+the path. Contacts count as in `bench.live`: while the robot moves and everybody has kept to the reach model since the
+measurement that the motion answers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from time import process_time
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from bench.live import HANDS, PANDA_ACCELERATIONS, places
+from safe_ompl import (
+    CertifiedMotion,
+    CollisionChecker,
+    People,
+    RateLimits,
+    Robot,
+    Scenario,
+    Shield,
+    Tracker,
+    Trajectory,
+    time_path,
+)
+from safe_ompl.common import FloatArray
+from safe_ompl.people import Recording, TrackedBody, list_clips
+from safe_ompl.people.replanning import PathLimits
+from safe_ompl.people.simulation import ContactMonitor, World
+from safe_ompl.people.simulation.movers import Playback, limb_solids
+from safe_ompl.scene import find_scenario
+
+TICK, LATENCY, RATE, CHUNK = 0.05, 0.02, 20.0, 16
+NOISE = 2e-3  # [rad] of each of four waves along a chunk
+_INSTANT = 0.005  # [s] between two looks of the monitor
+_ARRIVED, _STILL = 0.02, 1e-6  # [rad], [rad/s]
+PLACES = 20
+
+Motion = Callable[[float], FloatArray]
+
+
+class Policy:
+    """Proposes chunks along trajectories that it knows, one after the other, from where the robot is."""
+
+    def __init__(self, ways: list[Trajectory], seed: int) -> None:
+        self.ways, self.tasks, self._progress = ways, 0, 0.0
+        self._rng = np.random.default_rng(seed)
+        self._ahead = np.arange(CHUNK) / RATE
+
+    def chunk(self, q: FloatArray) -> FloatArray:
+        """Return the positions (K, n) that it proposes for a robot at `q: (n,)`."""
+        way = self.ways[self.tasks % len(self.ways)]
+        if np.abs(way.at(way.duration).q - q).max() < _ARRIVED:
+            self.tasks, self._progress = self.tasks + 1, 0.0
+            way = self.ways[self.tasks % len(self.ways)]
+        near = np.clip(self._progress + np.arange(-0.1, 0.5, 0.01), 0.0, way.duration)
+        self._progress = float(near[np.linalg.norm(way.at(near).q - q, axis=1).argmin()])
+        found = way.at(self._progress + self._ahead).q
+        back = np.exp(-self._ahead / 0.2)[:, None] * (q - found[0])
+        phases = np.pi * np.outer(self._ahead / self._ahead[-1], np.arange(1, 5))
+        return np.asarray(found + back + np.sin(phases) @ self._rng.normal(scale=NOISE, size=(4, len(q))))
+
+
+class Filter(Protocol):
+    """Makes of a chunk what is driven; `start: (n,)` is where the robot stands at first."""
+
+    failures: int
+
+    def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
+        """Return the motion from a time [s] on, and when that was measured which it answers.
+
+        The robot will be at `q: (n,)`; key points (J, 3) were seen `LATENCY` before.
+        """
+
+
+class Shielded:
+    """The shield."""
+
+    def __init__(self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray) -> None:
+        limits = PathLimits(RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS))
+        people = People(speed=1.6, speeds=HANDS)
+        self.shield = Shield(robot, scenario.scene, {"operator": tracker}, people=people, limits=limits)
+        self.shield.start(start)
+        self.failures = 0
+
+    def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
+        self.shield.update({"operator": seen}, {}, time - LATENCY)
+        self.failures += not self.shield.propose(chunk, RATE)
+        command = self.shield.command(time)
+        return lambda t: command.at(t).q, command.measured
+
+
+class Unfiltered:
+    """The chunk as it is."""
+
+    failures = 0
+
+    def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
+        return self.along(time, q, chunk, 1.0), time - LATENCY
+
+    def along(self, time: float, q: FloatArray, chunk: FloatArray, share: float) -> Motion:
+        """Return the motion along a chunk at a share of its speed."""
+        points = np.vstack([q, chunk[1:]])
+        ends = np.arange(len(points)) / RATE
+        return lambda t: np.array([np.interp(share * (t - time), ends, column) for column in points.T])
+
+
+class Clamped(Unfiltered):
+    """The chunk, the slower the nearer the nearest person is."""
+
+    def __init__(self, robot: Robot, tracker: Tracker, near: float, far: float) -> None:
+        self._monitor, self._tracker, self._near, self._far = ContactMonitor(robot), tracker, near, far
+
+    def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
+        distance = self._monitor.nearest(q, limb_solids("operator", *_limbs(self._tracker, seen))).distance
+        share = float(np.clip((distance - self._near) / (self._far - self._near), 0.0, 1.0))
+        return self.along(time, q, chunk, share), time - LATENCY
+
+
+class Barrier:
+    """The velocity towards the chunk that is nearest to it among those that pink's barriers allow."""
+
+    def __init__(self, robot: Robot, tracker: Tracker, distance: float) -> None:
+        import pink
+        from pink.barriers import SelfCollisionBarrier
+
+        self._pink, self._tracker, self._robot, self.failures = pink, tracker, robot, 0
+        self._bodies = robot.collision_model.copy()
+        self._bodies.removeAllCollisionPairs()
+        links = [k for k, body in enumerate(self._bodies.geometryObjects) if body.parentJoint]
+        names, _, radii = _limbs(tracker, np.zeros((len(tracker.skeleton.points), 3)))
+        self._limbs, self._shapes = [], []
+        for name, radius in zip(names, radii.tolist(), strict=True):
+            shape = pin.hppfcl.Capsule(radius, 0.1)
+            limb = self._bodies.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), shape))
+            self._limbs.append(limb)
+            self._shapes.append(shape)
+            for link in links:
+                self._bodies.addCollisionPair(pin.CollisionPair(link, limb))
+        count = len(self._bodies.collisionPairs)
+        self._barriers = [
+            SelfCollisionBarrier(count, gain=1 / TICK, safe_displacement_gain=0.0, d_min=distance)
+        ]
+        self._task = pink.tasks.PostureTask(cost=1.0)
+
+    def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
+        for solid, limb, shape in zip(
+            limb_solids("operator", *_limbs(self._tracker, seen)), self._limbs, self._shapes, strict=True
+        ):
+            self._bodies.geometryObjects[limb].placement = solid.placement
+            shape.halfLength = getattr(solid.geometry, "halfLength", 0.0)
+        model = self._robot.shared.model
+        here, there = (self._robot.pinocchio_configuration(x) for x in (q, chunk[1]))
+        try:
+            state = self._pink.Configuration(
+                model,
+                model.createData(),
+                np.clip(here, model.lowerPositionLimit, model.upperPositionLimit),
+                collision_model=self._bodies,
+                collision_data=pin.GeometryData(self._bodies),
+            )
+            self._task.set_target(there)
+            velocity = self._pink.solve_ik(state, [self._task], TICK, "quadprog", barriers=self._barriers)
+        except (self._pink.exceptions.PinkError, ValueError, AssertionError):
+            self.failures += 1
+            velocity = np.zeros(model.nv)
+        if not np.isfinite(velocity).all():
+            self.failures += 1
+            velocity = np.zeros(model.nv)
+        rates = velocity[[model.joints[model.getJointId(name)].idx_v for name in self._robot.joint_names]]
+        return lambda t: q + min(t - time, TICK + LATENCY) * rates, time - LATENCY
+
+
+def _limbs(tracker: Tracker, seen: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Return names, ends and radii of the limbs of a person whose key points (J, 3) were seen."""
+    from safe_ompl.geometry import placed
+
+    points = placed(tracker.place.se3, tracker.skeleton.keypoints(seen))
+    ends = tracker.body.ends(tracker.body.completed(points)[0])
+    return tracker.body.limbs, ends, tracker.body.radii(ends)
+
+
+def filters(
+    robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray
+) -> Mapping[str, Callable[[], Any]]:
+    """Return what makes each filter."""
+    found: dict[str, Callable[[], Any]] = {
+        "shield": lambda: Shielded(robot, scenario, tracker, start),
+        "none": Unfiltered,
+    }
+    for near, far in ((0.05, 0.3), (0.1, 0.5), (0.2, 0.8)):
+        name = f"clamp {1e3 * near:.0f}-{1e3 * far:.0f}"
+        found[name] = lambda near=near, far=far: Clamped(robot, tracker, near, far)
+    for distance in (0.02, 0.05, 0.1, 0.15, 0.2):
+        found[f"pink {1e3 * distance:.0f}"] = lambda distance=distance: Barrier(robot, tracker, distance)
+    return found
+
+
+def run(file: Path, clip: str, place: int, names: list[str], seconds: float) -> list[dict[str, Any]]:
+    """Run each of the filters beside one clip at one place."""
+    scenario = Scenario.load(find_scenario("panda_shelf"))
+    robot = scenario.build_robot()
+    recording = Recording.load(file, clip)
+    seed = sum(map(ord, file.stem + clip))
+    tracker = Tracker(recording.skeleton, TrackedBody(), places(recording, PLACES, seed)[place])
+    proof = CertifiedMotion(CollisionChecker(robot, scenario.scene.without("operator")))
+    urdf = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
+    limits = RateLimits.of(robot, velocity=0.8 * urdf.velocity, acceleration=0.5 * urdf.acceleration)
+    start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
+    path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
+    ways = [time_path(way, robot, limits, motion=proof) for way in (path, path[::-1])]
+    made = filters(robot, scenario, tracker, ways[0].at(0.0).q)
+    rows = []
+    for name in names or list(made):
+        try:
+            one = made[name]()
+        except ImportError as error:
+            print(f"{name} is left out: {error}")
+            continue
+        world = World({"operator": Playback(recording, tracker)}, {}, _surroundings(robot, scenario, tracker))
+        row = drive(robot, one, Policy(ways, seed), world, proof.checker, seconds or recording.duration)
+        rows.append({"filter": name, "file": file.stem, "clip": clip, "place": place, **row})
+    return rows
+
+
+def _surroundings(robot: Robot, scenario: Scenario, tracker: Tracker) -> Any:
+    people = People(speed=1.6, speeds=HANDS)
+    return Shield(robot, scenario.scene, {"operator": tracker}, people=people).surroundings
+
+
+def drive(
+    robot: Robot, one: Filter, policy: Policy, world: World, checker: CollisionChecker, seconds: float
+) -> dict[str, Any]:
+    """Return what happens in a time [s]."""
+    start = before = policy.ways[0].at(0.0).q
+    motion: Motion = lambda t: start  # noqa: E731
+    measured = 0.0
+    surroundings, monitor, sets = world._surroundings, ContactMonitor(robot), {}
+    took, moving, touched = [], 0, 0
+    reach = robot.bounds.displacement_radii.max(axis=0)
+    for k in range(round(seconds / TICK)):
+        now = k * TICK
+        seen = world.people["operator"].at(now)
+        surroundings.update({"operator": seen}, {}, now)
+        sets[now] = surroundings.sets
+        ahead = motion(now + LATENCY)
+        chunk = policy.chunk(ahead)
+        begin = process_time()
+        new = one.answer(now + LATENCY, ahead, chunk, seen)
+        took.append(process_time() - begin)
+        left = 0.0
+        for j in range(round(TICK / _INSTANT)):
+            time = now + j * _INSTANT
+            if j == round(LATENCY / _INSTANT):
+                motion, measured = new
+            q = motion(time)
+            moves = bool(np.abs(q - before).max() > _STILL * _INSTANT)
+            keypoints = world.keypoints(time)
+            ends = world.ends(keypoints, time)
+            promised = sets.get(measured, surroundings.sets)
+            obeyed = bool((promised.excess(ends, time - measured) <= 1e-6).all())
+            moving += moves
+            left -= float(np.abs(q - before) @ reach) + 0.08  # no limb is faster than 16 m/s
+            if left < 0:
+                found = monitor.observe(time, q, world.solids(keypoints, time), moving=moves, obeyed=obeyed)
+                left = found.distance
+            else:
+                monitor.clear()
+            before = q
+        touched += checker.in_collision(q)
+    contacts = monitor.contacts
+    return {
+        "seconds": seconds,
+        "tasks": policy.tasks,
+        "contacts": sum(c.moving and c.obeyed for c in contacts),
+        "after_violations": sum(c.moving and not c.obeyed for c in contacts),
+        "at_rest": sum(not c.moving for c in contacts),
+        "still": touched,
+        "moving": moving * _INSTANT,
+        "failures": one.failures,
+        "took": took,
+    }
+
+
+def print_table(rows: list[dict[str, Any]]) -> None:
+    """Print a table of all filters."""
+    print(
+        f"{'':14} {'tasks/h':>8} {'contacts moving':>16} {'after violation':>16} {'at rest':>8} {'shelf':>6} "
+        f"{'moving':>7} {'fails':>6} {'CPU 50/99 %':>14}"
+    )
+    for name in dict.fromkeys(row["filter"] for row in rows):
+        mine = [row for row in rows if row["filter"] == name]
+        total = {
+            key: sum(row[key] for row in mine)
+            for key in (
+                "seconds",
+                "tasks",
+                "contacts",
+                "after_violations",
+                "at_rest",
+                "still",
+                "moving",
+                "failures",
+            )
+        }
+        half, late = 1e3 * np.percentile(np.concatenate([row["took"] for row in mine]), (50, 99))
+        print(
+            f"{name:14} {3600 * total['tasks'] / total['seconds']:8.0f} {total['contacts']:16} "
+            f"{total['after_violations']:16} {total['at_rest']:8} {total['still']:6} "
+            f"{100 * total['moving'] / total['seconds']:6.1f}% {total['failures']:6} {half:6.1f} / {late:4.1f} ms"
+        )
+
+
+def main() -> None:
+    """Run what the options choose."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument(
+        "--sample", type=int, default=20, metavar="N", help="of all clips and places, drawn evenly"
+    )
+    parser.add_argument("--seconds", type=float, default=0.0, metavar="S", help="default: the clip's")
+    parser.add_argument("--filters", default="", help="by name, with commas between; default: all")
+    options = parser.parse_args()
+    files = sorted(options.folder.glob("*.npz"))
+    if not files:
+        parser.error(f"no .npz files in {options.folder}")
+    logging.disable(logging.WARNING)
+    situations = [(file, clip, k) for file in files for clip in list_clips(file) for k in range(PLACES)]
+    count = min(options.sample, len(situations))
+    chosen = np.random.default_rng(0).choice(len(situations), count, replace=False)
+    names = [name for name in options.filters.split(",") if name]
+    rows = [row for k in sorted(chosen.tolist()) for row in run(*situations[k], names, options.seconds)]
+    print_table(rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,320 @@
+"""The shield: proposals are followed in time where that is proven, and what is executed is proven at every instant."""
+
+import re
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.interpolate import CubicSpline
+
+from safe_ompl import (
+    CertifiedMotion,
+    CollisionChecker,
+    InputError,
+    Motion,
+    People,
+    Pose,
+    RateLimits,
+    Shield,
+)
+from safe_ompl.collision import Separation
+from safe_ompl.people.replanning import Doing, PathLimits
+from safe_ompl.people.simulation import ContactMonitor
+from safe_ompl.people.simulation.movers import Solid
+
+HOME = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
+SWING = np.array([1.0, 0.3, 0.0, -0.3, 0.0, 0.3, 0.0])
+FAR = (3.0, 0.0, 0.0)
+RATE, CHUNK = 20.0, 16
+
+
+@pytest.fixture
+def shield_for(panda, table):
+    """Return a function that makes a shield beside a ball, with a tube about all joints [rad]."""
+
+    def make(tube=0.0, speed=1.6, still=True, **people):
+        limits = RateLimits.of(panda, acceleration=[15, 7.5, 10, 12.5, 15, 20, 20])
+        checker = CollisionChecker(panda, table.without("ball"))
+        proof = CertifiedMotion(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
+        shield = Shield(
+            panda,
+            table,
+            {},
+            {"ball": speed},
+            people=People(**people),
+            limits=PathLimits(limits),
+            motion=proof,
+        )
+        shield.start(HOME)
+        return shield
+
+    return make
+
+
+def swing(t):
+    """Return the positions (…, n) of a smooth motion that begins at rest, at times [s]."""
+    return HOME + SWING * 0.9 * (1 - np.cos(0.9 * np.maximum(np.asarray(t), 0.0)))[..., None]
+
+
+def drive(shield, propose, ball, seconds, latency=0.02):
+    """Propose at each tick, with the ball where `ball` has it; return commands and states (T, 3, n) in between."""
+    commands, states = [], []
+    for k in range(round(seconds / shield.tick)):
+        now = k * shield.tick
+        shield.update({}, {"ball": Pose(tuple(ball(now)))}, now)
+        propose(shield, now + latency)
+        commands.append(shield.command(now + latency))
+        times = now + latency + np.arange(5) * shield.tick / 5
+        states.append([commands[-1].at(t) for t in times])
+    return commands, np.array(states).reshape(-1, 3, 7)
+
+
+def chunks(motion=swing, noise=0.0, seed=0):
+    """Return what proposes the motion as a chunk from now on, with noise that begins at 0."""
+    rng = np.random.default_rng(seed)
+
+    def propose(shield, time):
+        positions = motion(time - 0.02 + np.arange(CHUNK) / RATE)
+        shield.propose(positions + noise * rng.normal(size=positions.shape), RATE)
+
+    return propose
+
+
+def once(motion):
+    """Return what proposes a motion in time at the first tick."""
+    return lambda shield, time: time < 0.03 and shield.propose(motion)
+
+
+def test_a_proposal_that_nobody_bars_is_driven_as_it_is(shield_for):
+    commands, states = drive(shield_for(), chunks(), lambda t: FAR, 4.0)
+    times = np.arange(len(states)) * 0.01
+    np.testing.assert_allclose(states[:, 0], swing(times), atol=1e-5)
+    assert {command.doing for command in commands} == {Doing.MOVING}
+    assert all(command.follows and command.delay < 1e-9 and not command.reason for command in commands)
+    np.testing.assert_allclose(states[:, 1], np.gradient(states[:, 0], 0.01, axis=0), atol=0.02)
+
+
+def test_a_spline_is_driven_in_its_own_timing_to_its_end(shield_for):
+    times = np.linspace(0, 2, 9)
+    spline = CubicSpline(times, swing(times), bc_type="clamped")
+    for motion in (spline, Motion.of(spline)):
+        commands, states = drive(shield_for(), once(motion), lambda t: FAR, 2.3)
+        np.testing.assert_allclose(states[:200, 0], spline(np.arange(200) * 0.01), atol=2e-3)
+        assert commands[-1].doing is Doing.DONE
+        assert commands[-1].delay < 1e-6
+        np.testing.assert_allclose(states[-1, 0], spline(2.0), atol=1e-9)
+
+
+def test_beside_somebody_it_is_slower_on_the_same_path(shield_for):
+    shield = shield_for()
+
+    def ball(time):
+        return 0.75, 0.0, 0.5 + 1.5 * max(time - 3.0, 0.0)
+
+    motion = Motion.hermite(np.arange(81) / 20, swing(np.arange(81) / 20))
+    commands, states = drive(shield, once(motion), ball, 6.0)
+    assert any(command.doing is Doing.SLOWED and "ball" in command.reason for command in commands)
+    assert max(command.delay for command in commands) > 0.1
+    path = swing(np.linspace(0, 4, 4001))
+    away = [np.abs(path - q).max(axis=1).min() for q in states[:, 0]]
+    assert max(away) < 2e-3
+    assert commands[-1].doing is Doing.DONE  # it has gone on when the ball was away
+
+
+def executed_stops(commands, states, count, rng):
+    """Yield commands, and instants of their motion and stop [s]."""
+    for k in rng.permutation(len(commands))[:count]:
+        command = commands[k]
+        for t in np.linspace(command.time, command.standstill, 40):
+            yield command, t
+
+
+@pytest.mark.parametrize("tube", [0.0, 0.02])
+@pytest.mark.parametrize("seed", range(3))
+def test_no_stop_is_reached_by_who_keeps_to_the_bound(shield_for, panda, table, seed, tube):
+    rng = np.random.default_rng(seed)
+    shield = shield_for(tube)
+    monitor, checker = ContactMonitor(panda), CollisionChecker(panda, table.without("ball"))
+    middle, way = np.array([0.75, 0.0, 0.5]), rng.normal(size=3)
+    way *= 0.25 / np.linalg.norm(way)
+
+    def ball(time):
+        return middle + way * np.sin(5 * time)
+
+    commands, states = drive(shield, chunks(noise=2e-3, seed=seed), ball, 5.0)
+    moved = 0
+    for command, t in executed_stops(commands, states, 60, rng):
+        state = command.at(t)
+        if not np.abs(state.qd).max() > 1e-9:
+            continue
+        moved += 1
+        seen = pin.SE3(np.eye(3), ball(command.measured))
+        solids = [Solid("ball", "", coal.Sphere(0.1), seen)]
+        q, distance = state.q, monitor.nearest(state.q, solids).distance
+        for off in tube * np.eye(7) if tube else ():  # the corner of the tube that is nearest, joint by joint
+            q = min((q - off, q + off), key=lambda q: monitor.nearest(q, solids).distance)
+            distance = monitor.nearest(q, solids).distance
+        assert distance > 1.6 * (t - command.measured) - 1e-9  # the ball grows as fast as it may
+        assert not checker.in_collision(q)
+    assert moved > 200
+    assert {Doing.MOVING, Doing.SLOWED} <= {command.doing for command in commands}
+    limits = shield.limits.joints
+    assert (np.abs(states[:, 1]) <= limits.velocity * (1 + 1e-9)).all()
+    assert (np.abs(states[:, 2]) <= limits.acceleration * (1 + 1e-6)).all()
+    steps = np.diff(states[:, 0], axis=0) - 0.005 * (states[1:, 1] + states[:-1, 1])
+    assert np.abs(steps).max() < 0.01**2 * limits.acceleration.max()  # no jumps from one command to the next
+
+
+def bad(kind, now):
+    positions = swing(now - 0.02 + np.arange(CHUNK) / RATE)
+    if kind == "nan":
+        positions[7, 3] = np.nan
+    elif kind == "jump":
+        positions[5:] += 0.5
+    elif kind == "elsewhere":
+        positions += 0.5
+    elif kind == "shape":
+        positions = positions[:, :6]
+    elif kind == "one":
+        positions = positions[:1]
+    return positions
+
+
+BAD = {
+    "nan": "chunk",
+    "jump": "jumps at 0.2 s of it: joint 'panda_joint1' by",
+    "elsewhere": "jumps from where the robot is",
+    "shape": r"got \(16, 6\)",
+    "one": "two positions at least",
+    "late": "too late",
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_chunk_that_cannot_be_used_ends_in_the_proven_stop(shield_for, kind):
+    shield = shield_for()
+    commands, _ = drive(shield, chunks(), lambda t: FAR, 1.0)
+    good = commands[-1]
+    for k in range(20, 32):
+        now = 0.05 * k
+        shield.update({}, {"ball": Pose(FAR)}, now)
+        shield.propose(bad(kind, now), RATE, start=now - 1.0 if kind == "late" else None)
+        command = shield.command(now + 0.02)
+        assert not command.follows
+        assert re.search(BAD[kind], command.reason)
+        np.testing.assert_array_equal(command.at(now + 0.03).q, good.at(now + 0.03).q)
+    assert command.doing is Doing.STANDING
+    shield.update({}, {"ball": Pose(FAR)}, 1.7)
+    shield.propose(command.at(2.0).q + np.linspace(0, 0.1, 8)[:, None] * SWING, RATE)
+    assert shield.command(1.7).follows
+
+
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [(np.eye(7)[3], "joint 'panda_joint4' leaves its limits"), (np.eye(7)[1], "panda_.* and table")],
+)
+def test_it_stops_on_the_path_before_what_stands_still(shield_for, panda, table, way, reason):
+    shield, checker = shield_for(), CollisionChecker(panda, table.without("ball"))
+    motion = Motion.through([HOME, HOME + 3 * way], [0.0, 2.5])
+    commands, states = drive(shield, once(motion), lambda t: FAR, 2.5)
+    last = commands[-1]
+    assert last.doing is Doing.STANDING
+    assert re.search(reason, last.reason)
+    assert np.abs(states[-1, 0] - HOME).max() > 0.3
+    for q in states[:, 0]:
+        assert not checker.in_collision(q)
+        assert panda.within_limits(q).all()
+
+
+def test_a_missed_tick_ends_in_the_stop_and_a_chunk_that_is_over_at_rest(shield_for):
+    shield = shield_for()
+    commands, _ = drive(shield, chunks(), lambda t: FAR, 1.0)
+    end = commands[-1].standstill
+    assert 1.0 < end < 1.5
+    np.testing.assert_array_equal(commands[-1].at(end + 1.0).qd, 0)
+    shield.update({}, {"ball": Pose(FAR)}, end + 1.0)
+    command = shield.command(end + 1.0)  # without a new proposal it goes on with the last one
+    assert command.follows
+    assert command.delay > 0.5
+    for k in range(1, 40):
+        shield.update({}, {"ball": Pose(FAR)}, end + 1.0 + 0.05 * k)
+        command = shield.command(end + 1.0 + 0.05 * k)
+    assert command.doing is Doing.DONE
+    np.testing.assert_allclose(command.at(np.inf).q, swing(0.95 + (CHUNK - 1) / RATE), atol=1e-9)
+
+
+def test_accelerations_beyond_the_limits_cost_time_only(shield_for):
+    shield = shield_for()
+    motion = Motion.hermite(np.arange(61) / 40, swing(3 * np.arange(61) / 40))
+    commands, states = drive(shield, once(motion), lambda t: FAR, 4)
+    limits = shield.limits.joints
+    assert (np.abs(states[:, 1]) <= limits.velocity * (1 + 1e-9)).all()
+    assert (np.abs(states[:, 2]) <= limits.acceleration * (1 + 1e-6)).all()
+    assert commands[-1].doing is Doing.DONE
+    assert any("limits" in command.reason for command in commands)
+    path = swing(np.linspace(0, 4.5, 4001))
+    assert max(np.abs(path - q).max(axis=1).min() for q in states[:, 0]) < 2e-3
+
+
+def test_a_velocity_is_approached_held_and_left(shield_for):
+    shield, target = shield_for(), np.array([0.5, -0.1, 0.2, 0.0, 0.3, 0.0, -0.4])
+    commands, states = drive(
+        shield, lambda shield, t: t < 1.0 and shield.propose_velocity(target), lambda t: FAR, 2.0
+    )
+    np.testing.assert_allclose(states[20:95, 1], np.tile(target, (75, 1)), atol=1e-9)
+    assert {command.doing for command in commands[4:18]} == {Doing.MOVING}
+    assert commands[-1].doing is Doing.DONE
+    np.testing.assert_array_equal(states[-1, 1], 0)
+    assert (np.abs(states[:, 2]) <= shield.limits.joints.acceleration * (1 + 1e-9)).all()
+
+
+def test_a_velocity_that_could_not_be_driven_is_not_driven_later(shield_for):
+    shield = shield_for()
+    reasons = []
+    for k in range(10):
+        shield.update({}, {"ball": Pose((0.35, -0.45, 0.6) if k < 5 else FAR)}, 0.05 * k)
+        if k == 0:
+            shield.propose_velocity(0.5 * SWING)
+        command = shield.command(0.05 * k)
+        reasons.append(command.reason)
+        assert command.doing is Doing.STANDING
+    assert "before it stands" in reasons[0]
+    assert set(reasons[1:]) == {"no new velocity was proposed"}
+
+
+def test_a_twist_moves_the_tip(shield_for, panda):
+    shield, twist = shield_for(), np.array([0.0, 0.2, 0.1, 0.0, 0.0, 0.3])
+    _, states = drive(shield, lambda shield, t: shield.propose_twist(twist), lambda t: FAR, 1.0)
+    found = panda.tip_jacobian(states[60, 0]) @ states[60, 1]
+    np.testing.assert_allclose(found, twist, atol=0.03)
+    shield.propose_twist([1.0, np.nan, 0, 0, 0, 0])
+    shield.update({}, {"ball": Pose(FAR)}, 1.05)
+    assert not shield.command(1.06).follows
+
+
+def test_whoever_is_unknown_or_near_stops_it(shield_for):
+    shield = shield_for()
+    shield.propose(swing(np.arange(CHUNK) / RATE), RATE)
+    command = shield.command(0.0)
+    assert (command.doing, command.reason) == (Doing.STANDING, "not everybody was seen yet")
+    assert not command.follows
+    _, states = drive(shield_for(), chunks(), lambda t: (0.35, -0.45, 0.6), 1.0)
+    assert np.abs(states[:, 1]).max() < 0.02
+
+
+def test_what_cannot_be_is_refused(shield_for, panda, table):
+    shield = shield_for()
+    assert shield.command(0.0).reason == "nothing was proposed"
+    with pytest.raises(InputError, match="time must not go backwards"):
+        shield.command(-1.0)
+    with pytest.raises(InputError, match="joint 'panda_joint4' = 0 is outside its limits"):
+        shield.start(np.zeros(7))
+    commands, _ = drive(shield_for(), chunks(), lambda t: FAR, 0.5)
+    assert commands[-1].doing is Doing.MOVING
+    with pytest.raises(InputError, match="start where the robot stands first"):
+        Shield(panda, table, {}).command(0.0)
+    wide = CertifiedMotion(CollisionChecker(panda, table), separation=Separation(tube=(0.01,) * 7))
+    fast = PathLimits(RateLimits.of(panda), tool_speed=1.0)
+    with pytest.raises(InputError, match="tube: bounds positions"):
+        Shield(panda, table, {}, limits=fast, motion=wide)
