@@ -69,7 +69,8 @@ class DistanceBounds:
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
         self._memory = PerThread(partial(_memory, radii.shape[1]))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
-        self.exact: BoolArray = bodies.exact[pair_table.bodies].all(axis=1) & bodies.bounded
+        exact: BoolArray = np.asarray(bodies.exact[pair_table.bodies].all(axis=1) & bodies.bounded)
+        self.exact = exact
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.

@@ -286,7 +286,8 @@ class ActiveSetCost:
         if besides is not None:
             samples = np.concatenate([samples, besides])
         active, before = self.everywhere.field.active(samples, _SHARE), self._active
-        if before is not None and np.array_equal(active.points, before.points):
+        now, then = active.points, None if before is None else before.points
+        if now is not None and then is not None and np.array_equal(now, then):
             return False
         self._active = active
         danger = self.everywhere.restricted(active)
