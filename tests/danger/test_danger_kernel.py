@@ -8,7 +8,7 @@ from oracles import numpy_danger
 
 from safe_ompl import DangerField, InputError
 from safe_ompl.common import compiled
-from safe_ompl.danger.kernels.field import Skeleton, ceilings
+from safe_ompl.danger.kernels.field import Skeleton, ceilings, new_block
 from safe_ompl.danger.link_field import WEIGHTINGS, Segments, field
 from safe_ompl.danger.points import AGGREGATES, Evaluation, grouped
 
@@ -101,7 +101,7 @@ def test_groups_of_many_points_change_nothing(robot_named, seed, number, weighti
 @compiled
 def bounds_of(places, links, points, by_length, reach):
     out = np.empty(points.shape[1], np.float32)
-    ceilings(Skeleton(places, links, by_length), points, reach, out)
+    ceilings(Skeleton(places, links, by_length, new_block(len(places))), points, reach, out)
     return out
 
 
