@@ -26,10 +26,8 @@ class NearestNode:
 
     def __init__(self, wraps: BoolArray) -> None:
         self._wraps = np.array(wraps, dtype=bool)
-        self._links: IntArray = np.empty((0, 3), dtype=np.intp)
-        self._boxes: FloatArray = np.empty((0, 2, len(self._wraps)))
-        self._lowest: FloatArray = _NOTHING
-        self._known = self._priced = self._deepest = 0
+        self._tree = _box_tree(0, 0, 0, len(self._wraps))
+        self._known = self._priced = 0
 
     def find(self, rows: FloatArray, q: FloatArray, alpha: float = 0.0, costs: FloatArray = _NOTHING) -> int:
         """Return the node for `q: (n,)` and α ≥ 0; 0 where there are none.
@@ -39,29 +37,40 @@ class NearestNode:
         q = np.require(q, np.float64, ["C", "W"])
         if len(rows) <= _FEW:
             return int(kernel.scan(rows, q, self._wraps, alpha, costs))
-        if len(rows) > self._known:
-            self._insert(rows)
+        while len(rows) > self._known:
+            if len(rows) > len(self._tree.homes):
+                self._tree = self._larger(nodes=2 * len(rows))
+            self._known = kernel.insert(rows, self._known, self._tree)
+            if len(rows) > self._known:
+                self._tree = self._larger()
         if alpha and len(costs) > self._priced:
-            kernel.price(costs, self._priced, self._links, self._lowest)
+            kernel.price(costs, self._priced, self._tree)
             self._priced = len(costs)
-        tree = self._links, self._boxes, self._lowest, self._deepest
-        return int(kernel.search(rows, q, self._wraps, alpha, costs, *tree))
+        return int(kernel.search(q, self._wraps, alpha, costs, self._tree))
 
-    def _insert(self, rows: FloatArray) -> None:
-        if len(rows) > len(self._links):
-            capacity = 2 * len(rows)
-            self._links = _grown(self._links, capacity)
-            self._boxes = _grown(self._boxes, capacity)
-            self._lowest = _grown(self._lowest, capacity)
-        deepest = kernel.insert(rows, self._known, self._links, self._boxes, self._lowest)
-        self._deepest, self._known = max(self._deepest, deepest), len(rows)
+    def _larger(self, nodes: int = 0) -> kernel.BoxTree:
+        """Return the tree with room for so many nodes, or else for twice as many branches and leaves."""
+        old = self._tree
+        branches, slots = (0, 0) if nodes else (2 * len(old.links) + _FEW, 2 * len(old.members) + _FEW)
+        larger = _box_tree(branches, slots, nodes, len(self._wraps))
+        return kernel.BoxTree(*(_longer(array, room) for array, room in zip(old, larger, strict=True)))
 
 
-def _grown(array: Any, capacity: int) -> Any:
-    """Return a longer array that begins with `array`."""
-    grown = np.empty((capacity, *array.shape[1:]), dtype=array.dtype)
-    grown[: len(array)] = array
-    return grown
+def _box_tree(branches: int, slots: int, nodes: int, n: int) -> kernel.BoxTree:
+    """Return a tree of boxes without nodes, with room for some."""
+    return kernel.BoxTree(
+        np.empty((branches, kernel.LINKS), np.intp), np.empty(branches), np.empty(branches),
+        np.empty((branches, 2, n)), np.empty((slots, kernel.SIZE), np.intp), np.zeros((slots, n, kernel.SIZE)),
+        np.empty(nodes, np.intp), np.empty(nodes), np.zeros(3, np.intp),
+    )  # fmt: skip
+
+
+def _longer(array: Any, room: Any) -> Any:
+    """Return the longer one of two arrays, which begins with the first."""
+    if len(room) <= len(array):
+        return array
+    room[: len(array)] = array
+    return room
 
 
 ROOT = -1
