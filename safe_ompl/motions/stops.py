@@ -47,8 +47,8 @@ class MotionCurve:
         if moves[1, -1]:
             joint = int((np.abs(ends[1, -1]) / limits.velocity).argmax())
             raise InputError(
-                f"must end at rest where it is to stop before people: {limits.joint_names[joint]!r} still has "
-                f"{ends[1, -1, joint]:.3g} /s",
+                f"must end at rest where it is to stop before people, and {limits.joint_names[joint]!r} ends at "
+                f"{ends[1, -1, joint]:.3g} rad/s or m/s; without people it need not",
                 "motion",
             )
         self._rests = np.flatnonzero(~(moves[0, 1:] | moves[1, :-1])) + 1  # knots at which it is at rest

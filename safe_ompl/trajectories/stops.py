@@ -167,10 +167,11 @@ class Stops:
         That is what is left beyond the clearance; negative by how much nearer they may come.
         """
         k, m = int(self.where[cell]), int(self.limb[cell])
-        bounds, distances, speed = self.separation, self.distances, float(self.distances.speeds[m])
-        room = bounds.distances[k, m] - distances.people.clearance
-        link = distances.links[int(bounds.nearest[k, m])]
-        return link, distances.limbs[m], float(self.left[cell] * speed if speed > 0 else room)
+        bounds, distances, people = self.separation, self.distances, self.distances.people
+        time = float(bounds.times[k, m])  # infinite of limbs at rest
+        since = people.reaction_time + (time - float(self.left[cell]) if np.isfinite(time) else 0.0)
+        room = bounds.distances[k, m] - people.clearance - distances.grown(m, since)
+        return distances.links[int(bounds.nearest[k, m])], distances.limbs[m], float(room)
 
     def stop_from(self, time: float) -> TimeLaw:
         """Return the stop that begins at a time [s] of the motion: which time of the motion it is at when.

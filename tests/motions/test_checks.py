@@ -1,5 +1,6 @@
 """Motions of others: what is proven holds everywhere, what is not is named, and repairs keep ends and form."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +20,7 @@ from safe_ompl import (
     InputError,
     Motion,
     Obstacle,
+    People,
     Pose,
     RateLimits,
     Robot,
@@ -275,3 +277,25 @@ def test_a_way_round_is_followed_where_pushing_fails(panda):
     )
     assert found, found.how
     assert checked(found.motion, proof)
+
+
+def test_a_motion_is_slowed_where_only_its_rates_or_stops_need_it(crank, post):
+    """Its way stays; a jump of the velocity stays one at any pace."""
+    motion = Motion.hermite([1, 2], [[0.0], [0.6]], [[0.0], [0.0]])
+    limits = RateLimits.of(crank, velocity=0.5, acceleration=100.0)
+    proof = CertifiedMotion(CollisionChecker(crank, post))
+    found = repaired(motion, proof, limits)
+    assert found, found
+    assert (found.how, found.changed, found.slower) == ("slowed", (), pytest.approx(1.8))  # 0.9 rad/s at most
+    np.testing.assert_allclose(found.motion.at([1.0, 1.9, 2.8]), motion.at([1.0, 1.5, 2.0]), atol=1e-12)
+    people = People(who=("post",), speed=0.35, reaction_time=0.25)
+    limits = RateLimits.of(crank, velocity=5.0, acceleration=4.0)
+    late = repaired(motion, proof, limits, people=people)
+    assert late.slower > 1.5
+    assert repaired(motion, proof, limits).how == "unchanged"
+    assert late.check.people == people
+    assert not check(
+        replace(late.motion, times=late.motion.times / 1.03), crank, post, limits=limits, people=people
+    )
+    through = Motion.hermite([0, 1, 2], [[0.0], [0.3], [0.2]])
+    assert "jump" in repaired(through, proof, limits).how

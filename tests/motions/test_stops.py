@@ -17,6 +17,7 @@ from safe_ompl import (
     Scene,
     time_path,
 )
+from safe_ompl.certificates import motion_certificate
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
 from safe_ompl.motions import check
 from safe_ompl.scene import find_scenario
@@ -179,5 +180,7 @@ def test_what_cannot_be_proven_beside_people_is_refused(panda, shelf, limits, sp
     assert "bare samples" in said(Motion.sampled(motion.x, points, 2.0))
     assert "must end at rest" in said(Motion.hermite(motion.x, points))
     empty = Scene([])
+    with pytest.raises(InputError, match="no claim"):
+        motion_certificate(check(motion, panda, shelf, limits=limits, people=People()))
     with pytest.raises(InputError, match="no person"):
         check(motion, panda, empty, limits=limits, people=People())

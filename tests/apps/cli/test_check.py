@@ -201,6 +201,72 @@ def test_a_page_shows_the_motion(call, tmp_path):
     )
 
 
+PEOPLE = {"who": ["ball"], "speed": 1.0, "reaction_time": 0.1}
+
+
+@pytest.fixture
+def beside_people(tmp_path, call):
+    """Write a scenario whose ball moves like a person, and a motion that takes 4 s, or 1.6 s."""
+    accelerations = {"acceleration": 4.0, "velocity": 3.0}
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario(people=PEOPLE, motion=accelerations)))
+    for name, seconds in (("slow", 4.0), ("fast", 1.6)):
+        rest = np.zeros((2, 3))
+        save(
+            Motion.hermite([0.0, seconds], [START, START + 0.6 * (MIDDLE - START)], rest, names=NAMES),
+            f"{name}.json",
+        )
+
+
+@pytest.mark.usefixtures("beside_people")
+def test_stops_beside_the_scenarios_people_are_proven(call, tmp_path):
+    status, out, err = call("check", "slow.json", "--scenario", "own.yaml")
+    assert (status, err) == (0, "")
+    assert "velocity, acceleration, collision, stops beside people" in out
+    status, out, _ = call(
+        "check", "fast.json", "--scenario", "own.yaml", "--no-people", "--json", "found.json"
+    )
+    assert status == 0
+    assert "not looked at: --no-people" in out
+    assert json.loads((tmp_path / "found.json").read_text())["claims"] == ["joint limits", "collision"]
+    status, out, _ = call("check", "fast.json", "--scenario", "own.yaml")
+    assert status == 1
+    assert "separation" in out
+    assert "ball" in out
+    save(Motion.through([START, START + 0.1], names=NAMES), "path.json")
+    status, out, _ = call("check", "path.json", "--scenario", "own.yaml")
+    assert status == 0
+    assert "not looked at: the motion has no times" in out
+
+
+@pytest.mark.usefixtures("beside_people")
+def test_a_motion_that_is_too_fast_is_repaired_by_time(call, tmp_path, setup):
+    status, _, err = call("check", "fast.json", "--scenario", "own.yaml", "--repair", "out.csv")
+    assert status == 0
+    assert "the motion as it was, but " in err
+    assert " times as long as before" in err
+    back, given = (read_motion(tmp_path / name, setup.robot) for name in ("out.csv", "fast.json"))
+    assert 1.6 < back.times[-1] < 4.0
+    shares = np.linspace(0.0, 1.0, 9)
+    np.testing.assert_allclose(back.at(shares * back.times[-1]), given.at(shares * 1.6), atol=1e-9)
+    assert call("check", "out.csv", "--scenario", "own.yaml")[0] == 0
+
+
+@pytest.mark.usefixtures("beside_people")
+def test_what_is_not_proven_beside_people_is_refused_in_a_line(call, tmp_path):
+    def refuses(said, *options, file="slow.json"):
+        status, out, err = call("check", file, "--scenario", "own.yaml", *options)
+        assert (status, out) == (2, "")
+        assert said in err
+        assert err.count("\n") == 1
+
+    refuses("--certificate: certificates of motions have no claim", "--certificate", "proof.json")
+    save(Motion.hermite([0.0, 4.0], [START, 0.9 * START], names=NAMES), "line.json")
+    refuses("line.json: motion: must end at rest", file="line.json")
+    jerk = {"acceleration": 4.0, "velocity": 3.0, "jerk": 100.0}
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario(people=PEOPLE, motion=jerk)))
+    refuses("motion.jerk: stops that keep a limit of the jerk")
+
+
 # ---------------------------------------------------------------------------------------------------- the tube
 
 
