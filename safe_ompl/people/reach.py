@@ -42,9 +42,8 @@ class ReachSets:
     first: IntArray  # (S + 1,), where the points of each set begin
     # (S,), radius of the body about the points [m]; where a set has one point for a body of several, of all of it
     radii: FloatArray
-    growth: (
-        FloatArray  # (S, L, 3), g₀ [m], g₁ [m/s], g₂ [m/s²] of the L polynomials of which the least counts
-    )
+    # (S, L, 3), g₀ [m], g₁ [m/s], g₂ [m/s²] of L polynomials, of which the least counts
+    growth: FloatArray
 
     def __len__(self) -> int:
         return len(self.owners)
@@ -316,13 +315,13 @@ class CalibratedReach:
         document.number("refused", self.refused, at_least=0.0, at_most=1.0)
         if self.block is not None:
             document.number("block", self.block, above=0.0)
-        horizons = _ascending(
+        horizons = ascending(
             "horizons", document.numbers("horizons", self.horizons, above=0.0), strictly=True
         )
         given, growth = document.mapping("growth", self.growth, LIMBS), {}
         for limb, lengths in given.items():
             key = f"growth.{limb}"
-            growth[limb] = _ascending(key, document.numbers(key, lengths, len(horizons), above=0.0))
+            growth[limb] = ascending(key, document.numbers(key, lengths, len(horizons), above=0.0))
         if not growth:
             raise InputError("must have one limb at least", "growth")
         values: dict[str, Any] = {"horizons": horizons, "growth": growth}
@@ -387,7 +386,8 @@ def concave_lines(horizons: Sequence[float], lengths: Sequence[float]) -> FloatA
     return np.vstack([np.column_stack([starts, slopes])[kept], [(g - last * t).max(), last]])
 
 
-def _ascending(key: str, values: tuple[float, ...], strictly: bool = False) -> tuple[float, ...]:
+def ascending(key: str, values: tuple[float, ...], strictly: bool = False) -> tuple[float, ...]:
+    """Return numbers if there are some and none is smaller than the one before, or else raise InputError."""
     if not values:
         raise InputError("must have one number at least", key)
     for before, after in pairwise(values):
