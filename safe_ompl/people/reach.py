@@ -356,7 +356,10 @@ class CalibratedReach:
     def lines(self) -> dict[str, FloatArray]:
         """For each limb the lines (L, 2), value at 0 [m] and slope [m/s], of which the least is its growth."""
         gate = [[0.0, self.gate]]
-        return {limb: np.vstack([concave_lines(self.horizons, g), gate]) for limb, g in self.growth.items()}
+        found = [np.vstack([concave_lines(self.horizons, g), gate]) for g in self.growth.values()]
+        most = max(map(len, found))
+        padded = [np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in found]
+        return dict(zip(self.growth, padded, strict=True))
 
     def grown(self, limb: str, time: float) -> float:
         """Return how far a limb goes at most in a time [s], from where it was seen [m]."""
@@ -364,9 +367,9 @@ class CalibratedReach:
 
     def lines_of(self, limbs: Sequence[str], people: People) -> FloatArray:
         """Return the lines (M, L, 2) of several limbs, those of limbs without lengths from the speeds of people."""
-        found = [self.lines.get(limb, np.array([[0.0, people.speed_of(limb)]])) for limb in limbs]
-        most = max(map(len, found))
-        return np.stack([np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in found])
+        count, known = len(next(iter(self.lines.values()))), self.lines
+        speeds = {limb: [(0.0, people.speed_of(limb))] * count for limb in limbs if limb not in known}
+        return np.array([speeds.get(limb, known.get(limb)) for limb in limbs])
 
     def sets(self, person: Measured, people: People) -> ReachSets:
         lines = self.lines_of(person.limbs, people)
