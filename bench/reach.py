@@ -29,7 +29,7 @@ SPEEDS = "  speeds of 1.6 and 2 m/s, no gate"
 def kept(
     recordings: list[Recording], lines: Mapping[str, FloatArray], gate: float | None, within: float
 ) -> FloatArray:
-    """Return counts (7,): recordings, those that keep to growth; frames, those that do, and raw; key points, refused."""
+    """Return counts (7,): recordings, those that keep to it; frames, those that do, and raw; key points, refused."""
     counts = np.zeros(7)
     for recording in recordings:
         for glitches in (False, True):
