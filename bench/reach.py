@@ -17,19 +17,20 @@ import numpy as np
 
 from bench.live import HANDS
 from safe_ompl.common import FloatArray
-from safe_ompl.people import CalibratedReach, Calibration, Recording, calibrate, list_clips
+from safe_ompl.people import Calibration, Recording, calibrate, list_clips
 from safe_ompl.people.calibration import Windows
 from safe_ompl.scene import People
 
 SHOWN = ("right_hand", "head", "torso")
 TIMES = (0.1, 0.3)  # [s]
+SPEEDS = "  speeds of 1.6 and 2 m/s, no gate"
 
 
 def kept(
     recordings: list[Recording], lines: Mapping[str, FloatArray], gate: float | None, within: float
-) -> tuple[float, float, float, float]:
-    """Return shares: recordings that keep to growth all the time, time, raw time, and key points refused."""
-    units, times, seen, refused = [], {False: [], True: []}, 0, 0
+) -> FloatArray:
+    """Return counts (7,): recordings, those that keep to it; frames, those that do, and raw; key points, refused."""
+    counts = np.zeros(7)
     for recording in recordings:
         for glitches in (False, True):
             windows = Windows.of(recording, within, gate, glitches=glitches)
@@ -37,26 +38,28 @@ def kept(
             left = np.zeros(len(over), dtype=bool)
             for k in range(1, over.shape[1] + 1):
                 left[k:] |= over[:-k, k - 1]
-            times[glitches] += (~left).tolist()
-            if not glitches:
-                units.append(not over.any())
-                seen, refused = seen + windows.seen, refused + windows.refused
-    shares = np.mean(units), np.mean(times[False]), np.mean(times[True]), refused / max(1, seen)
-    return tuple(map(float, shares))  # type: ignore[return-value]
+            if glitches:
+                counts[4] += (~left).sum()
+            else:
+                counts += [1, not over.any(), len(left), (~left).sum(), 0, windows.seen, windows.refused]
+    return counts
 
 
-def row(
-    name: str, reach: CalibratedReach | None, lines: Mapping[str, FloatArray], shares: tuple[float, ...]
+def print_row(
+    name: str, units: str, counts: FloatArray, lines: Mapping[str, FloatArray] | None = None
 ) -> None:
-    """Print a row."""
-    sizes = "  ".join(
-        "/".join(f"{(lines[limb] @ [1.0, time]).min():.2f}" for time in TIMES) for limb in SHOWN
+    """Print a row of the table: shares, and how far some limbs go."""
+    all_units, kept_units, frames, time, raw, points, refused = counts
+    shares = (
+        f"{100 * kept_units / all_units:9.0f}% {100 * time / frames:7.2f}% {100 * raw / frames:7.2f}% "
+        f"{100 * refused / max(1, points):7.2f}%"
     )
-    units, time, raw, refused = (100 * share for share in shares)
-    count = "" if reach is None else str(reach.units)
-    print(
-        f"{name:38} {count:>4} {units:9.0f}% {time:7.2f}% {raw:7.2f}% {refused:7.2f}%   {sizes}", flush=True
-    )
+    sizes = [
+        "/".join(f"{(of[limb] @ [1.0, time]).min():.2f}" for time in TIMES)
+        for of in ([] if lines is None else [lines])
+        for limb in SHOWN
+    ]
+    print(f"{name:34} {units:>4} {shares}   {'    '.join(sizes)}", flush=True)
 
 
 def main() -> None:
@@ -83,14 +86,18 @@ def main() -> None:
         + ("recordings" if how.block is None else f"blocks of {how.block:g} s")
     )
     sizes = "  ".join(f"{limb} [m]" for limb in SHOWN)
-    print(f"{'held out':38} {'N':>4} {'recordings':>10} {'time':>8} {'raw':>8} {'refused':>8}   {sizes}")
+    print(f"{'held out':34} {'N':>4} {'recordings':>10} {'time':>8} {'raw':>8} {'refused':>8}   {sizes}")
+    totals = np.zeros((2, 7))
     for name, recordings in kinds.items():
         reach = calibrate([r for other, rs in kinds.items() if other != name for r in rs], how)
-        row(name, reach, reach.lines, kept(recordings, reach.lines, how.gate, options.within))
+        counts = kept(recordings, reach.lines, how.gate, options.within)
+        print_row(name, str(reach.units), counts, reach.lines)
         speeds = {limb: np.array([[0.0, people.speed_of(limb)]]) for limb in reach.limbs}
-        row(
-            "  speeds of 1.6 and 2 m/s, no gate", None, speeds, kept(recordings, speeds, None, options.within)
-        )
+        plain = kept(recordings, speeds, None, options.within)
+        print_row(SPEEDS, "", plain, speeds)
+        totals += [counts, plain]
+    print_row("all", "", totals[0])
+    print_row(SPEEDS, "", totals[1])
 
 
 if __name__ == "__main__":

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, fraction, number, whole_number
+from safe_ompl.common import documents as document
 from safe_ompl.geometry import STANDING
-from safe_ompl.people.reach import CalibratedReach, concave_lines
+from safe_ompl.people.reach import CalibratedReach, ascending, concave_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.people.tracking import PersonTrack, Tracker, without_glitches
 from safe_ompl.scene import People
@@ -167,6 +168,7 @@ class Calibration:
             if not 0 < fraction(name, getattr(self, name)) < 1:
                 raise InputError(f"{name} must be between 0 and 1, got {getattr(self, name)!r}")
         number("gate", self.gate, above=0.0)
+        ascending("horizons", document.numbers("horizons", self.horizons, above=0.0), strictly=True)
         whole_number("seed", self.seed, at_least=0)
         if self.block is not None:
             number("block", self.block, above=0.0)

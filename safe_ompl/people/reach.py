@@ -42,9 +42,8 @@ class ReachSets:
     first: IntArray  # (S + 1,), where the points of each set begin
     # (S,), radius of the body about the points [m]; where a set has one point for a body of several, of all of it
     radii: FloatArray
-    growth: (
-        FloatArray  # (S, L, 3), g₀ [m], g₁ [m/s], g₂ [m/s²] of the L polynomials of which the least counts
-    )
+    # (S, L, 3), g₀ [m], g₁ [m/s], g₂ [m/s²] of L polynomials, of which the least counts
+    growth: FloatArray
 
     def __len__(self) -> int:
         return len(self.owners)
@@ -316,13 +315,13 @@ class CalibratedReach:
         document.number("refused", self.refused, at_least=0.0, at_most=1.0)
         if self.block is not None:
             document.number("block", self.block, above=0.0)
-        horizons = _ascending(
+        horizons = ascending(
             "horizons", document.numbers("horizons", self.horizons, above=0.0), strictly=True
         )
         given, growth = document.mapping("growth", self.growth, LIMBS), {}
         for limb, lengths in given.items():
             key = f"growth.{limb}"
-            growth[limb] = _ascending(key, document.numbers(key, lengths, len(horizons), above=0.0))
+            growth[limb] = ascending(key, document.numbers(key, lengths, len(horizons), above=0.0))
         if not growth:
             raise InputError("must have one limb at least", "growth")
         values: dict[str, Any] = {"horizons": horizons, "growth": growth}
@@ -357,7 +356,10 @@ class CalibratedReach:
     def lines(self) -> dict[str, FloatArray]:
         """For each limb the lines (L, 2), value at 0 [m] and slope [m/s], of which the least is its growth."""
         gate = [[0.0, self.gate]]
-        return {limb: np.vstack([concave_lines(self.horizons, g), gate]) for limb, g in self.growth.items()}
+        found = [np.vstack([concave_lines(self.horizons, g), gate]) for g in self.growth.values()]
+        most = max(map(len, found))
+        padded = [np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in found]
+        return dict(zip(self.growth, padded, strict=True))
 
     def grown(self, limb: str, time: float) -> float:
         """Return how far a limb goes at most in a time [s], from where it was seen [m]."""
@@ -365,9 +367,9 @@ class CalibratedReach:
 
     def lines_of(self, limbs: Sequence[str], people: People) -> FloatArray:
         """Return the lines (M, L, 2) of several limbs, those of limbs without lengths from the speeds of people."""
-        found = [self.lines.get(limb, np.array([[0.0, people.speed_of(limb)]])) for limb in limbs]
-        most = max(map(len, found))
-        return np.stack([np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in found])
+        count, known = len(next(iter(self.lines.values()))), self.lines
+        speeds = {limb: [(0.0, people.speed_of(limb))] * count for limb in limbs if limb not in known}
+        return np.array([speeds.get(limb, known.get(limb)) for limb in limbs])
 
     def sets(self, person: Measured, people: People) -> ReachSets:
         lines = self.lines_of(person.limbs, people)
@@ -387,7 +389,8 @@ def concave_lines(horizons: Sequence[float], lengths: Sequence[float]) -> FloatA
     return np.vstack([np.column_stack([starts, slopes])[kept], [(g - last * t).max(), last]])
 
 
-def _ascending(key: str, values: tuple[float, ...], strictly: bool = False) -> tuple[float, ...]:
+def ascending(key: str, values: tuple[float, ...], strictly: bool = False) -> tuple[float, ...]:
+    """Return numbers if there are some and none is smaller than the one before, or else raise InputError."""
     if not values:
         raise InputError("must have one number at least", key)
     for before, after in pairwise(values):

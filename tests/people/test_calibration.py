@@ -110,7 +110,13 @@ def test_what_cannot_be_calibrated_is_refused():
     other = Recording(find_skeleton("coco17"), 20.0, np.zeros((3, 17, 3)), "other")
     with pytest.raises(InputError, match="walk 0: the skeleton is 'recording12', that of other is 'coco17'"):
         calibrate([walks[0], other], Calibration(0.5))
-    for change, message in (({"level": 1.0}, "level must be between"), ({"fit": 0.0}, "fit must be between")):
+    for change, message in (
+        ({"level": 1.0}, "level must be between"),
+        ({"fit": 0.0}, "fit must be between"),
+        ({"horizons": (0.2, 0.1)}, "horizons: must not fall or stay, got 0.1 after 0.2"),
+        ({"horizons": ()}, "horizons: must have one number"),
+        ({"gate": -1.0}, "gate must be a positive number"),
+    ):
         with pytest.raises(InputError, match=message):
             Calibration(**{"level": 0.5, **change})
 
