@@ -15,7 +15,6 @@ from safe_ompl.collision.tree_distances import TreeDistances
 from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread, positive
 from safe_ompl.robot import Robot, plain
 
-
 _TINY = 1e-12  # [m]
 
 

@@ -93,7 +93,9 @@ class SceneGeometry:
     @property
     def obstacle_bodies(self) -> list[pin.GeometryObject]:
         """The bodies of the parts of all obstacles."""
-        return list(self._without_pairs.geometryObjects)[len(self._without_pairs.geometryObjects) - len(self.parts) :]
+        return list(self._without_pairs.geometryObjects)[
+            len(self._without_pairs.geometryObjects) - len(self.parts) :
+        ]
 
     @property
     def parts(self) -> list[ObstaclePart]:

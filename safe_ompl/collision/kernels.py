@@ -129,8 +129,8 @@ def nearest_points(
 ) -> None:
     """Write distance, nearest point of the first body, normal and offset, (C, 8), of C pairs (C, 2) of bodies.
 
-    Pair c is looked at `values[rows[c]]` of the joints, `values: (B, m)`; rows do not fall. The point is in the frame of
-    the joint that carries the first body [m]; the normal points from the second body to the first one, in the world;
+    Pair c is looked at `values[rows[c]]` of the joints, `values: (B, m)`; rows do not fall. The point is in the frame
+    of the joint that carries the first body [m]; the normal points from the second body to the first one, in the world;
     the offset is the abscissa of the second one's nearest point along it [m]. The distance of bodies that overlap is
     −∞, and nothing else is written then.
     """
@@ -467,9 +467,7 @@ def hinge_costs(
             slope = 0.0
             for x in range(3):
                 y, z = (x + 1) % 3, (x + 2) % 3
-                turning = axis[i, y] * (place[z] - origin[i, z]) - axis[i, z] * (
-                    place[y] - origin[i, y]
-                )
+                turning = axis[i, y] * (place[z] - origin[i, z]) - axis[i, z] * (place[y] - origin[i, y])
                 slope += normal[x] * (axis[i, x] if joints[i].slides else turning)
             gradients[b, i] += rate * slope
             bends[c, i] = sqrt(bend) * slope

@@ -148,6 +148,25 @@ def test_free_edges_hardly_need_coal(ur5, clutter):
     assert work.bound_queries < 6 * free
 
 
+@pytest.mark.parametrize("name", ["panda", "twin_arm"])
+@pytest.mark.parametrize("margin", [0.0, 0.03])
+def test_edges_together_are_proven_as_one_by_one(robot_named, clutter, name, margin):
+    robot = robot_named(name)
+    checker = CollisionChecker(robot, clutter)
+    motion = CertifiedMotion(checker, separation=Separation(margin=margin))
+    starts, ways = map(np.array, zip(*edges(robot, 200, longest=0.6), strict=True))
+    ends = starts + ways
+    ends[::7] = robot.upper + 1.0
+    found = motion.proven_by_bounds(starts, ends)
+    pairs, required = motion.required.pairs, motion.required.allowed_for
+    for start, end, proven in zip(starts, ends, found, strict=True):
+        outside = not robot.within_limits(end).all()
+        curve = start, robot.difference(start, end)
+        assert proven == (not outside and pairs.bounds.prove(curve, required, None, FLOOR).proven)
+        assert not proven or motion.is_free(start, end)
+    assert 20 < found.sum() < 180
+
+
 def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
     checker = CollisionChecker(ur5, clutter)
     asked = list(edges(ur5, 30))
@@ -172,7 +191,13 @@ def test_what_has_no_end_is_left_to_coal(ur5):
         "plane", 0, pin.SE3.Identity(), coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0)
     )
     number = geometry.addGeometryObject(plane)
-    bounds = DistanceBounds(ur5, ConvexBodies.of(list(geometry.geometryObjects)), np.array([[3, number]]), np.ones((1, ur5.n)), Counts())
+    bounds = DistanceBounds(
+        ur5,
+        ConvexBodies.of(list(geometry.geometryObjects)),
+        np.array([[3, number]]),
+        np.ones((1, ur5.n)),
+        Counts(),
+    )
     found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
     assert not found.proven
     assert not found.covers(0.4, 0.6)

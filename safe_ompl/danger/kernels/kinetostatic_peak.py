@@ -170,14 +170,14 @@ def highest(
         most = max(most, balls[g].end - balls[g].begin)
     room = np.empty((len(links) + 2 * len(keys), most))
     rotation, origin, axis, twists = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6))
-    block = new_block(len(keys))
+    memory = new_block(len(keys))
     for b in range(B):
         places, velocities = motions[0, b], motions[1, b]
         place_joints(joints, values[b], rotation, origin, axis)
         place_keypoints(keys, rotation, origin, places)
         move_joints(joints, rates[b], origin, axis, twists)
         move_keypoints(keys, twists, places, velocities)
-        motion = Motion(Skeleton(places, links, tables.by_length, block), velocities, ahead, spread)
+        motion = Motion(Skeleton(places, links, tables.by_length, memory), velocities, ahead, spread)
         best, peak = 0, -inf
         if blocks == 1:
             bounds[0] = inf
