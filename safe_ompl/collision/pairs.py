@@ -54,8 +54,8 @@ class DistanceBounds:
     """Lower bounds of the distances of pairs of bodies, by the convex bodies that hold them.
 
     Every bound holds, whatever the configuration. Nothing is kept from one question to the next: an edge is always
-    decided alike. The `bodies` are the robot's and, after them, the parts of the obstacles; `pairs: (P, 2)` of them
-    have displacement radii (P, m) by the joints of Pinocchio's model.
+    decided alike. The `bodies` are the robot's and, after them, the parts of obstacles; `pairs: (P, 2)` of them have
+    displacement radii (P, m) by the joints of Pinocchio's model.
     """
 
     def __init__(
@@ -69,8 +69,8 @@ class DistanceBounds:
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
         self._memory = PerThread(partial(_memory, radii.shape[1]))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
-        exact: BoolArray = np.asarray(bodies.exact[pair_table.bodies].all(axis=1) & bodies.bounded)
-        self.exact = exact
+        exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
+        self.exact: BoolArray = exact[pair_table.bodies[:, 0]] & exact[pair_table.bodies[:, 1]]
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.

@@ -12,7 +12,7 @@ from safe_ompl.collision import CollisionChecker, PairDistances, Proximity, Witn
 from safe_ompl.common import BoolArray, FloatArray, IntArray, number
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import kernels as kernel
-from safe_ompl.paths.measures import Curve, path_length
+from safe_ompl.paths.measures import Curve
 from safe_ompl.robot import Robot, plain
 
 _BESIDE, _CLOSELY = 0.4, 0.02  # [rad] so far from the ends peaks are looked for, at samples so close together
@@ -48,12 +48,16 @@ class Expansion(NamedTuple):
 
 
 class QuadraticModel(NamedTuple):
-    """Cost, gradient (N, n), and about the Hessian of a path: blocks (N, n, n), and (N − 1, n, n) beside them."""
+    """Cost, gradient (N, n), and about the Hessian of a path: blocks (N, n, n), and (N − 1, n, n) beside them.
+
+    `shares` of the cost are those of the densities.
+    """
 
     value: float
     gradient: FloatArray
     blocks: FloatArray
     beside: FloatArray
+    shares: tuple[float, ...]
 
 
 class DangerDensity:
@@ -73,19 +77,22 @@ class DangerDensity:
 
     def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
-        return self.expansion(Q)[:2]
+        danger, slopes = self.field.values_and_gradients(Q)
+        return self._graded(danger / self.reference, slopes)
 
     def expansion(self, Q: FloatArray) -> Expansion:
         """Return the density and its derivatives at `Q: (B, n)`, the second ones as if the danger were linear."""
         danger, slopes = self.field.values_and_gradients(Q)
-        relative = danger / self.reference
-        slopes = slopes / self.reference
-        p = self.exponent
-        rates = self.weight * p * relative ** (p - 1)
+        relative, p = danger / self.reference, self.exponent
         bend = self.weight * p * (p - 1) * relative ** (p - 2) if p > 1 else np.zeros(len(Q))
-        return Expansion(
-            self._of(relative), rates[:, None] * slopes, np.arange(len(Q)), np.sqrt(bend)[:, None] * slopes
-        )
+        bends = (np.sqrt(bend) / self.reference)[:, None] * slopes
+        return Expansion(*self._graded(relative, slopes), np.arange(len(Q)), bends)
+
+    def _graded(self, relative: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the density (B,) and its gradients, from the relative danger and the gradients of the danger."""
+        p = self.exponent
+        rates = self.weight * p / self.reference * relative ** (p - 1)
+        return self._of(relative), rates[:, None] * slopes
 
     def restricted(self, field: DangerField) -> DangerDensity:
         """Return the same density of another field, such as one of fewer danger points."""
@@ -163,7 +170,9 @@ class PathCost:
         )
         for expansion in expansions:
             kernel.add_bends(plain(path), expansion.rows, plain(expansion.bends), blocks, beside)
-        return QuadraticModel(value, gradient, blocks, beside)
+        each = np.repeat(0.5 * lengths, 2)
+        shares = tuple(float(each @ expansion.values) for expansion in expansions)
+        return QuadraticModel(value, gradient, blocks, beside, shares)
 
     def nodes(self, path: FloatArray) -> FloatArray:
         """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
@@ -272,7 +281,7 @@ class ActiveSetCost:
     def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
         self.everywhere = danger
         self._obstacles = obstacles
-        self._active: DangerField | None = None
+        self._active: bytes | None = None
         self.look_at(path)
 
     def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
@@ -285,27 +294,26 @@ class ActiveSetCost:
         samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _SCAN)))
         if besides is not None:
             samples = np.concatenate([samples, besides])
-        active, before = self.everywhere.field.active(samples, _SHARE), self._active
-        now, then = active.points, None if before is None else before.points
-        if now is not None and then is not None and np.array_equal(now, then):
+        active = self.everywhere.field.active(samples, _SHARE)
+        known = None if active.points is None else active.points.tobytes()
+        if known is not None and known == self._active:
             return False
-        self._active = active
+        self._active = known
         danger = self.everywhere.restricted(active)
         self.danger = PathCost(robot, [danger])
-        self.total = PathCost(robot, [danger, *([] if self._obstacles is None else [self._obstacles])])
+        obstacles = [] if self._obstacles is None else [self._obstacles]
+        self.total = PathCost(robot, [danger, *obstacles])
         return True
 
     def of(self, path: FloatArray) -> float:
         """Return J of a path (N, n), without obstacle cost."""
         return self.danger.of(path)
 
-    def near(self, path: FloatArray) -> float:
-        """Return the obstacle cost of a path (N, n); it is anchored then."""
-        if self._obstacles is None:
-            return 0.0
+    def anchored(self, path: FloatArray) -> tuple[float, QuadraticModel]:
+        """Return the obstacle cost of a path (N, n), and the model of `total` there; it is anchored then."""
         self.anchor(path)
-        lone = PathCost(self.total.robot, [self._obstacles])
-        return lone.value_and_gradient(path)[0] - path_length(path)
+        model = self.total.model(path)
+        return sum(model.shares[1:]), model
 
     def anchor(self, path: FloatArray) -> None:
         """From here on take the witnesses of obstacles along a path (N, n)."""

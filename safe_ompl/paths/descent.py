@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.paths.cost import ActiveSetCost, PathCost, peaks_beside_ends
+from safe_ompl.paths.cost import ActiveSetCost, PathCost, QuadraticModel, peaks_beside_ends
 from safe_ompl.paths.edges import EdgeProofs, FeasibleSet
 from safe_ompl.paths.kernels import factored, solved
 from safe_ompl.paths.measures import Curve, path_length, with_way_points
@@ -32,24 +32,32 @@ class Descent:
     lower the cost is shortened to where a parabola has its minimum.
     """
 
-    def __init__(self, cost: PathCost | ActiveSetCost, path: FloatArray, constraints: FeasibleSet) -> None:
+    def __init__(
+        self,
+        cost: PathCost | ActiveSetCost,
+        path: FloatArray,
+        constraints: FeasibleSet,
+        model: QuadraticModel | None = None,
+    ) -> None:
         self._cost, self._constraints = cost, constraints
         self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
-        self.restart(path)
+        self.restart(path, model=model)
 
-    def restart(self, path: FloatArray, held: BoolArray | None = None) -> None:
+    def restart(
+        self, path: FloatArray, held: BoolArray | None = None, model: QuadraticModel | None = None
+    ) -> None:
         """Go on from another path of as many way points; those that are `held: (N,)` stay where they are."""
         self._moving = np.ones(len(path), dtype=bool) if held is None else ~held
         self._moving[0] = False
         self._pairs.clear()
         self._size = 1.0
-        self.resume(path)
+        self.resume(path, model)
 
-    def resume(self, path: FloatArray) -> None:
-        """Evaluate the cost anew, at a path near the last one, or after it has changed a little."""
-        value, gradient, blocks, beside = self._cost.model(path)
-        self.path, self.value, self._gradient = path, value, self._allowed(path, gradient)
-        self._hessian = BlockChain(blocks, beside, self._moving)
+    def resume(self, path: FloatArray, model: QuadraticModel | None = None) -> None:
+        """Evaluate the cost anew, at a path near the last one, or after it has changed a little, or take its model."""
+        model = model or self._cost.model(path)
+        self.path, self.value, self._gradient = path, model.value, self._allowed(path, model.gradient.copy())
+        self._hessian = BlockChain(model.blocks, model.beside, self._moving)
 
     def step(self, largest: float = LARGEST) -> bool:
         """Take one step, in which no joint moves farther than `largest`; return False if none lowers the cost."""
@@ -177,10 +185,11 @@ class Terms:
 
 
 class Price(NamedTuple):
-    """What a path costs: `cost`, its J, and `total`, with the obstacle cost of the part that moves."""
+    """What a path costs: `cost`, its J, and `total`, with the obstacle cost of the part that moves; perhaps a model."""
 
     cost: float
     total: float
+    model: QuadraticModel | None
 
 
 class ProvenDescent:
@@ -215,8 +224,8 @@ class ProvenDescent:
 
     def _converge(self) -> bool:
         """Descend until a round gains little; return False if the path turns out to be too dear."""
-        seen, descent = self.path, Descent(self._cost, self.path, self._terms.feasible)
-        largest, round_ = LARGEST, 0
+        seen, largest, round_ = self.path, LARGEST, 0
+        descent = Descent(self._cost, self.path, self._terms.feasible, self.price.model)
         while largest >= _SMALLEST:
             settled = self._step(descent, largest, _ROUNDS[round_])
             if self._stop():
@@ -227,23 +236,23 @@ class ProvenDescent:
             if not gain:
                 largest, round_ = _CAUTION * largest, 0
                 self._cost.anchor(self.path)
-                descent.restart(self.path)
+                descent.restart(self.path, model=self.price.model)
             elif back.any():
                 largest, round_ = _CAUTION * largest, 0
-                descent.restart(self.path, back)
+                descent.restart(self.path, back, self.price.model)
             elif gain < self._terms.precision * self.price.total:
                 if settled:
                     break
                 # The witnesses promised more: they hold for smaller steps.
                 largest, round_ = _CAUTION * largest, 0
-                descent.restart(self.path)
+                descent.restart(self.path, model=self.price.model)
             else:
                 largest, round_ = min(LARGEST, largest / _CAUTION), min(round_ + 1, len(_ROUNDS) - 1)
                 if float(np.abs(self.path - seen).max()) > _FAR:
                     seen = self.path
                     if not self._look_again():
                         return False
-                descent.resume(self.path)
+                descent.resume(self.path, self.price.model)
         return True
 
     def _step(self, descent: Descent, largest: float, most: int) -> bool:
@@ -286,16 +295,19 @@ class ProvenDescent:
         affordable = price.cost <= self._best.ceiling or not self.leads
         return price if price.total < self.price.total and affordable else None
 
-    def _priced(self, path: FloatArray) -> Price:
-        """Return the price of a path between the retreats; the cost is anchored at it then."""
-        cost = self._cost.of(self._whole(path))
-        return Price(cost, cost + self._cost.near(path))
+    def _priced(self, path: FloatArray, cost: float | None = None) -> Price:
+        """Return the price of a path between the retreats, whose J may be known; the cost is anchored at it then."""
+        cost = self._cost.of(self._whole(path)) if cost is None else cost
+        near, model = self._cost.anchored(path)
+        return Price(cost, cost + near, model)
 
     def _look_again(self) -> bool:
         """Take the danger points that matter now; return whether the path is still no dearer than the given one."""
         whole = self._whole(self.path)
-        cost = self._cost.of(whole) if self._cost.look_at(whole) else self.price.cost
-        self.price = Price(cost, cost + self.price.total - self.price.cost)
+        if self._cost.look_at(whole):
+            cost = self._cost.of(whole)
+            self.price = Price(cost, cost + self.price.total - self.price.cost, None)
+        cost = self.price.cost
         return not self.leads or self._best.confirm(cost)
 
     def _resolve_peaks(self) -> bool:

@@ -202,7 +202,7 @@ class ConvexBodies:
 
 @dataclass(frozen=True)
 class _Summands:
-    """The parts whose Minkowski sum is a convex body, or holds one that is not `exact`ly it."""
+    """The parts whose Minkowski sum holds a body, or is it, if `exact`: vertices (V, 3), box (3,), disc and ball."""
 
     vertices: FloatArray
     box: FloatArray

@@ -148,6 +148,25 @@ def test_free_edges_hardly_need_coal(ur5, clutter):
     assert work.bound_queries < 6 * free
 
 
+@pytest.mark.parametrize("name", ["panda", "twin_arm"])
+@pytest.mark.parametrize("margin", [0.0, 0.03])
+def test_edges_together_are_proven_as_one_by_one(robot_named, clutter, name, margin):
+    robot = robot_named(name)
+    checker = CollisionChecker(robot, clutter)
+    motion = CertifiedMotion(checker, separation=Separation(margin=margin))
+    starts, ways = map(np.array, zip(*edges(robot, 200, longest=0.6), strict=True))
+    ends = starts + ways
+    ends[::7] = robot.upper + 1.0
+    found = motion.proven_by_bounds(starts, ends)
+    pairs, required = motion.required.pairs, motion.required.allowed_for
+    for start, end, proven in zip(starts, ends, found, strict=True):
+        outside = not robot.within_limits(end).all()
+        curve = start, robot.difference(start, end)
+        assert proven == (not outside and pairs.bounds.prove(curve, required, None, FLOOR).proven)
+        assert not proven or motion.is_free(start, end)
+    assert 20 < found.sum() < 180
+
+
 def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
     checker = CollisionChecker(ur5, clutter)
     asked = list(edges(ur5, 30))

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import Box, CollisionChecker, Obstacle, Pose, Scene, Sphere
+from safe_ompl import Box, CollisionChecker, Obstacle, PointCloud, Pose, Scene, Sphere
 from safe_ompl.collision import PairDistances, Proximity, fresh_data
 from safe_ompl.robot import ConvexBodies
 
@@ -59,17 +59,23 @@ def test_coal_is_not_asked_about_convex_bodies(checker, path, monkeypatch):
     assert len(PairDistances(checker, WITHIN).near(path, WITHIN).rows)
 
 
-def test_meshes_that_are_not_convex_are_measured_by_coal(panda, path, rng):
-    mesh = coal.BVHModelOBBRSS()
-    corners = rng.uniform(-0.1, 0.1, (12, 3))
-    mesh.beginModel(4, 12)
-    for three in corners.reshape(4, 3, 3):
-        mesh.addTriangle(*three)
-    mesh.endModel()
-    convex = np.array([isinstance(shape, coal.ConvexBase) for shape in (mesh, coal.Box(1, 1, 1))])
-    assert not convex.any()
-    parts = [pin.GeometryObject("m", 0, pin.SE3.Identity(), shape) for shape in (mesh, coal.Box(1, 1, 1))]
-    np.testing.assert_array_equal(ConvexBodies.of(parts).exact, [False, True])
+def test_what_is_not_convex_is_measured_by_coal(panda, path):
+    hollow = coal.BVHModelOBBRSS()
+    hollow.beginModel(1, 3)
+    hollow.addTriangle(np.array([0.0, 0.0, 0.0]), np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.2, 0.0]))
+    hollow.endModel()
+    shapes = hollow, coal.Box(0.1, 0.2, 0.3), coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+    parts = [pin.GeometryObject("part", 0, pin.SE3.Identity(), shape) for shape in shapes]
+    np.testing.assert_array_equal(ConvexBodies.of(parts).exact, [False, True, False])
+    steps = np.array([[0.0, 0.0], [0.1, 0.3], [0.3, 0.3], [0.3, 0.0]])
+    scan = np.c_[np.repeat(steps, 40, axis=0), np.tile(np.linspace(0, 0.4, 40), 4)]
+    cloud = PointCloud(0.01, points=scan)
+    checker = CollisionChecker(panda, Scene((Obstacle("scan", cloud, Pose((0.4, -0.2, 0.3))),)))
+    found = PairDistances(checker, WITHIN).near(path, np.inf)
+    expected = np.array([by_coal(checker, q, WITHIN) for q in path]).ravel()
+    apart = expected > 1e-3
+    assert apart.any()
+    np.testing.assert_allclose(found.distances[apart], expected[apart], rtol=0, atol=2e-5)
 
 
 def test_witnesses_do_not_depend_on_what_was_asked_before(checker, path):
