@@ -82,9 +82,9 @@ def chunks(motion=swing, noise=0.0, seed=0):
     return propose
 
 
-def once(motion):
+def once(motion, start=None):
     """Return what proposes a motion in time at the first tick."""
-    return lambda shield, time, _: time < 0.03 and shield.propose(motion)
+    return lambda shield, time, _: time < 0.03 and shield.propose(motion, start=start)
 
 
 def test_a_proposal_that_nobody_bars_is_driven_as_it_is(shield_for):
@@ -105,6 +105,16 @@ def test_a_spline_is_driven_in_its_own_timing_to_its_end(shield_for):
         assert commands[-1].doing is Doing.DONE
         assert commands[-1].delay < 1e-6
         np.testing.assert_allclose(states[-1, 0], spline(2.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_a_motion_begins_when_it_should(shield_for, rate):
+    times = np.arange(int(2 * rate)) / rate
+    commands, states = drive(
+        shield_for(), once(Motion.hermite(times, swing(times)), 0.52), lambda t: FAR, 2.0
+    )
+    np.testing.assert_allclose(states[:, 0], swing(np.arange(200) * 0.01 - 0.5), atol=1e-3)
+    assert max(command.delay for command in commands) < 1e-9
 
 
 def test_beside_somebody_it_is_slower_on_the_same_path(shield_for):
