@@ -43,6 +43,7 @@ _CELL = 0.02  # [s] largest cell of a curve
 _HARDEST = 100.0  # [1/s²] bound of the braking where the joints hardly move
 _CUTS = 4  # halvings of a piece that is not proven
 _SAME = 1e-6  # [s]
+_NOTHING = "nothing was proposed"
 
 
 @dataclass(frozen=True)
@@ -119,11 +120,10 @@ class Shield:
         self._window = self.tick + 0.5 / least_brake(self.limits.joints) + 2 * _CELL
         self._rest: GuardedPath | None = None
         self._proposal: Positions | Velocity | None = None
-        self._refused = "nothing was proposed"
+        self._refused = _NOTHING
         self._way: _Way | None = None  # that the last command follows
-        self._clock = self._begin = (
-            np.nan
-        )  # when the newest proposal began [s], and where in it the robot joins
+        # When the newest proposal began [s], unknown until its first command, and where in it the robot joins.
+        self._clock = self._begin = np.nan
 
     def __repr__(self) -> str:
         return f"Shield({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
@@ -149,7 +149,7 @@ class Shield:
         still = np.zeros(self.robot.n)
         self._rest = self._path([Piece(here, still, still, still, 1.0)])
         self._guard.last, self._way = None, None
-        self._proposal, self._refused = None, "nothing was proposed"
+        self._proposal, self._refused = None, _NOTHING
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
@@ -236,12 +236,13 @@ class Shield:
 
     def _take(self, make: Callable[[], Positions | Velocity]) -> bool:
         """Keep a proposal as the newest one, or the reason why it is none."""
-        self._proposal, self._clock = None, np.nan
+        before, self._proposal, self._clock = self._refused, None, np.nan
         try:
             self._proposal, self._refused = make(), ""
         except SafeOmplError as error:
             self._refused = str(error)
-            _log.warning("the proposal is refused: %s", error)
+            if before in ("", _NOTHING):  # not at every tick
+                _log.warning("the proposal is refused: %s", error)
         return self._proposal is not None
 
     def _velocity(self, target: FloatArray, of_tip: bool = False) -> Velocity:
