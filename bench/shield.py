@@ -11,9 +11,10 @@ and fro as in `scenarios/panda_shelf.yaml`, from where the robot is, with noise.
   must keep D mm. It needs `pip install pin-pink quadprog`; it is left out where they are not installed. It knows
   nothing of the shelf, nor how people move: D must be large enough for that.
 
-All but the shield may change their velocity at once. A task is done when the robot is within 0.02 rad of the end of
-the path. Contacts count as in `bench.live`: while the robot moves and everybody has kept to the reach model since the
-measurement that the motion answers.
+All but the shield give velocities, one for each tick, which the robot reaches as fast as its accelerations let it.
+With `--random` people walk about and reach out at random, as fast as the bounds allow (`Walker`), instead of recorded
+ones. A task is done when the robot is within 0.02 rad of the end of the path. Contacts count as in `bench.live`: while
+the robot moves and everybody has kept to the reach model since the measurement that the motion answers.
 """
 
 from __future__ import annotations
@@ -42,9 +43,9 @@ from safe_ompl import (
     time_path,
 )
 from safe_ompl.common import FloatArray
-from safe_ompl.people import Recording, TrackedBody, list_clips
+from safe_ompl.people import Recording, Surroundings, TrackedBody, list_clips
 from safe_ompl.people.replanning import PathLimits
-from safe_ompl.people.simulation import ContactMonitor, World
+from safe_ompl.people.simulation import ContactMonitor, Walker, World
 from safe_ompl.people.simulation.movers import Playback, limb_solids
 from safe_ompl.scene import find_scenario
 
@@ -53,6 +54,7 @@ NOISE = 2e-3  # [rad] of each of four waves along a chunk
 _INSTANT = 0.005  # [s] between two looks of the monitor
 _ARRIVED, _STILL = 0.02, 1e-6  # [rad], [rad/s]
 PLACES = 20
+PEOPLE = People(speed=1.6, speeds=HANDS)
 
 Motion = Callable[[float], FloatArray]
 
@@ -96,8 +98,7 @@ class Shielded:
 
     def __init__(self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray) -> None:
         limits = PathLimits(RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS))
-        people = People(speed=1.6, speeds=HANDS)
-        self.shield = Shield(robot, scenario.scene, {"operator": tracker}, people=people, limits=limits)
+        self.shield = Shield(robot, scenario.scene, {"operator": tracker}, people=PEOPLE, limits=limits)
         self.shield.start(start)
         self.failures = 0
 
@@ -108,41 +109,55 @@ class Shielded:
         return lambda t: command.at(t).q, command.measured
 
 
-class Unfiltered:
-    """The chunk as it is."""
+class Tracked:
+    """A robot that is given velocities, and reaches them as fast as its accelerations let it."""
 
     failures = 0
 
+    def __init__(self, robot: Robot) -> None:
+        self._velocity = np.zeros(robot.n)
+        self._most = np.array(PANDA_ACCELERATIONS, dtype=float)
+
     def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
-        return self.along(time, q, chunk, 1.0), time - LATENCY
+        first, change = self._velocity, self.velocity(q, chunk, seen) - self._velocity
+        until = np.abs(change) / self._most
+        self._velocity = first + np.clip(change, -self._most * TICK, self._most * TICK)
 
-    def along(self, time: float, q: FloatArray, chunk: FloatArray, share: float) -> Motion:
-        """Return the motion along a chunk at a share of its speed."""
-        points = np.vstack([q, chunk[1:]])
-        ends = np.arange(len(points)) / RATE
-        return lambda t: np.array([np.interp(share * (t - time), ends, column) for column in points.T])
+        def motion(t: float) -> FloatArray:
+            ramp = np.minimum(t - time, until)
+            return np.asarray(
+                q + (t - time) * first + np.sign(change) * self._most * ramp * (t - time - ramp / 2)
+            )
+
+        return motion, time - LATENCY
+
+    def velocity(self, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> FloatArray:
+        """Return the velocity (n,) that it is given: that of the chunk."""
+        return np.asarray((chunk[1] - q) / TICK)
 
 
-class Clamped(Unfiltered):
-    """The chunk, the slower the nearer the nearest person is."""
+class Clamped(Tracked):
+    """The velocity of the chunk, the slower the nearer the nearest person is."""
 
     def __init__(self, robot: Robot, tracker: Tracker, near: float, far: float) -> None:
+        super().__init__(robot)
         self._monitor, self._tracker, self._near, self._far = ContactMonitor(robot), tracker, near, far
 
-    def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
+    def velocity(self, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> FloatArray:
         distance = self._monitor.nearest(q, limb_solids("operator", *_limbs(self._tracker, seen))).distance
         share = float(np.clip((distance - self._near) / (self._far - self._near), 0.0, 1.0))
-        return self.along(time, q, chunk, share), time - LATENCY
+        return share * super().velocity(q, chunk, seen)
 
 
-class Barrier:
+class Barrier(Tracked):
     """The velocity towards the chunk that is nearest to it among those that pink's barriers allow."""
 
     def __init__(self, robot: Robot, tracker: Tracker, distance: float) -> None:
         import pink
         from pink.barriers import SelfCollisionBarrier
 
-        self._pink, self._tracker, self._robot, self.failures = pink, tracker, robot, 0
+        super().__init__(robot)
+        self._pink, self._tracker, self._robot = pink, tracker, robot
         self._bodies = robot.collision_model.copy()
         self._bodies.removeAllCollisionPairs()
         links = [k for k, body in enumerate(self._bodies.geometryObjects) if body.parentJoint]
@@ -161,7 +176,7 @@ class Barrier:
         ]
         self._task = pink.tasks.PostureTask(cost=1.0)
 
-    def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
+    def velocity(self, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> FloatArray:
         for solid, limb, shape in zip(
             limb_solids("operator", *_limbs(self._tracker, seen)), self._limbs, self._shapes, strict=True
         ):
@@ -185,8 +200,8 @@ class Barrier:
         if not np.isfinite(velocity).all():
             self.failures += 1
             velocity = np.zeros(model.nv)
-        rates = velocity[[model.joints[model.getJointId(name)].idx_v for name in self._robot.joint_names]]
-        return lambda t: q + min(t - time, TICK + LATENCY) * rates, time - LATENCY
+        planned = [model.joints[model.getJointId(name)].idx_v for name in self._robot.joint_names]
+        return np.asarray(velocity[planned])
 
 
 def _limbs(tracker: Tracker, seen: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
@@ -204,23 +219,35 @@ def filters(
     """Return what makes each filter."""
     found: dict[str, Callable[[], Any]] = {
         "shield": lambda: Shielded(robot, scenario, tracker, start),
-        "none": Unfiltered,
+        "none": lambda: Tracked(robot),
     }
     for near, far in ((0.05, 0.3), (0.1, 0.5), (0.2, 0.8)):
         name = f"clamp {1e3 * near:.0f}-{1e3 * far:.0f}"
         found[name] = lambda near=near, far=far: Clamped(robot, tracker, near, far)
-    for distance in (0.02, 0.05, 0.1, 0.15, 0.2):
+    for distance in (0.05, 0.1, 0.2, 0.4):
         found[f"pink {1e3 * distance:.0f}"] = lambda distance=distance: Barrier(robot, tracker, distance)
     return found
 
 
-def run(file: Path, clip: str, place: int, names: list[str], seconds: float) -> list[dict[str, Any]]:
-    """Run each of the filters beside one clip at one place."""
-    scenario = Scenario.load(find_scenario("panda_shelf"))
-    robot = scenario.build_robot()
+def recorded(file: Path, clip: str, place: int) -> Playback:
+    """Return a recorded person at a place beside the robot."""
     recording = Recording.load(file, clip)
     seed = sum(map(ord, file.stem + clip))
-    tracker = Tracker(recording.skeleton, TrackedBody(), places(recording, PLACES, seed)[place])
+    return Playback(
+        recording, Tracker(recording.skeleton, TrackedBody(), places(recording, PLACES, seed)[place])
+    )
+
+
+def walker(seed: int) -> Walker:
+    """Return a person who walks about and reaches out at random."""
+    return Walker(PEOPLE, np.array([0.0, 0.0, -0.9]), np.array([1.2, 0.3 * (-1) ** seed]), seed=seed)
+
+
+def run(mover: Any, seed: int, names: list[str], seconds: float) -> list[dict[str, Any]]:
+    """Run each of the filters beside a person."""
+    scenario = Scenario.load(find_scenario("panda_shelf"))
+    robot = scenario.build_robot()
+    tracker = mover.tracker
     proof = CertifiedMotion(CollisionChecker(robot, scenario.scene.without("operator")))
     urdf = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     limits = RateLimits.of(robot, velocity=0.8 * urdf.velocity, acceleration=0.5 * urdf.acceleration)
@@ -235,15 +262,11 @@ def run(file: Path, clip: str, place: int, names: list[str], seconds: float) -> 
         except ImportError as error:
             print(f"{name} is left out: {error}")
             continue
-        world = World({"operator": Playback(recording, tracker)}, {}, _surroundings(robot, scenario, tracker))
-        row = drive(robot, one, Policy(ways, seed), world, proof.checker, seconds or recording.duration)
-        rows.append({"filter": name, "file": file.stem, "clip": clip, "place": place, **row})
+        surroundings = Surroundings(scenario.scene, {"operator": tracker}, {}, PEOPLE)
+        world = World({"operator": mover}, {}, surroundings)
+        row = drive(robot, one, Policy(ways, seed), world, proof.checker, seconds)
+        rows.append({"filter": name, **row})
     return rows
-
-
-def _surroundings(robot: Robot, scenario: Scenario, tracker: Tracker) -> Any:
-    people = People(speed=1.6, speeds=HANDS)
-    return Shield(robot, scenario.scene, {"operator": tracker}, people=people).surroundings
 
 
 def drive(
@@ -334,22 +357,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?")
+    parser.add_argument("--random", action="store_true", help="people who walk about at random")
     parser.add_argument(
-        "--sample", type=int, default=20, metavar="N", help="of all clips and places, drawn evenly"
+        "--sample", type=int, default=20, metavar="N", help="of all clips and places, or of people"
     )
-    parser.add_argument("--seconds", type=float, default=0.0, metavar="S", help="default: the clip's")
+    parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="of each")
     parser.add_argument("--filters", default="", help="by name, with commas between; default: all")
     options = parser.parse_args()
-    files = sorted(options.folder.glob("*.npz"))
-    if not files:
-        parser.error(f"no .npz files in {options.folder}")
     logging.disable(logging.WARNING)
+    files = [] if options.folder is None else sorted(options.folder.glob("*.npz"))
     situations = [(file, clip, k) for file in files for clip in list_clips(file) for k in range(PLACES)]
-    count = min(options.sample, len(situations))
-    chosen = np.random.default_rng(0).choice(len(situations), count, replace=False)
+    if not (situations or options.random):
+        parser.error(f"give a folder with .npz files, or --random, got {options.folder}")
     names = [name for name in options.filters.split(",") if name]
-    rows = [row for k in sorted(chosen.tolist()) for row in run(*situations[k], names, options.seconds)]
+    count = options.sample if options.random else min(options.sample, len(situations))
+    chosen = (
+        range(count) if options.random else np.random.default_rng(0).choice(len(situations), count, False)
+    )
+    rows: list[dict[str, Any]] = []
+    for k in sorted(map(int, chosen)):
+        rows += run(walker(k) if options.random else recorded(*situations[k]), k, names, options.seconds)
     print_table(rows)
 
 

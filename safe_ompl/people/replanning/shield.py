@@ -20,7 +20,7 @@ covers all that people may do until the robot stands, and does not depend on the
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,31 +28,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CertifiedMotion, MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array, number
-from safe_ompl.motions import Motion
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
 from safe_ompl.people import Tracker, Violation
 from safe_ompl.people.replanning.guarded_path import Command, Doing, GuardedPath, PathLimits
+from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
 from safe_ompl.people.replanning.replanner import Guard, ReplanningOptions
-from safe_ompl.planning.ompl import joint_space
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import BlendedCurve, Cells, Piece, RateLimits, State, bending_cap
+from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State
 
 _log = logging.getLogger(__name__)
 
 _CELL = 0.02  # [s] largest cell of a curve
-_SHARE = 0.5  # of the accelerations: what stops at full speed may take at least, and what velocities are approached by
 _HARDEST = 100.0  # [1/s²] bound of the braking where the joints hardly move
-_JUMP = 2.0  # times the velocity limit: what needs more from one position to the next is a jump
-_BETWEEN = 0.05  # [s] between positions that are taken of a spline, at most
-_AFTER = 0.5  # [s] Positions so long after the window shape the spline in it.
-_OVER = 1e-3  # [s] with less than this left a proposal is over
-_SHORTEST = 1e-3  # [s] of a change of velocity
 _CUTS = 4  # halvings of a piece that is not proven
-_DAMPING = 0.05  # [m/rad] of the inverse of the Jacobian
-_LEFT_OUT = (0, 2)  # of the next positions, where the robot cannot go through them in its direction
-_AT_REST = 1e-9  # [rad/s]
 _SAME = 1e-6  # [s]
+_NOTHING = "nothing was proposed"
 
 
 @dataclass(frozen=True)
@@ -126,14 +117,13 @@ class Shield:
         self.limits = PathLimits(RateLimits.of(robot)) if limits is None else limits
         if self.motion.separation.tube and (self.limits.tool_speed or self.limits.link_speed):
             raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
-        self._window = self.tick + 0.5 / _least_brake(self.limits.joints) + 2 * _CELL
+        self._window = self.tick + 0.5 / least_brake(self.limits.joints) + 2 * _CELL
         self._rest: GuardedPath | None = None
-        self._proposal: _Positions | _Velocity | None = None
-        self._refused = "nothing was proposed"
+        self._proposal: Positions | Velocity | None = None
+        self._refused = _NOTHING
         self._way: _Way | None = None  # that the last command follows
-        self._clock = self._begin = (
-            np.nan
-        )  # when the newest proposal began [s], and where in it the robot joins
+        # When the newest proposal began [s], unknown until its first command, and where in it the robot joins.
+        self._clock = self._begin = np.nan
 
     def __repr__(self) -> str:
         return f"Shield({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
@@ -159,7 +149,7 @@ class Shield:
         still = np.zeros(self.robot.n)
         self._rest = self._path([Piece(here, still, still, still, 1.0)])
         self._guard.last, self._way = None, None
-        self._proposal, self._refused = None, "nothing was proposed"
+        self._proposal, self._refused = None, _NOTHING
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
@@ -177,20 +167,21 @@ class Shield:
         ----------
         motion : array_like of shape (K, n), Motion, or what `Motion.of` takes
             A chunk of positions [rad or m], position k at k / rate; or a spline in time, of which the positions at its
-            knots are taken, and between them at every 0.05 s.
+            knots are taken, and between them at every 0.05 s. Of positions denser than 0.01 s some are left out.
         rate : float, optional
             Of the chunk [Hz]; without it `motion` must be a motion in time.
         start : float, optional
-            When it begins [s]; what is past by the next command is left out. Default: then.
+            When it begins [s]; what is past by the next command is left out, and until it begins the robot goes to its
+            first position. Default: with the next command.
         """
-        return self._take(lambda: _Positions.of(motion, rate, start, self.robot, self.limits.joints))
+        return self._take(lambda: Positions.of(motion, rate, start, self.robot, self.limits.joints))
 
     def propose_velocity(self, velocity: ArrayLike) -> bool:
         """Propose a velocity of the joints (n,) [rad/s or m/s], held until the next tick; returns as `propose`.
 
         Joints approach it with half of their accelerations. If no other proposal comes the robot stops.
         """
-        return self._take(lambda: _Velocity(finite_array(velocity, (self.robot.n,), "velocity"), self.tick))
+        return self._take(lambda: self._velocity(finite_array(velocity, (self.robot.n,), "velocity")))
 
     def propose_twist(self, twist: ArrayLike) -> bool:
         """Propose a twist of the tip, as `propose_velocity`.
@@ -205,7 +196,7 @@ class Shield:
         The joints get q̇ = Jᵀ(JJᵀ + λ²)⁻¹v with λ = 0.05: near a singularity the tip is slower than v, and q̇ stays
         below ‖v‖/2λ. Where a joint would be too fast the robot is slower in the same direction.
         """
-        return self._take(lambda: _Velocity(finite_array(twist, (6,), "twist"), self.tick, of_tip=True))
+        return self._take(lambda: self._velocity(finite_array(twist, (6,), "twist"), of_tip=True))
 
     def command(self, time: float) -> ShieldCommand:
         """Return what the robot does from a time [s] on.
@@ -235,7 +226,7 @@ class Shield:
             found = guard.kept(path, s, speed, time)
             found = replace(found, reason=why) if why else found
         delay = 0.0
-        if not follows and isinstance(self._proposal, _Velocity):  # whoever gives velocities gives a new one
+        if not follows and isinstance(self._proposal, Velocity):  # whoever gives velocities gives a new one
             self._proposal, self._refused = None, "no new velocity was proposed"
         if self._proposal is not None:
             delay = max(0.0, min(time + self.tick - self._clock, self._proposal.duration) - progress)
@@ -243,15 +234,19 @@ class Shield:
 
     # ------------------------------------------------------------------------------------------------------- ways
 
-    def _take(self, make: Callable[[], _Positions | _Velocity]) -> bool:
+    def _take(self, make: Callable[[], Positions | Velocity]) -> bool:
         """Keep a proposal as the newest one, or the reason why it is none."""
-        self._proposal, self._clock = None, np.nan
+        before, self._proposal, self._clock = self._refused, None, np.nan
         try:
             self._proposal, self._refused = make(), ""
         except SafeOmplError as error:
             self._refused = str(error)
-            _log.warning("the proposal is refused: %s", error)
+            if before in ("", _NOTHING):  # not at every tick
+                _log.warning("the proposal is refused: %s", error)
         return self._proposal is not None
+
+    def _velocity(self, target: FloatArray, of_tip: bool = False) -> Velocity:
+        return Velocity(self.robot, self.limits.joints, target, self.tick, of_tip)
 
     def _next_way(self, time: float, s: float, speed: float) -> tuple[_Way | None, float, float, str]:
         """Return on which way the robot goes on, from which s and ṡ on; if there is none, why."""
@@ -260,7 +255,7 @@ class Shield:
         assert self._rest is not None
         if np.isnan(self._clock):
             self._clock = time if proposal.start is None else proposal.start
-            self._begin = max(0.0, time - self._clock)
+            self._begin = time - self._clock
         begin = self._begin
         if way is not None and way.proposal is proposal:
             if way.whole or way.blocked or s + self._window <= way.path.length:
@@ -272,7 +267,7 @@ class Shield:
         state = State(q, np.zeros_like(q), np.zeros_like(q)) if last is None else last.at(time)
         why = "its joints would have to accelerate too much to join it"
         try:
-            for pieces, pace in proposal.curves(begin, state, self):
+            for pieces, pace in proposal.curves(begin, state, self._window):
                 joined, blocked = self._joined(proposal, pieces, begin, pace)
                 if joined is not None:
                     return joined, 0.0, pace, ""
@@ -282,12 +277,12 @@ class Shield:
         return way, s, speed, why
 
     def _joined(
-        self, proposal: _Positions | _Velocity, pieces: list[Piece], begin: float, pace: float
+        self, proposal: Positions | Velocity, pieces: list[Piece], begin: float, pace: float
     ) -> tuple[_Way | None, str]:
         """Return the way along pieces as far as they are proven; none if the robot cannot join it, and perhaps why."""
         ends = np.cumsum([piece.length for piece in pieces])
-        length = float(ends[-1]) if isinstance(proposal, _Velocity) else min(float(ends[-1]), self._window)
-        whole = begin + length >= proposal.duration - _SAME or isinstance(proposal, _Velocity)
+        length = float(ends[-1]) if isinstance(proposal, Velocity) else min(float(ends[-1]), self._window)
+        whole = begin + length >= proposal.duration - _SAME or isinstance(proposal, Velocity)
         proven: list[Piece] = []
         blocked = ""
         for piece, end in zip(pieces, ends.tolist(), strict=True):
@@ -326,7 +321,7 @@ class Shield:
 class _Way(NamedTuple):
     """A path along a proposal."""
 
-    proposal: _Positions | _Velocity
+    proposal: Positions | Velocity
     path: GuardedPath
     begin: float  # where in the proposal it begins [s]
     whole: bool  # whether it reaches the end of the proposal
@@ -353,165 +348,3 @@ def _blocked(verdict: MotionVerdict, before: float) -> str:
     first, second = verdict.pair or ("nothing", "proven free")
     what = f"joint {first!r} leaves its limits" if second == "its limits" else f"{first} and {second}"
     return f"not free of what stands still before {before:.2f} s: {what}"
-
-
-def _least_brake(limits: RateLimits) -> float:
-    """Return the braking along a curve [1/s²] that is kept free at full speed: a share of what stops any joint."""
-    return float(_SHARE * (limits.acceleration / limits.velocity).min())
-
-
-def proposed_cap(cells: Cells, limits: RateLimits) -> FloatArray:
-    """Return the largest ṡ ≤ 1 (N,) at which the accelerations leave enough for a stop within the window.
-
-    It is |q″|ṡ² ≤ a − b|q′|, b the least braking, or |q″|ṡ² ≤ a/2, whichever allows more: with the latter a/2|q′| is
-    left, and that is no less than b where no joint is faster than its limit.
-    """
-    room = limits.acceleration - _least_brake(limits) * cells.slopes
-    squares = np.divide(room, cells.bends, out=np.full_like(room, np.inf), where=cells.bends > 0)
-    fastest = np.sqrt(np.maximum(squares.min(axis=1), 0.0))
-    found: FloatArray = np.minimum(1.0, np.maximum(fastest, bending_cap(cells, limits)))
-    return found
-
-
-# -------------------------------------------------------------------------------------------------- proposals
-
-
-@dataclass(frozen=True)
-class _Positions:
-    """Positions (K, n) at times (K,) from its start on [s]; the start is None if it begins with the next command."""
-
-    times: FloatArray
-    positions: FloatArray
-    start: float | None
-    limits: RateLimits
-
-    @classmethod
-    def of(
-        cls, motion: Any, rate: float | None, start: float | None, robot: Robot, limits: RateLimits
-    ) -> _Positions:
-        if start is not None:
-            start = number("start", start)
-        if rate is not None:
-            positions = finite_array(motion, (None, robot.n), "chunk")
-            if len(positions) < 2:
-                raise InputError(f"must have two positions at least, got {len(positions)}", "chunk")
-            times = np.arange(float(len(positions))) / number("rate", rate, above=0.0)
-        else:
-            given = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
-            if not given.timed:
-                raise InputError("has no times: give the rate of a chunk", "motion")
-            parts = [
-                np.linspace(a, b, int(np.ceil((b - a) / _BETWEEN)), endpoint=False)
-                for a, b in zip(given.times[:-1].tolist(), given.times[1:].tolist(), strict=True)
-            ]
-            at = np.append(np.concatenate(parts), given.times[-1])
-            times, positions = at - at[0], given.at(at)
-        found = cls(times, positions, start, limits)
-        for k, step in enumerate(robot.difference(positions[:-1], positions[1:])):
-            found.check_jump(step, float(times[k + 1] - times[k]), f"at {times[k]:.3g} s of it")
-        return found
-
-    def check_jump(self, step: FloatArray, span: float, where: str) -> None:
-        """Raise InputError if joints cannot move by a step (n,) in a time [s]."""
-        for i in np.flatnonzero(np.abs(step) > _JUMP * self.limits.velocity * span):
-            raise InputError(
-                f"jumps {where}: joint {self.limits.joint_names[i]!r} by {step[i]:.3g} within {span:.3g} s",
-                "proposal",
-            )
-
-    @property
-    def duration(self) -> float:
-        """How long it takes [s]."""
-        return float(self.times[-1])
-
-    def curves(self, begin: float, state: State, shield: Shield) -> Iterator[tuple[list[Piece], float]]:
-        """Yield curves from a state at `begin` of it on, and the ṡ with which they begin, the nearest to it first.
-
-        With ṡ = 1 it is in time, if the accelerations suffice. Otherwise the curve begins as fast as proposed, in the
-        direction in which the robot moves, and ṡ is as much less as the robot is slower. Where that bends too much, two
-        positions are left out.
-        """
-        if self.duration - begin < _OVER:
-            raise InputError(f"is too late: it was over {begin - self.duration:.3g} s ago", "proposal")
-        first = int(np.searchsorted(self.times, begin, side="right"))
-        if first + 1 < len(self.times):  # not the next position if that is very near
-            first += bool(self.times[first] - begin < 0.5 * (self.times[first] - self.times[first - 1]))
-        last = int(np.searchsorted(self.times, begin + shield._window + _AFTER)) + 1
-        times = self.times[first:last] - begin
-        given, robot = self.positions[first:last], shield.robot
-        steps = [robot.difference(state.q, given[0])[None], robot.difference(given[:-1], given[1:])]
-        points = state.q + np.cumsum(np.concatenate(steps), axis=0)
-        self.check_jump(points[0] - state.q, float(times[0]), "from where the robot is")
-        speed = float(np.linalg.norm(state.qd))
-        for left_out in _LEFT_OUT:
-            at, through = times[left_out:], points[left_out:]
-            if not len(at):
-                return
-            fast = float(np.linalg.norm(through[0] - state.q) / at[0])
-            for pace in dict.fromkeys((1.0, 0.0 if speed < _AT_REST else speed / max(fast, speed))):
-                pieces = _spline(state.q, state.qd / pace if pace else None, at, through)
-                if _can_begin(pieces[0], pace, self.limits):
-                    yield pieces, pace
-
-
-def _can_begin(piece: Piece, pace: float, limits: RateLimits) -> bool:
-    """Return whether `proposed_cap` allows a ṡ where a piece begins."""
-    most = limits.acceleration
-    room = np.maximum(most - _least_brake(limits) * np.abs(piece.slope), _SHARE * most)
-    return bool((np.abs(piece.bend) * pace * pace <= room).all())
-
-
-def _spline(q: FloatArray, slope: FloatArray | None, times: FloatArray, points: FloatArray) -> list[Piece]:
-    """Return the cubic spline from `q` at 0 through points (K, n) at times (K,); q″ is 0 at ends without a slope."""
-    spans = np.diff(times, prepend=0.0)
-    knots = np.vstack([q, points])
-    chords = np.diff(knots, axis=0) / spans[:, None]
-    count = len(knots)
-    matrix, right = np.eye(count), np.zeros_like(knots)
-    inner = np.arange(1, count - 1)
-    matrix[inner, inner - 1], matrix[inner, inner + 1] = spans[:-1], spans[1:]
-    matrix[inner, inner] = 2 * (spans[:-1] + spans[1:])
-    right[inner] = 6 * np.diff(chords, axis=0)
-    if slope is not None:
-        matrix[0, :2] = 2 * spans[0], spans[0]
-        right[0] = 6 * (chords[0] - slope)
-    bends = np.linalg.solve(matrix, right)
-    slopes = chords - spans[:, None] * (2 * bends[:-1] + bends[1:]) / 6
-    if slope is not None:
-        slopes[0] = slope  # exactly
-    swings = np.diff(bends, axis=0) / spans[:, None]
-    parts = zip(knots[:-1], slopes, bends[:-1], swings, spans.tolist(), strict=True)
-    return [Piece(*part) for part in parts]
-
-
-@dataclass(frozen=True)
-class _Velocity:
-    """A velocity of the joints (n,), or a twist of the tip (6,), held for some time [s]."""
-
-    target: FloatArray
-    held: float
-    of_tip: bool = False
-    start: float | None = None
-    duration: float = np.inf
-
-    def curves(self, begin: float, state: State, shield: Shield) -> Iterator[tuple[list[Piece], float]]:
-        """Yield the curve from a state on; see `_Positions.curves`."""
-        target = self.target
-        if self.of_tip:
-            jacobian = shield.robot.tip_jacobian(state.q)
-            damped = jacobian @ jacobian.T + _DAMPING**2 * np.eye(6)
-            target = jacobian.T @ np.linalg.solve(damped, target)
-        pushes = _SHARE * shield.limits.joints.acceleration
-        up = float((np.abs(target - state.qd) / pushes).max())
-        down = max(float((np.abs(target) / pushes).max()), _SHORTEST)
-        up = max(up, _SHORTEST) if up > 0 else 0.0
-        still, q, pieces = np.zeros_like(target), state.q, []
-        for slope, last, span in (
-            (state.qd, target, up),
-            (target, target, self.held - up),
-            (target, still, down),
-        ):
-            if span > 0:
-                pieces.append(Piece(q, slope, (last - slope) / span, still, span))
-                q = q + span * (slope + last) / 2
-        yield pieces, 1.0

@@ -63,7 +63,8 @@ def drive(shield, propose, ball, seconds, latency=0.02):
     for k in range(round(seconds / shield.tick)):
         now = k * shield.tick
         shield.update({}, {"ball": Pose(tuple(ball(now)))}, now)
-        propose(shield, now + latency)
+        here = commands[-1].at(now + latency).q if commands else HOME
+        propose(shield, now + latency, here)
         commands.append(shield.command(now + latency))
         times = now + latency + np.arange(5) * shield.tick / 5
         states.append([commands[-1].at(t) for t in times])
@@ -74,16 +75,16 @@ def chunks(motion=swing, noise=0.0, seed=0):
     """Return what proposes the motion as a chunk from now on, with noise that begins at 0."""
     rng = np.random.default_rng(seed)
 
-    def propose(shield, time):
+    def propose(shield, time, here):
         positions = motion(time - 0.02 + np.arange(CHUNK) / RATE)
         shield.propose(positions + noise * rng.normal(size=positions.shape), RATE)
 
     return propose
 
 
-def once(motion):
+def once(motion, start=None):
     """Return what proposes a motion in time at the first tick."""
-    return lambda shield, time: time < 0.03 and shield.propose(motion)
+    return lambda shield, time, _: time < 0.03 and shield.propose(motion, start=start)
 
 
 def test_a_proposal_that_nobody_bars_is_driven_as_it_is(shield_for):
@@ -106,6 +107,16 @@ def test_a_spline_is_driven_in_its_own_timing_to_its_end(shield_for):
         np.testing.assert_allclose(states[-1, 0], spline(2.0), atol=1e-9)
 
 
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_a_motion_begins_when_it_should(shield_for, rate):
+    times = np.arange(int(2 * rate)) / rate
+    commands, states = drive(
+        shield_for(), once(Motion.hermite(times, swing(times)), 0.52), lambda t: FAR, 2.0
+    )
+    np.testing.assert_allclose(states[:, 0], swing(np.arange(200) * 0.01 - 0.5), atol=1e-3)
+    assert max(command.delay for command in commands) < 1e-9
+
+
 def test_beside_somebody_it_is_slower_on_the_same_path(shield_for):
     shield = shield_for()
 
@@ -122,7 +133,28 @@ def test_beside_somebody_it_is_slower_on_the_same_path(shield_for):
     assert commands[-1].doing is Doing.DONE  # it has gone on when the ball was away
 
 
-def executed_stops(commands, states, count, rng):
+def wild(seed):
+    """Return what proposes something else at each tick: chunks that bend or jump, velocities, twists, nothing."""
+    rng = np.random.default_rng(seed)
+
+    def propose(shield, time, here):
+        kind, way = rng.integers(7), rng.normal(size=7)
+        if kind < 3:
+            bends = np.cumsum(
+                np.cumsum(rng.normal(scale=[0.002, 0.01, 0.05][kind], size=(10, 7)), axis=0), axis=0
+            )
+            shield.propose(here + bends, RATE * rng.uniform(0.5, 3.0))
+        elif kind == 3:
+            shield.propose_velocity(way)
+        elif kind == 4:
+            shield.propose_twist(0.5 * way[:6])
+        elif kind == 5:
+            shield.propose(here + rng.normal(size=(5, 7)), RATE)
+
+    return propose
+
+
+def executed_stops(commands, count, rng):
     """Yield commands, and instants of their motion and stop [s]."""
     for k in rng.permutation(len(commands))[:count]:
         command = commands[k]
@@ -132,7 +164,8 @@ def executed_stops(commands, states, count, rng):
 
 @pytest.mark.parametrize("tube", [0.0, 0.02])
 @pytest.mark.parametrize("seed", range(3))
-def test_no_stop_is_reached_by_who_keeps_to_the_bound(shield_for, panda, table, seed, tube):
+@pytest.mark.parametrize("policy", [wild, lambda seed: chunks(noise=2e-3, seed=seed)])
+def test_no_stop_is_reached_by_who_keeps_to_the_bound(shield_for, panda, table, policy, seed, tube):
     rng = np.random.default_rng(seed)
     shield = shield_for(tube)
     monitor, checker = ContactMonitor(panda), CollisionChecker(panda, table.without("ball"))
@@ -142,9 +175,9 @@ def test_no_stop_is_reached_by_who_keeps_to_the_bound(shield_for, panda, table, 
     def ball(time):
         return middle + way * np.sin(5 * time)
 
-    commands, states = drive(shield, chunks(noise=2e-3, seed=seed), ball, 5.0)
+    commands, states = drive(shield, policy(seed), ball, 5.0)
     moved = 0
-    for command, t in executed_stops(commands, states, 60, rng):
+    for command, t in executed_stops(commands, 60, rng):
         state = command.at(t)
         if not np.abs(state.qd).max() > 1e-9:
             continue
@@ -260,7 +293,7 @@ def test_accelerations_beyond_the_limits_cost_time_only(shield_for):
 def test_a_velocity_is_approached_held_and_left(shield_for):
     shield, target = shield_for(), np.array([0.5, -0.1, 0.2, 0.0, 0.3, 0.0, -0.4])
     commands, states = drive(
-        shield, lambda shield, t: t < 1.0 and shield.propose_velocity(target), lambda t: FAR, 2.0
+        shield, lambda shield, t, _: t < 1.0 and shield.propose_velocity(target), lambda t: FAR, 2.0
     )
     np.testing.assert_allclose(states[20:95, 1], np.tile(target, (75, 1)), atol=1e-9)
     assert {command.doing for command in commands[4:18]} == {Doing.MOVING}
@@ -285,7 +318,7 @@ def test_a_velocity_that_could_not_be_driven_is_not_driven_later(shield_for):
 
 def test_a_twist_moves_the_tip(shield_for, panda):
     shield, twist = shield_for(), np.array([0.0, 0.2, 0.1, 0.0, 0.0, 0.3])
-    _, states = drive(shield, lambda shield, t: shield.propose_twist(twist), lambda t: FAR, 1.0)
+    _, states = drive(shield, lambda shield, t, _: shield.propose_twist(twist), lambda t: FAR, 1.0)
     found = panda.tip_jacobian(states[60, 0]) @ states[60, 1]
     np.testing.assert_allclose(found, twist, atol=0.03)
     shield.propose_twist([1.0, np.nan, 0, 0, 0, 0])

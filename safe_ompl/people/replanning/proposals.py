@@ -1,0 +1,195 @@
+"""Proposals of motions, as curves that begin where the robot is, and how fast the robot may follow a curve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError, finite_array, number
+from safe_ompl.motions import Motion
+from safe_ompl.planning.ompl import joint_space
+from safe_ompl.robot import Robot
+from safe_ompl.trajectories import Cells, Piece, RateLimits, State, bending_cap
+
+_SHARE = 0.5  # of the accelerations: what stops at full speed may take at least, and what velocities are approached by
+_JUMP = 2.0  # times the velocity limit: what needs more from one position to the next is a jump
+_BETWEEN = 0.05  # [s] between positions that are taken of a spline, at most
+_DENSE = 0.01  # [s] of positions that are denser only some are taken
+_AFTER = 0.5  # [s] Positions so long after the window shape the spline in it.
+_OVER = 1e-3  # [s] with less than this left a proposal is over
+_SHORTEST = 1e-3  # [s] of a change of velocity
+_DAMPING = 0.05  # [m/rad] of the inverse of the Jacobian
+_LEFT_OUT = (0, 2)  # of the next positions, where the robot cannot go through them in its direction
+_AT_REST = 1e-9  # [rad/s]
+
+
+def least_brake(limits: RateLimits) -> float:
+    """Return the braking along a curve [1/s²] that is kept free at full speed: a share of what stops any joint."""
+    return float(_SHARE * (limits.acceleration / limits.velocity).min())
+
+
+def proposed_cap(cells: Cells, limits: RateLimits) -> FloatArray:
+    """Return the largest ṡ ≤ 1 (N,) at which the accelerations leave enough for a stop within the window.
+
+    It is |q″|ṡ² ≤ a − b|q′|, b the least braking, or |q″|ṡ² ≤ a/2, whichever allows more: with the latter a/2|q′| is
+    left, and that is no less than b where no joint is faster than its limit.
+    """
+    room = limits.acceleration - least_brake(limits) * cells.slopes
+    squares = np.divide(room, cells.bends, out=np.full_like(room, np.inf), where=cells.bends > 0)
+    fastest = np.sqrt(np.maximum(squares.min(axis=1), 0.0))
+    found: FloatArray = np.minimum(1.0, np.maximum(fastest, bending_cap(cells, limits)))
+    return found
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Positions (K, n) at times (K,) from its start on [s]; the start is None if it begins with the next command."""
+
+    robot: Robot
+    limits: RateLimits
+    times: FloatArray
+    positions: FloatArray
+    start: float | None
+
+    @classmethod
+    def of(
+        cls, motion: Any, rate: float | None, start: float | None, robot: Robot, limits: RateLimits
+    ) -> Positions:
+        """Return those of a chunk or a motion; see `Shield.propose`."""
+        if start is not None:
+            start = number("start", start)
+        if rate is not None:
+            positions = finite_array(motion, (None, robot.n), "chunk")
+            if len(positions) < 2:
+                raise InputError(f"must have two positions at least, got {len(positions)}", "chunk")
+            times = np.arange(float(len(positions))) / number("rate", rate, above=0.0)
+        else:
+            given = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
+            if not given.timed:
+                raise InputError("has no times: give the rate of a chunk", "motion")
+            parts = [
+                np.linspace(a, b, int(np.ceil((b - a) / _BETWEEN)), endpoint=False)
+                for a, b in zip(given.times[:-1].tolist(), given.times[1:].tolist(), strict=True)
+            ]
+            at = np.append(np.concatenate(parts), given.times[-1])
+            times, positions = at - at[0], given.at(at)
+        found = cls(robot, limits, times, positions, start)
+        for k, step in enumerate(robot.difference(positions[:-1], positions[1:])):
+            found.check_jump(step, float(times[k + 1] - times[k]), f"at {times[k]:.3g} s of it")
+        _, firsts = np.unique(np.floor(times / _DENSE + 1e-6), return_index=True)
+        kept = np.union1d(firsts, len(times) - 1)
+        return replace(found, times=times[kept], positions=positions[kept])
+
+    def check_jump(self, step: FloatArray, span: float, where: str) -> None:
+        """Raise InputError if joints cannot move by a step (n,) in a time [s]."""
+        for i in np.flatnonzero(np.abs(step) > _JUMP * self.limits.velocity * span):
+            raise InputError(
+                f"jumps {where}: joint {self.limits.joint_names[i]!r} by {step[i]:.3g} within {span:.3g} s",
+                "proposal",
+            )
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return float(self.times[-1])
+
+    def curves(self, begin: float, state: State, window: float) -> Iterator[tuple[list[Piece], float]]:
+        """Yield curves from a state at `begin` of it on, and the ṡ with which they begin, the nearest to it first.
+
+        They are right for a window [s] at least. A negative `begin` is before its start.
+
+
+        With ṡ = 1 it is in time, if the accelerations suffice. Otherwise the curve begins as fast as proposed, in the
+        direction in which the robot moves, and ṡ is as much less as the robot is slower. Where that bends too much, two
+        positions are left out.
+        """
+        if self.duration - begin < _OVER:
+            raise InputError(f"is too late: it was over {begin - self.duration:.3g} s ago", "proposal")
+        first = int(np.searchsorted(self.times, begin, side="right"))
+        spacing = float(np.diff(self.times)[max(first - 1, 0)])
+        if first + 1 < len(self.times) and self.times[first] - begin < 0.5 * spacing:
+            first += 1  # the next position is very near
+        last = int(np.searchsorted(self.times, begin + window + _AFTER)) + 1
+        times = self.times[first:last] - begin
+        given, robot = self.positions[first:last], self.robot
+        steps = [robot.difference(state.q, given[0])[None], robot.difference(given[:-1], given[1:])]
+        points = state.q + np.cumsum(np.concatenate(steps), axis=0)
+        self.check_jump(points[0] - state.q, float(times[0]), "from where the robot is")
+        speed = float(np.linalg.norm(state.qd))
+        for left_out in _LEFT_OUT:
+            at, through = times[left_out:], points[left_out:]
+            if not len(at):
+                return
+            fast = float(np.linalg.norm(through[0] - state.q) / at[0])
+            for pace in dict.fromkeys((1.0, 0.0 if speed < _AT_REST else speed / max(fast, speed))):
+                pieces = _spline(state.q, state.qd / pace if pace else None, at, through)
+                if _can_begin(pieces[0], pace, self.limits):
+                    yield pieces, pace
+
+
+def _can_begin(piece: Piece, pace: float, limits: RateLimits) -> bool:
+    """Return whether `proposed_cap` allows a ṡ where a piece begins."""
+    most = limits.acceleration
+    room = np.maximum(most - least_brake(limits) * np.abs(piece.slope), _SHARE * most)
+    return bool((np.abs(piece.bend) * pace * pace <= room).all())
+
+
+def _spline(q: FloatArray, slope: FloatArray | None, times: FloatArray, points: FloatArray) -> list[Piece]:
+    """Return the cubic spline from `q` at 0 through points (K, n) at times (K,); q″ is 0 at ends without a slope."""
+    spans = np.diff(times, prepend=0.0)
+    knots = np.vstack([q, points])
+    chords = np.diff(knots, axis=0) / spans[:, None]
+    count = len(knots)
+    matrix, right = np.eye(count), np.zeros_like(knots)
+    inner = np.arange(1, count - 1)
+    matrix[inner, inner - 1], matrix[inner, inner + 1] = spans[:-1], spans[1:]
+    matrix[inner, inner] = 2 * (spans[:-1] + spans[1:])
+    right[inner] = 6 * np.diff(chords, axis=0)
+    if slope is not None:
+        matrix[0, :2] = 2 * spans[0], spans[0]
+        right[0] = 6 * (chords[0] - slope)
+    bends = np.linalg.solve(matrix, right)
+    slopes = chords - spans[:, None] * (2 * bends[:-1] + bends[1:]) / 6
+    if slope is not None:
+        slopes[0] = slope  # exactly
+    swings = np.diff(bends, axis=0) / spans[:, None]
+    parts = zip(knots[:-1], slopes, bends[:-1], swings, spans.tolist(), strict=True)
+    return [Piece(*part) for part in parts]
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """A velocity of the joints (n,), or a twist of the tip (6,), held for some time [s]."""
+
+    robot: Robot
+    limits: RateLimits
+    target: FloatArray
+    held: float
+    of_tip: bool = False
+    start: float | None = None
+    duration: float = np.inf
+
+    def curves(self, begin: float, state: State, window: float) -> Iterator[tuple[list[Piece], float]]:
+        """Yield the curve from a state on; see `Positions.curves`."""
+        target = self.target
+        if self.of_tip:
+            jacobian = self.robot.tip_jacobian(state.q)
+            damped = jacobian @ jacobian.T + _DAMPING**2 * np.eye(6)
+            target = jacobian.T @ np.linalg.solve(damped, target)
+        pushes = _SHARE * self.limits.acceleration
+        up = float((np.abs(target - state.qd) / pushes).max())
+        down = max(float((np.abs(target) / pushes).max()), _SHORTEST)
+        up = max(up, _SHORTEST) if up > 0 else 0.0
+        still, q, pieces = np.zeros_like(target), state.q, []
+        for slope, last, span in (
+            (state.qd, target, up),
+            (target, target, self.held - up),
+            (target, still, down),
+        ):
+            if span > 0:
+                pieces.append(Piece(q, slope, (last - slope) / span, still, span))
+                q = q + span * (slope + last) / 2
+        yield pieces, 1.0
