@@ -43,6 +43,8 @@ _IMPORTED = re.compile(
     rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:compiled|part)\b".encode(), re.MULTILINE
 )
 
+# Of parts, too: Numba compiles its own functions, such as np.empty, once for each set of options.
+_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _PATIENCE = 60.0  # [s] with a process that compiles, once all else is compiled
 _ENDS_WITH_US = """
 import os, threading
@@ -52,12 +54,11 @@ threading.Thread(target=lambda: (os.read(0, 1), os._exit(1)), daemon=True).start
 
 def compiled(function: _Function) -> _Function:
     """Return a kernel: `function` compiled on its first call; free of the GIL, and x/0 is ±∞ as in NumPy."""
-    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     try:
-        kernel: Any = njit(cache=True, **options)(function)
+        kernel: Any = njit(cache=True, **_OPTIONS)(function)
     except RuntimeError as error:  # Numba finds no folder that can be written to
         _log.info("%s", error)
-        kernel = njit(**options)(function)
+        kernel = njit(**_OPTIONS)(function)
     else:
         _depend_on_all_kernels(kernel)
     fast: _Function = _without_literals(kernel)
@@ -66,8 +67,7 @@ def compiled(function: _Function) -> _Function:
 
 def part(function: _Function) -> _Function:
     """Return a part of kernels: `function`, compiled into the kernels that call it; Python cannot call it."""
-    options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
-    inner: Any = njit(error_model="numpy", **options)(function)
+    inner: Any = njit(pipeline_class=_PartCompiler, **_OPTIONS)(function)
     fast: _Function = _without_literals(inner)
     return fast
 
@@ -90,7 +90,7 @@ class _PartLowering(NativeLowering):  # type: ignore[misc]
 
     def run_pass(self, state: Any) -> bool:
         state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.flags.no_compile = True
+        state.flags.no_compile = state.flags.no_cpython_wrapper = True
         super().run_pass(state)
         identity: Any = [].append  # Numba knows a function by what Python would call: some built-in, unlike all others
         state.targetctx.insert_user_function(identity, state.cr.fndesc, [state.library])
