@@ -15,9 +15,11 @@ import logging
 import os
 import re
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
 from time import perf_counter
 from types import FrameType
 from typing import Any, TypeVar
@@ -41,15 +43,22 @@ _IMPORTED = re.compile(
     rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:compiled|part)\b".encode(), re.MULTILINE
 )
 
+# Of parts, too: Numba compiles its own functions, such as np.empty, once for each set of options.
+_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_PATIENCE = 60.0  # [s] with a process that compiles, once all else is compiled
+_ENDS_WITH_US = """
+import os, threading
+threading.Thread(target=lambda: (os.read(0, 1), os._exit(1)), daemon=True).start()
+"""  # its input ends when this process does, however that ends
+
 
 def compiled(function: _Function) -> _Function:
     """Return a kernel: `function` compiled on its first call; free of the GIL, and x/0 is ±∞ as in NumPy."""
-    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     try:
-        kernel: Any = njit(cache=True, **options)(function)
+        kernel: Any = njit(cache=True, **_OPTIONS)(function)
     except RuntimeError as error:  # Numba finds no folder that can be written to
         _log.info("%s", error)
-        kernel = njit(**options)(function)
+        kernel = njit(**_OPTIONS)(function)
     else:
         _depend_on_all_kernels(kernel)
     fast: _Function = _without_literals(kernel)
@@ -58,8 +67,7 @@ def compiled(function: _Function) -> _Function:
 
 def part(function: _Function) -> _Function:
     """Return a part of kernels: `function`, compiled into the kernels that call it; Python cannot call it."""
-    options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
-    inner: Any = njit(error_model="numpy", **options)(function)
+    inner: Any = njit(pipeline_class=_PartCompiler, **_OPTIONS)(function)
     fast: _Function = _without_literals(inner)
     return fast
 
@@ -82,9 +90,9 @@ class _PartLowering(NativeLowering):  # type: ignore[misc]
 
     def run_pass(self, state: Any) -> bool:
         state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.flags.no_compile = True
+        state.flags.no_compile = state.flags.no_cpython_wrapper = True
         super().run_pass(state)
-        identity = [].append  # Numba knows a function by what Python would call: some built-in, unlike all others
+        identity: Any = [].append  # Numba knows a function by what Python would call: some built-in, unlike all others
         state.targetctx.insert_user_function(identity, state.cr.fndesc, [state.library])
         state.cr = state.cr._replace(cfunc=identity)
         return True
@@ -113,6 +121,35 @@ def _without_literals(kernel: Any) -> Any:
 def clock() -> float:
     """Return the time [s] of a clock that stops while kernels are compiled: time limits should not count that."""
     return perf_counter() - _compilation.seconds
+
+
+def compile_beside(kernel: Any, there: str, here: Callable[[], None]) -> None:
+    """Call a function while another process runs a program, so that each compiles the kernels that it calls.
+
+    Nothing happens where `kernel`, which the program should call, is on disk already, or where nothing can be kept.
+    Whatever becomes of that process, only time is lost: what it has not kept is compiled where it is called.
+    """
+    kept = getattr(getattr(getattr(kernel, "_cache", None), "_cache_file", None), "_load_index", None)
+    python = Path(sys.executable or "").name.startswith("python")  # and not a program that Python is part of
+    if kept is None or kept() or os.cpu_count() == 1 or not python:
+        return
+    found_alike = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "PYTHONSAFEPATH": "1"}
+    command = [sys.executable, "-c", _ENDS_WITH_US + there]
+    try:
+        process = Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL, env=os.environ | found_alike)
+    except OSError as error:
+        _log.info("no second process compiles: %s", error)
+        return
+    with process:
+        try:
+            here()
+            begin = perf_counter()
+            process.wait(_PATIENCE)
+            _compilation.seconds += perf_counter() - begin
+        except TimeoutExpired:
+            _log.info("a process that compiles kernels takes too long")
+        finally:
+            process.kill()
 
 
 def _depend_on_all_kernels(kernel: Any) -> None:

@@ -25,6 +25,7 @@ from safe_ompl.danger import DangerLimit
 from safe_ompl.geometry import Obstacle
 from safe_ompl.motions import tube_of
 from safe_ompl.paths import PathReport, Validation, validate
+from safe_ompl.planning.first_plan import compile_kernels
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
     TOLERANCE,
@@ -63,6 +64,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         floor: float = FLOOR,
         movable: Sequence[str] = (),
     ) -> None:
+        if danger is not None:
+            compile_kernels()
         super().__init__(joint_space(robot))
         si = self.getSpaceInformation()
         self.robot = robot

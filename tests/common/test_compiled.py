@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 from time import perf_counter, sleep
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -206,3 +207,98 @@ def test_kernels_call_and_use_nothing_of_files_that_are_not_watched():
             home = getattr(names[name], "__module__", None) or getattr(names[name], "__name__", "")
             if home.startswith("safe_ompl") and home != compiled.__name__:
                 assert home in watched, f"{module} uses {name} of {home}"
+
+
+# ------------------------------------------------------------------------------- another process compiles beside
+
+
+@pytest.fixture
+def cold(monkeypatch):
+    """Return a kernel that is not kept yet, and a list of the processes that are started for it."""
+    started = []
+
+    class Popen(subprocess.Popen):
+        def __init__(self, *arguments, **options):
+            started.append(self)
+            super().__init__(*arguments, **options)
+
+    monkeypatch.setattr(compiled, "Popen", Popen)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    files = SimpleNamespace(_load_index=dict)
+    return SimpleNamespace(_cache=SimpleNamespace(_cache_file=files)), started
+
+
+@pytest.mark.parametrize("there", ["raise SystemExit(1)", "os.kill(os.getpid(), 9)", "this is no Python"])
+def test_a_process_that_ends_early_does_no_harm(cold, there):
+    kernel, started = cold
+    called = []
+    compiled.compile_beside(kernel, there, lambda: called.append(True))
+    assert called
+    assert started[0].returncode
+
+
+def test_a_process_that_takes_too_long_is_ended(cold, monkeypatch):
+    kernel, started = cold
+    monkeypatch.setattr(compiled, "_PATIENCE", 0.01)
+    compiled.compile_beside(kernel, "import time; time.sleep(600)", lambda: None)
+    assert started[0].returncode == -signal.SIGKILL
+
+
+def test_ctrl_c_ends_both(cold):
+    kernel, started = cold
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        compiled.compile_beside(kernel, "import time; time.sleep(600)", interrupted)
+    assert started[0].returncode is not None
+
+
+def test_there_is_one_process_where_nothing_is_to_be_compiled_or_can_be_kept(cold, monkeypatch):
+    def never():
+        raise AssertionError
+
+    kernel, started = cold
+    compiled.compile_beside(danger.aggregates.py_func, "", never)  # no cache
+    kernel._cache._cache_file._load_index = lambda: {"a": "signature"}
+    compiled.compile_beside(kernel, "", never)
+    kernel._cache._cache_file._load_index = dict
+    monkeypatch.setattr(sys, "executable", "/usr/bin/blender")
+    compiled.compile_beside(kernel, "", never)
+    assert not started
+
+
+ORPHAN = """
+import os, signal, sys
+from types import SimpleNamespace
+from safe_ompl.common import compilation
+kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=SimpleNamespace(_load_index=dict)))
+os.cpu_count = lambda: 2
+there = "import sys, time; open({file!r}, 'w').write(str(os.getpid())); time.sleep(600)"
+def here():
+    while not os.path.exists({file!r}) or not open({file!r}).read():
+        pass
+    os.kill(os.getpid(), signal.SIGKILL)
+compilation.compile_beside(kernel, there, here)
+"""
+
+
+def test_the_other_process_ends_with_this_one_however_that_ends(tmp_path):
+    file = tmp_path / "pid"
+    environment = os.environ | {"PYTHONPATH": str(Path(safe_ompl.__file__).parents[1])}
+    program = ORPHAN.format(file=str(file))
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    number, end = int(file.read_text()), perf_counter() + 30.0
+    while _runs(number) and perf_counter() < end:
+        sleep(0.01)
+    assert not _runs(number)
+
+
+def _runs(number):
+    """Whether a process runs; one that has ended may wait to be noticed by its parent."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,47 @@
+"""What the first plan after an installation calls is compiled by two processes at a time.
+
+Kernels are compiled for one kind of arguments, whatever the robot: that of two joints beside a person has them all.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from safe_ompl.collision import CertifiedMotion, CollisionChecker
+from safe_ompl.common import compile_beside
+from safe_ompl.danger import DangerField
+from safe_ompl.danger.kernels import dangers
+from safe_ompl.geometry import Obstacle, Person
+from safe_ompl.geometry.kernels import extreme_vertices
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scenario, Scene, find_scenario
+
+_MARGIN = 1.0  # [m] any
+
+
+@cache
+def compile_kernels() -> None:
+    """Compile the kernels of a plan, unless they are on disk: once in a process it is looked whether they are."""
+    compile_beside(dangers, f"from {__name__} import ask_for_danger\nask_for_danger()", _ask_for_proofs)
+
+
+def _robot() -> Robot:
+    return Scenario.load(find_scenario("planar2")).build_robot()
+
+
+def ask_for_danger() -> None:
+    """Call what the danger of a configuration needs: about half of the time that all takes to compile."""
+    robot = _robot()
+    DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
+
+
+def _ask_for_proofs() -> None:
+    robot, scene = _robot(), Scene((Obstacle("person", Person()),))
+    scene.danger_points()
+    extreme_vertices(np.zeros((1, 3)), 1)
+    checker, q = CollisionChecker(robot, scene), np.zeros(robot.n)
+    checker.in_collision(q)
+    checker.pairs.bounds.of(q[None], np.arange(1), _MARGIN)
+    CertifiedMotion(checker).is_free(q, q + _MARGIN)
