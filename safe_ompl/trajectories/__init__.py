@@ -15,9 +15,17 @@ if TYPE_CHECKING:
         StandstillError,
         bending_cap,
         braking,
-        contact_speed,
-        robot_mass,
         speed_caps,
+    )
+    from safe_ompl.trajectories.contact import (
+        CLAMPING,
+        CONTACT,
+        CONTACT_RULES,
+        SEPARATION,
+        ContactLimits,
+        contact_speed,
+        limb_contact_speed,
+        robot_mass,
     )
     from safe_ompl.trajectories.curve import BlendedCurve, BlendProof, Cells, Piece, blended
     from safe_ompl.trajectories.danger import MotionDanger
@@ -30,13 +38,18 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CELLS",
+    "CLAMPING",
+    "CONTACT",
+    "CONTACT_RULES",
     "LINK_SPEED",
     "RATE",
+    "SEPARATION",
     "TOOL_SPEED",
     "BlendProof",
     "BlendedCurve",
     "BodySpeeds",
     "Cells",
+    "ContactLimits",
     "MotionCaps",
     "MotionDanger",
     "PathTimer",
@@ -55,6 +68,7 @@ __all__ = [
     "drive",
     "duration_of",
     "faster",
+    "limb_contact_speed",
     "robot_mass",
     "speed_caps",
     "time_path",

@@ -12,6 +12,7 @@ from safe_ompl.collision import DISTANCE_ERROR, fresh_data
 from safe_ompl.common import FloatArray, InputError, IntArray, PerThread
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
+from safe_ompl.trajectories.contact import ContactLimits
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 
 _SHORT = 0.05  # [s] Limbs that may come so soon are looked at one by one where contact is allowed
@@ -58,6 +59,10 @@ class PeopleDistances:
         The link of each body.
     speeds : ndarray, shape (M,)
         How fast the limbs may move [m/s].
+    moving : ndarray of int
+        Which bodies of `collision_model` move.
+    contact : ContactLimits or None
+        With what speeds limbs may be touched; None: contact is not allowed.
     """
 
     def __init__(self, robot: Robot, scene: Scene, people: People) -> None:
@@ -67,6 +72,7 @@ class PeopleDistances:
         self._geometry.removeAllCollisionPairs()
         self.links = tuple(body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects)
         moving = [k for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0]
+        self.moving: IntArray = np.array(moving, dtype=np.intp)
         limbs, pairs = [], []
         self._names = people.names(scene)
         self._parts: dict[str, int] = {}
@@ -85,6 +91,12 @@ class PeopleDistances:
         self._limb: IntArray = np.array([limb for _, _, limb in pairs], dtype=np.intp)
         self._memory = PerThread(partial(_memory, robot.shared.model, self._geometry))
         self.speeds: FloatArray = np.array([people.speed_of(limb) for _, limb in limbs])
+        self.contact: ContactLimits | None = None
+        if people.contact:
+            shapes = {name: scene[name].shape for name in self._names}
+            heights = {name: getattr(shape, "height", np.inf) for name, shape in shapes.items()}
+            still = scene.without(*self._names)
+            self.contact = ContactLimits(robot, still, people, limbs, heights)
 
     def move(self, scene: Scene) -> None:
         """Put the people where another scene has them.

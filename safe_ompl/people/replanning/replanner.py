@@ -26,7 +26,7 @@ from safe_ompl.people.replanning.guarded_path import (
 )
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import BlendedCurve, BlendProof, Trajectory
+from safe_ompl.trajectories import SEPARATION, BlendedCurve, BlendProof, ContactLimits, Trajectory
 
 _log = logging.getLogger(__name__)
 
@@ -75,9 +75,10 @@ class Replanner:
     """Drives a robot along trajectories beside people and things that move.
 
     What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
-    who keeps to the reach model. At every tick the robot takes the fastest motion that is proven so against the newest
-    measurement. If there is none, it follows the stop of the tick before: its proof still holds, because it covers all
-    that people may do until the robot stands. The robot goes on as soon as a motion is proven again.
+    who keeps to the reach model; or, where contact is allowed, only at speeds of the robot's own that the limb bears
+    (`safe_ompl.trajectories.contact`). At every tick the robot takes the fastest motion that is proven so against the
+    newest measurement. If there is none, it follows the stop of the tick before: its proof still holds, because it
+    covers all that people may do until the robot stands. The robot goes on as soon as a motion is proven again.
 
     Parameters
     ----------
@@ -90,8 +91,8 @@ class Replanner:
     objects : mapping of str to float, optional
         Obstacles of the scene that move, and bounds of their speeds [m/s].
     people : People, optional
-        How fast limbs may move, and the clearance from the robot that must be left. Its `reaction_time` and `contact`
-        are not used: the delay is known at every tick, and a robot that moves touches nobody.
+        How fast limbs may move, the clearance from the robot that must be left, and whether the robot may touch people
+        at speeds that they bear. Its `reaction_time` is not used: the delay is known at every tick.
     options : ReplanningOptions, optional
         Reach model, time between commands, when somebody is lost, detours.
     motion : CertifiedMotion, optional
@@ -133,6 +134,7 @@ class Replanner:
         self.motion = CertifiedMotion(CollisionChecker(robot, self.still)) if motion is None else motion
         _check_motion(self.motion, robot, self.still)
         self._bodies = RobotBodies(robot)
+        self._contact = self._contact_limits() if self.people.contact else None
         self._path: GuardedPath | None = None
         self._command: Command | None = None
         self._margin = Margin(np.inf)  # of the motion that was tried last
@@ -143,6 +145,18 @@ class Replanner:
 
     def __repr__(self) -> str:
         return f"Replanner({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
+
+    def _contact_limits(self) -> ContactLimits:
+        """Return at what speeds contact is borne, for limbs and objects in the order of their reach sets."""
+        bodies = {name: track.tracker.body for name, track in self.surroundings.people.items()}
+        limbs = [(name, limb) for name, body in bodies.items() for limb in body.limbs]
+        objects = self.surroundings.objects
+        limbs += [(name, "") for name, shape in self.surroundings.shapes.items() for _ in shape.parts()]
+        heights = {name: body.height for name, body in bodies.items()}
+        # A limb may be clamped against an object, wherever that is by then.
+        return ContactLimits(
+            self.robot, self.still, self.people, limbs, heights, always_clamped=bool(objects)
+        )
 
     @property
     def detours(self) -> Detours | None:
@@ -266,7 +280,7 @@ class Replanner:
             return False
         reaction = self.tick + max(0.0, command.time - self.surroundings.time)
         now = max(command.time, self.surroundings.time)
-        people = PeopleNow(self.surroundings.sets, self.people.clearance, reaction, now)
+        people = PeopleNow(self.surroundings.sets, self.people.clearance, reaction, now, self._contact)
         self._detour = self._detours.search(command, people, units)
         return self._detour is not None
 
@@ -281,14 +295,20 @@ class Replanner:
         if not self.surroundings.known:
             return None
         trouble = self.surroundings.trouble(time, self.lost_after)
+        violated = trouble is not None
 
         def command(push: float, doing: Doing, reason: str) -> Command | None:
             motion = path.motion_from(s, speed * speed, push, self.tick)
             since = time - measured
-            self._margin = margin = path.margin(motion, self.surroundings.sets, since, self.people.clearance)
-            return (
-                Command(time, measured, path, motion, doing, margin, reason) if margin.margin >= 0 else None
-            )
+            around = self.surroundings.sets, since, self.people.clearance
+            margin = path.margin(motion, *around, self._contact)
+            if margin.margin < 0:
+                self._margin = margin
+                return None
+            rule = self._margin.rule if reason and not violated else ""
+            if rule not in ("", SEPARATION) and path.margin(motion, *around).margin >= 0:
+                rule = SEPARATION
+            return Command(time, measured, path, motion, doing, margin, reason, rule)
 
         if trouble is None:
             fastest = command(1.0, Doing.MOVING, "")
@@ -311,11 +331,12 @@ class Replanner:
     def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
         """Return what is left of the stop that was proven before, or rest."""
         last = self._command
-        reason = self.surroundings.trouble(time, self.lost_after) or self._margin.description
+        trouble = self.surroundings.trouble(time, self.lost_after)
+        why = self._margin, trouble or self._margin.description, "" if trouble else self._margin.rule
         if last is None or speed == 0:
             rest = path.motion_from(s, 0.0, -1.0, self.tick)
-            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, self._margin, reason)
-        return Command(last.time, last.measured, path, last.motion, Doing.BRAKING, self._margin, reason)
+            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, *why)
+        return Command(last.time, last.measured, path, last.motion, Doing.BRAKING, *why)
 
     # ------------------------------------------------------------------------------------------------------- log
 
