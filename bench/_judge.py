@@ -43,7 +43,8 @@ SENTENCES = {
     "tool speed": rf"the tip is no faster than {N} m/s",
     "link speed": rf"no point of a link, nor the tip, is faster than {N} m/s",
     "stops": rf"it stands before anyone of (.*) who moves no faster than {N} m/s((?:, \S+ {N} m/s)*) "
-    rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*))?",
+    rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*?); "
+    r"that is its own speed, the person's is not counted, and where a limb may be clamped is not claimed)?",
     "moving danger": rf"danger in motion at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), "
     rf"k1 {N}, k2 {N}, gamma {N}, points {N} m apart\)",
     "margin": rf"no moving link nearer than {N} mm to any obstacle",

@@ -20,24 +20,28 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
 
 from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
+from bench._touches import TouchJudge
 from safe_ompl import People, Pose, RateLimits, Scenario, time_path
 from safe_ompl.people import CalibratedReach
 from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Simulation
-from safe_ompl.people.skeletons import Recording, TrackedBody, list_clips
+from safe_ompl.people.skeletons import Recording, TrackedBody, facing, list_clips
 from safe_ompl.people.tracking import Tracker
 from safe_ompl.scene.scenario import find_scenario
+from safe_ompl.trajectories.contact import CONTACT_RULES
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]  # [rad/s²]
 HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]
 POLICIES: dict[str, Any] = {
     "ours": Replanner,
+    "contact": Replanner,  # where contact is allowed
     "stop-and-go": StopAndGo,
     "half-speed": HalfSpeed,
     "quarter-speed": QuarterSpeed,
@@ -45,15 +49,23 @@ POLICIES: dict[str, Any] = {
 }
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
 _HIP = 0.15  # [m] above the base
+_ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
+_BESIDE = 0.4  # [m] who is nearer than that is beside the robot
 
 
-def places(recording: Recording, count: int, seed: int) -> list[Pose]:
-    """Return places of a recording at which the hip of its first frame is beside the arm, not behind it."""
+def places(recording: Recording, count: int, seed: int, *, near: bool = False) -> list[Pose]:
+    """Return places of a recording at which the hip of its first frame is beside the arm, not behind it.
+
+    People who are `near` face it, within arm's reach.
+    """
     rng = np.random.default_rng(seed)
-    hip = recording.skeleton.keypoints(recording.frames[0])[-1]
+    points, _ = TrackedBody().completed(recording.skeleton.keypoints(recording.frames[0]))
+    ahead, hip = facing(points)[:, 0], recording.skeleton.keypoints(recording.frames[0])[-1]
     found = []
     for _ in range(count):
         angle, far, yaw = rng.uniform(-1.2, 1.2), rng.uniform(_NEAR, _FAR), rng.uniform(-np.pi, np.pi)
+        if near:
+            far, yaw = _ARMS_REACH, np.pi + angle - np.arctan2(ahead[1], ahead[0])
         c, s = np.cos(yaw), np.sin(yaw)
         turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ hip
         at = np.array([far * np.cos(angle), far * np.sin(angle), _HIP]) - turned
@@ -70,38 +82,57 @@ def simulation(
     monitored: bool = True,
     count: int = 20,
     reach: CalibratedReach | None = None,
+    near: bool = False,
 ) -> Simulation:
     """Return the simulation of one clip at one place; with a reach of the limbs that were calibrated."""
     scenario = Scenario.load(find_scenario("panda_shelf"))
     robot = scenario.build_robot()
     recording = Recording.load(file, clip)
-    pose = places(recording, count, seed=sum(map(ord, file.stem + clip)))[place]
+    pose = places(recording, count, seed=sum(map(ord, file.stem + clip)), near=near)[place]
     tracker = Tracker(recording.skeleton, TrackedBody(), pose)
     if reach is not None:
         tracker = replace(tracker, body=TrackedBody(only=reach.limbs), gate=reach.gate)
-    people = People(speed=1.6, speeds=HANDS)
+    people = People(speed=1.6, speeds=HANDS, contact=policy == "contact")
     replanner = POLICIES[policy](
         robot,
         scenario.scene,
         {"operator": tracker},
         people=people,
-        options=ReplanningOptions(reach, detours=policy == "ours"),
+        options=ReplanningOptions(reach, detours=policy in ("ours", "contact")),
     )
     limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
     path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
     ways = [time_path(way, robot, limits, motion=replanner.motion) for way in (path, path[::-1])]
-    return Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, monitored=monitored)
+    one = Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, monitored=monitored)
+    if monitored:
+        one.monitor = TouchJudge(robot, replanner.still, people, tracker.body.height)
+    return one
 
 
-def run(job: tuple[Path, str, int, str, float, int, CalibratedReach | None]) -> dict[str, Any]:
+def run(job: tuple[Path, str, int, str, float, int, CalibratedReach | None, bool]) -> dict[str, Any]:
     """Run one simulation, and return its summary."""
-    file, clip, place, policy, seconds, count, reach = job
+    file, clip, place, policy, seconds, count, reach, near = job
     logging.disable(logging.WARNING)
-    one = simulation(file, clip, place, policy, count=count, reach=reach)
+    begin = process_time()
+    one = simulation(file, clip, place, policy, count=count, reach=reach, near=near)
     duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
-    summary = one.run(duration)
-    return {"policy": policy, "file": file.stem, "clip": clip, "place": place, **summary.as_dict()}
+    ticks = list(one.ticks(duration))
+    beside = [tick["state"] for tick in ticks if (tick["distance"] or 0.0) < _BESIDE]
+    judge = one.monitor
+    assert isinstance(judge, TouchJudge)
+    return {
+        "policy": policy,
+        "file": file.stem,
+        "clip": clip,
+        "place": place,
+        **one.summary.as_dict(),
+        "beside": len(beside) * one.replanner.tick,
+        "standing": sum(state == "standing" for state in beside) * one.replanner.tick,
+        "rules": [sum(tick["rule"] == rule for tick in ticks) for rule in CONTACT_RULES],
+        "judged": (judge.too_fast, judge.clamped, judge.fastest, judge.closing, judge.relative),
+        "cpu": process_time() - begin,
+    }
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
@@ -136,11 +167,32 @@ def print_table(rows: list[dict[str, Any]]) -> None:
             + "".join(f"{100 * share:7.2f}% " for share in shares)
             + f"{1e3 * reaction[0]:8.1f} / {1e3 * reaction[1]:4.1f} ms"
         )
-    best = max((per_hour[policy] for policy in list(POLICIES)[1:4] if policy in per_hour), default=0.0)
+    for policy in ("ours", "contact"):
+        mine = [r for r in rows if r["policy"] == policy]
+        if mine:
+            print_contacts(policy, mine)
+    best = max((per_hour[policy] for policy in list(POLICIES)[2:5] if policy in per_hour), default=0.0)
     if "ours" in per_hour and best:
         print(f"ours / the best stop-and-go: {per_hour['ours'] / best:.2f} × the tasks per hour")
     if "ours" in per_hour and "alone" in per_hour:
         print(f"time lost against an empty cell: {100 * (1 - per_hour['ours'] / per_hour['alone']):.0f} %")
+
+
+def print_contacts(policy: str, rows: list[dict[str, Any]]) -> None:
+    """Print what the judge found of contacts, and how long the robot stood beside people."""
+    beside, standing = (sum(r[key] for r in rows) for key in ("beside", "standing"))
+    too_fast, clamped, *worst = zip(*(r["judged"] for r in rows), strict=True)
+    fastest, closing, relative = map(max, worst)
+    bound = ", ".join(
+        f"{rule} {n}"
+        for rule, n in zip(CONTACT_RULES, np.sum([r["rules"] for r in rows], axis=0), strict=True)
+    )
+    print(
+        f"{policy}: {beside:.0f} s beside a person, {100 * standing / max(beside, 1e-9):.0f} % of them standing; ticks "
+        f"bound by {bound}\n  contacts while moving: above what the limb bears {sum(too_fast)}, clamped above it "
+        f"{sum(clamped)}; the robot's speed at most {fastest:.2f} of it, a gap's {closing:.2f}; relative to the limb "
+        f"{relative:.2f} m/s at most"
+    )
 
 
 def memory(file: Path, clip: str, minutes: float) -> None:
@@ -182,6 +234,9 @@ def main() -> None:
         help="only so many of all clips and places, drawn evenly",
     )
     parser.add_argument("--reach", metavar="FILE", help="calibrated reach, with its gate; default: speeds")
+    parser.add_argument(
+        "--near", action="store_true", help="people within arm's reach, who face the robot, at every place"
+    )
     parser.add_argument("--policies", default=",".join(POLICIES))
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     parser.add_argument("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
@@ -204,7 +259,7 @@ def main() -> None:
         chosen = np.random.default_rng(0).choice(len(situations), options.sample, replace=False)
         situations = [situations[k] for k in sorted(chosen.tolist())]
     jobs = [
-        (*situation, policy, options.seconds, options.places, reach)
+        (*situation, policy, options.seconds, options.places, reach, options.near)
         for situation in situations
         for policy in options.policies.split(",")
     ]

@@ -2,10 +2,12 @@
 
 stops      From random instants of trajectories beside a person the robot brakes, while every limb runs straight at the
            nearest link at its speed, from where she was measured before the reaction time. `reached` must be 0. The
-           full run, --stops 100000, takes about a quarter of an hour. Where contact is allowed, a limb that may be
-           there has reached the robot only if some point of it is then faster than the limb bears; `fastest` is the
-           largest speed in a contact, as a share of that. Each motion is driven without a limit of the jerk and with
-           one of 500 times the acceleration; `jerk` is the largest in a stop, by differences, as a share of it.
+           full run, --stops 100000, takes about a quarter of an hour. Where contact is allowed, as in half of them, a
+           limb that may be there has reached the robot only if some point of it is then faster than the limb bears, or
+           if a gap in which it fits closes faster than it bears when it is clamped: a hand is put in every gap.
+           `fastest` and `closing` are the largest of these speeds, as shares of what is borne. Each motion is driven
+           without a limit of the jerk and with one of 500 times the acceleration; `jerk` is the largest in a stop, by
+           differences, as a share of it.
 motions    The same of motions that others made: random splines, as fast as is proven (`check(..., people=)`), to 1 %.
            `reached` must be 0. Of the same splines, faster by some percent and not proven, the share that is reached.
            And the trajectories of `stops` without a limit of the jerk, as polynomials: whether they are proven as they
@@ -24,6 +26,7 @@ from time import process_time
 import numpy as np
 import pinocchio as pin
 from _timing import print_table
+from _touches import Bearable, Gaps, thickness
 from scipy.interpolate import CubicSpline
 
 from safe_ompl.certificates.verifier.bodies import corners
@@ -37,7 +40,6 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.people import People
 from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.caps import contact_speed, robot_mass
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.stops import Stops
 from safe_ompl.trajectories.timing import PathTimer
@@ -71,11 +73,8 @@ class Problem:
         """Return the limbs that run at the robot."""
         people, limbs = self.people, Limbs(self.robot, self.scene, self.people.names(self.scene))
         speeds = np.array([people.speed_of(limb) for limb in limbs.limbs])
-        bears = None
-        if people.contact:
-            mass = robot_mass(self.robot, people)
-            bears = np.array([contact_speed(people.region_of(limb), mass) for limb in limbs.limbs])
-        return Adversary(limbs, speeds, people.reaction_time, people.clearance, bears)
+        contact = Contact(self, limbs.limbs) if people.contact else None
+        return Adversary(limbs, speeds, people.reaction_time, people.clearance, contact)
 
 
 class Limbs:
@@ -133,8 +132,8 @@ class Adversary:
         How fast they are [m/s].
     reaction, clearance : float
         When the robot begins to brake [s], and what must be left [m].
-    bears : ndarray, shape (M,), optional
-        In contact with what speed each is unharmed [m/s]; default: none.
+    contact : Contact, optional
+        What limbs bear; default: nothing.
     """
 
     def __init__(
@@ -143,29 +142,49 @@ class Adversary:
         speeds: FloatArray,
         reaction: float,
         clearance: float,
-        bears: FloatArray | None = None,
+        contact: Contact | None = None,
     ) -> None:
         self._limbs, self._speeds = limbs, speeds
         self._reaction, self._clearance = reaction, clearance
-        self._bears = np.zeros(len(speeds)) if bears is None else bears
+        self._contact = contact
 
-    def stopped(self, stop: Trajectory | MotionStop) -> tuple[float, float]:
-        """Return what is least left in a stop [m], of limbs that are harmed, and the largest speed over what one bears.
+    def stopped(self, stop: Trajectory | MotionStop) -> tuple[float, float, float]:
+        """Return what is least left in a stop of limbs that are harmed [m], and the largest speeds over what is borne.
 
-        Limbs that bear the speed of a contact need nothing left; a limb that bears none need not be met at all.
+        Limbs that bear the speed of a contact need nothing left; a limb that bears none need not be met at all. The
+        speeds are those of points of the robot, and of gaps that close.
         """
-        least, share = np.inf, 0.0
+        least, share, clamped = np.inf, 0.0, 0.0
         for t in np.linspace(0, stop.duration * (1 - 1e-6), INSTANTS):
             q, qd, _ = stop.at(float(t))
             if np.abs(qd).max() <= 1e-9:
                 continue
             left = self._limbs.at(q) - self._speeds * (self._reaction + t) - self._clearance
-            fast = self._limbs.fastest(q, qd) if (left <= 0).any() else np.inf
-            harmed = (left > 0) | (fast > self._bears * (1 + 1e-9))
+            met = left <= 0
+            harmed = np.ones(len(left), dtype=bool)
+            if self._contact is not None and met.any():
+                bears, borne = self._contact.bears, self._contact.bears_clamped
+                self._contact.gaps.place(q, qd)
+                fast, closing = self._limbs.fastest(q, qd), self._contact.gaps.closing(self._contact.widths)
+                harmed = ~met | (fast > bears * (1 + 1e-9)) | (closing > borne * (1 + 1e-9))
+                share = max(share, float((fast / bears[~harmed]).max(initial=0.0)))
+                clamped = max(clamped, float((closing / np.maximum(borne, 1e-9))[~harmed].max(initial=0.0)))
             least = min(least, float(left[harmed].min(initial=np.inf)))
-            met = ~harmed
-            share = max(share, float((fast / self._bears[met]).max(initial=0.0)))
-        return least, share
+        return least, share, clamped
+
+
+class Contact:
+    """What limbs bear in transient contacts and where they are clamped (M,) [m/s], and where they may be."""
+
+    def __init__(self, problem: Problem, limbs: list[str]) -> None:
+        people, scene = problem.people, problem.scene
+        names = people.names(scene)
+        bearable = Bearable(problem.robot, people)
+        self.bears, self.bears_clamped = np.array([bearable.speeds(limb) for limb in limbs]).T
+        height = scene[names[0]].shape.height
+        # Neither of them bears anything: a gap for a head does not count.
+        self.widths = np.array([0.0 if limb == "head" else thickness(limb, height) for limb in limbs])
+        self.gaps = Gaps(problem.robot, scene.without(*names))
 
 
 def largest_jerk(trajectory: Trajectory, begin: float) -> float:
@@ -184,6 +203,7 @@ CASES = (
     ("panda_shelf", People(contact=True)),
     ("panda_shelf", People(reaction_time=0.12, contact=True, robot_mass=30.0)),
     ("ur5_handover", People(contact=True)),
+    ("ur5_handover", People(speed=1.0, contact=True, load=3.0)),
 )
 
 
@@ -194,13 +214,14 @@ def stops(number: int, rng: np.random.Generator) -> None:
         problem = Problem(*case, jerk=jerk)
         people, trajectory, adversary = problem.people, problem.trajectory, problem.adversary()
         begins = rng.uniform(0, trajectory.duration, number // (2 * len(CASES)))
-        left, fast = np.array([adversary.stopped(trajectory.stop_from(begin)) for begin in begins.tolist()]).T
+        found = [adversary.stopped(trajectory.stop_from(begin)) for begin in begins.tolist()]
+        left, fast, closing = np.array(found).T
         kind = "contact" if people.contact else "none"
         row = (problem.name, f"{people.speed:g}", kind, f"{trajectory.duration:.2f}", len(left))
         met = f"{int((fast > 0).sum())}" if people.contact else "-"
-        share = f"{fast.max():.3f}" if people.contact else "-"
+        shares = [f"{found.max():.3f}" if people.contact else "-" for found in (fast, closing)]
         most = f"{max(largest_jerk(trajectory, begin) for begin in begins[:500]):.3f}" if jerk else "-"
-        rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}", met, share, most))
+        rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}", met, *shares, most))
     print_table(
         (
             "scenario",
@@ -212,6 +233,7 @@ def stops(number: int, rng: np.random.Generator) -> None:
             "least left [mm]",
             "met",
             "fastest",
+            "closing",
             "jerk",
         ),
         rows,

@@ -231,7 +231,10 @@ class Stops:
         )
         if self.contact:
             slow = ", ".join(f"{part} {at_most(speed)} m/s" for part, speed in self.contact.items())
-            said += f", or no point of it is faster then than {slow}"
+            said += (
+                f", or no point of it is faster then than {slow}; that is its own speed, the person's is not "
+            )
+            said += "counted, and where a limb may be clamped is not claimed"
         return said
 
 

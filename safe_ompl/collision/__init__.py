@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from safe_ompl.collision.checker import Clearance, CollisionChecker
     from safe_ompl.collision.distances import PairDistances, Proximity, Witnesses
     from safe_ompl.collision.motion import FLOOR, CertifiedMotion, MotionLimit, MotionVerdict, Verdict
-    from safe_ompl.collision.pairs import PairSet
+    from safe_ompl.collision.pairs import DistanceBounds, PairSet
     from safe_ompl.collision.self_filter import robot_points, without_robot
     from safe_ompl.collision.separation import TOUCHING_ONLY, MinClearance, Separation
     from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
@@ -28,6 +28,7 @@ __all__ = [
     "CertifiedMotion",
     "Clearance",
     "CollisionChecker",
+    "DistanceBounds",
     "MinClearance",
     "MotionLimit",
     "MotionVerdict",

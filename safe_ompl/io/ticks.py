@@ -14,20 +14,21 @@ tick:
      "objects": {"cube": {"position": [x, y, z], "quaternion_xyzw": [...]}},
      "state": "moving" | "slowed" | "braking" | "standing" | "done",
      "margin": 0.021, "distance": 0.48, "link": "panda_hand", "who": "operator", "limb": "right_hand",
-     "reason": "...", "obeyed": true, "path": 3, "task": 2, "reaction": 0.004, "measured": 1.25,
+     "reason": "...", "rule": "contact", "obeyed": true, "path": 3, "task": 2, "reaction": 0.004, "measured": 1.25,
      "ahead": [[q...], ...]}
 
 Lengths are metres, times seconds. A tick describes the instant ``time``. People and objects are where they truly are
 then, in the world; the key points are those of `safe_ompl.geometry.person` (18 with the pelvis): ``Person(height,
-keypoints)`` at the world's origin draws them. ``q``, ``qd``, ``state``, ``margin``, ``reason``, ``measured`` and
-``path`` belong to the command that the robot follows at that instant; ``stop`` is the rest of that command, until the
-robot stands, which is what is proven. The command that answers the measurement of
-``time`` holds a latency later, so the next tick shows it. ``margin`` is the smallest margin along the proven motion
-(null: nobody is there); ``distance`` is the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null:
-not observed). ``reason`` says why the robot is not as fast as it could be; ``measured`` is the time of the measurement
-against which its motion is proven. ``path`` counts the paths that were followed, ``task`` how often the goal was
-reached. ``ahead``, in the first tick of a path, are the way points of that path. ``obeyed`` says whether everybody kept
-to the reach model until the next tick; ``reaction`` is how long the answer to this measurement took (null: too long).
+keypoints)`` at the world's origin draws them. ``q``, ``qd``, ``state``, ``margin``, ``reason``, ``rule``, ``measured``
+and ``path`` belong to the command that the robot follows at that instant; ``stop`` is the rest of that command, until
+the robot stands, which is what is proven. The command that answers the measurement of ``time`` holds a latency later,
+so the next tick shows it. ``margin`` is the smallest margin along the proven motion (null: nobody is there);
+``distance`` is the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null: not observed).
+``reason`` says why the robot is not as fast as it could be, and ``rule`` which rule about people keeps it from that:
+separation, contact, clamping, or null; ``measured`` is the time of the measurement against which its motion is proven.
+``path`` counts the paths that were followed, ``task`` how often the goal was reached. ``ahead``, in the first tick of
+a path, are the way points of that path. ``obeyed`` says whether everybody kept to the reach model until the next tick;
+``reaction`` is how long the answer to this measurement took (null: too long).
 """
 
 from __future__ import annotations

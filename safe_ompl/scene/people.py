@@ -38,6 +38,7 @@ class BodyRegion(NamedTuple):
 
 # Values that are quoted publicly of ISO/TS 15066:2016, annex A, from secondary sources: circulating tables differ, and
 # the user must check them. Pressure may allow less than force, clamping halves it. Using them is not compliance.
+CONTACT_SOURCE = "secondary sources of ISO/TS 15066:2016, to be checked; no compliance"
 CONTACT_TABLE: dict[str, BodyRegion] = {
     "head": BodyRegion(0, 4.4, 150),
     "chest": BodyRegion(280, 40, 25),
@@ -71,11 +72,18 @@ class People(Section):
     clearance : float
         Distance that must be left when the robot stands still [m]: intrusion distance and uncertainties, C + Z_d + Z_r.
     contact : bool
-        Whether the robot may touch people at speeds at which contact stays below the limits of the body region.
+        Whether the robot may touch people at speeds at which contact stays below the limits of the body region. That is
+        its own speed; the person's is not counted. Where a limb may be clamped half of the force counts.
+    contact_relative : bool
+        Whether the bound of the limb's speed is subtracted from these speeds.
     regions : mapping of str to 3 float, optional
         Regions whose force [N], mass [kg] and stiffness [N/mm] replace those of `CONTACT_TABLE`.
+    source : str, optional
+        Where the figures of `regions` come from; shown with them.
     robot_mass : float, optional
-        Effective mass of the robot in a contact [kg]; default: half of its moving links' mass.
+        Effective mass of the robot in a contact [kg]; default: half of its moving links' mass, and the load.
+    load : float
+        Mass of what the robot carries [kg].
     reach : path, optional
         Reach file (YAML) of `safe-ompl people calibrate`, which says beside people who move how far limbs go.
 
@@ -91,16 +99,22 @@ class People(Section):
     reaction_time: float = 0.1
     clearance: float = 0.0
     contact: bool = False
+    contact_relative: bool = False
     regions: Mapping[str, BodyRegion] = field(default_factory=dict)
+    source: str | None = None
     robot_mass: float | None = None
     reach: Path | None = None
+    load: float = 0.0
 
     def __post_init__(self) -> None:
-        lengths = ("speed", "reaction_time", "clearance")
+        numbers = ("speed", "reaction_time", "clearance", "load")
         values: dict[str, Any] = {
-            key: document.number(key, getattr(self, key), at_least=0.0) for key in lengths
+            key: document.number(key, getattr(self, key), at_least=0.0) for key in numbers
         }
-        values["contact"] = document.flag("contact", self.contact)
+        for key in ("contact", "contact_relative"):
+            values[key] = document.flag(key, getattr(self, key))
+        if self.source is not None:
+            values["source"] = document.text("source", self.source)
         if self.who is not None:
             values["who"] = tuple(document.text("who", name) for name in document.sequence("who", self.who))
             if not values["who"]:
@@ -142,6 +156,18 @@ class People(Section):
                 "people",
             )
         return found
+
+    @property
+    def contact_sentence(self) -> str:
+        """What is assumed of contact, with the source of the figures; empty where it is not allowed."""
+        if not self.contact:
+            return ""
+        sources = [self.source or "given without a source"] if self.regions else []
+        if len(self.regions) < len(CONTACT_TABLE):
+            sources.append(CONTACT_SOURCE)
+        persons = "is subtracted" if self.contact_relative else "is not counted"
+        figures = "; ".join(sources)
+        return f"speeds of contact are the robot's own, the person's {persons}; figures: {figures}"
 
     def speed_of(self, limb: str) -> float:
         """Return the bound on the speed of a limb [m/s]."""

@@ -15,9 +15,17 @@ if TYPE_CHECKING:
         StandstillError,
         bending_cap,
         braking,
-        contact_speed,
-        robot_mass,
         speed_caps,
+    )
+    from safe_ompl.trajectories.contact import (
+        CLAMPING,
+        CONTACT,
+        CONTACT_RULES,
+        SEPARATION,
+        ContactLimits,
+        contact_speed,
+        limb_contact_speed,
+        robot_mass,
     )
     from safe_ompl.trajectories.curve import BlendedCurve, BlendProof, Cells, CurvePoints, Piece, blended
     from safe_ompl.trajectories.danger import MotionDanger
@@ -33,14 +41,19 @@ if TYPE_CHECKING:
 __all__ = [
     "CELLS",
     "CELL_LENGTH",
+    "CLAMPING",
+    "CONTACT",
+    "CONTACT_RULES",
     "LINK_SPEED",
     "RATE",
     "RATE_TOLERANCE",
+    "SEPARATION",
     "TOOL_SPEED",
     "BlendProof",
     "BlendedCurve",
     "BodySpeeds",
     "Cells",
+    "ContactLimits",
     "CurvePoints",
     "MotionCaps",
     "MotionDanger",
@@ -62,6 +75,7 @@ __all__ = [
     "drive",
     "duration_of",
     "faster",
+    "limb_contact_speed",
     "robot_mass",
     "speed_caps",
     "stops_beside",

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, SafeOmplError, number
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, SafeOmplError, number
 from safe_ompl.danger import KinetostaticField
-from safe_ompl.robot import Robot
-from safe_ompl.scene import BodyRegion, People
+from safe_ompl.scene import People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.contact import CLAMPING, CONTACT, SEPARATION
+from safe_ompl.trajectories.curve import BlendedCurve, Cells, Curve
 from safe_ompl.trajectories.kernels import spread, stopping_speeds
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
@@ -119,7 +119,7 @@ class PeopleCaps(NamedTuple):
     window : float
         Over which the plan is averaged [s]; 0: the jerk is not limited.
     caps : list of SpeedCap
-        Of blends, and of separation (and contact).
+        Of blends, and of separation, contact and clamping: each in the cells that it bounds.
     """
 
     cells: Cells
@@ -142,7 +142,8 @@ def people_caps(
     A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
     not brake harder than it began. A stop from any instant on ends before a person who is as fast as `people` says
     comes nearer than the clearance; or else the robot is slow enough by then that a contact stays below the limits of
-    the body region. See `safe_ompl.trajectories.kernels`. A cell that bounds the speed is divided if the robot's motion
+    the body region, or half of it where a limb may be clamped (`safe_ompl.trajectories.contact`). See
+    `safe_ompl.trajectories.kernels`. A cell that bounds the speed is divided if the robot's motion
     within it costs more than the share `loss` of the time that is left. Where the jerk is limited all this is said of a
     plan, than which the motion is later by the window at most; see `safe_ompl.trajectories.time_law`.
 
@@ -160,7 +161,7 @@ def people_caps(
         brakes = braking(cells, limits, caps)
         speeds = bodies.bounds(curve, cells)
         left = distances.along(curve, cells, speeds, _SOON * float(caps.max() / brakes.min()))
-        times, harmless = left.times, harmless_rates(left.distances, speeds, distances)
+        times, (harmless, clamps) = left.times, harmless_rates(curve, cells, speeds, distances)
         if limits.jerk is not None:
             window = window or best_window(cells, limits, caps, times, harmless)
             smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)
@@ -172,17 +173,16 @@ def people_caps(
                 harmless = np.column_stack([smooth.cone(slow) for slow in harmless.T])
             times = times - window
         ends = next_stops(cells)
-        allowed, limb, where = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
+        allowed, limb, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
         if not last:
             cells = curve.divided(cells, _parts(cells, speeds, left, limb, where, distances, loss))
     _check_start(left.distances[0], distances)
     for j in np.flatnonzero(allowed <= 0):
         raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances, window))
-    name = "separation or contact" if people.contact else "separation"
-    found = np.where(allowed < most, allowed, np.inf)
-    return PeopleCaps(
-        cells, brakes, window, [SpeedCap("bends beside people", bending), SpeedCap(name, found)]
-    )
+    caused = np.where(slow, np.where(clamps[where, limb], CLAMPING, CONTACT), SEPARATION)
+    rules = (SEPARATION, CONTACT, CLAMPING) if people.contact else (SEPARATION,)
+    found = [SpeedCap(r, np.where((allowed < most) & (caused == r), allowed, np.inf)) for r in rules]
+    return PeopleCaps(cells, brakes, window, [SpeedCap("bends beside people", bending), *found])
 
 
 def next_stops(cells: Cells) -> IntArray:
@@ -263,44 +263,16 @@ def _standstill(
     return Standstill(s, curve.at(np.array([s])).q[0], reason, person, limb or None, link)
 
 
-def harmless_rates(left: FloatArray, speeds: FloatArray, distances: PeopleDistances) -> FloatArray:
-    """Return the ṡ (N, M) with which a contact is harmless: contact speed over the speed of the fastest body."""
-    people = distances.people
-    if not people.contact:
-        return np.zeros(left.shape)
-    mass = robot_mass(distances.robot, people)
-    contact = np.array([contact_speed(people.region_of(limb), mass) for _, limb in distances.limbs])
-    fastest = speeds[:, :-1].max(axis=1)[:, None]
-    found: FloatArray = contact / np.maximum(fastest, 1e-12)
-    return found
-
-
-def contact_speed(region: BodyRegion, mass: float) -> float:
-    """Return the relative speed [m/s] at which contact with a body region stays below its limit.
-
-    It is F/√(μK) with 1/μ = 1/m_H + 1/m_R.
-
-    Parameters
-    ----------
-    region : BodyRegion
-        Force, mass and stiffness.
-    mass : float
-        Effective mass m_R of the robot [kg].
-    """
-    reduced = 1 / (1 / region.mass + 1 / mass)
-    return float(region.force / np.sqrt(reduced * 1e3 * region.stiffness))
-
-
-def robot_mass(robot: Robot, people: People) -> float:
-    """Return the effective mass of the robot in a contact [kg]: that given, or half of its moving links' mass."""
-    if people.robot_mass is not None:
-        return people.robot_mass
-    mass = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:]) / 2
-    if mass <= 0:
-        raise InputError(
-            "the URDF knows no masses: give the effective mass of the robot [kg]", "people.robot_mass"
-        )
-    return float(mass)
+def harmless_rates(
+    curve: Curve, cells: Cells, speeds: FloatArray, distances: PeopleDistances
+) -> tuple[FloatArray, BoolArray]:
+    """Return the ṡ (N, M) with which a contact is harmless whatever body touches, and where clamping decides that."""
+    shape = len(cells), len(distances.limbs)
+    if distances.contact is None:
+        return np.zeros(shape), np.zeros(shape, dtype=bool)
+    moving = speeds[:, distances.moving]
+    found, free = distances.contact.speeds(curve.at(cells.centres).q, cells.sizes, cells.slopes, moving)
+    return found.min(axis=1), found.min(axis=1) < free.min(axis=1)
 
 
 def speed_caps(

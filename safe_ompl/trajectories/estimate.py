@@ -60,7 +60,7 @@ class DurationEstimate:
         if self._timer.distances is not None:
             left = self._left(self._timer.distances, path, panels)[:, None]
             last = np.full(len(of), len(of) - 1)
-            caps, _, _ = stopping_speeds(sizes, weakest, left, np.zeros_like(left), caps, last)
+            caps, *_ = stopping_speeds(sizes, weakest, left, np.zeros_like(left), caps, last)
         if caps.min() <= 0:
             return np.full(len(panels), np.inf)
         times = _fastest_times(sizes, weakest, caps)

@@ -32,7 +32,7 @@ from math import inf, sqrt
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 
 _HALVINGS = 50
 
@@ -70,8 +70,10 @@ def stopping_speeds(
     harmless: FloatArray,
     caps: FloatArray,
     ends: IntArray,
-) -> tuple[FloatArray, IntArray, IntArray]:
+) -> tuple[FloatArray, IntArray, IntArray, BoolArray]:
     """Return the largest ṡ (N,) of each cell, and for which of the M bodies and in which cell it is bounded (−1: none).
+
+    Last comes whether (N,) u bounds it, rather than τ.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ def stopping_speeds(
         The cell behind which the robot next stops in any case.
     """
     N, M = times.shape
-    speeds, body, where = caps.copy(), np.full(N, -1), np.full(N, -1)
+    speeds, body, where, slow = caps.copy(), np.full(N, -1), np.full(N, -1), np.zeros(N, np.bool_)
     weakest = np.empty(N)  # β
     for j in range(N):
         room, brake = 0.0, brakes[max(j - 1, 0)]  # the stop may begin just before
@@ -126,7 +128,8 @@ def stopping_speeds(
                         else:
                             bad = middle
                 speeds[j], body[j], where[j] = max(good, sqrt(square)), m, k
-    return speeds, body, where
+                slow[j] = harmless[k, m] > 0 and square > good * good
+    return speeds, body, where, slow
 
 
 @compiled

@@ -18,6 +18,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray, PerThread
 from safe_ompl.people import CalibratedReach
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
+from safe_ompl.trajectories.contact import ContactLimits
 from safe_ompl.trajectories.curve import Cells, Curve
 
 _SHORT = 0.05  # [s] See `PeopleDistances.along`
@@ -65,6 +66,10 @@ class PeopleDistances:
         The link of each body.
     speeds : ndarray, shape (M,)
         How fast the limbs may move, at most [m/s].
+    moving : ndarray of int
+        Which bodies of `collision_model` move.
+    contact : ContactLimits or None
+        With what speeds limbs may be touched; None: contact is not allowed.
     """
 
     def __init__(self, robot: Robot, scene: Scene, people: People) -> None:
@@ -74,6 +79,7 @@ class PeopleDistances:
         self._geometry.removeAllCollisionPairs()
         self.links = tuple(body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects)
         moving = [k for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0]
+        self.moving: IntArray = np.array(moving, dtype=np.intp)
         limbs, pairs = [], []
         self._names = people.names(scene)
         self._parts: dict[str, int] = {}
@@ -99,6 +105,12 @@ class PeopleDistances:
         self.speeds: FloatArray = self._lines[..., 1].max(axis=1)
         self._starts, slopes = np.moveaxis(self._lines[self._limb], -1, 0)
         self._slowness = np.where(slopes > 0, 1 / np.where(slopes > 0, slopes, 1.0), 0.0)
+        self.contact: ContactLimits | None = None
+        if people.contact:
+            shapes = {name: scene[name].shape for name in self._names}
+            heights = {name: getattr(shape, "height", np.inf) for name, shape in shapes.items()}
+            still = scene.without(*self._names)
+            self.contact = ContactLimits(robot, still, people, limbs, heights)
 
     def grown(self, limb: int, time: float) -> float:
         """Return how far one of the limbs goes in a time [s], at most [m]."""

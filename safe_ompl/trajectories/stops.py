@@ -214,7 +214,7 @@ def stops_beside(
         speeds, soon = bodies.bounds(curve, cells), float(spans.max())
         found = distances.along(curve, cells, speeds, soon, soon)
         times = np.where(_at_rest(cells, limits)[:, None], np.inf, found.times)
-        harmless = harmless_rates(found.distances, speeds, distances)
+        harmless, _ = harmless_rates(curve, cells, speeds, distances)
         left, limb, where, entries, _ = time_left(*boxes, accelerations, ends, times, harmless)
         loss = _loss(cells, speeds, found, limb, where, distances) + _ROUGH * spans
         slow = harmless[where, limb] > _NEARLY * entries

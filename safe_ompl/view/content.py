@@ -430,4 +430,5 @@ def _remark(tick: Mapping[str, Any]) -> str:
         limb = str(tick.get("limb") or "").replace("_", " ")
         whose = f"{tick.get('who')}'s {limb}" if limb else str(tick.get("who"))
         said += f", {1e3 * tick['distance']:.0f} mm from {tick.get('link')} to {whose}"
+    said += f" ({tick['rule']})" if tick.get("rule") else ""
     return f"{said}; {tick['reason']}" if tick.get("reason") else said

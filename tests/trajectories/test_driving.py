@@ -90,7 +90,7 @@ def test_stops_from_everywhere_are_in_time_or_harmless(contact):
         times = np.cumsum(rng.normal(0, 0.03, (n, bodies)), axis=0) + rng.uniform(0.05, 0.3)
         harmless = rng.uniform(0, 0.4, (n, bodies)) * contact
         caps, ends = rng.uniform(0.5, 2.0, n), np.full(n, n - 1)
-        speeds, body, _ = stopping_speeds(sizes, brakes, times, harmless, caps, ends)
+        speeds, body, *_ = stopping_speeds(sizes, brakes, times, harmless, caps, ends)
         assert (speeds <= caps).all()
         bounded += (body >= 0).sum()
         edges = np.concatenate([[0.0], np.cumsum(sizes)])

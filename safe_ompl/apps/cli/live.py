@@ -267,13 +267,14 @@ def timed_way(way: FloatArray, robot: Robot, motion: CertifiedMotion, scenario: 
 def describe(summary: Summary) -> str:
     """Return the summary of a simulation in one line."""
     median, late = (1e3 * t for t in summary.reaction)
+    fast = f" (the robot at {summary.contact_speed:.2f} m/s at most)" if summary.contacts_while_moving else ""
     gated = ""
     if summary.refused:
         raw, refused = 100 * summary.model_obeyed_raw, 100 * summary.refused
         gated = f" ({raw:.1f} % with the {refused:.2g} % of the key points that the gate refused)"
     return (
         f"{summary.seconds:g} s: {summary.tasks} tasks, {summary.stops} stops; contacts while moving "
-        f"{summary.contacts_while_moving}, after violations {summary.contacts_after_violations}, at rest "
+        f"{summary.contacts_while_moving}{fast}, after violations {summary.contacts_after_violations}, at rest "
         f"{summary.contacts_at_rest}; model obeyed {100 * summary.model_obeyed:.1f} % of the time{gated}; reaction "
         f"{median:.1f} ms (99 %: {late:.1f}); deadlines missed {summary.deadlines_missed}"
     )
@@ -504,9 +505,7 @@ def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) ->
             "limits.max_danger counts obstacles that stand still only; the robot keeps a distance from people who move"
         )
     if scenario.people is not None and scenario.people.contact:
-        _log.warning(
-            "people.contact is not used beside people who move: the robot stops before they can touch it"
-        )
+        _log.warning("contact is allowed: %s", scenario.people.contact_sentence)
     if scenario.motion.max_danger is not None:
         _log.warning(
             "motion.max_danger is not kept in `live`; the robot keeps distances from all that moves instead"

@@ -19,11 +19,12 @@ if TYPE_CHECKING:
         nearest_in_simplex,
         place_bodies,
     )
-    from safe_ompl.geometry.kernels.hull_gaps import CellFrames, Hulls, Sets, cell_gaps, gaps
+    from safe_ompl.geometry.kernels.hull_gaps import Borne, CellFrames, Hulls, Sets, cell_gaps, gaps
 
 __all__ = [
     "BODY",
     "POSE",
+    "Borne",
     "CellFrames",
     "Hulls",
     "Records",

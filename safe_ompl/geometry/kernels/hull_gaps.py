@@ -114,10 +114,21 @@ class Sets(NamedTuple):
     growth: FloatArray
 
 
+class Borne(NamedTuple):
+    """How fast contact is borne: ṡ² of the windows (W,) at most, and the largest (N, G, M) of cell, body and owner.
+
+    Where contact is not allowed the last array is empty.
+    """
+
+    squares: FloatArray
+    most: FloatArray
+
+
 @compiled
 def gaps(
     at: IntArray,
     times: FloatArray,
+    borne: Borne,
     cells: CellFrames,
     hulls: Hulls,
     sets: Sets,
@@ -132,8 +143,9 @@ def gaps(
     the window, the body and the owner, −1 if there is nothing. The robot is in the cells `at: (W,)` of a path from the
     first to the last of `times: (2, W)` [s]. The distance `left` must be left [m], margins above `enough` [m] need not
     be known. The least is found within `close` [m]; 0: only whether it is negative, and then perhaps to `stop_at_first`
-    such one.
+    such one. A body and an owner that may touch at the speed of a window need no distance in it.
     """
+    squares, most = borne
     rotations, origins, travel = cells
     carriers, vertices, first_vertex, pads, middles, extents = hulls
     owners, points, velocities, first_point, radii, growth = sets
@@ -172,6 +184,8 @@ def gaps(
             s = 0
             while s < S:
                 owner, kept = owners[s], -inf
+                if len(most) and squares[w] <= most[k, g, owner]:
+                    kept = inf
                 while s < S and owners[s] == owner:
                     if kept < worst or kept < 0.0:
                         need = grown[s] + travel[k, g] + left + pads[g]
@@ -209,7 +223,14 @@ def gaps(
 
 @compiled
 def cell_gaps(
-    at: IntArray, cells: CellFrames, hulls: Hulls, sets: Sets, left: float, far: float, close: float
+    at: IntArray,
+    borne: Borne,
+    cells: CellFrames,
+    hulls: Hulls,
+    sets: Sets,
+    left: float,
+    far: float,
+    close: float,
 ) -> FloatArray:
     """Return for each of the cells (W,) the least that is left at the instant of the measurement [m]; as `gaps`.
 
@@ -218,6 +239,7 @@ def cell_gaps(
     found = np.empty(len(at))
     now = np.zeros((2, 1))
     for w in range(len(at)):
-        margin = gaps(at[w : w + 1], now, cells, hulls, sets, left + far, 0.0, close, False)[0]
+        one = Borne(borne.squares[w : w + 1], borne.most)
+        margin = gaps(at[w : w + 1], now, one, cells, hulls, sets, left + far, 0.0, close, False)[0]
         found[w] = min(margin, 0.0) + far
     return found

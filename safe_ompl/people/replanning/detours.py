@@ -14,7 +14,7 @@ from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guarded_path import Command, GuardedPath, PathLimits, RobotBodies
-from safe_ompl.trajectories import BlendedCurve, Piece, blended
+from safe_ompl.trajectories import BlendedCurve, ContactLimits, Piece, blended
 
 _log = logging.getLogger(__name__)
 
@@ -48,10 +48,15 @@ class PeopleNow:
     clearance: float  # Distance that must be left [m]
     reaction: float  # From a measurement until the robot begins to brake at the latest [s]
     time: float  # Now [s]
+    contact: ContactLimits | None = None  # At what speeds contact is borne, where it is allowed
+
+    def pace(self, path: GuardedPath) -> tuple[FloatArray, float]:
+        """Return how long (N,) each cell of a path takes, and for how long that holds [s]."""
+        return path.pace(self.sets, self.clearance, self.reaction, self.contact)
 
     def estimate(self, path: GuardedPath) -> EdgeTime:
         """Return how long a path takes, and until when that holds."""
-        times, left = path.pace(self.sets, self.clearance, self.reaction)
+        times, left = self.pace(path)
         return EdgeTime(float(times.sum()), self.time + max(_STALE, left))
 
 
@@ -302,7 +307,7 @@ class Detours:
         if self._undisturbed[0] is path and now < self._undisturbed[1]:
             return None
         rough = path.coarse
-        times, left = rough.pace(people.sets, people.clearance, people.reaction)
+        times, left = people.pace(rough)
         self._undisturbed = path, now + left
         ahead = rough.edges[1:] > rest
         stay = float(times[ahead].sum())
@@ -328,7 +333,7 @@ class Detours:
         return path.from_to(first, rest).then(way), begin
 
     def _remaining(self, path: GuardedPath, first: float, people: PeopleNow) -> float:
-        times, _ = path.coarse.pace(people.sets, people.clearance, people.reaction)
+        times, _ = people.pace(path.coarse)
         return float(times[path.coarse.edges[1:] > first].sum())
 
     def _shortened(self, points: list[FloatArray], people: PeopleNow, budget: Budget) -> list[FloatArray]:

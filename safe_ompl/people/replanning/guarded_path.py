@@ -12,15 +12,20 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import JointMotions
-from safe_ompl.geometry.kernels import CellFrames, Hulls, cell_gaps, gaps
+from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
 from safe_ompl.robot import Robot, bounding_hull
 from safe_ompl.trajectories import (
+    CLAMPING,
+    CONTACT,
+    CONTACT_RULES,
     LINK_SPEED,
+    SEPARATION,
     TOOL_SPEED,
     BlendedCurve,
     BodySpeeds,
     Cells,
+    ContactLimits,
     RateLimits,
     SpeedCap,
     State,
@@ -43,7 +48,8 @@ _ROUGH = 5e-3  # [m] error of distances in estimates
 _CLOSE = 1e-4  # [m] error of margins that are called exact
 _SAME = 1e-9  # [rad] places nearer than this are one
 # Caps of trajectories that the replanner derives itself at every tick.
-_DERIVED = ("joint velocity", "separation", "separation or contact", "bends beside people")
+_DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
+_NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
 
 
 class Doing(str, Enum):
@@ -62,6 +68,7 @@ class Margin(NamedTuple):
     margin: float  # Lower bound of distance − growth − required clearance [m]; +inf if nobody is there
     link: str | None = None  # The link of the robot that is nearest
     who: tuple[str, str] | None = None  # The person or object that is nearest, and its limb
+    rule: str = ""  # What that person or object must be kept to: one of `CONTACT_RULES`
 
     @property
     def description(self) -> str:
@@ -70,6 +77,10 @@ class Margin(NamedTuple):
             return "not everybody was seen yet"
         who, limb = self.who
         named = f"{limb} of {who!r}" if limb else repr(who)
+        if self.rule == CLAMPING:
+            return f"{named} may be clamped by {self.link} at a speed that is not borne"
+        if self.rule == CONTACT:
+            return f"{named} may touch {self.link} at a speed that is not borne"
         return f"{named} may come to {self.link} before it stands ({1e3 * self.margin:.0f} mm)"
 
 
@@ -121,6 +132,8 @@ class Command:
         of the motion that could not be proven.
     reason : str
         Why the robot is not as fast as it could be; empty if it is.
+    rule : str
+        Which rule keeps people from making it faster: ``separation``, ``contact`` or ``clamping``; empty if none does.
     """
 
     time: float
@@ -130,6 +143,7 @@ class Command:
     doing: Doing
     left: Margin
     reason: str = ""
+    rule: str = ""
 
     @property
     def standstill(self) -> float:
@@ -233,6 +247,7 @@ class GuardedPath:
     squares: FloatArray  # (N,), bounds X of ṡ²
     brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
     stops: IntArray  # Edges where the robot stops
+    slopes: FloatArray  # (N, n), bounds of |q′|
     frames: tuple[FloatArray, FloatArray]  # (N, m, 3, 3), of the joints at the centres of the cells
     travel: FloatArray  # (N, G), how far the bodies get from there [m]
 
@@ -275,6 +290,7 @@ class GuardedPath:
             speeds * speeds,
             braking(cells, joints, speeds),
             cells.stops,
+            cells.slopes,
             frames,
             bodies.travel(of_bodies, cells),
         )
@@ -308,30 +324,66 @@ class GuardedPath:
         return StopMotion(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
 
     def margin(
-        self, motion: StopMotion, sets: ReachSets, since: float, clearance: float, *, exact: bool = False
+        self,
+        motion: StopMotion,
+        sets: ReachSets,
+        since: float,
+        clearance: float,
+        contact: ContactLimits | None = None,
+        *,
+        exact: bool = False,
     ) -> Margin:
         """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
 
         It begins `since` the measurement of the sets [s], ≥ 0, and must leave the clearance [m]. An exact margin is
-        right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found.
+        right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found. Where contact is
+        allowed, who bears it at the speed of the motion need not be kept from.
         """
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
         around = self._arrays(sets, clearance, enough, close, not exact)
-        margin, _, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), *around)
+        fastest = np.maximum(motion.squares[:-1], motion.squares[1:])
+        borne = Borne(fastest, _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0])
+        margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *around)
         if body < 0:
             return Margin(np.inf)
-        return Margin(float(margin), self.bodies.links[body], sets.names[who])
+        rule = SEPARATION
+        if contact is not None and contact.bears[who] > 0:
+            at = motion.cells[window], body, who
+            most, free = self._borne(contact, motion.cells)
+            rule = CLAMPING if most[at] < free[at] else CONTACT
+        return Margin(float(margin), self.bodies.links[body], sets.names[who], rule)
 
-    def pace(self, sets: ReachSets, clearance: float, reaction: float) -> tuple[FloatArray, float]:
+    @cached_property
+    def _contacts(self) -> dict[ContactLimits, tuple[FloatArray, FloatArray]]:
+        """What `_borne` knows; NaN in cells that it was not asked for."""
+        return {}
+
+    def _borne(self, contact: ContactLimits, at: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest ṡ² (N, G, M) at which contact is borne, and that if nobody is clamped, in cells (W,)."""
+        if contact not in self._contacts:
+            unknown = np.full((len(self.brakes), self.travel.shape[1], len(contact.limbs)), np.nan)
+            self._contacts[contact] = unknown, unknown.copy()
+        most, free = self._contacts[contact]
+        new = np.unique(at[np.isnan(most[at, 0, 0])]) if most.size else at[:0]
+        if len(new):
+            sizes = self.edges[new + 1] - self.edges[new]
+            Q = self.curve.at(self.edges[new] + 0.5 * sizes).q
+            bodies = 2 * self.travel[new] / sizes[:, None]
+            most[new], free[new] = np.square(contact.speeds(Q, sizes, self.slopes[new], bodies))
+        return most, free
+
+    def pace(
+        self, sets: ReachSets, clearance: float, reaction: float, contact: ContactLimits | None = None
+    ) -> tuple[FloatArray, float]:
         """Return how long (N,) each cell takes beside people as they are now, and for how long that holds [s].
 
         In a cell that people need τ to reach, the robot is no faster than what stops within τ − reaction; a cell that
         allows less than a fiftieth of the full speed is barred (inf). The times hold until somebody can be so near that
-        a cell takes longer: 0 where that is so already. This estimate compares paths; what is driven is proven by
-        `margin`.
+        a cell takes longer: 0 where that is so already. Where contact is allowed, the robot is no slower than it is
+        borne where nobody is clamped. This estimate compares paths; what is driven is proven by `margin`.
         """
-        times, left = self._cell_times(sets, clearance, reaction)
+        times, left = self._cell_times(sets, clearance, reaction, contact)
         barred = np.isinf(times)
         if not barred.any() or barred[_ENDS:-_ENDS].any() or self.fine is self:
             return times, left
@@ -339,10 +391,12 @@ class GuardedPath:
         fine = self.fine
         sums = np.zeros(len(times))
         inside = np.searchsorted(self.edges, 0.5 * (fine.edges[1:] + fine.edges[:-1])) - 1
-        np.add.at(sums, inside, fine._cell_times(sets, clearance, reaction)[0])
+        np.add.at(sums, inside, fine._cell_times(sets, clearance, reaction, contact)[0])
         return np.where(barred, sums, times), left
 
-    def _cell_times(self, sets: ReachSets, clearance: float, reaction: float) -> tuple[FloatArray, float]:
+    def _cell_times(
+        self, sets: ReachSets, clearance: float, reaction: float, contact: ContactLimits | None
+    ) -> tuple[FloatArray, float]:
         """Return what `pace` says, with the bounds of these cells alone."""
         full = np.sqrt(self.squares)
         speeds, left = full, _AHEAD
@@ -352,9 +406,20 @@ class GuardedPath:
             grown = sets.grown(longest) - sets.grown(0.0)
             fastest = max(float(grown.max()) / longest, _SLOWEST)
             far = fastest * (longest + _AHEAD)
-            margins = cell_gaps(np.arange(len(self.brakes)), *self._arrays(sets, clearance, far, _ROUGH))
+            around = self._arrays(sets, clearance, far, _ROUGH)
+            cells, no = np.arange(len(self.brakes)), np.zeros(len(self.brakes))
+            margins = cell_gaps(cells, Borne(no, _NO_CONTACT), *around)
             left = max(0.0, float((margins / fastest - needed).min()))
-            speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))
+            speeds = self.brakes * (margins / fastest - reaction)
+            if contact is not None and (speeds < full).any() and contact.bears.any():
+                touched = contact.bears > 0
+                bodies = 2 * self.travel.max(axis=1) / np.diff(self.edges)
+                shape = len(cells), self.travel.shape[1], len(touched)
+                most = np.broadcast_to(np.where(touched, np.inf, -1.0), shape)
+                others = cell_gaps(cells, Borne(no, np.ascontiguousarray(most)), *around)
+                slow = contact.bears[touched].min() / np.maximum(bodies, 1e-9)
+                speeds = np.minimum(np.maximum(speeds, slow), self.brakes * (others / fastest - reaction))
+            speeds = np.minimum(full, speeds)
         barred = speeds < _BARRED * full
         return np.where(barred, np.inf, np.diff(self.edges) / np.where(barred, 1.0, speeds)), left
 
@@ -377,6 +442,7 @@ class GuardedPath:
             squares=self.squares[a:b],
             brakes=self.brakes[a:b],
             stops=self.stops[(self.stops > a) & (self.stops < b)] - a,
+            slopes=self.slopes[a:b],
             frames=(rotations[a:b], origins[a:b]),
             travel=self.travel[a:b],
         )
@@ -393,6 +459,7 @@ class GuardedPath:
             squares=np.concatenate([self.squares, other.squares]),
             brakes=np.concatenate([self.brakes, other.brakes]),
             stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
+            slopes=np.concatenate([self.slopes, other.slopes]),
             frames=(rotations, origins),
             travel=np.concatenate([self.travel, other.travel]),
         )

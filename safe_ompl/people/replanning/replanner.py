@@ -26,7 +26,7 @@ from safe_ompl.people.replanning.guarded_path import (
 )
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import BlendedCurve, BlendProof, Trajectory
+from safe_ompl.trajectories import SEPARATION, BlendedCurve, BlendProof, ContactLimits, Trajectory
 
 _log = logging.getLogger(__name__)
 _Given = TypeVar("_Given", bound=Command)
@@ -76,9 +76,10 @@ class Replanner:
     """Drives a robot along trajectories beside people and things that move.
 
     What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
-    who keeps to the reach model. At every tick the robot takes the fastest motion that is proven so against the newest
-    measurement. If there is none, it follows the stop of the tick before: its proof still holds, because it covers all
-    that people may do until the robot stands. The robot goes on as soon as a motion is proven again.
+    who keeps to the reach model; or, where contact is allowed, only at speeds of the robot's own that the limb bears
+    (`safe_ompl.trajectories.contact`). At every tick the robot takes the fastest motion that is proven so against the
+    newest measurement. If there is none, it follows the stop of the tick before: its proof still holds, because it
+    covers all that people may do until the robot stands. The robot goes on as soon as a motion is proven again.
 
     Parameters
     ----------
@@ -91,8 +92,8 @@ class Replanner:
     objects : mapping of str to float, optional
         Obstacles of the scene that move, and bounds of their speeds [m/s].
     people : People, optional
-        How fast limbs may move, and the clearance from the robot that must be left. Its `reaction_time` and `contact`
-        are not used: the delay is known at every tick, and a robot that moves touches nobody.
+        How fast limbs may move, the clearance from the robot that must be left, and whether the robot may touch people
+        at speeds that they bear. Its `reaction_time` is not used: the delay is known at every tick.
     options : ReplanningOptions, optional
         Reach model, time between commands, when somebody is lost, detours.
     motion : CertifiedMotion, optional
@@ -254,7 +255,7 @@ class Replanner:
             return False
         reaction = self.tick + max(0.0, command.time - self.surroundings.time)
         now = max(command.time, self.surroundings.time)
-        people = PeopleNow(self.surroundings.sets, self.people.clearance, reaction, now)
+        people = PeopleNow(self.surroundings.sets, self.people.clearance, reaction, now, self._guard.contact)
         self._detour = self._detours.search(command, people, units)
         return self._detour is not None
 
@@ -275,6 +276,8 @@ class Guard:
         Proves motions among still obstacles.
     bodies : RobotBodies
         Of the robot.
+    contact : ContactLimits or None
+        At what speeds contact is borne; None: it is not allowed.
     last : Command or None
         The newest command; None before the first one.
     """
@@ -300,7 +303,10 @@ class Guard:
         _check_motion(self.motion, robot, still)
         # A robot that is elsewhere in its tube is nearer to people.
         nearer = self.motion.separation.swing(self.motion.checker)
+        if nearer and people.contact:
+            raise InputError("bounds positions, not velocities: contact cannot be proven within it", "tube")
         self.people = replace(people, clearance=people.clearance + nearer)
+        self.contact = contact_limits(robot, self.surroundings, people) if people.contact else None
         self.bodies = RobotBodies(robot)
         self.last: Command | None = None
         self._margin = Margin(np.inf)  # of the motion that was tried last
@@ -334,14 +340,20 @@ class Guard:
         if not self.surroundings.known:
             return None
         trouble = self.surroundings.trouble(time, self.lost_after)
+        violated = trouble is not None
 
         def command(push: float, doing: Doing, reason: str) -> Command | None:
             motion = path.motion_from(s, speed * speed, push, self.tick)
             since = time - measured
-            self._margin = margin = path.margin(motion, self.surroundings.sets, since, self.people.clearance)
-            return (
-                Command(time, measured, path, motion, doing, margin, reason) if margin.margin >= 0 else None
-            )
+            around = self.surroundings.sets, since, self.people.clearance
+            margin = path.margin(motion, *around, self.contact)
+            if margin.margin < 0:
+                self._margin = margin
+                return None
+            rule = self._margin.rule if reason and not violated else ""
+            if rule not in ("", SEPARATION) and path.margin(motion, *around).margin >= 0:
+                rule = SEPARATION
+            return Command(time, measured, path, motion, doing, margin, reason, rule)
 
         if trouble is None:
             fastest = command(1.0, Doing.MOVING, "")
@@ -364,11 +376,12 @@ class Guard:
     def kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
         """Return what is left of the stop that was proven before, or rest."""
         last = self.last
-        reason = self.surroundings.trouble(time, self.lost_after) or self._margin.description
+        trouble = self.surroundings.trouble(time, self.lost_after)
+        why = self._margin, trouble or self._margin.description, "" if trouble else self._margin.rule
         if last is None or speed == 0:
             rest = path.motion_from(s, 0.0, -1.0, self.tick)
-            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, self._margin, reason)
-        return Command(last.time, last.measured, path, last.motion, Doing.BRAKING, self._margin, reason)
+            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, *why)
+        return Command(last.time, last.measured, path, last.motion, Doing.BRAKING, *why)
 
     # ------------------------------------------------------------------------------------------------------- log
 
@@ -383,6 +396,17 @@ class Guard:
         level = logging.DEBUG if command.doing in drives and before in drives else logging.INFO
         _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
         return command
+
+
+def contact_limits(robot: Robot, surroundings: Surroundings, people: People) -> ContactLimits:
+    """Return at what speeds contact is borne, for limbs and objects in the order of their reach sets."""
+    bodies = {name: track.tracker.body for name, track in surroundings.people.items()}
+    limbs = [(name, limb) for name, body in bodies.items() for limb in body.limbs]
+    limbs += [(name, "") for name, shape in surroundings.shapes.items() for _ in shape.parts()]
+    heights = {name: body.height for name, body in bodies.items()}
+    # A limb may be clamped against an object, wherever that is by then.
+    always = bool(surroundings.objects)
+    return ContactLimits(robot, surroundings.still, people, limbs, heights, always_clamped=always)
 
 
 def _check_motion(motion: CertifiedMotion, robot: Robot, still: Scene) -> None:

@@ -24,6 +24,15 @@ _STILL = 1e-9  # [rad/s] slower than this is at rest
 _ROUNDING = 1e-6  # [m] by which a limb may be outside of its reach set
 
 
+class Touch(NamedTuple):
+    """A link of the robot, whom it touches, and how fast [m/s] the link is where they touch."""
+
+    link: str
+    who: str
+    limb: str
+    speed: float
+
+
 class Nearest(NamedTuple):
     """The smallest distance at one instant [m], the link of the robot, and the limb of a person or object."""
 
@@ -44,6 +53,7 @@ class Contact:
     moving: bool  # Whether the robot moved then, or later while it lasted
     # Whether everybody had kept to the reach model since the measurement that the motion was proven against
     obeyed: bool
+    speed: float = 0.0  # The largest speed of the robot where it touched anyone while this lasted [m/s]
 
 
 class ContactMonitor:
@@ -79,10 +89,39 @@ class ContactMonitor:
                     found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
         return found
 
+    def touches(self, q: FloatArray, qd: FloatArray, solids: list[Solid]) -> list[Touch]:
+        """Return all contacts of the robot at `q` and joint velocities `qd`, both (n,)."""
+        full = self._robot.pinocchio_configuration(q)
+        pin.forwardKinematics(self._model, self._kinematics, full, self._robot.coupling.motions(qd))
+        pin.updateGeometryPlacements(self._model, self._kinematics, self._bodies, self._data)
+        request, found = coal.CollisionRequest(), []
+        for k in self._moving:
+            part, place = self._bodies.geometryObjects[k], self._data.oMg[k]
+            where = coal.Transform3s(place.rotation, place.translation)
+            joint, velocity = self._kinematics.oMi[part.parentJoint], self._kinematics.v[part.parentJoint]
+            for solid in solids:
+                there = coal.Transform3s(solid.placement.rotation, solid.placement.translation)
+                result = coal.CollisionResult()
+                if coal.collide(part.geometry, where, solid.geometry, there, request, result):
+                    point = joint.actInv(result.getContact(0).pos)
+                    speed = np.linalg.norm(velocity.linear + np.cross(velocity.angular, point))
+                    found.append(Touch(self._links[k], solid.who, solid.limb, float(speed)))
+        return found
+
     def observe(
-        self, time: float, q: FloatArray, solids: list[Solid], *, moving: bool, obeyed: bool
+        self,
+        time: float,
+        q: FloatArray,
+        solids: list[Solid],
+        *,
+        moving: bool,
+        obeyed: bool,
+        qd: FloatArray | None = None,
     ) -> Nearest:
-        """Note a contact at one instant if there is one, and return the smallest distance."""
+        """Note a contact at one instant if there is one, and return the smallest distance.
+
+        With joint velocities `qd: (n,)` the speeds of the robot in contacts are noted, too.
+        """
         nearest = self.nearest(q, solids)
         if nearest.distance > 0:
             self.clear()
@@ -94,6 +133,9 @@ class ContactMonitor:
         contact = self._touching[key]
         if moving and not contact.moving:
             contact.moving, contact.obeyed = True, obeyed
+        if moving and qd is not None:
+            speeds = [touch.speed for touch in self.touches(q, qd, solids)]
+            contact.speed = max(contact.speed, *speeds, 0.0)
         return nearest
 
     def clear(self) -> None:
@@ -126,8 +168,9 @@ class Summary:
     """The result of a simulation."""
 
     seconds: float = 0.0
-    # Contacts while the robot moved and everybody kept to the reach model: 0 if the proofs hold
+    # Contacts while the robot moved and everybody kept to the reach model: 0 if the proofs hold and none is allowed
     contacts_while_moving: int = 0
+    contact_speed: float = 0.0  # The robot's own speed at the touching point in these, at most [m/s]
     # Contacts while it moved, after somebody had not kept to the model; and while it stood
     contacts_after_violations: int = 0
     contacts_at_rest: int = 0
@@ -324,7 +367,7 @@ class Simulation:
                     self.monitor.clear()
                     continue
             solids = self.world.solids(keypoints, time)
-            nearest = self.monitor.observe(time, state.q, solids, moving=moving, obeyed=good)
+            nearest = self.monitor.observe(time, state.q, solids, moving=moving, obeyed=good, qd=state.qd)
             if not i:
                 here, first_q, first = nearest, state.q, ends
             if moving and good:
@@ -344,6 +387,8 @@ class Simulation:
         if self.monitor is not None:
             contacts = self.monitor.contacts
             summary.contacts_while_moving = sum(c.moving and c.obeyed for c in contacts)
+            speeds = [c.speed for c in contacts if c.moving and c.obeyed]
+            summary.contact_speed = max(speeds, default=0.0)
             summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
             summary.contacts_at_rest = sum(not c.moving for c in contacts)
 
@@ -366,6 +411,7 @@ class Simulation:
             "who": nearest.who,
             "limb": nearest.limb,
             "reason": command.reason,
+            "rule": command.rule or None,
         }
 
 

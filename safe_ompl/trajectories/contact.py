@@ -1,0 +1,193 @@
+"""Contact with people: how fast the robot may be where it touches a limb, and where it may clamp one.
+
+In a *transient* contact the limb yields. A point of the robot that touches it may be as fast as v = F/√(μK), with
+1/μ = 1/m_H + 1/m_R: the largest force, mass and stiffness of the body region, and the robot's mass. What counts is the
+speed of the robot where it touches; that of the person is not counted, unless `People.contact_relative` subtracts it.
+
+A limb is *clamped* if it touches a body of the robot and, on its other side, a partner: an obstacle, a part of the
+robot that stands still, or a link that moves otherwise. It cannot yield: half of the force counts, and μ = m_R. What
+counts is how fast the gap closes. Two points of rigid bodies g and h, with velocity fields V_g and V_h, approach each
+other by (V_g(p) − V_h(p))·n, because V_h changes no distance. So they approach by no more than
+
+    w_gh = Σ_j R̄_gj |q′_j| + Σ_i R̄_hi |q′_i|    per arc length,
+
+with the joints j that move g only and i that move h only, and by no more than the sum of the largest speeds of their
+points. A limb of thickness d touches both only where their distance is d at most. Over a cell of length 2l that is
+at least the proven bound at its centre less l·w_gh. Where that is more than d the limb cannot be clamped; elsewhere the
+robot is so slow that w_gh ṡ stays below what the clamped limb bears.
+
+The thickness of arms, hands, legs and feet is the diameter of their capsule, that of the trunk its breadth across the
+shoulders. Not counted are limbs that are held lengthwise, several of them in a row, and what another person is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.collision import DistanceBounds
+from safe_ompl.common import Counts, FloatArray, InputError, IntArray
+from safe_ompl.geometry import LIMBS, STANDING
+from safe_ompl.robot import ConvexBodies, Robot
+from safe_ompl.scene import BodyRegion, People, Scene
+
+CONTACT_RULES = SEPARATION, CONTACT, CLAMPING = "separation", "contact", "clamping"
+_TRUNK = ("neck", "shoulders", "torso", "hips", "left_flank", "right_flank")
+_SLOWEST = 1e-12  # [m/rad] bodies that move less stand still
+
+
+def contact_speed(region: BodyRegion, mass: float, *, clamped: bool = False) -> float:
+    """Return the speed [m/s] at which contact with a body region stays below its limit.
+
+    It is F/√(μK) with 1/μ = 1/m_H + 1/m_R; where the region is clamped, (F/2)/√(m_R K).
+
+    Parameters
+    ----------
+    region : BodyRegion
+        Force, mass and stiffness.
+    mass : float
+        Effective mass m_R of the robot [kg].
+    clamped : bool
+        Whether the region cannot yield.
+    """
+    reduced = mass if clamped else 1 / (1 / region.mass + 1 / mass)
+    force = region.force / 2 if clamped else region.force
+    return float(force / np.sqrt(reduced * 1e3 * region.stiffness))
+
+
+def robot_mass(robot: Robot, people: People) -> float:
+    """Return the effective mass of the robot in a contact [kg]: that given, or M/2 of its links, and the load."""
+    if people.robot_mass is not None:
+        return people.robot_mass
+    mass = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:]) / 2
+    if mass <= 0:
+        raise InputError(
+            "the URDF knows no masses: give the effective mass of the robot [kg]", "people.robot_mass"
+        )
+    return float(mass) + people.load
+
+
+def limb_contact_speed(people: People, limb: str, mass: float, *, clamped: bool = False) -> float:
+    """Return the speed [m/s] with which a point of the robot may touch a limb; see `contact_speed`."""
+    speed = contact_speed(people.region_of(limb), mass, clamped=clamped)
+    return max(0.0, speed - people.speed_of(limb)) if people.contact_relative else speed
+
+
+def limb_thickness(limb: str, height: float) -> float:
+    """Return how thick a limb of a person of a height is [m]; infinite for what is no limb."""
+    if limb in _TRUNK:
+        across = float(np.linalg.norm(STANDING["left_shoulder"] - STANDING["right_shoulder"]))
+        return height * (across + 2 * LIMBS["shoulders"][2])
+    return 2 * LIMBS[limb][2] * height if limb in LIMBS else np.inf
+
+
+class ContactLimits:
+    """How fast a robot may follow a curve where it may touch people, as proven over whole cells.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with G moving bodies.
+    still : Scene
+        What stands still: a limb may be clamped against it.
+    people : People
+        What people bear.
+    limbs : sequence of (str, str)
+        Person and limb of each of the M limbs.
+    heights : mapping of str to float
+        How tall the people are [m]. Who is not among them is not touched.
+    always_clamped : bool
+        Limbs count as clamped wherever they are, such as beside things that move.
+
+    Attributes
+    ----------
+    bears, bears_clamped : ndarray, shape (M,)
+        How fast a point of the robot may be that touches a limb, and how fast a gap may close that clamps it [m/s].
+    thickness : ndarray, shape (M,)
+        How thick the limbs are [m].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        still: Scene,
+        people: People,
+        limbs: Sequence[tuple[str, str]],
+        heights: Mapping[str, float],
+        *,
+        always_clamped: bool = False,
+    ) -> None:
+        mass = robot_mass(robot, people)
+        self.limbs = tuple(limbs)
+        self.bears, self.bears_clamped = (
+            np.array(
+                [
+                    limb_contact_speed(people, limb, mass, clamped=clamped) if who in heights else 0.0
+                    for who, limb in limbs
+                ]
+            )
+            for clamped in (False, True)
+        )
+        self.thickness: FloatArray = np.array(
+            [limb_thickness(limb, heights.get(who, np.inf)) for who, limb in limbs]
+        )
+        self._coupling, self._always = robot.coupling, always_clamped
+        parts = [part for obstacle in still for part in obstacle.geometries()]
+        obstacles = [pin.GeometryObject(name, 0, place, shape) for name, shape, place in parts]
+        bodies = robot.bounds.convex_bodies.joined(ConvexBodies.of(obstacles))
+        joints = bodies.bodies["joint"].tolist()
+        moving = [k for k, joint in enumerate(joints) if joint != 0]
+        pairs = [(a, b) for a, b in product(moving, range(len(joints))) if joints[a] != joints[b]]
+        self._moving: IntArray = np.array(moving, dtype=np.intp)
+        self._still = len(joints)  # stands for all partners that stand still
+        self._body: IntArray = np.array([moving.index(a) for a, _ in pairs], dtype=np.intp)
+        # Either all bodies have a partner, or none has. Pairs are in the order of bodies.
+        self._first = np.searchsorted(self._body, np.arange(len(moving)))
+        pair_bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        of_joints = np.zeros((len(joints), robot.bounds.joint_radii.shape[1]))
+        of_joints[: len(robot.bounds.joint_radii)] = robot.bounds.joint_radii
+        first, second = of_joints[pair_bodies[:, 0]], of_joints[pair_bodies[:, 1]]
+        self._pair_radii: FloatArray = np.where(second > 0, 0.0, first) + np.where(first > 0, 0.0, second)
+        self._partner: IntArray = np.where(np.isin(pair_bodies[:, 1], moving), pair_bodies[:, 1], self._still)
+        pair_bodies.sort(axis=1)
+        self._bounds = DistanceBounds(robot, bodies, pair_bodies, np.zeros_like(first), Counts())
+
+    def speeds(
+        self, Q: FloatArray, sizes: FloatArray, slopes: FloatArray, bodies: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the largest ṡ (N, G, M) with which body g may touch limb m in a cell, and the same if none is clamped.
+
+        Parameters
+        ----------
+        Q : ndarray, shape (N, n)
+            Configurations in the middle of cells.
+        sizes, slopes : ndarray, shape (N,), (N, n)
+            Lengths of the cells [rad], and bounds of |q′| in them.
+        bodies : ndarray, shape (N, G)
+            Bounds of the speeds of the points of the moving bodies, by arc length [m/rad].
+        """
+        free = self.bears / np.maximum(bodies, _SLOWEST)[:, :, None]
+        if self._always:
+            return np.minimum(self.bears_clamped / np.maximum(bodies, _SLOWEST)[:, :, None], free), free
+        fast = np.zeros((len(Q), self._still + 1))
+        fast[:, self._moving] = bodies
+        closing = self._coupling.reach(slopes) @ self._pair_radii.T  # (N, P), w
+        closing = np.minimum(closing, bodies[:, self._body] + fast[:, self._partner])
+        half = 0.5 * sizes[:, None] * closing
+        found, rows = free.copy(), np.arange(len(self._body))
+        touched = self.bears > 0
+        for thickness in np.unique(self.thickness[touched]).tolist():
+            near = np.ones(closing.shape, dtype=bool)
+            if np.isfinite(thickness):
+                enough = thickness + float(half.max(initial=0.0))
+                near = self._bounds.of(Q, rows, enough) - half <= thickness
+            most = np.zeros_like(bodies)
+            if len(self._body):
+                most = np.maximum.reduceat(np.where(near, closing, 0.0), self._first, axis=1)
+            which = touched & (self.thickness == thickness)
+            slow = self.bears_clamped[which] / np.maximum(most, _SLOWEST)[:, :, None]
+            found[:, :, which] = np.minimum(found[:, :, which], slow)
+        return found, free
