@@ -13,6 +13,7 @@ from ompl import base as ob
 from safe_ompl.common import BoolArray, Counts, FloatArray, IntArray
 from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners.parts import kernels as kernel
+from safe_ompl.robot import plain
 
 _FEW = 400  # nodes that a scan is through with before a search in the tree is
 _NOTHING: FloatArray = np.empty(0)
@@ -34,7 +35,7 @@ class NearestNode:
 
         `rows: (N, n)`, C-contiguous, and their costs (N,) are those of the last call, and others.
         """
-        q = np.require(q, np.float64, ["C", "W"])
+        q = plain(q)
         if len(rows) <= _FEW:
             return int(kernel.scan(rows, q, self._wraps, alpha, costs))
         while len(rows) > self._known:
