@@ -14,7 +14,7 @@ from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.robot import ConvexBodies, ReachCylinder, Robot, plain
+from safe_ompl.robot import ConvexBodies, Hull, ReachCylinder, Robot, plain
 
 # [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
 # configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.
@@ -155,11 +155,12 @@ class PairTable:
         self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         self.with_obstacle: IntArray = np.arange(len(own), len(pairs))
         self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
-        self._measure_from_axes(parts)
+        hulls = [part.hull for part in parts]
+        self._measure_from_axes(parts, hulls)
         cylinders = list(reaches.values())
         self._reaches = [_as_object(reach) for reach in cylinders]
         self._parts = parts
-        centres, radii = _balls(parts)
+        centres, radii = _balls(hulls)
         away = _distances(cylinders, centres)
         movable = np.array([geometry.names[part.index] in geometry.movable for part in parts], dtype=bool)
         # Bounds (K, M) of the least distance of each of K parts from all that each of M moving bodies can reach.
@@ -195,18 +196,15 @@ class PairTable:
     def follow(self, parts: Sequence[ObstaclePart]) -> None:
         """Renew what follows from the places of parts of obstacles, which have moved."""
         vars(self).pop("convex_bodies", None)
-        self._measure_from_axes(parts)
+        self._measure_from_axes(parts, [part.hull for part in parts])
 
-    def _measure_from_axes(self, parts: Sequence[ObstaclePart]) -> None:
+    def _measure_from_axes(self, parts: Sequence[ObstaclePart], hulls: Sequence[Hull]) -> None:
         rows = [part.index for part in parts]
-        self.obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(
-            [part.hull for part in parts]
-        )
+        self.obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(hulls)
 
 
-def _balls(parts: Sequence[ObstaclePart]) -> tuple[FloatArray, FloatArray]:
-    """Return centres (K, 3) and radii (K,) of balls that hold the parts [m]."""
-    hulls = [part.hull for part in parts]
+def _balls(hulls: Sequence[Hull]) -> tuple[FloatArray, FloatArray]:
+    """Return centres (K, 3) and radii (K,) of balls that hold the hulls [m]."""
     centres = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
     radii = [
         np.linalg.norm(hull.points - centre, axis=1).max() + hull.radius
