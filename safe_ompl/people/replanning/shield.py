@@ -162,7 +162,8 @@ class Shield:
         """Propose a chunk of positions, or a spline; return whether it can be used.
 
         If not, the robot follows its stop, and the next commands and the log say why. The chunk must not jump: no joint
-        may need more than twice its velocity limit from one position to the next.
+        may need more than twice its velocity limit from one position to the next. A robot that moves in another
+        direction than the chunk, and cannot turn soon enough, passes over the next two positions.
 
         Parameters
         ----------
