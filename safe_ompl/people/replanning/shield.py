@@ -35,12 +35,13 @@ from safe_ompl.people.replanning.proposals import Positions, Velocity, least_bra
 from safe_ompl.people.replanning.replanner import Guard, ReplanningOptions
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State
+from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State, braking
 
 _log = logging.getLogger(__name__)
 
 _CELL = 0.02  # [s] largest cell of a curve
 _HARDEST = 100.0  # [1/s²] bound of the braking where the joints hardly move
+_FASTER = 0.1  # by which ṡ may grow in a tick where people make the robot slow
 _CUTS = 4  # halvings of a piece that is not proven
 _SAME = 1e-6  # [s]
 _NOTHING = "nothing was proposed"
@@ -161,7 +162,8 @@ class Shield:
         """Propose a chunk of positions, or a spline; return whether it can be used.
 
         If not, the robot follows its stop, and the next commands and the log say why. The chunk must not jump: no joint
-        may need more than twice its velocity limit from one position to the next.
+        may need more than twice its velocity limit from one position to the next. A robot that moves in another
+        direction than the chunk, and cannot turn soon enough, passes over the next two positions.
 
         Parameters
         ----------
@@ -216,7 +218,7 @@ class Shield:
             way, s0, speed0, why = self._next_way(time, s, speed)
             progress = self._begin
             if way is not None:
-                found = guard.next(way.path, s0, speed0, time)
+                found = self._fastest(way.path, s0, speed0, time)
                 if found is not None:
                     self._way = way
                     progress = way.begin + found.motion.at(self.tick)[0]
@@ -231,6 +233,22 @@ class Shield:
         if self._proposal is not None:
             delay = max(0.0, min(time + self.tick - self._clock, self._proposal.duration) - progress)
         return guard.given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
+
+    def _fastest(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the command from (s, ṡ) on that gets farthest; None if none is proven.
+
+        Where people do not allow the proposed speed, ṡ is also bounded near to what it is: bends then take less of the
+        accelerations, so that the stop is shorter.
+        """
+        found = self._guard.next(path, s, speed, time)
+        if found is not None and found.doing in (Doing.MOVING, Doing.DONE):
+            return found
+        speeds = np.minimum(np.sqrt(path.squares), speed + _FASTER)
+        brakes = braking(path.curve.cells(_CELL), self.limits.joints, speeds)
+        slow = replace(path, squares=speeds * speeds, brakes=np.minimum(brakes, _HARDEST))
+        other = self._guard.next(slow, s, speed, time)
+        commands = [command for command in (found, other) if command is not None]
+        return max(commands, key=lambda command: command.motion.at(self.tick)[0], default=None)
 
     # ------------------------------------------------------------------------------------------------------- ways
 
