@@ -139,7 +139,7 @@ def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[flo
     """
     columns, charges, bounds = points.columns, points.charges, work.bounds
     M = len(charges)
-    reach = float(work.reach.view(np.float32)[0])
+    reach = np.float64(work.reach.view(np.float32)[0])
     for k in range(len(skeleton.places)):
         for x in range(3):
             reach = max(reach, abs(skeleton.places[k, x]))
