@@ -136,10 +136,8 @@ def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[flo
     ceilings(skeleton, work.short, reach, bounds)
     for k in range(M):
         bounds[k] *= np.float32(charges[k])
-    bits, tops = (
-        bounds.view(np.uint32),
-        work.tops,
-    )  # as integers positive numbers have the same order, none comes last
+    # As integers numbers that are not negative have the same order, and what is no number is above all others.
+    bits, tops = bounds.view(np.uint32), work.tops
     likely = 0
     for c in range(len(tops)):
         top = np.uint32(0)
@@ -190,11 +188,8 @@ def _danger(
     joints, keys, kind, sloped = tables.joints, tables.keys, aggregate.kind, len(gradient) > 0
     place_joints(joints, values, work.rotation, work.origin, work.axis)
     place_keypoints(keys, work.rotation, work.origin, work.places)
-    skeleton, columns, charges = (
-        Skeleton(work.places, tables.links, tables.by_length),
-        points.columns,
-        points.charges,
-    )
+    skeleton = Skeleton(work.places, tables.links, tables.by_length)
+    columns, charges = points.columns, points.charges
     levels, share, forces = work.levels, work.share, work.forces
     forces[:] = 0.0
     if len(points.balls) > 0:
