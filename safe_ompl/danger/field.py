@@ -24,9 +24,7 @@ from safe_ompl.danger.points import (
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_MANY = (
-    5000  # points of which those are left out that cannot have the maximum: by groups, no longer one by one
-)
+_MANY = 5000  # points from which on a maximum is sought by groups, and not by a bound for each point
 
 
 class DangerField(RobotField):
@@ -81,11 +79,12 @@ class DangerField(RobotField):
     is close to that one but not the same: there the gradient is an approximation, the better the smaller the
     obstacle. With "max" the gradient is that of the most dangerous point: one of the subgradients where two points tie.
 
-    More than 400 fixed points are kept in groups of neighbours. The maximum over them is exact: groups that cannot
-    hold it are left out. In a mean or a softmax far groups count by their centre, as many as have proven errors that
-    together stay within `tolerance` (`safe_ompl.danger.kernels.groups`): the danger is within that of the exact one,
-    and may jump by as much where a group begins or ceases to count so; its gradient is that of the field at those
-    centres. All else, above all what is proven (`CertifiedDanger`), looks at every point.
+    A maximum is exact. Points that cannot have it are left out: by bounds in single precision, of 5000 fixed points and
+    more by groups of neighbours. More than 400 fixed points of a mean or a softmax are kept in such groups, too: far
+    groups count by their centre, as many as have proven errors that together stay within `tolerance`
+    (`safe_ompl.danger.kernels.groups`). The danger is within that of the exact one, and may jump by as much where a
+    group begins or ceases to count so; its gradient is that of the field at those centres. All else, above all what is
+    proven (`CertifiedDanger`), looks at every point.
 
     Any number of threads may ask at the same time, also while one of them moves the field; they share the `counts`,
     which may then lose some.
@@ -215,6 +214,7 @@ class DangerField(RobotField):
         By Simpson's rule on pieces of at most 1 rad, which are halved, six times at most, until the trapezoidal rule is
         within the relative `tolerance` > 0 of the mean from it. Errors as `value`; also if the points are a callable's.
         """
+        positive(tolerance, "tolerance")
         ends, field = np.concatenate([self._single(start), self._single(end)]), self.frozen()
         if field.points is None:
             raise InputError("the danger points depend on the configuration; a mean needs fixed ones")

@@ -224,6 +224,13 @@ def test_a_link_through_one_of_many_points_is_infinitely_dangerous(robot_named, 
     assert aggregate == "mean" or not gradients.any()
 
 
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])
+def test_the_tolerance_of_a_mean_is_positive(robot_named, tolerance):
+    robot = robot_named("panda")
+    with pytest.raises(InputError, match="tolerance"):
+        DangerField(robot, [[1.0, 0.0, 0.0]]).mean(robot.lower, robot.upper, tolerance)
+
+
 @pytest.mark.parametrize("tolerance", [-0.01, 0.2, np.nan])
 def test_tolerances_out_of_bounds_are_refused(robot_named, tolerance):
     with pytest.raises(InputError, match="tolerance"):

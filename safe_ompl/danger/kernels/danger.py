@@ -146,7 +146,7 @@ def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[flo
     ceilings(skeleton, work.short, reach, bounds)
     for k in range(M):
         bounds[k] *= np.float32(charges[k])
-    # As integers positive numbers have the same order, and what is no number comes last.
+    # As integers numbers that are not negative have the same order, and what is no number is above all others.
     bits, tops = bounds.view(np.uint32), work.tops
     likely = 0
     for c in range(len(tops)):

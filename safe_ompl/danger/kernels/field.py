@@ -270,7 +270,7 @@ def ceilings(skeleton: Skeleton, points: FloatArray, reach: float, out: FloatArr
     2 (3g + ℓ)/(g (3g + 4ℓ)); it falls with g. No coordinate of a point or key point is larger than `reach`. So each
     difference of two coordinates is off by 3u reach at most, u = 2⁻²⁴, the distance of two points by
     √3·3u reach + 4u·√12 reach < 20u reach, and S − ℓ by less than 64u reach, by which the gap is taken too small. What
-    comes after that has relative errors of less than 16u.
+    comes after that has relative errors of less than 16u, and u more for each link.
     """
     places, links, M = skeleton.places, skeleton.links, points.shape[1]
     distances, single = np.empty((len(places), M), np.float32), np.float32
@@ -281,7 +281,7 @@ def ceilings(skeleton: Skeleton, points: FloatArray, reach: float, out: FloatArr
             distances[k, m] = np.sqrt(dx * dx + dy * dy + dz * dz)
     for m in range(M):
         out[m] = single(0.0)
-    two, three = single(2.0 * (1.0 + 32.0 * _FINE)), single(3.0)
+    two, three = single(2.0 * (1.0 + (32.0 + len(links)) * _FINE)), single(3.0)
     least, infinite = single(1e-18), single(inf)
     error = single(64.0 * _FINE * reach)
     for link in range(len(links)):
