@@ -26,8 +26,9 @@ robot stands, which is what is proven. The command that answers the measurement 
 (null: nobody is there); ``distance`` is the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null:
 not observed). ``reason`` says why the robot is not as fast as it could be; ``measured`` is the time of the measurement
 against which its motion is proven. ``path`` counts the paths that were followed, ``task`` how often the goal was
-reached. ``ahead``, in the first tick of a path, are the way points of that path. ``obeyed`` says whether everybody kept
-to the reach model until the next tick; ``reaction`` is how long the answer to this measurement took (null: too long).
+reached. ``joints_measured`` is when ``q`` and ``qd`` were measured, if not at ``time``. ``ahead``, in the first tick of
+a path, are the way points of that path. ``obeyed`` says whether everybody kept to the reach model until the next tick;
+``reaction`` is how long the answer to this measurement took (null: too long).
 """
 
 from __future__ import annotations
