@@ -33,6 +33,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from safe_ompl.apps import main
 from safe_ompl.apps.exchange import messages, read_log
+from safe_ompl.view import read_recording
 
 pytestmark = pytest.mark.end_to_end
 NAMES = [f"panda_joint{k}" for k in range(1, 8)]
@@ -145,6 +146,15 @@ def start_node(*words, log=subprocess.DEVNULL):
     return subprocess.Popen([sys.executable, "-m", "safe_ompl", "ros", *words], stderr=log, text=True)
 
 
+def ended(node):
+    """Press Ctrl-C, and return the exit status of a node."""
+    node.send_signal(signal.SIGINT)
+    try:
+        return node.wait(PATIENCE)
+    finally:
+        node.kill()
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("ros")
@@ -161,9 +171,7 @@ def world(folder):
         try:
             yield world
         finally:
-            if node.poll() is None:
-                node.send_signal(signal.SIGINT)
-            code = node.wait(PATIENCE)
+            code = ended(node)
             world.kill_tracker()
             rclpy.try_shutdown()
             world.thread.join()
@@ -171,6 +179,7 @@ def world(folder):
     header, ticks = read_log(folder / "drive.mcap")
     assert header["joint_names"] == NAMES
     assert {"moving", "done"} <= {tick["state"] for tick in ticks}
+    assert read_recording(folder / "drive.mcap", read=read_log).motions["live"].duration > 1.0
     assert main(["tube", str(folder / "drive.mcap")]) == 0
 
 
@@ -295,8 +304,7 @@ def test_two_nodes_keep_the_robot_still(world):
         time.sleep(2.0)
         np.testing.assert_array_equal(world.q, here)
     finally:
-        other.send_signal(signal.SIGINT)
-        assert other.wait(PATIENCE) == 0
+        assert ended(other) == 0
     world.arrives(GOAL)
 
 
@@ -384,7 +392,6 @@ def test_the_example_beside_a_person_who_walks_on_the_clock_of_the_machine(folde
         finally:
             world.kill()
             world.wait()
-            node.send_signal(signal.SIGINT)
-            assert node.wait(PATIENCE) == 0
+            assert ended(node) == 0
     assert "done: at the goal" in said, (said, (folder / "example.log").read_text())
     assert "moving" in said
