@@ -29,6 +29,7 @@ def test_it_is_short_and_runs(script, tmp_path, monkeypatch, capfd):
 
 def test_the_list_of_examples_is_complete():
     listed = re.findall(r"\]\(([\w/]+\.py)\)", (FOLDER / "README.md").read_text(encoding="utf-8"))
-    found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS, *PHYSICS)]
+    with_ros = [FOLDER / "ros" / "world.py"]  # see tests/apps/exchange/test_ros_node.py
+    found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS, *PHYSICS, *with_ros)]
     assert sorted(listed) == sorted(found)
     assert len(SCRIPTS) == 11

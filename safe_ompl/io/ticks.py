@@ -26,7 +26,8 @@ so the next tick shows it. ``margin`` is the smallest margin along the proven mo
 ``distance`` is the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null: not observed).
 ``reason`` says why the robot is not as fast as it could be, and ``rule`` which rule about people keeps it from that:
 separation, contact, clamping, or null; ``measured`` is the time of the measurement against which its motion is proven.
-``path`` counts the paths that were followed, ``task`` how often the goal was reached. ``ahead``, in the first tick of
+``path`` counts the paths that were followed, ``task`` how often the goal was reached; ``joints_measured`` is when ``q``
+and ``qd`` were measured, if not at ``time``. ``ahead``, in the first tick of
 a path, are the way points of that path. ``obeyed`` says whether everybody kept to the reach model until the next tick;
 ``reaction`` is how long the answer to this measurement took (null: too long).
 """

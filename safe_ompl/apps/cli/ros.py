@@ -77,7 +77,7 @@ def add_commands(commands: Any) -> None:
         "--tick", type=seconds, default=0.05, metavar="S", help="time between commands; default: %(default)g"
     )
     for option, usual, what in (
-        ("latency", 0.02, "from a tick until its command holds [s]"),
+        ("latency", 0.05, "from a tick until its command holds, at most a tick [s]"),
         ("clock-error", 0.01, "by which clocks of sensors may differ from the node's [s]"),
         ("tolerance", 0.05, "how far a joint may be from where it should be [rad or m]"),
         ("lost-after", 0.5, "without a measurement for so long, somebody is lost [s]"),

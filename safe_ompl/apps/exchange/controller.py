@@ -4,6 +4,7 @@ What is commanded is proven as `Replanner` says: every command ends in a stop. T
 controller stops so
 
 * if joint states are missing, or the robot is not where it was told to be;
+* if its own answer comes too late to be followed;
 * if people are seen whom nobody tracks, or the cloud has points where it had none when the path was proven;
 * if the clock jumps.
 
@@ -13,6 +14,7 @@ seen, or move farther than promised, the replanner stops for by itself.
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -28,6 +30,8 @@ from safe_ompl.people import KEYPOINTS, Tracker
 from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
 from safe_ompl.robot import Robot
+
+_log = logging.getLogger(__name__)
 
 _HISTORY = 100  # commands that are kept, to compare measured joints with
 _RESTING = 0.01  # [rad/s] joints that are slower stand still
@@ -51,7 +55,7 @@ class ControlOptions:
     """When a robot is told what, and when it is stopped; raises InputError if a value is out of its range."""
 
     replanning: ReplanningOptions = field(default_factory=ReplanningOptions)
-    latency: float = 0.02  # From a tick until its command holds, at most a tick [s]
+    latency: float = 0.05  # From a tick until its command holds, at most a tick [s]
     clock_error: float = 0.01  # By which clocks of sensors may differ from the robot's [s]
     joints_late: float = 0.3  # Without joint states for so long, the robot is stopped [s]
     tolerance: float = 0.05  # How far a joint may be from where it should be [rad or m]
@@ -124,6 +128,7 @@ class LiveController:
         self._strangers: tuple[float, str] = (-np.inf, "")
         self._replanner: Replanner | None = None
         self._driving = False
+        self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
         self.command: Command | None = None
         self._commands: deque[Command] = deque(maxlen=_HISTORY)
 
@@ -239,11 +244,15 @@ class LiveController:
             return f"{new} points of the cloud are new"
         told = [command for command in self._commands if command.time <= self._joints.time]
         if told:
-            away = np.abs(self.cell.robot.difference(told[-1].at(self._joints.time).q, self._joints.q))
+            away = self._apart(told[-1].at(self._joints.time).q, self._joints.q)
             if away.max() > self.options.tolerance:
                 name = self.cell.robot.joint_names[int(away.argmax())]
                 return f"{name!r} is {away.max():.3f} from where it should be"
         return None
+
+    def _apart(self, one: FloatArray, other: FloatArray) -> FloatArray:
+        """Return how far (n,) the joints of two configurations are apart."""
+        return np.asarray(np.abs(self.cell.robot.difference(one, other)))
 
     def _drive(self) -> None:
         """Tell the replanner what was seen, and ask for the next command."""
@@ -251,6 +260,10 @@ class LiveController:
         self._inform(self._replanner)
         command = self._replanner.command(self._now + self.options.latency)
         if command is not self.command:
+            late, new = self._clock() - command.time, command.time >= self._now
+            if new and late > 0:  # the one before holds, and is what the next plan begins after
+                self._halt(f"the answer came {1e3 * late:.0f} ms too late")
+                return
             self._commands.append(command)
         self.command, self._why = command, command.reason
         if command.doing is Doing.DONE:
@@ -262,7 +275,10 @@ class LiveController:
             return
         time, seen = due
         people = {name: points for name, points in seen.items() if name in self.cell.trackers}
-        replanner.update(people, {name: seen[name] for name in seen if name not in people}, time)
+        try:
+            replanner.update(people, {name: seen[name] for name in seen if name not in people}, time)
+        except InputError as error:  # of a person nothing is known but a hand: not seen yet
+            _log.warning("%s", error)
 
     # ---------------------------------------------------------------------------------------------------- planning
 
@@ -280,12 +296,11 @@ class LiveController:
         start = self._joints.q
         if self.command is not None:  # what it was told is without the errors of its control
             rest = self.command.at(np.inf).q
-            away = np.abs(self.cell.robot.difference(rest, start)).max()
-            start = rest if away <= self.options.tolerance else start
-        if np.abs(self.cell.robot.difference(start, self._goal)).max() < _SAME:
+            start = rest if self._apart(rest, start).max() <= self.options.tolerance else start
+        if self._apart(start, self._goal).max() < _SAME:
             self._goal, self._why = None, _ARRIVED
             return
-        self._proven_cloud = self._cloud
+        self._start, self._proven_cloud = start, self._cloud
         cloud = None if self._cloud is None else self._cloud.obstacle()
         self._planning = self._executor.submit(self.cell.plan, start, self._goal, cloud)
         self._why = "plans"
@@ -299,6 +314,9 @@ class LiveController:
             self._replanner = planning.result()
         except SafeOmplError as error:
             self._goal, self._why = None, f"no way to the goal: {error}"
+            return
+        away = np.inf if self._joints is None else self._apart(self._start, self._joints.q).max()
+        if away > self.options.tolerance:  # the robot was moved meanwhile: plan anew
             return
         self._sightings.restart()
         self._driving, self.command = True, None
@@ -342,6 +360,7 @@ class LiveController:
         command = self.command
         return {
             "time": self._now,
+            "joints_measured": None if self._joints is None else self._joints.time,
             "q": still.tolist(),
             "qd": (np.full(len(still), np.nan) if self._joints is None else self._joints.qd).tolist(),
             "stop": {
@@ -357,7 +376,7 @@ class LiveController:
             "link": None if nearest is None else nearest.link,
             "who": None if nearest is None else nearest.who,
             "limb": None if nearest is None else nearest.limb,
-            "reason": self._why,
+            "reason": self.blocked or self._why,
             "measured": None if command is None else command.measured,
         }
 

@@ -90,11 +90,14 @@ class McapLog:
             self._write_still(time, self._scene)
             self._scene = None
         stop, people = tick["stop"], tick["people"]
-        after = np.asarray(stop["times"]) - tick["time"]
-        rows = {"positions": stop["q"], "velocities": stop["qd"]}
         self._add(TICK, time, tick)
-        self._add("/joint_states", time, messages.joint_state(time, names, tick["q"], tick["qd"]))
-        self._add("/command", time, messages.joint_trajectory(time, names, after.tolist(), **rows))
+        measured = messages.nanoseconds(tick.get("joints_measured", tick["time"]))
+        self._add("/joint_states", time, messages.joint_state(measured, names, tick["q"], tick["qd"]))
+        if stop["times"]:
+            begin, after = stop["times"][0], np.asarray(stop["times"]) - stop["times"][0]
+            rows = {"positions": stop["q"], "velocities": stop["qd"]}
+            command = messages.joint_trajectory(messages.nanoseconds(begin), names, after.tolist(), **rows)
+            self._add("/command", time, command)
         self._add("/people", time, messages.people_markers(time, scene_updates.WORLD, people))
         self._add("/diagnostics", time, messages.diagnostics(time, self._name, tick))
         self._add("/transforms", time, scene_updates.transforms(time, self._places(tick)))

@@ -83,7 +83,7 @@ def people_of_markers(
             if not 0 <= k < len(index):
                 raise InputError(f"{skeleton.name} has {len(index)} key points, got {k}", f"{marker.ns}: id")
         if k >= 0:
-            points[k] = placed(frames.place(marker.header), _vector(marker.pose.position)[None])[0]
+            points[k] = _keypoint(marker.pose.position, frames.place(marker.header))
     return time, people
 
 
@@ -93,8 +93,8 @@ def person_of_poses(message: Any, skeleton: Skeleton, frames: Frames) -> tuple[f
         raise InputError(
             f"{skeleton.name} has {len(skeleton.points)} key points, got {len(message.poses)}", "poses"
         )
-    points = np.array([_vector(pose.position) for pose in message.poses])
-    return stamp_of(message.header), placed(frames.place(message.header), points)
+    frame = frames.place(message.header)
+    return stamp_of(message.header), np.array([_keypoint(pose.position, frame) for pose in message.poses])
 
 
 def pose_of(message: Any, frames: Frames) -> tuple[float, Pose]:
@@ -114,5 +114,11 @@ def cloud_of(message: Any, radius: float, frames: Frames) -> tuple[float, FloatA
     return stamp_of(message.header), placed(frames.place(message.header), points)
 
 
-def _vector(place: Any) -> FloatArray:
-    return np.array([place.x, place.y, place.z], dtype=float)
+def _keypoint(place: Any, frame: pin.SE3) -> FloatArray:
+    """Return where a key point of a frame is in the world (3,); NaN: not seen."""
+    given = np.array([place.x, place.y, place.z], dtype=float)
+    if not np.isfinite(given).all() and not np.isnan(given).all():
+        raise InputError(
+            f"must be finite, or all NaN where it is not seen, got {given.tolist()}", "key point"
+        )
+    return np.asarray(placed(frame, given[None])[0])

@@ -6,10 +6,12 @@ ROS (rclpy, and the packages of the messages) is imported when a node is started
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
+from threading import Event
 from time import monotonic, perf_counter
 from typing import Any, NamedTuple
 
@@ -33,11 +35,9 @@ NODE = "safe_ompl"
 CLOUD, POSE, TEXT = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped", "std_msgs/msg/String"
 _AGAIN = 5.0  # [s] after which the same complaint is made again
 _CHECK = 1.0  # [s] between two looks for other nodes that command the same robot
-_SCENE = "scene"  # latched: it is published once
-_UNITS, _SHARE = (
-    60,
-    0.3,
-)  # of work to search detours, at most; and of the time between ticks that this may take
+_LOOK = 0.1  # [s] between two looks whether the node is to end
+_UNITS = 60  # of work to search detours between two ticks, at most
+_SHARE = 0.3  # of the time between two ticks that this may take
 
 
 class NodeSetup(NamedTuple):
@@ -126,7 +126,7 @@ class RosNode:
         self._commands = self._publisher(messages.JOINT_TRAJECTORY, "command")
         self._diagnostics = self._publisher(messages.DIAGNOSTICS, "/diagnostics")
         self._limbs = self._publisher(messages.MARKERS, "limbs")
-        self._still = self._publisher(messages.MARKERS, _SCENE, latched=True)
+        self._still = self._publisher(messages.MARKERS, "scene", latched=True)
         self._subscribe(messages.JOINT_STATE, "joint_states", self._joints)
         self._subscribe(messages.JOINT_STATE, "goal", self._goal, reliable=True)
         self._subscribe(messages.MARKERS, "people", self._people)
@@ -144,12 +144,22 @@ class RosNode:
         self._publish_scene()
 
     def run(self) -> None:
-        """Drive the robot until Ctrl-C."""
+        """Drive the robot until Ctrl-C or SIGTERM; only the main thread may call this."""
+        executor = import_module("rclpy.executors").SingleThreadedExecutor()
+        executor.add_node(self._node)
+        stopped = Event()
+        # An exception of a signal could come inside compiled code or a callback, and be lost there.
+        before = {
+            number: signal.signal(number, lambda *_: stopped.set())
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
         try:
-            import_module("rclpy").spin(self._node)
-        except KeyboardInterrupt:
-            pass
+            while not stopped.is_set():
+                executor.spin_once(timeout_sec=_LOOK)
         finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            executor.shutdown()
             self._controller.close()
 
     # -------------------------------------------------------------------------------------------------- messages
@@ -224,7 +234,7 @@ class RosNode:
         if tick["people"]:
             update = scene_updates.limbs_update(time, tick["people"], self._bodies["people"])
             self._limbs(scene_updates.markers(time, update))
-        if self._setup.log is not None and np.isfinite(tick["q"]).all():
+        if self._setup.log is not None and np.isfinite([tick["q"], tick["qd"]]).all():
             self._setup.log.write(tick)
 
         begin = perf_counter()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from concurrent.futures import Executor, Future
+from itertools import count
 
 import numpy as np
 import pinocchio as pin
@@ -155,11 +156,10 @@ def test_a_person_who_comes_is_never_touched_by_a_robot_that_moves(drive):
 
 
 def stopped(drive, seconds=1.0):
-    """Assert that the robot stands after some time, and return the reason."""
-    drive.run(seconds)
+    """Assert that the robot stands after some time, and return the reasons that were said."""
+    said = [tick["reason"] for tick in drive.run(seconds)]
     np.testing.assert_array_equal(drive.qd, 0.0)
-    assert drive.last[0] in ("standing", "braking")
-    return drive.last[1]
+    return " ".join(said)
 
 
 def moving(cell, **options):
@@ -269,15 +269,62 @@ def test_somebody_whom_nobody_tracks_stops_the_robot(cell):
     drive = moving(cell)
     with pytest.raises(InputError, match=r"unknown person 'stranger'"):
         drive.controller.see_people(drive.time, {"operator": BODY + AWAY, "stranger": BODY})
-    assert stopped(drive, 0.45) == "'stranger' is seen, but not tracked"
+    assert "'stranger' is seen, but not tracked" in stopped(drive, 0.45)
     goes_on(drive)
 
 
 def test_another_node_stops_the_robot(cell):
     drive = moving(cell)
     drive.controller.blocked = "2 nodes publish /command"
-    assert stopped(drive) == "2 nodes publish /command"
+    assert "2 nodes publish /command" in stopped(drive)
     drive.controller.blocked = ""
+    goes_on(drive)
+
+
+def test_an_answer_that_comes_too_late_is_not_sent(cell):
+    drive = moving(cell)
+    told, calls = drive.controller.command, count()
+    begin = drive.time
+    drive.controller._clock = lambda: (
+        begin + 0.06 * next(calls)
+    )  # each answer takes 60 ms, and 50 are allowed
+    assert drive.controller.tick()["reason"] == "the answer came 10 ms too late"
+    assert not drive.controller.driving
+    assert drive.controller.command is told
+    drive.controller._clock = lambda: drive.time
+    drive.time += 0.1
+    drive.move()
+    goes_on(drive)
+
+
+def test_a_person_of_whom_only_a_hand_is_seen(cell):
+    drive = Drive(cell)
+    drive.people = True
+    drive.go()
+    hand = np.full((17, 3), np.nan)
+    hand[list(STANDING).index("left_hand")] = [2.0, 0.0, 0.5]
+    for _ in range(10):
+        drive.controller.see_people(drive.time, {"operator": hand})
+        drive.run(0.05)
+    assert drive.last == ("standing", "'operator' was not seen yet")
+    drive.people = False
+    goes_on(drive)
+
+
+def test_a_robot_that_is_moved_while_its_path_is_planned(cell):
+    drive = Drive(cell)
+    drive.run(0.1)
+    drive.go()
+    drive.see()
+    drive.controller.tick()  # plans
+    drive.time += 0.05
+    drive.q = drive.q + 0.1
+    drive.see()
+    assert drive.controller.tick()["state"] == "planning"  # anew
+    assert not drive.controller.driving
+    drive.time += 0.05
+    drive.run(0.1)
+    np.testing.assert_allclose(drive.ticks[-1]["stop"]["q"][0], drive.q, atol=0.01)
     goes_on(drive)
 
 
@@ -291,7 +338,7 @@ def test_a_new_goal_on_the_way(cell):
     drive.go()
     drive.run(0.5)
     drive.controller.go_to([], [])
-    assert stopped(drive, 2.0) == "no goal"
+    assert stopped(drive, 2.0).endswith("no goal")
 
 
 def test_a_goal_that_cannot_be_reached(drive):

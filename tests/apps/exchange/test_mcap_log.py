@@ -87,8 +87,10 @@ def test_times_are_those_of_the_ticks(log, recorded):
     for topic, rows in log.items():
         times = [time for _, _, time, _ in rows]
         assert times == (wanted if len(times) > 1 else wanted[:1]), topic
-        stamped = [stamp(content) for content in contents(log, topic) if topic != "/tick"]
-        assert stamped == times or topic == "/tick"
+        if topic not in ("/tick", "/command"):
+            assert [stamp(content) for content in contents(log, topic)] == times
+    begin = [round(1e9 * tick["stop"]["times"][0]) for tick in recorded[1]]
+    assert [stamp(content) for content in contents(log, "/command")] == begin
 
 
 def stamp(content):

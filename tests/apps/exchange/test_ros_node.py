@@ -1,0 +1,397 @@
+"""The node of ROS 2 with real middleware on this machine: a robot here, node and sensors in processes of their own.
+
+Without ROS the tests are skipped, except where SAFE_OMPL_ROS=1 says that it must be there.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 50))
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+if os.environ.get("SAFE_OMPL_ROS") != "1":
+    pytest.importorskip("rclpy")
+    pytest.importorskip("rosbags")
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Pose
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
+
+from safe_ompl.apps import main
+from safe_ompl.apps.exchange import messages, read_log
+from safe_ompl.view import read_recording
+
+pytestmark = pytest.mark.end_to_end
+NAMES = [f"panda_joint{k}" for k in range(1, 8)]
+START = [1.45, 0.1, 0.0, -1.7, 0.0, 3.37, 0.785]
+GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
+PATIENCE = 60.0  # [s] a busy machine is slow
+SIM = ["--clock-error", "0.05", "--tick", "0.1", "--latency", "0.1", "--ros-args", "-p", "use_sim_time:=true"]
+
+
+class World:
+    """The clock, a robot that does what it is told, and the person's tracker, which can be killed."""
+
+    def __init__(self):
+        self.node = rclpy.create_node("world")
+        self.offset, self.q, self.qd, self.told = 1000.0, np.array(START), np.zeros(7), []
+        self.said, self.bad, self.mute = [], [], False
+        self.commands: list[JointTrajectory] = []
+        node = self.node
+        node.create_subscription(JointTrajectory, "command", self.command, 10)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics, 10)
+        self.clock = node.create_publisher(Clock, "/clock", 1)
+        self.joints = node.create_publisher(JointState, "joint_states", 1)
+        self.goal = node.create_publisher(JointState, "goal", 1)
+        self.people = node.create_publisher(MarkerArray, "people", 1)
+        self.cloud = node.create_publisher(PointCloud2, "cloud", 1)
+        node.create_timer(0.01, self.step)
+        self.tracker = None
+        self.thread = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
+        self.thread.start()
+
+    @property
+    def now(self):
+        """Simulated time [s]."""
+        return time.time() % 1e6 + self.offset
+
+    def stamp(self, late=0.0):
+        if late is None:
+            return 0, 0
+        seconds = self.now - late
+        return messages.nanoseconds(seconds) // 10**9, messages.nanoseconds(seconds) % 10**9
+
+    def step(self):
+        clock = Clock()
+        clock.clock.sec, clock.clock.nanosec = self.stamp()
+        self.clock.publish(clock)
+        self.move(self.now)
+        if not self.mute:
+            message = JointState(
+                name=NAMES[::-1], position=self.q[::-1].tolist(), velocity=self.qd[::-1].tolist()
+            )
+            message.header.stamp.sec, message.header.stamp.nanosec = self.stamp()
+            self.joints.publish(message)
+
+    def command(self, message):
+        self.commands.append(message)
+        begin = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        after = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in message.points]
+        rows = [np.array([getattr(p, key) for p in message.points]) for key in ("positions", "velocities")]
+        self.told = [*self.told[-20:], (begin + np.array(after), *rows)]
+
+    def move(self, now):
+        """Be where the newest command that has begun has the robot."""
+        begun = [command for command in self.told if command[0][0] <= now]
+        if begun:
+            times, q, qd = begun[-1]
+            self.q = np.array([np.interp(now, times, q[:, k]) for k in range(7)])
+            self.qd = np.array([np.interp(now, times, qd[:, k]) for k in range(7)])
+
+    def diagnostics(self, message):
+        self.said = [*self.said[-500:], message.status[0].message]
+
+    def go(self, goal):
+        """Send a goal."""
+        self.said = []
+        self.wait(lambda: self.goal.get_subscription_count())
+        self.goal.publish(JointState(name=NAMES, position=list(goal)))
+
+    def wait(self, condition, what="", seconds=PATIENCE):
+        """Wait until something holds."""
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, f"{what}; said last: {self.said[-3:]}"
+            time.sleep(0.02)
+
+    def hears(self, text, seconds=PATIENCE):
+        """Wait until the diagnostics say something."""
+        self.said = []
+        self.wait(lambda: any(text in said for said in self.said), text, seconds)
+
+    def arrives(self, goal):
+        """Wait until the robot has arrived."""
+        self.wait(lambda: "done: at the goal" in self.said[-1:], f"not at {goal}")
+        np.testing.assert_allclose(self.q, goal, atol=1e-6)
+
+    def person(self, x=2.5):
+        """Start the tracker of a person who stands at (x, 0)."""
+        file = Path(__file__).with_name("ros_person.py")
+        self.tracker = subprocess.Popen([sys.executable, str(file), str(x)])
+
+    def kill_tracker(self):
+        """Kill the tracker as a crash does."""
+        if self.tracker is not None:
+            self.tracker.kill()
+            self.tracker.wait()
+            self.tracker = None
+
+
+def start_node(*words, log=subprocess.DEVNULL):
+    """Start `safe-ompl ros` in a process of its own."""
+    return subprocess.Popen([sys.executable, "-m", "safe_ompl", "ros", *words], stderr=log, text=True)
+
+
+def ended(node):
+    """Press Ctrl-C, and return the exit status of a node."""
+    node.send_signal(signal.SIGINT)
+    try:
+        return node.wait(PATIENCE)
+    finally:
+        node.kill()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("ros")
+
+
+@pytest.fixture(scope="module")
+def world(folder):
+    """Robot and sensors, and a node that drives the robot and writes `drive.mcap`."""
+    rclpy.init()
+    world = World()
+    world.person()
+    with (folder / "node.log").open("w") as log:
+        node = start_node("panda_shelf", "--mcap", str(folder / "drive.mcap"), *SIM, log=log)
+        try:
+            yield world
+        finally:
+            code = ended(node)
+            world.kill_tracker()
+            rclpy.try_shutdown()
+            world.thread.join()
+    assert code == 0, (folder / "node.log").read_text()
+    header, ticks = read_log(folder / "drive.mcap")
+    assert header["joint_names"] == NAMES
+    assert {"moving", "done"} <= {tick["state"] for tick in ticks}
+    assert read_recording(folder / "drive.mcap", read=read_log).motions["live"].duration > 1.0
+    assert main(["tube", str(folder / "drive.mcap")]) == 0
+
+
+def test_it_drives_to_a_goal(world):
+    world.go(GOAL)
+    world.arrives(GOAL)
+    assert len(world.commands) > 10
+    for message in world.commands:
+        assert message.joint_names == NAMES
+        assert np.abs(message.points[-1].velocities).max() < 1e-9  # it ends in a stop
+        assert len(message.points) == 1 or len(message.points[0].accelerations) == 7
+    stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for message in world.commands]
+    assert (np.diff(stamps) >= 0).all()
+
+
+def test_a_tracker_that_dies_stops_the_robot_until_there_is_another(world):
+    world.go(START)
+    world.hears("moving")
+    world.kill_tracker()
+    world.hears("'operator' was not seen for")
+    world.wait(lambda: not world.qd.any(), "the robot still moves")
+    here = world.q
+    time.sleep(0.5)
+    np.testing.assert_array_equal(world.q, here)
+    world.person()
+    world.arrives(START)
+
+
+def test_joint_states_that_are_lost_stop_the_robot(world):
+    world.go(GOAL)
+    world.hears("moving")
+    world.mute = True
+    world.hears("no joint states for")
+    world.wait(lambda: not world.qd.any(), "the robot still moves")
+    world.mute = False
+    world.arrives(GOAL)
+
+
+def marker(world, late=0.0, frame="world", **parts):
+    """Return a marker of the operator's head, 3 m away."""
+    found = Marker(ns="operator", text="head")
+    found.header.frame_id, found.pose.position.x = frame, 3.0
+    found.header.stamp.sec, found.header.stamp.nanosec = world.stamp(late)
+    for key, value in parts.items():
+        setattr(found, key, value)
+    return found
+
+
+def test_bad_messages_are_reported_and_the_robot_arrives(world, folder):
+    def reported(line, publish):
+        """Publish until the node has taken one, and said so: of sensors it takes the newest message alone."""
+
+        def found():
+            publish()
+            return line in (folder / "node.log").read_text()
+
+        world.wait(found, line)
+
+    def people(**change):
+        return lambda: world.people.publish(MarkerArray(markers=[marker(world, **change)]))
+
+    def joints(**change):
+        message = JointState(**{"name": NAMES, "position": START, **change})
+        message.header.stamp.sec, message.header.stamp.nanosec = world.stamp()
+        world.joints.publish(message)
+
+    world.go(START)
+    world.hears("moving")
+    nan = Pose()
+    nan.position.x = float("nan")
+    reported(
+        "people: key point: must be finite, or all NaN where it is not seen, got [nan, 0.0, 0.0]",
+        people(pose=nan),
+    )
+    reported("people: stamp: is missing, but needed", people(late=None))
+    reported("people: stamp: 'operator' was measured 5.", people(late=-5.0))
+    reported("people: frame_id: unknown frame 'camera'; known: ", people(frame="camera"))
+    reported("people: operator: unknown key point of standing 'tail'", people(text="tail"))
+    reported("joint_states: position: must be finite", lambda: joints(position=[float("nan")] * 7))
+    reported(
+        "joint_states: name: panda_joint1, panda_joint2, ",
+        lambda: joints(name=[f"a{name}" for name in NAMES]),
+    )
+    over = JointState(name=NAMES, position=[99.0] * 7)
+    reported("goal: position: is out of the limits of 'panda_joint1': 99", lambda: world.goal.publish(over))
+    reported(
+        "cloud: fields: the message has no field x and y and z",
+        lambda: world.cloud.publish(PointCloud2(height=1, width=1)),
+    )
+    for late in (3.0, 1.0, 2.0):  # long ago, and out of order
+        people(late=late)()
+    rest = b"\x00\x01\x00\x00" + bytes([200, 255, 255, 127]) * 3
+    for publisher, kind in ((world.people, "people"), (world.joints, "joint_states"), (world.goal, "goal")):
+        before = (folder / "node.log").read_text().count(f"{kind}: ")
+        world.wait(
+            lambda publisher=publisher, kind=kind, before=before, rest=rest: (
+                publisher.publish(rest) or (folder / "node.log").read_text().count(f"{kind}: ") > before
+            ),
+            kind,
+        )
+    world.arrives(START)
+    assert "Traceback" not in (folder / "node.log").read_text()
+
+
+@pytest.mark.parametrize(("jump", "goal"), [(-100.0, GOAL), (500.0, START)])
+def test_a_clock_that_jumps(world, jump, goal):
+    world.go(goal)
+    world.hears("moving")
+    world.offset += jump
+    if jump < 0:
+        world.told, world.qd = [], np.zeros(7)  # controllers forget what is in their future
+        world.wait(lambda: any("the clock went back" in said for said in world.said), "the clock")
+    world.arrives(goal)
+
+
+def test_two_nodes_keep_the_robot_still(world):
+    other = start_node("panda_shelf", *SIM)
+    try:
+        world.hears("2 nodes publish /command")
+        here = world.q
+        world.go(GOAL)
+        time.sleep(2.0)
+        np.testing.assert_array_equal(world.q, here)
+    finally:
+        assert ended(other) == 0
+    world.arrives(GOAL)
+
+
+def test_the_robot_of_a_topic(world, folder):
+    text = (Path(__file__).parents[2] / "data" / "gripper_arm.urdf").read_text()
+    scenario = folder / "arm.yaml"
+    scenario.write_text(
+        f"robot: {{urdf: {folder / 'none.urdf'}}}\nstart: [0.0]\ngoal: {{configuration: [0.0]}}\n"
+    )
+    (folder / "none.urdf").write_text("<robot name='none'/>")
+    quality = rclpy.qos.QoSProfile(depth=1, durability=rclpy.qos.DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = world.node.create_publisher(String, "/robot_description", quality)
+    for described, said in ((text, "start"), ("no URDF", "/robot_description: ")):
+        publisher.publish(String(data=described))
+        with (folder / "described.log").open("w") as log:
+            node = start_node(
+                str(scenario),
+                "--robot-description",
+                "/robot_description",
+                "--ros-args",
+                "-r",
+                "__ns:=/b",
+                log=log,
+            )
+            assert node.wait(PATIENCE) == 2
+        error = (folder / "described.log").read_text().strip()
+        assert error.splitlines()[-1].startswith("safe-ompl: ")
+        assert said in error.splitlines()[-1]
+
+
+# ---------------------------------------------------------------------------------------------------- encodings
+
+STATE = {"q": [0.5] * 7, "state": "braking", "reason": "why", "distance": 0.5, "obeyed": False}
+
+
+@pytest.mark.parametrize(
+    ("kind", "cls", "content"),
+    [
+        (messages.JOINT_STATE, JointState, messages.joint_state(1_500_000_001, NAMES, START, [])),
+        (
+            messages.JOINT_TRAJECTORY,
+            JointTrajectory,
+            messages.joint_trajectory(
+                7, NAMES, [0.0, 0.25], positions=[START, GOAL], velocities=[START, GOAL]
+            ),
+        ),
+        (messages.MARKERS, MarkerArray, messages.people_markers(9, "map", {"anna": {"head": [1, 2, 3]}})),
+        (messages.DIAGNOSTICS, DiagnosticArray, messages.diagnostics(9, "panda", STATE)),
+    ],
+)
+def test_bytes_are_those_of_ros(kind, cls, content):
+    data = messages.encoded(kind, content)
+    message = deserialize_message(data, cls)
+    back = serialize_message(message)[
+        : len(data)
+    ]  # bytes after and between fields are whatever was there before
+    assert deserialize_message(back, cls) == message
+    assert repr(messages.decoded(kind, back)) == repr(messages.decoded(kind, data))
+    assert message != cls()
+
+
+def test_the_node_says_what_is_missing(capsys, monkeypatch):
+    assert main(["ros", "panda_shelf", "--people", "a b"]) == 2
+    assert "'a b' must be letters, digits and _" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    monkeypatch.setattr("safe_ompl.apps.cli.ros.need_extra", lambda extra: None)
+    assert main(["ros", "panda_shelf"]) == 2
+    assert "needs ROS 2 (" in capsys.readouterr().err
+
+
+def test_the_example_beside_a_person_who_walks_on_the_clock_of_the_machine(folder):
+    own = {**os.environ, "ROS_DOMAIN_ID": str(51 + os.getpid() % 50)}
+    words = ["panda_shelf", "--tick", "0.1", "--latency", "0.1"]
+    example = Path(__file__).parents[3] / "examples" / "ros" / "world.py"
+    with (folder / "example.log").open("w") as log:
+        node = subprocess.Popen([sys.executable, "-m", "safe_ompl", "ros", *words], env=own, stderr=log)
+        world = subprocess.Popen([sys.executable, str(example)], env=own, stdout=subprocess.PIPE, text=True)
+        try:
+            stop = threading.Timer(3 * PATIENCE, world.kill)
+            stop.start()
+            said = []
+            while (line := world.stdout.readline()) and not any("done" in text for text in said):
+                said.append(line.strip())
+            stop.cancel()
+        finally:
+            world.kill()
+            world.wait()
+            assert ended(node) == 0
+    assert "done: at the goal" in said, (said, (folder / "example.log").read_text())
+    assert "moving" in said
