@@ -31,7 +31,8 @@ def test_both_run(name):
     run = subprocess.run(
         [sys.executable, str(EXAMPLES / name), *files], capture_output=True, text=True, timeout=60, check=True
     )
-    assert run.stderr == ""
+    said = [line for line in run.stderr.splitlines() if "compiling kernels" not in line]
+    assert said == []
     rows = [line for line in run.stdout.splitlines() if line and (line[0].isdigit() or line[0] == "-")]
     path = np.loadtxt(StringIO("\n".join(rows)))
     np.testing.assert_allclose(path[[0, -1], 0], [0.9, -0.9])

@@ -219,8 +219,8 @@ def beside_people(tmp_path, call):
 
 @pytest.mark.usefixtures("beside_people")
 def test_stops_beside_the_scenarios_people_are_proven(call, tmp_path):
-    status, out, err = call("check", "slow.json", "--scenario", "own.yaml")
-    assert (status, err) == (0, "")
+    status, out, _ = call("check", "slow.json", "--scenario", "own.yaml")
+    assert status == 0
     assert "velocity, acceleration, collision, stops beside people" in out
     status, out, _ = call(
         "check", "fast.json", "--scenario", "own.yaml", "--no-people", "--json", "found.json"
