@@ -33,7 +33,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from safe_ompl.apps import main
 from safe_ompl.apps.exchange import messages, read_log
-from safe_ompl.view import read_recording
 
 pytestmark = pytest.mark.end_to_end
 NAMES = [f"panda_joint{k}" for k in range(1, 8)]
@@ -179,7 +178,6 @@ def world(folder):
     header, ticks = read_log(folder / "drive.mcap")
     assert header["joint_names"] == NAMES
     assert {"moving", "done"} <= {tick["state"] for tick in ticks}
-    assert read_recording(folder / "drive.mcap", read=read_log).motions["live"].duration > 1.0
     assert main(["tube", str(folder / "drive.mcap")]) == 0
 
 
@@ -299,6 +297,7 @@ def test_two_nodes_keep_the_robot_still(world):
     other = start_node("panda_shelf", *SIM)
     try:
         world.hears("2 nodes publish /command")
+        time.sleep(3.0)  # each of them looks once in a second
         here = world.q
         world.go(GOAL)
         time.sleep(2.0)
