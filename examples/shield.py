@@ -1,12 +1,13 @@
 """A noisy policy hands over a tool beside a person who walks about; what is driven of it is proven at every tick."""
 
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, Scene, Shield, Tracker, time_path
-from safe_ompl.io import ticks_header, write_ticks
+from safe_ompl.io import TicksFile, ticks_header
 from safe_ompl.people.simulation import Simulation, Walker
 from safe_ompl.people.simulation.movers import ALL_KEYPOINTS
 
@@ -57,4 +58,6 @@ print(
 print("; ".join(sorted({tick["reason"].split(" (")[0] for tick in ticks if tick["reason"]})[:3]))
 if len(sys.argv) > 1:  # a file, for `safe-ompl view FILE`
     header = ticks_header(shield.tick, robot, shield.surroundings.still, simulation.world.description())
-    write_ticks(Path(sys.argv[1]), header, ticks)
+    with closing(TicksFile(Path(sys.argv[1]), header)) as file:
+        for tick in ticks:
+            file.write(tick)
