@@ -50,11 +50,8 @@ limits = RateLimits.of(robot, velocity=1.5, acceleration=4.0)
 ways = [time_path(way, robot, limits, motion=shield.motion) for way in ([PICK, GIVE], [GIVE, PICK])]
 anna = Walker(people, np.array([0.0, 0.0, -0.8]), np.array([1.2, 0.5]), seed=1)
 simulation = Simulation(Policy(shield), ways, {"anna": anna})
-ticks = list(simulation.ticks(15.0))
-result = simulation.summary
-print(
-    f"{result.tasks} tools handed over, {result.stops} stops, {result.contacts_while_moving} contacts while moving"
-)
+ticks, result = list(simulation.ticks(15.0)), simulation.summary
+print(f"{result.tasks} tools handed over, {result.contacts_while_moving} contacts while moving")
 print("; ".join(sorted({tick["reason"].split(" (")[0] for tick in ticks if tick["reason"]})[:3]))
 if len(sys.argv) > 1:  # a file, for `safe-ompl view FILE`
     header = ticks_header(shield.tick, robot, shield.surroundings.still, simulation.world.description())
