@@ -18,7 +18,7 @@ from safe_ompl.common import seed as checked_seed
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions import MotionCheck, Repair, checked, repaired
 from safe_ompl.paths import PathReport, Simplifier, Stop, timed
-from safe_ompl.planning.ompl import DurationObjective
+from safe_ompl.planning.ompl import DangerObjective, DurationObjective
 from safe_ompl.planning.optimise import (
     COSTS,
     Cost,
@@ -122,6 +122,9 @@ class SafeSetup(ProblemSetup):
         self.problem.check_complete(self.getPlanner())
         self._choose_planner()
         self.problem.choose_place(self.getPlanner())
+        objective = self.getOptimizationObjective()
+        if isinstance(objective, DangerObjective) and not isinstance(self.getPlanner(), SafePlanner):
+            objective.prepare()
         try:
             status = super().solve(stop)
             self.problem.explain_missing_goal()

@@ -124,6 +124,12 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         """Return a line about the objective."""
         return "integral of the danger field (Lacevic & Rocco 2013)"
 
+    def prepare(self) -> None:
+        """Compile what costs of motions need: while a planner of OMPL's runs, that would count as its time."""
+        q = np.zeros(self.field.robot.n)
+        if self.field.points is not None:
+            self.field.mean(q, q)
+
     def stateCost(self, state: Any) -> Any:
         """Return the danger at a state."""
         return ob.Cost(self.field.value(self._bridge.read(state)))
