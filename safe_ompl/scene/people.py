@@ -81,7 +81,8 @@ class People(Section):
     source : str, optional
         Where the figures of `regions` come from; shown with them.
     robot_mass : float, optional
-        Effective mass of the robot in a contact [kg]; default: half of its moving links' mass, and the load.
+        Effective mass of the robot in a contact [kg]; default: infinite, because position servos push on. Where a limb
+        is clamped, half of its moving links' mass, and the load.
     load : float
         Mass of what the robot carries [kg].
     reach : path, optional
