@@ -294,9 +294,8 @@ def motions(number: int, rng: np.random.Generator) -> None:
             least += [adversary.stopped(MotionStop(motion, stops_, begin))[0] for begin in begins]
             late.append([is_reached(problem, spline, duration / share, adversary) for share in FASTER])
         people = problem.people
-        shares = [
-            f"{np.mean([x for x in column if x is not None]):.0%}" for column in zip(*late, strict=True)
-        ]
+        met = ([x for x in column if x is not None] for column in zip(*late, strict=True))
+        shares = [f"{np.mean(column):.0%}" if column else "-" for column in met]
         row = (problem.name, f"{people.speed:g}", "contact" if people.contact else "none", len(late))
         row = (
             *row,

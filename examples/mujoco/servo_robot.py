@@ -96,6 +96,7 @@ class ServoRobot:
         self, robot: Robot, scene: Scene, start: np.ndarray, servo: Servo, part: BodyPart | None = None
     ) -> None:
         self.n, self.servo, self._part = robot.n, servo, part
+        self._robot, self._scene = robot, scene
         self._known, self._memory = robot.shared.model, robot.shared.model.createData()
         rng = np.random.default_rng(0)
         places = (robot.pinocchio_configuration(rng.uniform(robot.lower, robot.upper)) for _ in range(100))
@@ -127,6 +128,17 @@ class ServoRobot:
         self.data.ctrl[:] = wanted + (self._damping * rate + gravity) / self._stiffness
         mujoco.mj_step(self.model, self.data, _PARTS)
         return self.q
+
+    def meeting(self, part: BodyPart, speed: float = 0.0) -> ServoRobot:
+        """Return a robot in the same state whose link touches a part of a body that moves at a speed [m/s] along it."""
+        twin = ServoRobot(self._robot, self._scene, self.q, self.servo, part)
+        twin.data.qvel[: self.n], twin._sent = self.rates, self._sent.copy()
+        twin.data.joint("body").qvel[0] = speed
+        while (
+            abs(gap := twin.distance_to_part()) > 1e-5
+        ):  # moves the part along its direction until the pad touches
+            twin.data.joint("body").qpos[0] -= gap if gap < 0 else 0.9 * gap
+        return twin
 
     @property
     def q(self) -> np.ndarray:

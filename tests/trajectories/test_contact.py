@@ -157,7 +157,9 @@ def test_nothing_that_pushes_no_faster_presses_harder_than_a_region_bears():
         speed, stiffness = contact_speed(region, np.inf), 1e3 * region.stiffness
         period = 2 * np.pi * np.sqrt(region.mass / stiffness)
         # Each row pushes at speeds of its own, which change ten times in a period; the first one never lets up.
-        pushed = np.repeat(rng.uniform(-1.0, 1.0, (200, 40)).clip(-0.5, 0.8), round(period / 10 / step), axis=1)
+        pushed = np.repeat(
+            rng.uniform(-1.0, 1.0, (200, 40)).clip(-0.5, 0.8), round(period / 10 / step), axis=1
+        )
         pushed = speed * np.vstack([np.ones(pushed.shape[1]), pushed / 0.8])
         gap, rate, force = np.zeros(201), np.zeros(201), np.zeros(201)
         for x in pushed.T:
