@@ -44,7 +44,7 @@ from safe_ompl.motions import FACTOR
 from safe_ompl.people import Tracker
 from safe_ompl.people.replanning import Doing, Replanner
 from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
-from safe_ompl.people.simulation.simulation import Touch
+from safe_ompl.people.simulation.simulation import Contact, Touch
 from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BlendedCurve, BlendProof, BodySpeeds, Piece, contact_speed
 
@@ -182,22 +182,21 @@ class Hit:
 
     def __init__(self, body: ServoRobot, touch: Touch, limb_speed: float, people: People) -> None:
         held = people.region_of(touch.limb)
-        self.region, self.held = REGIONS[held], held
+        self.region, self._held = REGIONS[held], held
         self.speed = touch.speed / max(contact_speed(held, people.robot_mass or np.inf), 1e-9)
         part = BodyPart(touch.point, touch.normal, held.mass, 1e3 * held.stiffness)
         self._robots = [body.meeting(part, speed) for speed in (0.0, limb_speed)]
-        self.left = round(
-            1.5 * np.pi * np.sqrt(part.mass / part.stiffness) / STEP
-        )  # steps of the first impact
+        self._left = round(1.5 * np.pi * np.sqrt(part.mass / part.stiffness) / STEP)
         self.forces = np.zeros(2)  # as shares of what the region bears
 
-    def step(self, q: FloatArray, qd: FloatArray) -> bool:
-        """Go on with a set point of the robot; return whether the first impact goes on."""
+    def step(self, q: FloatArray, qd: FloatArray) -> None:
+        """Go on with a set point of the robot as long as the first impact lasts."""
         for k, robot in enumerate(self._robots):
             robot.step(q, qd)
-            self.forces[k] = max(self.forces[k], robot.force / max(self.held.force, 1e-9))
-        self.left -= 1
-        return self.left > 0
+            self.forces[k] = max(self.forces[k], robot.force / max(self._held.force, 1e-9))
+        self._left -= 1
+        if self._left <= 0:
+            self._robots = []
 
 
 class Drive:
@@ -242,10 +241,11 @@ class Drive:
         self.hits: list[Hit] = []
         self.tasks = self.moved = 0
         self.least = np.inf
+        self._touched: tuple[Contact | None, float] = (None, 0.0)  # with its speed at the latest hit
 
     def run(self, seconds: float) -> None:
         """Drive for so long [s]."""
-        replanner, open_hits = self.replanner, []
+        replanner = self.replanner
         replanner.start(self.ways[0])
         old = command = None
         for k in range(round(seconds / replanner.tick)):
@@ -261,35 +261,34 @@ class Drive:
                 in_force = command if old is None or time >= now + ANSWER else old
                 state = in_force.at(max(time, in_force.time))
                 q = self.body.step(state.q, state.qd)
-                open_hits = [one for one in open_hits if one.step(state.q, state.qd)]
+                for one in self.hits:
+                    one.step(state.q, state.qd)
                 moving = bool(np.abs(state.qd).max() > 1e-9 or np.abs(self.body.rates).max() > DRIFTING)
                 self.moved += moving
                 if i % LOOKED == 0:
-                    found = self.look(time, q, moving)
-                    open_hits += found
-                    self.hits += found
+                    self.look(time, q, moving)
 
-    def look(self, time: float, q: FloatArray, moving: bool) -> list[Hit]:
-        """Look for contacts; return hits where the robot moves by a tenth faster than before in the same contact."""
-        contacts, rates = self.monitor.contacts, self.body.rates
-        number, before = len(contacts), contacts[-1].speed if contacts else 0.0
-        keypoints = self.world.keypoints(time)
+    def look(self, time: float, q: FloatArray, moving: bool) -> None:
+        """Look for contacts; note hits where the robot moves by a tenth faster than before in the same contact."""
+        rates, keypoints = self.body.rates, self.world.keypoints(time)
         solids = self.world.solids(keypoints, time)
         near = self.monitor.observe(time, q, solids, moving=moving, obeyed=True, qd=rates)
         if moving:
             self.least = min(self.least, near.distance)
-        known = len(contacts) == number and contacts[-1].speed <= 1.1 * before if contacts else True
-        if not moving or near.distance > 0 or known or not self.people.contact:
-            return []
+        if not moving or near.distance > 0 or not self.people.contact:
+            return
+        contact = self.monitor.contacts[-1]
+        if contact is self._touched[0] and contact.speed <= 1.1 * self._touched[1]:
+            return
+        self._touched = contact, contact.speed
         ends = np.array(self.world.ends(keypoints, time))
         gone = (ends - self.world.ends(self.world.keypoints(time - STEP), time - STEP)) / STEP
-        found, limbs = [], [solid.limb for solid in solids]
+        limbs = [solid.limb for solid in solids]
         for touch in self.monitor.touches(q, rates, solids):
             (start, end), (first, second) = ends[limbs.index(touch.limb)], gone[limbs.index(touch.limb)]
             along = (touch.point - start) @ (end - start) / max((end - start) @ (end - start), 1e-12)
             velocity = first + np.clip(along, 0.0, 1.0) * (second - first)
-            found.append(Hit(self.body, touch, float(velocity @ touch.normal), self.people))
-        return found
+            self.hits.append(Hit(self.body, touch, float(velocity @ touch.normal), self.people))
 
 
 def drives(

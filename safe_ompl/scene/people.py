@@ -167,8 +167,9 @@ class People(Section):
         if len(self.regions) < len(CONTACT_TABLE):
             sources.append(CONTACT_SOURCE)
         persons = "is subtracted" if self.contact_relative else "is not counted"
-        figures = "; ".join(sources)
-        return f"speeds of contact are the robot's own, the person's {persons}; figures: {figures}"
+        weight = "infinitely heavy" if self.robot_mass is None else f"{self.robot_mass:g} kg heavy"
+        own = f"speeds of contact are the robot's own, as if it were {weight}, the person's {persons}"
+        return f"{own}; figures: {'; '.join(sources)}"
 
     def speed_of(self, limb: str) -> float:
         """Return the bound on the speed of a limb [m/s]."""

@@ -178,7 +178,8 @@ def test_mass_and_source_are_the_users(panda):
         assert robot_mass(panda, People(load=2.0, robot_mass=5.0), clamped=clamped) == 5.0
     said = People(contact=True, regions={"hand": (100, 0.6, 75)}, source="our tests of 2026").contact_sentence
     assert "our tests of 2026" in said
-    assert "the person's is not counted" in said
+    assert "as if it were infinitely heavy, the person's is not counted" in said
+    assert "as if it were 5 kg heavy" in People(contact=True, robot_mass=5.0).contact_sentence
     assert "no compliance" in said  # of the other regions
     assert People().contact_sentence == ""
     for key, value in (("load", -1.0), ("contact_relative", "no"), ("source", 3)):
