@@ -44,7 +44,7 @@ from safe_ompl.motions import FACTOR
 from safe_ompl.people import Tracker
 from safe_ompl.people.replanning import Doing, Replanner
 from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
-from safe_ompl.people.simulation.simulation import Contact, Touch
+from safe_ompl.people.simulation.simulation import Touch
 from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BlendedCurve, BlendProof, BodySpeeds, Piece, contact_speed
 
@@ -174,18 +174,18 @@ class Hit:
         The robot as it touches.
     touch : Touch
         Where.
-    limb_speed : float
-        Of the limb along the normal, away from the robot [m/s].
+    limb_velocity : ndarray, shape (3,)
+        Of the limb there [m/s].
     people : People
         What they bear.
     """
 
-    def __init__(self, body: ServoRobot, touch: Touch, limb_speed: float, people: People) -> None:
+    def __init__(self, body: ServoRobot, touch: Touch, limb_velocity: FloatArray, people: People) -> None:
         held = people.region_of(touch.limb)
         self.region, self._held = REGIONS[held], held
         self.speed = touch.speed / max(contact_speed(held, people.robot_mass or np.inf), 1e-9)
         part = BodyPart(touch.point, touch.normal, held.mass, 1e3 * held.stiffness)
-        self._robots = [body.meeting(part, speed) for speed in (0.0, limb_speed)]
+        self._robots = [body.meeting(part, velocity) for velocity in (np.zeros(3), limb_velocity)]
         self._left = round(1.5 * np.pi * np.sqrt(part.mass / part.stiffness) / STEP)
         self.forces = np.zeros(2)  # as shares of what the region bears
 
@@ -241,7 +241,7 @@ class Drive:
         self.hits: list[Hit] = []
         self.tasks = self.moved = 0
         self.least = np.inf
-        self._touched: tuple[Contact | None, float] = (None, 0.0)  # with its speed at the latest hit
+        self._fastest: dict[str, float] = {}  # speed of the latest hit of each limb that is touched now
 
     def run(self, seconds: float) -> None:
         """Drive for so long [s]."""
@@ -275,20 +275,21 @@ class Drive:
         near = self.monitor.observe(time, q, solids, moving=moving, obeyed=True, qd=rates)
         if moving:
             self.least = min(self.least, near.distance)
+        if near.distance > 0:
+            self._fastest = {}
         if not moving or near.distance > 0 or not self.people.contact:
             return
-        contact = self.monitor.contacts[-1]
-        if contact is self._touched[0] and contact.speed <= 1.1 * self._touched[1]:
-            return
-        self._touched = contact, contact.speed
         ends = np.array(self.world.ends(keypoints, time))
         gone = (ends - self.world.ends(self.world.keypoints(time - STEP), time - STEP)) / STEP
         limbs = [solid.limb for solid in solids]
         for touch in self.monitor.touches(q, rates, solids):
+            if touch.speed <= 1.1 * self._fastest.get(touch.limb, 0.0):
+                continue
+            self._fastest[touch.limb] = touch.speed
             (start, end), (first, second) = ends[limbs.index(touch.limb)], gone[limbs.index(touch.limb)]
             along = (touch.point - start) @ (end - start) / max((end - start) @ (end - start), 1e-12)
             velocity = first + np.clip(along, 0.0, 1.0) * (second - first)
-            self.hits.append(Hit(self.body, touch, float(velocity @ touch.normal), self.people))
+            self.hits.append(Hit(self.body, touch, velocity, self.people))
 
 
 def drives(

@@ -90,7 +90,11 @@ def test_a_robot_that_meets_a_limb_goes_on_and_presses_no_harder_than_the_speeds
     ways = np.array([-tip[1], tip[0], 0.0]) / np.hypot(*tip[:2])
     part = BodyPart(tip + 0.1 * ways, ways, mass, stiffness)
     forces = []
-    for limb in (0.0, -0.2, 0.5):  # at rest, towards the robot, and away faster than it follows
+    for limb in (
+        0.0 * ways,
+        -0.2 * ways,
+        0.5 * ways,
+    ):  # at rest, towards the robot, and away faster than it follows
         met = body.meeting(part, limb)
         assert met.distance_to_part() == pytest.approx(0.0, abs=1e-4)
         np.testing.assert_array_equal(met.q, body.q)
