@@ -29,11 +29,11 @@ MOST = 10.0  # [m] no gap is wider
 
 
 class Bearable:
-    """What limbs bear [m/s], by the formula: F/√(μK), and where they are clamped (F/2)/√(m_R K)."""
+    """What limbs bear [m/s], by the formulas: F/√(μK), and where they are clamped (F/2)/√(m_R K)."""
 
     def __init__(self, robot: Robot, people: People) -> None:
         moving = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:])
-        self._mass = moving / 2 + people.load if people.robot_mass is None else people.robot_mass
+        self._clamping = moving / 2 + people.load if people.robot_mass is None else people.robot_mass
         self._people = people
 
     def speeds(self, limb: str) -> tuple[float, float]:
@@ -41,8 +41,9 @@ class Bearable:
         if not self._people.contact:
             return 0.0, 0.0
         force, mass, stiffness = self._people.region_of(limb)
-        reduced = self._mass * mass / (self._mass + mass)
-        return force / sqrt(1e3 * stiffness * reduced), force / 2 / sqrt(1e3 * stiffness * self._mass)
+        robot = self._people.robot_mass
+        reduced = mass if robot is None else robot * mass / (robot + mass)
+        return force / sqrt(1e3 * stiffness * reduced), force / 2 / sqrt(1e3 * stiffness * self._clamping)
 
 
 def thickness(limb: str, height: float) -> float:
@@ -75,28 +76,32 @@ class Gaps:
         pin.forwardKinematics(self._model, self._kinematics, full, self._robot.coupling.motions(qd))
         pin.updateGeometryPlacements(self._model, self._kinematics, self._geometry, self._data)
 
-    def velocity(self, body: int, point: FloatArray) -> FloatArray:
-        """Return the velocity (3,) of a point of a body that is at `point: (3,)` now [m/s]."""
-        joint = self.joints[body]
-        if joint == 0:
-            return np.zeros(3)
-        place, motion = self._kinematics.oMi[joint], self._kinematics.v[joint]
-        local = motion.linear + np.cross(motion.angular, place.actInv(point))
-        return np.asarray(place.rotation @ local)
-
     def closing(self, widths: FloatArray, link: str = "") -> FloatArray:
         """Return how fast (K,) a gap closes at most, of all (of a link) no wider than each of `widths: (K,)` [m/s]."""
-        found = np.zeros(len(widths))
-        for k, (a, b) in enumerate(self.pairs):
+        pin.computeDistances(self._geometry, self._data)
+        widest, found, twists = widths.max(), np.zeros(len(widths)), self._twists()
+        for (a, b), result in zip(self.pairs, self._data.distanceResults, strict=True):
+            width = result.min_distance
+            if not 1e-6 < width <= widest:
+                continue
             if link and link not in (self.names[a].rsplit("_", 1)[0], self.names[b].rsplit("_", 1)[0]):
                 continue
-            result = pin.computeDistance(self._geometry, self._data, k)
-            width = result.min_distance
-            if 1e-6 < width <= widths.max():
-                p, q = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
-                speed = float((self.velocity(a, p) - self.velocity(b, q)) @ (q - p)) / width
-                found = np.where(width <= widths, np.maximum(found, speed), found)
+            p, q = result.getNearestPoint1(), result.getNearestPoint2()
+            # (ω × p)·d = ω·(p × d), and p × d = p × q = q × d for d = q - p.
+            line = np.append(
+                q - p, (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0])
+            )
+            speed = float((twists[a] - twists[b]) @ line) / width
+            found[width <= widths] = np.maximum(found[width <= widths], speed)
         return found
+
+    def _twists(self) -> FloatArray:
+        """Return the twists (B, 6) of all bodies, velocity at the origin and angular velocity, in the world's frame."""
+        known = self._kinematics
+        of_joints = [
+            known.oMi[k].act(known.v[k]).vector if k else np.zeros(6) for k in range(self._model.njoints)
+        ]
+        return np.array(of_joints)[self.joints]
 
 
 class TouchJudge(ContactMonitor):

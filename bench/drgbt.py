@@ -10,7 +10,8 @@ Three planners, each with the cubes' places at every iteration: our replanner, w
 1.6 m/s (`--bound own`: than it is); RRT-Connect from scratch in every iteration, whose first 50 ms are driven; and
 RRT-Connect only when the rest of the path touches a cube where it is now. The rivals need not speed up or brake, and
 may spend `--checks` collision checks an iteration. A run succeeds if the goal is reached without a contact while the
-robot moves. All 15 counts with 100 runs each take about two hours on one core.
+robot moves. All 15 counts with 100 runs each take about two hours on one core. With `--log FILE.jsonl` every run is
+kept as a line of that file, and the command goes on where it was stopped.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+from copy import deepcopy
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -265,31 +267,55 @@ def main() -> None:
     parser.add_argument("--apart", type=float, default=5.0, metavar="M")
     parser.add_argument("--bound", choices=("common", "own"), default="common")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("--log", type=Path, metavar="FILE.jsonl")
     parser.add_argument("--figure", type=Path, metavar="FILE.png")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
     ou.setLogLevel(ou.LogLevel.LOG_ERROR)
-    robot = arm()
-    rows: dict[str, list[list[dict[str, Any]]]] = {"ours": [], "from scratch": [], "on demand": []}
-    print(f"{'cubes':>5}  " + "  ".join(f"{name:^38}" for name in rows))
-    print(
-        f"{'':5}  "
-        + "  ".join(f"{'success':>8}{'progress':>9}{'time':>7}{'moving':>7}{'rest':>6} " for _ in rows)
-    )
-    for count in options.counts:
-        for runs in rows.values():
-            runs.append([])
-        for k in range(options.runs):
-            one = (robot, count, options.seed + k, options.apart)
-            rows["ours"][-1].append(ours(robot, problem(*one), options.bound))
-            for name, always in (("from scratch", True), ("on demand", False)):
-                rows[name][-1].append(Rival(robot, problem(*one), options.checks, always).drive())
-        print(f"{count:5}  " + "  ".join(_told(runs[-1]) for runs in rows.values()), flush=True)
-    if options.json:
-        options.json.write_text(json.dumps({"counts": options.counts, **rows}))
+    rows = run_all(options)
+    print(f"{'cubes':>5}{'runs':>6}  " + "  ".join(f"{name:^38}" for name in rows))
+    columns = f"{'success':>8}{'progress':>9}{'time':>7}{'moving':>7}{'rest':>6} "
+    print(f"{'':11}  " + "  ".join(columns for _ in rows))
+    for k, count in enumerate(options.counts):
+        found = [runs[k] for runs in rows.values()]
+        if found[-1]:
+            print(f"{count:5}{len(found[-1]):6}  " + "  ".join(map(_told, found)))
     if options.figure:
         draw(options.counts, rows, options.figure)
+
+
+def run_all(options: argparse.Namespace) -> dict[str, list[list[dict[str, Any]]]]:
+    """Return the outcomes of each planner for each count; Ctrl-C ends it early."""
+    robot = arm()
+    kept: dict[str, dict[str, Any]] = {}
+    if options.log and options.log.exists():
+        lines = map(json.loads, options.log.read_text().splitlines())
+        kept = {json.dumps(line["run"]): line["outcome"] for line in lines}
+    rows: dict[str, list[list[dict[str, Any]]]] = {
+        name: [[] for _ in options.counts] for name in ("ours", "from scratch", "on demand")
+    }
+    try:
+        for k, (i, count) in product(range(options.runs), enumerate(options.counts)):
+            seed, run = options.seed + k, None
+            for name, runs in rows.items():
+                own = options.bound if name == "ours" else options.checks
+                key = [name, count, seed, options.apart, own]
+                found = kept.get(json.dumps(key))
+                if found is None:
+                    run = run or problem(robot, count, seed, options.apart)
+                    fresh = deepcopy(run)  # cubes remember where they were
+                    if name == "ours":
+                        found = ours(robot, fresh, options.bound)
+                    else:
+                        found = Rival(robot, fresh, options.checks, name == "from scratch").drive()
+                    if options.log:
+                        with options.log.open("a") as file:
+                            file.write(json.dumps({"run": key, "outcome": found}) + "\n")
+                runs[i].append(found)
+    except KeyboardInterrupt:
+        shortest = min(len(runs) for per_count in rows.values() for runs in per_count)
+        print(f"stopped after {shortest} runs of each count")
+    return rows
 
 
 def _told(runs: list[dict[str, Any]]) -> str:

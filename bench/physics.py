@@ -10,6 +10,13 @@ motions    Planned and timed motions among obstacles. Errors of the joints in th
            proven of the motion itself, and `missing` is by how much it was missed at worst.
 drives     The replanner beside a person who walks about and reaches out, and who keeps to the promised speeds. People
            are kept away by what the tube moves the robot, too. Contacts are looked for at the joints of the physics.
+live       The same where contact is allowed, without a tube. Wherever the robot touches a limb while it moves, faster
+           than before in this contact, a copy of it in the same state, which drives on as the robot does, hits a part
+           of a body as in `contact`, along the normal of the contact. `force` is the largest one of the first impact as
+           a share of what the region bears, of a part that rests: people's own speed is not counted in what is
+           promised. `with the limb's speed` is the same of a part as fast as the limb is. `speed` is the robot's own at
+           the touching point, and `gap` that of the gap that closes, as shares of what is borne; limbs that are held
+           against something are not simulated.
 contact    A link at the speed that a region of the body bears (`people.contact`) hits a part of a body of that mass
            and stiffness which is free to give way. `first` is the largest force of the first impact, `later` that of
            the time after it while the robot drives on, both as a share of what the region bears.
@@ -27,6 +34,7 @@ from ompl import util as ou
 
 from bench._scenes import scattered
 from bench._timing import print_table
+from bench._touches import TouchJudge
 from examples.mujoco.servo_robot import STEP, BodyPart, Servo, ServoRobot
 from safe_ompl import People, RateLimits, Robot, SafeSetup, Scene, Trajectory
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
@@ -35,9 +43,10 @@ from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.motions import FACTOR
 from safe_ompl.people import Tracker
 from safe_ompl.people.replanning import Doing, Replanner
-from safe_ompl.people.simulation import ALL_KEYPOINTS, ContactMonitor, Walker, World
+from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
+from safe_ompl.people.simulation.simulation import Touch
 from safe_ompl.scene.people import CONTACT_TABLE
-from safe_ompl.trajectories import BlendedCurve, BlendProof, BodySpeeds, Piece, contact_speed, robot_mass
+from safe_ompl.trajectories import BlendedCurve, BlendProof, BodySpeeds, Piece, contact_speed
 
 # Accelerations [rad/s²]; of the Panda half of what Franka publishes, with which the motors are too weak here at times.
 ROBOTS = {"panda": [7.5, 3.75, 5, 6.25, 7.5, 10, 10], "ur5": [4.0] * 6}
@@ -55,7 +64,10 @@ MOTIONS = (
     *("below without a tube", "missing [mm]"),
 )
 DRIVES = "robot", "drives", "tasks", "moving", "nearest moving [mm]", "contacts moving", "contacts at rest"
+LIVE = *DRIVES, "speed, at most", "gap, at most"
+HITS = "robot", "region", "hits", "speed, at most", "force, median", "force, at most", "with the limb's speed"
 CONTACT = "robot", "region", "speed [m/s]", "bears [N]", "first / bears", "later / bears"
+REGIONS = {part: name for name, part in CONTACT_TABLE.items()}
 FIRST = 10  # motions whose errors make the tube
 LOOKED = 5  # steps of physics between two measured distances
 SETTLING = 0.3  # [s] that is driven on at the end of a motion
@@ -153,64 +165,160 @@ def motions(name: str, number: int, servo: Servo) -> tuple[tuple[object, ...], t
     return (name, len(found), *wide, outside, *medians, *below, f"{missing:.1f}"), tube
 
 
-def drive(name: str, seed: int, tube: tuple[float, ...], servo: Servo, seconds: float) -> list[float]:
-    """Return the least distance while moving [m], contacts while moving and at rest, share of moving, and tasks."""
-    robot, floor = Robot.from_example(name), Obstacle("floor", Box((3.0, 3.0, 0.02)), Pose((0.0, 0.0, -0.76)))
-    scene = Scene((floor,))
-    setup = SafeSetup(robot, scene)
-    setup.setTube(tube)
-    proof = CertifiedMotion(CollisionChecker(robot, scene), separation=Separation(tube=tube))
-    people, tracker = People(), Tracker(ALL_KEYPOINTS)
-    walker = Walker(people, np.array([0.0, 0.0, -0.75]), np.array([0.9, 0.0]), tracker=tracker, seed=seed)
-    replanner = Replanner(robot, scene, {"anna": tracker}, people=people, motion=proof)
-    world = World({"anna": walker}, {}, replanner.surroundings)
-    swing = 1.2 * np.eye(robot.n)[0] + 0.2 * np.eye(robot.n)[1]
-    ends = [np.array(DRAWN_IN[name]) + side * swing for side in (-1, 1)]
-    limits, ways = RateLimits.of(robot, acceleration=ROBOTS[name]), []
-    for k in range(2):
-        setup.setConfigurations(ends[k], ends[1 - k])
-        ways.append(setup.plan("SafeRRTConnect", seed=seed, simplify=0.1).timed(limits))
-    body, monitor = ServoRobot(robot, scene, ends[0], servo), ContactMonitor(robot)
-    replanner.start(ways[0])
-    tasks, moved, least = 0, 0, np.inf
-    old = command = None
-    for k in range(round(seconds / replanner.tick)):
-        now = k * replanner.tick
-        replanner.update({"anna": walker.at(now)}, {}, now)
-        if command is not None and command.doing is Doing.DONE:
-            tasks += 1
-            replanner.start(ways[tasks % 2])
-        old, command = command, replanner.command(now + ANSWER)
-        replanner.think()
-        for i in range(round(replanner.tick / STEP)):
-            time = now + i * STEP
-            in_force = command if old is None or time >= now + ANSWER else old
-            state = in_force.at(max(time, in_force.time))
-            q = body.step(state.q, state.qd)
-            moving = bool(np.abs(state.qd).max() > 1e-9 or np.abs(body.rates).max() > DRIFTING)
-            moved += moving
-            if i % LOOKED == 0:
-                solids = world.solids(world.keypoints(time), time)
-                near = monitor.observe(time, q, solids, moving=moving, obeyed=True)
-                least = min(least, near.distance) if moving else least
-    touched = [contact.moving for contact in monitor.contacts]
-    return [least, sum(touched), len(touched) - sum(touched), moved * STEP / seconds, tasks]
+class Hit:
+    """What becomes of a part of a body that a robot touches: at rest, and as fast as the limb is that it stands for.
+
+    Parameters
+    ----------
+    body : ServoRobot
+        The robot as it touches.
+    touch : Touch
+        Where.
+    limb_velocity : ndarray, shape (3,)
+        Of the limb there [m/s].
+    people : People
+        What they bear.
+    """
+
+    def __init__(self, body: ServoRobot, touch: Touch, limb_velocity: FloatArray, people: People) -> None:
+        held = people.region_of(touch.limb)
+        self.region, self._held = REGIONS[held], held
+        self.speed = touch.speed / max(contact_speed(held, people.robot_mass or np.inf), 1e-9)
+        part = BodyPart(touch.point, touch.normal, held.mass, 1e3 * held.stiffness)
+        self._robots = [body.meeting(part, velocity) for velocity in (np.zeros(3), limb_velocity)]
+        self._left = round(1.5 * np.pi * np.sqrt(part.mass / part.stiffness) / STEP)
+        self.forces = np.zeros(2)  # as shares of what the region bears
+
+    def step(self, q: FloatArray, qd: FloatArray) -> None:
+        """Go on with a set point of the robot as long as the first impact lasts."""
+        for k, robot in enumerate(self._robots):
+            robot.step(q, qd)
+            self.forces[k] = max(self.forces[k], robot.force / max(self._held.force, 1e-9))
+        self._left -= 1
+        if self._left <= 0:
+            self._robots = []
+
+
+class Drive:
+    """A robot that goes to and fro beside a person who walks about.
+
+    Parameters
+    ----------
+    name : str
+        Of the robot.
+    seed : int
+        Of the person and the ways.
+    servo : Servo
+        The controller.
+    tube : tuple of float
+        Errors of the joints that proofs count [rad]; empty: none.
+    people : People
+        What is promised.
+    """
+
+    def __init__(self, name: str, seed: int, servo: Servo, tube: tuple[float, ...], people: People) -> None:
+        floor = Obstacle("floor", Box((3.0, 3.0, 0.02)), Pose((0.0, 0.0, -0.76)))
+        self.robot, scene = Robot.from_example(name), Scene((floor,))
+        setup = SafeSetup(self.robot, scene)
+        if any(tube):
+            setup.setTube(tube)
+        proof = CertifiedMotion(CollisionChecker(self.robot, scene), separation=Separation(tube=tube))
+        tracker = Tracker(ALL_KEYPOINTS)
+        place, start = np.array([0.0, 0.0, -0.75]), np.array([0.9, 0.0])
+        self.walker = Walker(people, place, start, tracker=tracker, seed=seed)
+        self.people = people
+        self.replanner = Replanner(self.robot, scene, {"anna": tracker}, people=people, motion=proof)
+        self.world = World({"anna": self.walker}, {}, self.replanner.surroundings)
+        swing = 1.2 * np.eye(self.robot.n)[0] + 0.2 * np.eye(self.robot.n)[1]
+        ends = [np.array(DRAWN_IN[name]) + side * swing for side in (-1, 1)]
+        limits = RateLimits.of(self.robot, acceleration=ROBOTS[name])
+        self.ways = []
+        for k in range(2):
+            setup.setConfigurations(ends[k], ends[1 - k])
+            self.ways.append(setup.plan("SafeRRTConnect", seed=seed, simplify=0.1).timed(limits))
+        self.body = ServoRobot(self.robot, scene, ends[0], servo)
+        self.monitor = TouchJudge(self.robot, scene, people, tracker.body.height)
+        self.hits: list[Hit] = []
+        self.tasks = self.moved = 0
+        self.least = np.inf
+        self._fastest: dict[str, float] = {}  # speed of the latest hit of each limb that is touched now
+
+    def run(self, seconds: float) -> None:
+        """Drive for so long [s]."""
+        replanner = self.replanner
+        replanner.start(self.ways[0])
+        old = command = None
+        for k in range(round(seconds / replanner.tick)):
+            now = k * replanner.tick
+            replanner.update({"anna": self.walker.at(now)}, {}, now)
+            if command is not None and command.doing is Doing.DONE:
+                self.tasks += 1
+                replanner.start(self.ways[self.tasks % 2])
+            old, command = command, replanner.command(now + ANSWER)
+            replanner.think()
+            for i in range(round(replanner.tick / STEP)):
+                time = now + i * STEP
+                in_force = command if old is None or time >= now + ANSWER else old
+                state = in_force.at(max(time, in_force.time))
+                q = self.body.step(state.q, state.qd)
+                for one in self.hits:
+                    one.step(state.q, state.qd)
+                moving = bool(np.abs(state.qd).max() > 1e-9 or np.abs(self.body.rates).max() > DRIFTING)
+                self.moved += moving
+                if i % LOOKED == 0:
+                    self.look(time, q, moving)
+
+    def look(self, time: float, q: FloatArray, moving: bool) -> None:
+        """Look for contacts; note hits where the robot moves by a tenth faster than before in the same contact."""
+        rates, keypoints = self.body.rates, self.world.keypoints(time)
+        solids = self.world.solids(keypoints, time)
+        near = self.monitor.observe(time, q, solids, moving=moving, obeyed=True, qd=rates)
+        if moving:
+            self.least = min(self.least, near.distance)
+        if near.distance > 0:
+            self._fastest = {}
+        if not moving or near.distance > 0 or not self.people.contact:
+            return
+        ends = np.array(self.world.ends(keypoints, time))
+        gone = (ends - self.world.ends(self.world.keypoints(time - STEP), time - STEP)) / STEP
+        limbs = [solid.limb for solid in solids]
+        for touch in self.monitor.touches(q, rates, solids):
+            if touch.speed <= 1.1 * self._fastest.get(touch.limb, 0.0):
+                continue
+            self._fastest[touch.limb] = touch.speed
+            (start, end), (first, second) = ends[limbs.index(touch.limb)], gone[limbs.index(touch.limb)]
+            along = (touch.point - start) @ (end - start) / max((end - start) @ (end - start), 1e-12)
+            velocity = first + np.clip(along, 0.0, 1.0) * (second - first)
+            self.hits.append(Hit(self.body, touch, velocity, self.people))
 
 
 def drives(
-    name: str, options: argparse.Namespace, tube: tuple[float, ...], servo: Servo
-) -> tuple[object, ...]:
-    """Return the row of a robot."""
-    runs = [drive(name, seed, tube, servo, options.seconds) for seed in range(options.drives)]
-    least, moving, rest, moved, tasks = np.transpose(runs)
-    share, nearest = f"{100 * moved.mean():.0f} %", f"{1e3 * least.min():.1f}"
-    return name, len(runs), int(tasks.sum()), share, nearest, int(moving.sum()), int(rest.sum())
+    name: str, options: argparse.Namespace, tube: tuple[float, ...], servo: Servo, people: People
+) -> tuple[tuple[object, ...], list[tuple[object, ...]]]:
+    """Return the row of a robot; and where contact is allowed, of each region that it touches."""
+    runs = [Drive(name, seed, servo, tube, people) for seed in range(options.drives)]
+    for run in runs:
+        run.run(options.seconds)
+    contacts = [contact.moving for run in runs for contact in run.monitor.contacts]
+    share = np.mean([run.moved for run in runs]) * STEP / options.seconds
+    row = (name, len(runs), sum(run.tasks for run in runs), f"{100 * share:.0f} %")
+    row = (*row, f"{1e3 * min(run.least for run in runs):.1f}", sum(contacts), len(contacts) - sum(contacts))
+    if not people.contact:
+        return row, []
+    judged = (max(getattr(run.monitor, key) for run in runs) for key in ("fastest", "closing"))
+    regions, hits = [], [one for run in runs for one in run.hits]
+    for region in CONTACT_TABLE:
+        if own := [one for one in hits if one.region == region]:
+            resting, moving = np.transpose([one.forces for one in own])
+            most = (max(one.speed for one in own), np.median(resting), resting.max(), moving.max())
+            regions.append((name, region, len(own), *(f"{value:.2f}" for value in most)))
+    return (*row, *(f"{value:.2f}" for value in judged)), regions
 
 
 def hit(name: str, region: str, servo: Servo, people: People) -> tuple[object, ...]:
     """Return the row of a robot that turns about its first joint, and hits a region of a body with its last link."""
     robot, part = Robot.from_example(name), CONTACT_TABLE[region]
-    mass = robot_mass(robot, people)
+    mass = people.robot_mass or np.inf
     allowed, at_contact = contact_speed(part, mass), np.array(STRETCHED[name])
     turn, still = np.eye(robot.n)[0], np.zeros(robot.n)
     curve = BlendedCurve([Piece(at_contact, turn, still, still, 1e-3)], [])
@@ -248,7 +356,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", choices=("motions", "drives", "contact"))
+    parts = ("motions", "drives", "live", "contact")
+    parser.add_argument("--only", choices=parts)
     parser.add_argument("--motions", type=int, default=50, metavar="N", help="of each robot")
     parser.add_argument("--drives", type=int, default=10, metavar="N", help="of each robot")
     parser.add_argument("--seconds", type=float, default=12.0, help="of each drive")
@@ -259,15 +368,21 @@ def main() -> None:
     logging.disable(logging.WARNING)
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     servo = Servo()
-    if options.only != "contact":
+    people = People(contact=True, robot_mass=options.robot_mass)
+    if options.only in (None, "motions", "drives"):
         number = 0 if options.only == "drives" else options.motions
         found = {name: motions(name, number, servo) for name in ROBOTS}
         if number:
             print_table(MOTIONS, [row for row, _ in found.values()])
         if options.only != "motions":
-            print_table(DRIVES, [drives(name, options, tube, servo) for name, (_, tube) in found.items()])
+            tubes = {name: tube for name, (_, tube) in found.items()}
+            rows = [drives(name, options, tube, servo, People())[0] for name, tube in tubes.items()]
+            print_table(DRIVES, rows)
+    if options.only in (None, "live"):
+        live = [drives(name, options, (), servo, people) for name in ROBOTS]
+        print_table(LIVE, [row for row, _ in live])
+        print_table(HITS, [row for _, rows in live for row in rows])
     if options.only in (None, "contact"):
-        people = People(robot_mass=options.robot_mass)
         regions = [region for region, part in CONTACT_TABLE.items() if part.force]
         print_table(CONTACT, [hit(name, region, servo, people) for name in ROBOTS for region in regions])
 

@@ -155,8 +155,9 @@ class Adversary:
         speeds are those of points of the robot, and of gaps that close.
         """
         least, share, clamped = np.inf, 0.0, 0.0
-        for t in np.linspace(0, stop.duration * (1 - 1e-6), INSTANTS):
-            q, qd, _ = stop.at(float(t))
+        times = np.linspace(0, stop.duration * (1 - 1e-6), INSTANTS)
+        states = stop.at(times)
+        for t, q, qd in zip(times.tolist(), states.q, states.qd, strict=True):
             if np.abs(qd).max() <= 1e-9:
                 continue
             left = self._limbs.at(q) - self._speeds * (self._reaction + t) - self._clearance
@@ -222,6 +223,7 @@ def stops(number: int, rng: np.random.Generator) -> None:
         shares = [f"{found.max():.3f}" if people.contact else "-" for found in (fast, closing)]
         most = f"{max(largest_jerk(trajectory, begin) for begin in begins[:500]):.3f}" if jerk else "-"
         rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}", met, *shares, most))
+        print(rows[-1], flush=True)
     print_table(
         (
             "scenario",
@@ -247,11 +249,11 @@ class MotionStop:
         self._motion, self._law = motion, found.stop_from(begin)
         self.duration = self._law.duration
 
-    def at(self, t: float) -> State:
-        """Return the state after a time [s]."""
-        _, at, rate, push = (float(x[0]) for x in self._law.at(np.array([t])))
-        slope, bend = (self._motion.derivative(at, order) for order in (1, 2))
-        return State(self._motion.at(at), slope * rate, bend * rate**2 + slope * push)
+    def at(self, t: FloatArray) -> State:
+        """Return the states after times (T,) [s]."""
+        _, at, rate, push = self._law.at(t)
+        slope, bend = (self._motion.derivative(at, order).T for order in (1, 2))
+        return State(self._motion.at(at), (slope * rate).T, (bend * rate**2 + slope * push).T)
 
 
 def as_motion(trajectory: Trajectory) -> Motion:
@@ -292,9 +294,8 @@ def motions(number: int, rng: np.random.Generator) -> None:
             least += [adversary.stopped(MotionStop(motion, stops_, begin))[0] for begin in begins]
             late.append([is_reached(problem, spline, duration / share, adversary) for share in FASTER])
         people = problem.people
-        shares = [
-            f"{np.mean([x for x in column if x is not None]):.0%}" for column in zip(*late, strict=True)
-        ]
+        met = ([x for x in column if x is not None] for column in zip(*late, strict=True))
+        shares = [f"{np.mean(column):.0%}" if column else "-" for column in met]
         row = (problem.name, f"{people.speed:g}", "contact" if people.contact else "none", len(late))
         row = (
             *row,

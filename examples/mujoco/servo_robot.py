@@ -57,12 +57,12 @@ class Servo:
 
 @dataclass(frozen=True)
 class BodyPart:
-    """A part of a body that gives way: a mass behind a pad; both slide in one direction, and nothing holds them.
+    """A part of a body that gives way: a mass behind a pad on a spring; nothing holds them, and they do not turn.
 
     Attributes
     ----------
     place, direction : ndarray, shape (3,)
-        The point of the pad's surface that is hit [m], and where it goes then; a unit vector.
+        The point of the pad's surface that is hit [m], and from there to its middle; a unit vector.
     mass : float
         Of the part of the body [kg].
     stiffness : float
@@ -96,6 +96,7 @@ class ServoRobot:
         self, robot: Robot, scene: Scene, start: np.ndarray, servo: Servo, part: BodyPart | None = None
     ) -> None:
         self.n, self.servo, self._part = robot.n, servo, part
+        self._robot, self._scene = robot, scene
         self._known, self._memory = robot.shared.model, robot.shared.model.createData()
         rng = np.random.default_rng(0)
         places = (robot.pinocchio_configuration(rng.uniform(robot.lower, robot.upper)) for _ in range(100))
@@ -127,6 +128,16 @@ class ServoRobot:
         self.data.ctrl[:] = wanted + (self._damping * rate + gravity) / self._stiffness
         mujoco.mj_step(self.model, self.data, _PARTS)
         return self.q
+
+    def meeting(self, part: BodyPart, velocity: np.ndarray) -> ServoRobot:
+        """Return a robot in the same state whose link touches a part of a body, which has a velocity (3,) [m/s]."""
+        twin = ServoRobot(self._robot, self._scene, self.q, self.servo, part)
+        twin.data.qvel[: self.n], twin._sent = self.rates, self._sent.copy()
+        middle = slice(self.n, self.n + 3)
+        twin.data.qvel[middle] = velocity
+        while abs(gap := twin.distance_to_part()) > 1e-5:  # goes where the pad touches
+            twin.data.qpos[middle] -= (gap if gap < 0 else 0.9 * gap) * part.direction
+        return twin
 
     @property
     def q(self) -> np.ndarray:
@@ -161,9 +172,11 @@ class ServoRobot:
 
     @property
     def force(self) -> float:
-        """The force between pad and body [N]."""
+        """The force between pad and body [N]; infinite once MuJoCo has warned that the physics is unstable."""
         assert self._part is not None
-        return float(self._part.stiffness * self.data.joint("pad").qpos[0])
+        if any(warning.number for warning in self.data.warning):
+            return np.inf
+        return float(self._part.stiffness * np.linalg.norm(self.data.qpos[self.n + 3 :]))
 
     # ------------------------------------------------------------------------------------------------- the world
 
@@ -201,16 +214,17 @@ class ServoRobot:
         body.add_geom(name=label, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=label, **_pose(place), **touching)
 
     def _add_part(self, part: BodyPart, pad: float = 0.05, radius: float = 0.04) -> None:
-        slide = {"type": mujoco.mjtJoint.mjJNT_SLIDE, "axis": part.direction}
+        slide = {"type": mujoco.mjtJoint.mjJNT_SLIDE}
         body = self._spec.worldbody.add_body(
             name="body", pos=part.place + radius * part.direction, gravcomp=1.0
         )
         _weigh(body, part.mass, np.zeros(3), 1e-3 * np.eye(3))
-        body.add_joint(name="body", **slide)
         surface = body.add_body(name="pad", gravcomp=1.0)
         _weigh(surface, pad, np.zeros(3), 1e-4 * np.eye(3))
         damping = 0.1 * np.sqrt(part.stiffness * pad)
-        surface.add_joint(name="pad", stiffness=part.stiffness, damping=damping, **slide)
+        for axis in np.eye(3):
+            body.add_joint(axis=axis, **slide)
+            surface.add_joint(axis=axis, stiffness=part.stiffness, damping=damping, **slide)
         ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0]}
         hard = {"priority": 1, "solref": [STEP, 1.0], "solimp": [0.95, 0.99, 1e-4, 0.5, 2.0]}
         touching = {"contype": _THINGS, "conaffinity": _ROBOT, "friction": [0, 0, 0]}

@@ -32,7 +32,7 @@ from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, Kinetost
 from safe_ompl.io import carried_robot, carried_scene, schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
-from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory, limb_contact_speed, robot_mass
+from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory, limb_contact_speed
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
 _FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
@@ -345,8 +345,7 @@ def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
         "clearance": people.clearance,
     }
     if people.contact:
-        mass = robot_mass(robot, people)
-        found["contact"] = {part: limb_contact_speed(people, limb, mass) for part, limb in parts.items()}
+        found["contact"] = {part: limb_contact_speed(robot, people, limb) for part, limb in parts.items()}
     return found
 
 

@@ -81,7 +81,8 @@ class People(Section):
     source : str, optional
         Where the figures of `regions` come from; shown with them.
     robot_mass : float, optional
-        Effective mass of the robot in a contact [kg]; default: half of its moving links' mass, and the load.
+        Effective mass of the robot in a contact [kg]; default: infinite, because position servos push on. Where a limb
+        is clamped, half of its moving links' mass, and the load.
     load : float
         Mass of what the robot carries [kg].
     reach : path, optional
@@ -166,8 +167,9 @@ class People(Section):
         if len(self.regions) < len(CONTACT_TABLE):
             sources.append(CONTACT_SOURCE)
         persons = "is subtracted" if self.contact_relative else "is not counted"
-        figures = "; ".join(sources)
-        return f"speeds of contact are the robot's own, the person's {persons}; figures: {figures}"
+        weight = "infinitely heavy" if self.robot_mass is None else f"{self.robot_mass:g} kg heavy"
+        own = f"speeds of contact are the robot's own, as if it were {weight}, the person's {persons}"
+        return f"{own}; figures: {'; '.join(sources)}"
 
     def speed_of(self, limb: str) -> float:
         """Return the bound on the speed of a limb [m/s]."""

@@ -1,19 +1,27 @@
 """Contact with people: how fast the robot may be where it touches a limb, and where it may clamp one.
 
-In a *transient* contact the limb yields. A point of the robot that touches it may be as fast as v = F/√(μK), with
-1/μ = 1/m_H + 1/m_R: the largest force, mass and stiffness of the body region, and the robot's mass. What counts is the
-speed of the robot where it touches; that of the person is not counted, unless `People.contact_relative` subtracts it.
+In a *transient* contact the limb yields. A point of the robot that touches it may be as fast as v = F/√(μK), with 1/μ =
+1/m_H + 1/m_R: the largest force, mass and stiffness of the body region, and the robot's mass. By default the robot
+counts as infinitely heavy, μ = m_H. Then F is proven whatever its motors do: let a mass m behind a spring K be pushed
+by a point whose speed is ẋ ≤ v, and let c ≥ 0 be the compression. In the frame that moves with v the energy ½Kc² + ½m(v
+− ẏ)² changes by Kc(ẋ − v) ≤ 0, and it is ½mv² where the mass is at rest first, so Kc ≤ v√(mK). A finite mass assumes
+that the motors let go: half of the links' mass is the public choice, and a bound of the mass in the direction n of the
+impact is m_n (n·v)² ≤ q̇ᵀM(q)q̇ (Cauchy and Schwarz), but a position servo pushes on while the limb yields. What counts
+is the speed of the robot where it touches; that of the person is not counted, unless `People.contact_relative`
+subtracts it.
 
 A limb is *clamped* if it touches a body of the robot and, on its other side, a partner: an obstacle, a part of the
-robot that stands still, or a link that moves otherwise. It cannot yield: half of the force counts, and μ = m_R. What
-counts is how fast the gap closes. Two points of rigid bodies g and h, with velocity fields V_g and V_h, approach each
-other by (V_g(p) − V_h(p))·n, because V_h changes no distance. So they approach by no more than
+robot that stands still, or a link that moves otherwise. It cannot yield: half of the force counts, and μ = m_R. There
+the robot must stop or yield by itself when it touches, and m_R is half of its links' mass and the load, unless
+`People.robot_mass` is given. What counts is how fast the gap closes. Two points of rigid bodies g and h, with velocity
+fields V_g and V_h, approach each other by (V_g(p) − V_h(p))·n, because V_h changes no distance. So they approach by no
+more than
 
     w_gh = Σ_j R̄_gj |q′_j| + Σ_i R̄_hi |q′_i|    per arc length,
 
 with the joints j that move g only and i that move h only, and by no more than the sum of the largest speeds of their
-points. A limb of thickness d touches both only where their distance is d at most. Over a cell of length 2l that is
-at least the proven bound at its centre less l·w_gh. Where that is more than d the limb cannot be clamped; elsewhere the
+points. A limb of thickness d touches both only where their distance is d at most. Over a cell of length 2l that is at
+least the proven bound at its centre less l·w_gh. Where that is more than d the limb cannot be clamped; elsewhere the
 robot is so slow that w_gh ṡ stays below what the clamped limb bears.
 
 The thickness of arms, hands, legs and feet is the diameter of their capsule, that of the trunk its breadth across the
@@ -49,7 +57,7 @@ def contact_speed(region: BodyRegion, mass: float, *, clamped: bool = False) -> 
     region : BodyRegion
         Force, mass and stiffness.
     mass : float
-        Effective mass m_R of the robot [kg].
+        Effective mass m_R of the robot, which may be infinite [kg].
     clamped : bool
         Whether the region cannot yield.
     """
@@ -58,10 +66,13 @@ def contact_speed(region: BodyRegion, mass: float, *, clamped: bool = False) -> 
     return float(force / np.sqrt(reduced * 1e3 * region.stiffness))
 
 
-def robot_mass(robot: Robot, people: People) -> float:
-    """Return the effective mass of the robot in a contact [kg]: that given, or M/2 of its links, and the load."""
-    if people.robot_mass is not None:
-        return people.robot_mass
+def robot_mass(robot: Robot, people: People, *, clamped: bool = False) -> float:
+    """Return the effective mass of the robot in a contact [kg]: that given, or infinite.
+
+    Where it clamps a limb it is that given, or half of its links' mass and the load.
+    """
+    if people.robot_mass is not None or not clamped:
+        return people.robot_mass or np.inf
     mass = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:]) / 2
     if mass <= 0:
         raise InputError(
@@ -70,8 +81,9 @@ def robot_mass(robot: Robot, people: People) -> float:
     return float(mass) + people.load
 
 
-def limb_contact_speed(people: People, limb: str, mass: float, *, clamped: bool = False) -> float:
+def limb_contact_speed(robot: Robot, people: People, limb: str, *, clamped: bool = False) -> float:
     """Return the speed [m/s] with which a point of the robot may touch a limb; see `contact_speed`."""
+    mass = robot_mass(robot, people, clamped=clamped)
     speed = contact_speed(people.region_of(limb), mass, clamped=clamped)
     return max(0.0, speed - people.speed_of(limb)) if people.contact_relative else speed
 
@@ -120,12 +132,11 @@ class ContactLimits:
         *,
         always_clamped: bool = False,
     ) -> None:
-        mass = robot_mass(robot, people)
         self.limbs = tuple(limbs)
         self.bears, self.bears_clamped = (
             np.array(
                 [
-                    limb_contact_speed(people, limb, mass, clamped=clamped) if who in heights else 0.0
+                    limb_contact_speed(robot, people, limb, clamped=clamped) if who in heights else 0.0
                     for who, limb in limbs
                 ]
             )

@@ -193,7 +193,7 @@ def test_contacts_that_are_not_so_slow_are_refused(touching, ur5, scene, change,
 
 def test_contacts_a_tenth_slower_are_refused_where_the_robot_is_as_fast_as_it_may(touching, ur5, scene):
     # What is no limb counts as clamped wherever it is.
-    bears = contact_speed(BodyRegion(100, 4.4, 150), robot_mass(ur5, People()), clamped=True)
+    bears = contact_speed(BodyRegion(100, 4.4, 150), robot_mass(ur5, People(), clamped=True), clamped=True)
     slower = {"contact": {"ball": 0.9 * bears}}
     with pytest.raises(CertificateError, match="are needed"):
         verify(again(touching, stronger(**slower)), ur5, scene)

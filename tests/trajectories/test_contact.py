@@ -8,6 +8,7 @@ import pytest
 from safe_ompl import InputError, People, Scenario
 from safe_ompl.collision import fresh_data
 from safe_ompl.scene import BodyRegion, find_scenario
+from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, ContactLimits, RateLimits, contact_speed, robot_mass, time_path
 from safe_ompl.trajectories.contact import limb_contact_speed, limb_thickness
 
@@ -123,7 +124,8 @@ def test_no_gap_in_which_a_hand_fits_closes_faster_than_it_bears(robot_named, na
 
 def test_far_from_everything_a_hand_is_not_clamped_and_beside_movers_always(panda, shelf):
     still = shelf.scene.without("operator")
-    arguments = panda, still, People(contact=True), LIMBS, {"anna": 1.75}
+    # Against an infinitely heavy robot a trunk bears no more free than clamped.
+    arguments = panda, still, People(contact=True, robot_mass=20.0), LIMBS, {"anna": 1.75}
     path = [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, -0.4, 0, -2.0, 0, 2.0, 0.785]]
     found = cells_of(panda, path)
     most, free = speeds_of(ContactLimits(*arguments), panda, *found)
@@ -135,24 +137,49 @@ def test_far_from_everything_a_hand_is_not_clamped_and_beside_movers_always(pand
     assert (everywhere[..., :2] <= most[..., :2] * (1 + 1e-9)).all()
 
 
-def test_speeds_that_are_borne():
+def test_speeds_that_are_borne(panda):
     hand = BodyRegion(280, 0.6, 75)
     assert contact_speed(hand, 9.4) == pytest.approx(280 / np.sqrt(0.564 * 75e3))
     assert contact_speed(hand, 9.4, clamped=True) == pytest.approx(140 / np.sqrt(9.4 * 75e3))
     relative = People(contact=True, contact_relative=True, speed=1.0, speeds={"left_hand": 0.3})
-    assert limb_contact_speed(relative, "left_hand", 9.4) == pytest.approx(contact_speed(hand, 9.4) - 0.3)
-    assert limb_contact_speed(relative, "torso", 9.4) == 0
+    assert limb_contact_speed(panda, relative, "left_hand") == pytest.approx(
+        contact_speed(hand, np.inf) - 0.3
+    )
+    assert limb_contact_speed(panda, relative, "torso") == 0
     assert limb_thickness("right_hand", 2.0) == pytest.approx(0.096)
     assert limb_thickness("torso", 1.75) == limb_thickness("left_flank", 1.75) > 0.5
     assert limb_thickness("", 1.75) == np.inf
 
 
+def test_nothing_that_pushes_no_faster_presses_harder_than_a_region_bears():
+    rng, step = np.random.default_rng(0), 1e-4
+    for region in (CONTACT_TABLE["hand"], CONTACT_TABLE["abdomen"]):
+        speed, stiffness = contact_speed(region, np.inf), 1e3 * region.stiffness
+        period = 2 * np.pi * np.sqrt(region.mass / stiffness)
+        # Each row pushes at speeds of its own, which change ten times in a period; the first one never lets up.
+        pushed = np.repeat(
+            rng.uniform(-1.0, 1.0, (200, 40)).clip(-0.5, 0.8), round(period / 10 / step), axis=1
+        )
+        pushed = speed * np.vstack([np.ones(pushed.shape[1]), pushed / 0.8])
+        gap, rate, force = np.zeros(201), np.zeros(201), np.zeros(201)
+        for x in pushed.T:
+            rate += step * stiffness * np.maximum(gap, 0.0) / region.mass
+            gap += step * (x - rate)
+            force = np.maximum(force, stiffness * gap)
+        assert force[0] == pytest.approx(region.force, rel=0.02)
+        assert region.force / 2 < force[1:].max() <= 1.02 * region.force
+
+
 def test_mass_and_source_are_the_users(panda):
-    assert robot_mass(panda, People(load=2.0)) == pytest.approx(robot_mass(panda, People()) + 2.0)
-    assert robot_mass(panda, People(load=2.0, robot_mass=5.0)) == 5.0
+    empty, loaded = (robot_mass(panda, People(load=load), clamped=True) for load in (0.0, 2.0))
+    assert loaded == pytest.approx(empty + 2.0)
+    assert robot_mass(panda, People(load=2.0)) == np.inf
+    for clamped in (False, True):
+        assert robot_mass(panda, People(load=2.0, robot_mass=5.0), clamped=clamped) == 5.0
     said = People(contact=True, regions={"hand": (100, 0.6, 75)}, source="our tests of 2026").contact_sentence
     assert "our tests of 2026" in said
-    assert "the person's is not counted" in said
+    assert "as if it were infinitely heavy, the person's is not counted" in said
+    assert "as if it were 5 kg heavy" in People(contact=True, robot_mass=5.0).contact_sentence
     assert "no compliance" in said  # of the other regions
     assert People().contact_sentence == ""
     for key, value in (("load", -1.0), ("contact_relative", "no"), ("source", 3)):

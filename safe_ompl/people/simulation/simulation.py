@@ -25,12 +25,17 @@ _ROUNDING = 1e-6  # [m] by which a limb may be outside of its reach set
 
 
 class Touch(NamedTuple):
-    """A link of the robot, whom it touches, and how fast [m/s] the link is where they touch."""
+    """A link of the robot, whom it touches, and how fast [m/s] the link is where they touch.
+
+    That is at a point (3,) [m]; a normal (3,) points from the link to the limb.
+    """
 
     link: str
     who: str
     limb: str
     speed: float
+    point: FloatArray
+    normal: FloatArray
 
 
 class Nearest(NamedTuple):
@@ -103,9 +108,11 @@ class ContactMonitor:
                 there = coal.Transform3s(solid.placement.rotation, solid.placement.translation)
                 result = coal.CollisionResult()
                 if coal.collide(part.geometry, where, solid.geometry, there, request, result):
-                    point = joint.actInv(result.getContact(0).pos)
-                    speed = np.linalg.norm(velocity.linear + np.cross(velocity.angular, point))
-                    found.append(Touch(self._links[k], solid.who, solid.limb, float(speed)))
+                    met = result.getContact(0)
+                    point, normal = np.array(met.pos), np.array(met.normal)
+                    fast = velocity.linear + np.cross(velocity.angular, joint.actInv(point))
+                    speed = float(np.linalg.norm(fast))
+                    found.append(Touch(self._links[k], solid.who, solid.limb, speed, point, normal))
         return found
 
     def observe(
