@@ -39,6 +39,7 @@ NAMES = [f"panda_joint{k}" for k in range(1, 8)]
 START = [1.45, 0.1, 0.0, -1.7, 0.0, 3.37, 0.785]
 GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
 PATIENCE = 60.0  # [s] a busy machine is slow
+FIRST = 600.0  # [s] and all kernels may have to be compiled
 SIM = ["--clock-error", "0.05", "--tick", "0.1", "--latency", "0.1", "--ros-args", "-p", "use_sim_time:=true"]
 
 
@@ -168,6 +169,7 @@ def world(folder):
     with (folder / "node.log").open("w") as log:
         node = start_node("panda_shelf", "--mcap", str(folder / "drive.mcap"), *SIM, log=log)
         try:
+            world.wait(lambda: "ready" in (folder / "node.log").read_text(), "ready", FIRST)
             yield world
         finally:
             code = ended(node)
