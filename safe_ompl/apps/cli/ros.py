@@ -41,7 +41,7 @@ from safe_ompl.apps.exchange import Answer, Cell, ControlOptions, Frames, LiveCo
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
-from safe_ompl.people import KEYPOINTS, CalibratedReach, Surroundings, TrackedBody, Tracker, find_skeleton
+from safe_ompl.people import KEYPOINTS, Surroundings, TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
@@ -221,6 +221,7 @@ def cell_of(
     still = scenario.scene.without(*(n for n in scenario.scene.names if n in trackers or n in moving))
     limited = limits_of_still(scenario, still, beside_people=bool(trackers))
     setup_scenario(limited, robot)  # what cannot be used is said now
+    Surroundings(scenario.scene, trackers, moving, people, control.replanning.reach)
 
     def asked(of: Scenario, scene: Scene, start: FloatArray, goal: FloatArray) -> SafeSetup:
         aim = Goal(configurations=(tuple(goal.tolist()),))
@@ -281,12 +282,13 @@ def _with_cloud(scene: Scene, cloud: Obstacle | None) -> Scene:
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     """Drive a small robot in memory: that compiles every kernel that a tick calls, whatever the robot."""
-    reach = control.replanning.reach
-    tracker = Tracker(ALL_KEYPOINTS, gate=reach.gate if isinstance(reach, CalibratedReach) else None)
+    control = replace(
+        control, replanning=replace(control.replanning, reach=None)
+    )  # it is of another skeleton
     motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
     found = Scenario.load(find_scenario("planar2"))
     robot, scenario = found.build_robot(), replace(found, motion=motion, people=People(who=(_SOMEBODY,)))
-    cell = cell_of(scenario, robot, {_SOMEBODY: tracker}, {"machine": 0.1}, options, control)
+    cell = cell_of(scenario, robot, {_SOMEBODY: Tracker(ALL_KEYPOINTS)}, {"machine": 0.1}, options, control)
     start, (goal,) = scenario.start_configuration(robot), scenario.goal_configurations(robot)
     cloud = Obstacle("cloud", PointCloud(0.01, points=np.array([[-0.9, -0.9, 0.0]])))
     body, machine = 1.75 * np.array(list(STANDING.values())), scenario.scene["machine"].pose

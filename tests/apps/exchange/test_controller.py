@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -19,12 +20,15 @@ import pinocchio as pin
 import pytest
 from numba.core.dispatcher import Dispatcher
 
+from safe_ompl.apps import main
+from safe_ompl.apps.cli.program import command_line
 from safe_ompl.apps.cli.ros import cell_of, rehearse, trackers_of
 from safe_ompl.apps.exchange import ControlOptions, LiveController
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import InputError
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose, Sphere
 from safe_ompl.motions import Motion
+from safe_ompl.people import CalibratedReach
 from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
 from safe_ompl.scene import Scenario, Scene, find_scenario
@@ -406,6 +410,24 @@ def test_points_of_robot_and_person_are_left_out_and_new_ones_stop_the_robot(cel
     solid = Solid("", "", Sphere(0.08).parts()[0].geometry, pin.SE3(np.eye(3), np.array([0.45, 0.25, 0.6])))
     way = [tick["q"] for tick in drive.ticks[-150:]]
     assert min(ContactMonitor(drive.robot).nearest(np.array(q), [solid]).distance for q in way) > 0
+
+
+def test_a_calibrated_reach_comes_with_its_gate(tmp_path, monkeypatch, capsys):
+    growth = {"torso": (0.5,), "right_hand": (1.0,)}
+    reach = CalibratedReach("recording12", 2.0, 0.9, 20, (0.5,), growth, ("a",), ("b",))
+    reach.save(tmp_path / "reach.yaml")
+    monkeypatch.setattr("safe_ompl.apps.cli.ros.need_extra", lambda extra: None)
+    words = ["ros", "panda_shelf", "--reach", str(tmp_path / "reach.yaml"), "--skeleton"]
+    options = command_line().parse_args([*words, "recording12"])
+    scenario, trackers, control, _ = options.prepare(options).args
+    assert trackers["operator"].gate == 2.0
+    assert control.replanning.reach == reach
+    cell_of(scenario, scenario.build_robot(), trackers, {}, options, control)
+    trackers["operator"] = replace(trackers["operator"], gate=None)
+    with pytest.raises(InputError, match="operator: the reach was calibrated with"):
+        cell_of(scenario, scenario.build_robot(), trackers, {}, options, control)
+    assert main([*words[:3], str(tmp_path / "none.yaml")]) == 2
+    assert "none.yaml: cannot be read" in " ".join(capsys.readouterr().err.split())
 
 
 # ------------------------------------------------------------------------------------------- requests and shield
