@@ -126,6 +126,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     need_extra("ros")
     need_extra("mcap")
     check_mcap(options.mcap)
+    if options.shield and options.follow is not None:
+        raise InputError("excludes --shield, which commands the same robot", "--follow")
     scenario = load_scenario(options.scenario, options.package_dir)
     reach = reach_of(scenario.people, options)
     trackers = trackers_of(scenario, options, None if reach is None else reach.gate)
@@ -282,13 +284,13 @@ def _with_cloud(scene: Scene, cloud: Obstacle | None) -> Scene:
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     """Drive a small robot in memory: that compiles every kernel that a tick calls, whatever the robot."""
-    control = replace(
-        control, replanning=replace(control.replanning, reach=None)
-    )  # it is of another skeleton
+    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=options.shield)
+    replanning = replace(control.replanning, reach=None)  # a calibrated one is of another skeleton
+    control = replace(control, replanning=replanning)
     motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
     found = Scenario.load(find_scenario("planar2"))
     robot, scenario = found.build_robot(), replace(found, motion=motion, people=People(who=(_SOMEBODY,)))
-    cell = cell_of(scenario, robot, {_SOMEBODY: Tracker(ALL_KEYPOINTS)}, {"machine": 0.1}, options, control)
+    cell = cell_of(scenario, robot, {_SOMEBODY: Tracker(ALL_KEYPOINTS)}, {"machine": 0.1}, usual, control)
     start, (goal,) = scenario.start_configuration(robot), scenario.goal_configurations(robot)
     cloud = Obstacle("cloud", PointCloud(0.01, points=np.array([[-0.9, -0.9, 0.0]])))
     body, machine = 1.75 * np.array(list(STANDING.values())), scenario.scene["machine"].pose

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.apps.exchange.sightings import CloudView, Sightings, by_name, goal_of
+from safe_ompl.apps.exchange.sightings import CloudView, Joints, Sightings, by_name, goal_of
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
@@ -80,14 +80,6 @@ class ControlOptions:
         number("clock_error", self.clock_error, at_least=0.0)
         for key in ("joints_late", "tolerance", "cloud_radius"):
             number(key, getattr(self, key), above=0.0)
-
-
-class Joints(NamedTuple):
-    """Measured joints."""
-
-    time: float  # [s]
-    q: FloatArray
-    qd: FloatArray
 
 
 class LiveController:
@@ -210,16 +202,13 @@ class LiveController:
             self._replanner.propose_velocity(motion)
 
     def request(self, names: Sequence[str], position: Sequence[float]) -> None:
-        """Plan a whole trajectory from where the robot stands, which `answer` returns; the robot does not follow it.
-
-        A request that was not answered yet is forgotten.
-        """
+        """Plan a whole trajectory from where the robot stands, for `answer`; a request before it is forgotten."""
         goal = goal_of(self.cell.robot, names, position)
         self._request = None
         if self._joints is None or self._clock() - self._joints.time > self.options.joints_late:
             raise InputError("is not planned: there are no joint states")
-        if (self._driving and not self.cell.shielded) or np.abs(self._joints.qd).max() > _RESTING:
-            raise InputError("is not planned: the robot moves")
+        if self.blocked or self._moves():
+            raise InputError(f"is not planned: {self.blocked or 'the robot moves'}")
         seen = self._sightings.places(self._clock())
         cloud = None if self._cloud is None else self._cloud.obstacle()
         self._request = self._executor.submit(self.cell.request, self._joints.q, goal, seen, cloud)
@@ -230,9 +219,21 @@ class LiveController:
             return None
         request, self._request = self._request, None
         try:
-            return request.result()
+            answer = request.result()
         except SafeOmplError as error:
             return Answer(None, str(error))
+        assert answer.trajectory is not None
+        away = (
+            np.inf if self._joints is None else self._apart(answer.trajectory.at(0.0).q, self._joints.q).max()
+        )
+        if self._moves() or away > self.options.tolerance:
+            return Answer(None, "the robot has moved meanwhile")
+        return answer
+
+    def _moves(self) -> bool:
+        """Return whether the robot moves, or is about to."""
+        driven = self._driving and not self.cell.shielded
+        return driven or (self._joints is not None and np.abs(self._joints.qd).max() > _RESTING)
 
     # ------------------------------------------------------------------------------------------------------- ticks
 

@@ -153,14 +153,14 @@ class TrajectoryAction:
     def _answered(self, future: Any) -> None:
         self._goal = future.result()
         if self._goal.accepted:
-            self._goal.get_result_async().add_done_callback(self._ended)
+            self._goal.get_result_async().add_done_callback(partial(self._ended, self._goal))
         else:
             self._goal = None
             self._say("the trajectory was refused")
 
-    def _ended(self, future: Any) -> None:
+    def _ended(self, goal: Any, future: Any) -> None:
         result = future.result().result
-        self._goal = None
+        self._goal = None if self._goal is goal else self._goal  # another one may have taken its place
         self._say(f"ended with {result.error_code} {result.error_string}".rstrip())
 
     def _say(self, what: str) -> None:

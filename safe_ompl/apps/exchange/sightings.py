@@ -81,6 +81,14 @@ class Sightings:
         return self._fed, {name: value for name, (time, value) in self._newest.items() if time >= self._fed}
 
 
+class Joints(NamedTuple):
+    """Measured joints."""
+
+    time: float  # [s]
+    q: FloatArray
+    qd: FloatArray
+
+
 class CloudView(NamedTuple):
     """Points of the newest cloud that are neither the robot's nor a tracked person's, in the world."""
 

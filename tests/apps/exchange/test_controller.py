@@ -454,6 +454,9 @@ def test_a_whole_trajectory_on_request(drive):
     scene = Scene((*Scenario.load(find_scenario("panda_shelf")).scene.without("operator"), person))
     checker = CollisionChecker(drive.robot, scene)
     assert not any(checker.in_collision(q) for q in states.q)
+    ask(GOAL)
+    drive.controller.see_joints(drive.time, drive.robot.joint_names, drive.q + 0.1, np.zeros(7))
+    assert drive.controller.answer() == (None, "the robot has moved meanwhile")
     drive.person = np.array([0.35, 0.2, -0.75])  # about the robot
     drive.run(0.6)
     ask(GOAL)

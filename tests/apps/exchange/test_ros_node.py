@@ -417,6 +417,8 @@ def test_bytes_are_those_of_ros(kind, cls, content):
 
 
 def test_the_node_says_what_is_missing(capsys, monkeypatch):
+    assert main(["ros", "panda_shelf", "--shield", "--follow", "/arm"]) == 2
+    assert "--follow: excludes --shield" in capsys.readouterr().err
     assert main(["ros", "panda_shelf", "--people", "a b"]) == 2
     assert "'a b' must be letters, digits and _" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "rclpy", None)
