@@ -104,12 +104,7 @@ def add_commands(commands: Any) -> None:
         help="where the origin of the recording, or the first person who walks, is in the world [m, rad]; default: "
         "where the first person of the scenario stands",
     )
-    parser.add_argument(
-        "--reach",
-        metavar="FILE",
-        help="how far people go, see `safe-ompl people calibrate` (YAML); default: the reach of the scenario's people, "
-        "or their speeds",
-    )
+    add_reach(parser)
     parser.add_argument(
         "--movers",
         type=count,
@@ -162,6 +157,22 @@ def add_commands(commands: Any) -> None:
     )
 
 
+def add_reach(parser: argparse.ArgumentParser) -> None:
+    """Add how far people go."""
+    parser.add_argument(
+        "--reach",
+        metavar="FILE",
+        help="how far people go, see `safe-ompl people calibrate` (YAML); default: the reach of the scenario's people, "
+        "or their speeds",
+    )
+
+
+def reach_of(people: People | None, options: argparse.Namespace) -> CalibratedReach | None:
+    """Return the calibrated reach that the options name, or else the scenario's people; None: there is none."""
+    file = options.reach or (None if people is None else people.reach)
+    return None if file is None else CalibratedReach.load(file)
+
+
 def add_mcap(parser: argparse.ArgumentParser) -> None:
     """Add the log that Foxglove opens."""
     parser.add_argument("--mcap", metavar="FILE", help="also write a log that Foxglove opens (.mcap)")
@@ -184,8 +195,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
     people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
-    file, found = options.reach or people.reach, choose_actors(scenario, robot, people, options)
-    reach = None if file is None else CalibratedReach.load(file)
+    reach, found = reach_of(people, options), choose_actors(scenario, robot, people, options)
     if reach is not None:
         for mover in found.people.values():
             mover.tracker = replace(mover.tracker, gate=reach.gate)

@@ -78,7 +78,7 @@ def progress_bar(console: Console, *, hidden: bool = False) -> Progress:
 class LogLines(logging.Handler):
     """A log handler that shows one line for each record, above a progress bar if there is one.
 
-    If it is to `hold` records back at first, `release` shows them: to bad input the answer is one line, not a list of
+    If it is to `hold` records back at first, `show` ends that: to bad input the answer is one line, not a list of
     warnings.
     """
 
@@ -95,7 +95,7 @@ class LogLines(logging.Handler):
         else:
             self._held.append(line)
 
-    def release(self) -> None:
+    def show(self) -> None:
         """Show what was held back, and from now on everything at once."""
         held, self._held = self._held, None
         for line in held or ():

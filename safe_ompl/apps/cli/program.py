@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = parser.parse_args(words or ["--help"])
         with ompl_messages(options.verbose), shown_log(console, options.verbose) as log:
             job = options.prepare(options)
-            log.release()
+            log.show()
             return int(job())
     except (SafeOmplError, OSError) as error:
         if isinstance(error, BrokenPipeError):

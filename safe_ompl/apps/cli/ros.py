@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
@@ -12,11 +12,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+
 from safe_ompl.apps.cli.live import (
     add_mcap,
+    add_reach,
     check_mcap,
     clearance_of_movers,
     limits_of_still,
+    reach_of,
     timed_way,
 )
 from safe_ompl.apps.cli.options import (
@@ -32,19 +36,22 @@ from safe_ompl.apps.cli.options import (
     seconds,
 )
 from safe_ompl.apps.cli.output import error_console, need_extra
-from safe_ompl.apps.exchange import Cell, ControlOptions, Frames, LiveController, in_metres
+from safe_ompl.apps.cli.plan import describe_timing, timed
+from safe_ompl.apps.exchange import Answer, Cell, ControlOptions, Frames, LiveController, in_metres
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
-from safe_ompl.geometry import Obstacle, Person
+from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
-from safe_ompl.people import TrackedBody, Tracker, find_skeleton
-from safe_ompl.people.replanning import Replanner, ReplanningOptions
+from safe_ompl.people import KEYPOINTS, Surroundings, TrackedBody, Tracker, find_skeleton
+from safe_ompl.people.replanning import PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
-from safe_ompl.planning import setup_scenario
+from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Goal, People, Scenario, Scene
+from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene, find_scenario
+from safe_ompl.trajectories import RateLimits
 
 _PLANNER = "SafeRRTConnect"
-_NOBODY = "none"
+_NOBODY, _SOMEBODY = "none", "somebody"
+_REHEARSED = 12  # ticks
 _WAIT = 10.0  # [s] for the robot's description
 
 
@@ -56,7 +63,8 @@ def add_commands(commands: Any) -> None:
         prepare,
         "a node of ROS 2 that drives a robot to goals beside people and things that move",
         "Subscribe to joint states, people, obstacles, a point cloud and goals, and publish what the robot should do, "
-        "in pieces that end in a stop, with diagnostics and markers. Obstacles of limits.moving move.",
+        "in pieces that end in a stop, with diagnostics and markers; and plan whole trajectories on request. "
+        "Obstacles of limits.moving move.",
     )
     add_scenario(parser)
     parser.add_argument(
@@ -70,6 +78,7 @@ def add_commands(commands: Any) -> None:
         metavar="NAME",
         help="key points of people, such as coco17; default: those of the package",
     )
+    add_reach(parser)
     parser.add_argument(
         "--noise", type=noise, default=0.0, metavar="M", help="largest error of key points [m]"
     )
@@ -91,6 +100,16 @@ def add_commands(commands: Any) -> None:
         metavar="TOPIC",
         help="take the URDF from this topic, such as /robot_description, and all else of the robot from the scenario",
     )
+    parser.add_argument(
+        "--shield",
+        action="store_true",
+        help="follow what is proposed on the topic `proposal`, as far as it is proven, instead of goals",
+    )
+    parser.add_argument(
+        "--follow",
+        metavar="ACTION",
+        help="send whole trajectories to this control_msgs/FollowJointTrajectory, too",
+    )
     add_mcap(parser)
     add_run_options(parser, usual_time="the scenario's")
     add_package_dirs(parser)
@@ -107,10 +126,13 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     need_extra("ros")
     need_extra("mcap")
     check_mcap(options.mcap)
+    if options.shield and options.follow is not None:
+        raise InputError("excludes --shield, which commands the same robot", "--follow")
     scenario = load_scenario(options.scenario, options.package_dir)
-    trackers = trackers_of(scenario, options)
+    reach = reach_of(scenario.people, options)
+    trackers = trackers_of(scenario, options, None if reach is None else reach.gate)
     control = ControlOptions(
-        ReplanningOptions(tick=options.tick, lost_after=options.lost_after),
+        ReplanningOptions(reach, tick=options.tick, lost_after=options.lost_after),
         latency=min(options.latency, options.tick),
         clock_error=options.clock_error,
         tolerance=options.tolerance,
@@ -119,7 +141,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     return partial(_run, scenario, trackers, control, options)
 
 
-def trackers_of(scenario: Scenario, options: argparse.Namespace) -> dict[str, Tracker]:
+def trackers_of(
+    scenario: Scenario, options: argparse.Namespace, gate: float | None = None
+) -> dict[str, Tracker]:
     """Return how the people that the options name are tracked; those of the scenario are as tall as there."""
     skeleton = ALL_KEYPOINTS if options.skeleton is None else in_metres(find_skeleton(options.skeleton))
     heights = {one.name: one.shape.height for one in scenario.scene if isinstance(one.shape, Person)}
@@ -134,22 +158,30 @@ def trackers_of(scenario: Scenario, options: argparse.Namespace) -> dict[str, Tr
         if name not in scenario.scene.names:
             raise UnknownNameError("obstacle", name, scenario.scene.names, "limits.moving.speeds")
     bodies = {name: TrackedBody(heights[name]) if name in heights else TrackedBody() for name in tracked}
-    return {name: Tracker(skeleton, body, noise=options.noise) for name, body in bodies.items()}
+    return {name: Tracker(skeleton, body, noise=options.noise, gate=gate) for name, body in bodies.items()}
 
 
 def _run(
     scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptions, options: argparse.Namespace
 ) -> int:
     """Start the node, and drive the robot until Ctrl-C."""
-    from safe_ompl.apps.exchange import McapLog, NodeSetup, RosNode, ros_context  # needs the extras
+    from safe_ompl.apps.exchange import (  # needs the extras
+        McapLog,
+        NodeSetup,
+        RosNode,
+        TrajectoryAction,
+        ros_context,
+    )
 
     moving = {} if scenario.limits.moving is None else dict(scenario.limits.moving.speeds)
     around = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
     with ExitStack() as stack:
         node = stack.enter_context(ros_context(options.ros_args))
+        follower = None if options.follow is None else TrajectoryAction(node, options.follow)
         folder = stack.enter_context(TemporaryDirectory(prefix="safe-ompl-"))
         robot = _robot(scenario, node, options, Path(folder) / "robot.urdf")
         cell = cell_of(scenario, robot, trackers, moving, options, control)
+        rehearse(options, control)
         clock = node.get_clock()
         controller = LiveController(cell, lambda: 1e-9 * clock.now().nanoseconds, control)
         log = None
@@ -157,9 +189,9 @@ def _run(
             header = ticks_header(options.tick, robot, around, controller.header())
             log = stack.enter_context(closing(McapLog(options.mcap, header, robot, around)))
         frames = Frames(robot, scenario.frames)
-        ros = RosNode(node, controller, NodeSetup(frames, around.without(*moving), log))
-        error_console().print(f"{node.get_fully_qualified_name()}: ready; Ctrl-C ends it")
-        ros.run()
+        ros = RosNode(node, controller, NodeSetup(frames, around.without(*moving), log, follower))
+        name = node.get_fully_qualified_name()
+        ros.run(lambda: error_console().print(f"{name}: ready; Ctrl-C ends it"))
     return 0
 
 
@@ -191,31 +223,87 @@ def cell_of(
     still = scenario.scene.without(*(n for n in scenario.scene.names if n in trackers or n in moving))
     limited = limits_of_still(scenario, still, beside_people=bool(trackers))
     setup_scenario(limited, robot)  # what cannot be used is said now
+    Surroundings(scenario.scene, trackers, moving, people, control.replanning.reach)
 
-    def plan(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Replanner:
-        extra = () if cloud is None else (cloud,)
-        scene = Scene((*still, *extra), still.spacing)
-        asked = replace(
-            limited,
-            scene=scene,
-            start=tuple(start.tolist()),
-            goal=Goal(configurations=(tuple(goal.tolist()),)),
-        )
-        setup = setup_scenario(asked, robot)
+    def asked(of: Scenario, scene: Scene, start: FloatArray, goal: FloatArray) -> SafeSetup:
+        aim = Goal(configurations=(tuple(goal.tolist()),))
+        return setup_scenario(replace(of, scene=scene, start=tuple(start.tolist()), goal=aim), robot)
+
+    def planned(setup: SafeSetup) -> PlanResult:
         result = setup.plan(_PLANNER, **run_options(options, scenario, _PLANNER))
         if result.path is None:
             raise PlanningError(result.status)
-        trajectory = timed_way(result.path, robot, setup.certified_motion, scenario)
-        replanner = Replanner(
-            robot,
-            Scene((*(one for one in scenario.scene if one.name not in trackers), *extra), still.spacing),
-            trackers,
-            moving,
-            people=people,
-            options=control.replanning,
-            motion=setup.certified_motion,
-        )
-        replanner.start(trajectory)
+        return result
+
+    def plan(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Replanner | Shield:
+        setup = asked(limited, _with_cloud(still, cloud), start, goal)
+        everything = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
+        beside = robot, _with_cloud(everything, cloud), trackers, moving
+        how: dict[str, Any] = {
+            "people": people,
+            "options": control.replanning,
+            "motion": setup.certified_motion,
+        }
+        if options.shield:
+            own = scenario.motion
+            rates = RateLimits.of(robot, own.velocity, own.acceleration)
+            shield = Shield(*beside, limits=PathLimits(rates, own.tool_speed, own.link_speed), **how)
+            shield.start(start)
+            return shield
+        way = planned(setup).path
+        assert way is not None
+        replanner = Replanner(*beside, **how)
+        replanner.start(timed_way(way, robot, setup.certified_motion, scenario))
         return replanner
 
-    return Cell(robot, trackers, moving, plan)
+    def request(
+        start: FloatArray, goal: FloatArray, seen: Mapping[str, Any], cloud: Obstacle | None
+    ) -> Answer:
+        around = Surroundings(scenario.scene, trackers, moving, People())
+        around.update({name: seen[name] for name in trackers}, {name: seen[name] for name in moving}, 0.0)
+        scene = around.scene.moved({name: thing.pose for name, thing in around.objects.items()})
+        for name, person in around.people.items():
+            assert person.keypoints is not None
+            named = zip(KEYPOINTS, person.keypoints.tolist(), strict=True)
+            points = {key: place for key, place in named if key in STANDING}
+            scene = scene.with_obstacles(Obstacle(name, Person(person.tracker.body.height, points)))
+        result = planned(asked(scenario, _with_cloud(scene, cloud), start, goal))
+        own = scenario.motion
+        trajectory = timed(result, scenario, RateLimits.of(robot, own.velocity, own.acceleration, own.jerk))
+        clearance = (
+            "" if result.report is None else f", at least {1e3 * result.report.clearance.min:.0f} mm away"
+        )
+        return Answer(trajectory, f"proven free of contact{clearance}; {describe_timing(trajectory)}")
+
+    return Cell(robot, trackers, moving, plan, request, shielded=options.shield)
+
+
+def _with_cloud(scene: Scene, cloud: Obstacle | None) -> Scene:
+    return scene if cloud is None else scene.with_obstacles(cloud)
+
+
+def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
+    """Drive a small robot in memory: that compiles every kernel that a tick calls, whatever the robot."""
+    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=options.shield)
+    replanning = replace(control.replanning, reach=None)  # a calibrated one is of another skeleton
+    control = replace(control, replanning=replanning)
+    motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
+    found = Scenario.load(find_scenario("planar2"))
+    robot, scenario = found.build_robot(), replace(found, motion=motion, people=People(who=(_SOMEBODY,)))
+    cell = cell_of(scenario, robot, {_SOMEBODY: Tracker(ALL_KEYPOINTS)}, {"machine": 0.1}, usual, control)
+    start, (goal,) = scenario.start_configuration(robot), scenario.goal_configurations(robot)
+    cloud = Obstacle("cloud", PointCloud(0.01, points=np.array([[-0.9, -0.9, 0.0]])))
+    body, machine = 1.75 * np.array(list(STANDING.values())), scenario.scene["machine"].pose
+    away = np.array([2.0, 0.0, -0.75])  # and nearer at each tick
+    cell.request(start, goal, {_SOMEBODY: body + away, "machine": machine}, cloud)
+    pilot = cell.plan(start, goal, cloud)
+    for k in range(_REHEARSED):
+        time = control.replanning.tick * k
+        pilot.update({_SOMEBODY: body + away - [0.5 * time, 0.0, 0.0]}, {"machine": machine}, time)
+        if isinstance(pilot, Replanner):
+            pilot.think()
+        elif k % 2:
+            pilot.propose_velocity(np.zeros(robot.n))
+        else:
+            pilot.propose(np.linspace(start, goal, 100), rate=10.0)
+        pilot.command(time)

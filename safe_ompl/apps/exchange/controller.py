@@ -9,7 +9,8 @@ controller stops so
 * if the clock jumps.
 
 It plans anew from where the robot stands, as soon as nothing of this holds any more. People and objects that are not
-seen, or move farther than promised, the replanner stops for by itself.
+seen, or move farther than promised, the replanner stops for by itself. Behind a shield it is the same with proposals in
+the place of goals.
 """
 
 from __future__ import annotations
@@ -23,13 +24,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.apps.exchange.sightings import CloudView, Sightings, by_name
+from safe_ompl.apps.exchange.sightings import CloudView, Joints, Sightings, by_name, goal_of
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
 from safe_ompl.geometry import Obstacle, Pose
+from safe_ompl.motions import Motion
 from safe_ompl.people import KEYPOINTS, Tracker
-from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions
+from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
 from safe_ompl.robot import Robot
+from safe_ompl.trajectories import Trajectory
 
 _log = logging.getLogger(__name__)
 
@@ -39,6 +42,13 @@ _ARRIVED = "at the goal"
 _SAME = 1e-6  # [rad or m] a goal that is nearer is reached
 
 
+class Answer(NamedTuple):
+    """What came of a request for a plan."""
+
+    trajectory: Trajectory | None  # None: there is none
+    what: str  # What is proven, or why there is none
+
+
 @dataclass(frozen=True)
 class Cell:
     """A robot and what is around it."""
@@ -46,8 +56,12 @@ class Cell:
     robot: Robot
     trackers: Mapping[str, Tracker]  # People
     objects: Mapping[str, float]  # Obstacles that move, and bounds of their speeds [m/s]
-    # Of start and goal (n,), and the cloud: a replanner that has started; a SafeOmplError says why there is no way
-    plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner]
+    # Of start and goal (n,), and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
+    # A shield has no goal: it begins at the start.
+    plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner | Shield]
+    # Of start and goal, where people and obstacles were seen, and the cloud: a whole trajectory, and what is proven
+    request: Callable[[FloatArray, FloatArray, Mapping[str, Any], Obstacle | None], Answer]
+    shielded: bool = False  # Whether proposals are followed, and not goals
 
 
 @dataclass(frozen=True)
@@ -66,14 +80,6 @@ class ControlOptions:
         number("clock_error", self.clock_error, at_least=0.0)
         for key in ("joints_late", "tolerance", "cloud_radius"):
             number(key, getattr(self, key), above=0.0)
-
-
-class Joints(NamedTuple):
-    """Measured joints."""
-
-    time: float  # [s]
-    q: FloatArray
-    qd: FloatArray
 
 
 class LiveController:
@@ -113,9 +119,10 @@ class LiveController:
         self._executor = ThreadPoolExecutor(1) if executor is None else executor
         self._monitor = ContactMonitor(cell.robot)
         self._now = -np.inf
-        self._planning: Future[Replanner] | None = None
+        self._planning: Future[Replanner | Shield] | None = None
+        self._request: Future[Answer] | None = None
         self._goal: FloatArray | None = None
-        self._why, self.blocked = "no goal yet", ""
+        self._why, self.blocked = "nothing was proposed yet" if cell.shielded else "no goal yet", ""
         self._forget()
 
     def _forget(self) -> None:
@@ -126,7 +133,7 @@ class LiveController:
         self._cloud: CloudView | None = None
         self._proven_cloud: CloudView | None = None
         self._strangers: tuple[float, str] = (-np.inf, "")
-        self._replanner: Replanner | None = None
+        self._replanner: Replanner | Shield | None = None
         self._driving = False
         self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
         self.command: Command | None = None
@@ -181,15 +188,52 @@ class LiveController:
 
     def go_to(self, names: Sequence[str], position: Sequence[float]) -> None:
         """Take a goal: the robot stops if it moves, and goes there. Without joints it stops, and stays."""
-        goal = by_name(names, position, self.cell.robot.joint_names) if len(names) else None
-        if goal is not None:
-            outside = (goal < self.cell.robot.lower) | (goal > self.cell.robot.upper)
-            if outside.any():
-                name = self.cell.robot.joint_names[int(np.argmax(outside))]
-                raise InputError(f"is out of the limits of {name!r}: {goal[outside][0]:g}", "position")
-        self._goal = goal
+        self._goal = goal_of(self.cell.robot, names, position) if len(names) else None
         self._planning = None
-        self._halt("a new goal" if goal is not None else "no goal")
+        self._halt("a new goal" if self._goal is not None else "no goal")
+
+    def propose(self, motion: Motion | FloatArray, start: float | None = None) -> None:
+        """Take what the shield is to follow: a motion from a time [s] or the next tick on, or velocities (n,)."""
+        if not self._driving or not isinstance(self._replanner, Shield):
+            raise InputError(f"is not followed: {self._why}")
+        if isinstance(motion, Motion):
+            self._replanner.propose(motion, start=start)
+        else:
+            self._replanner.propose_velocity(motion)
+
+    def request(self, names: Sequence[str], position: Sequence[float]) -> None:
+        """Plan a whole trajectory from where the robot stands, for `answer`; a request before it is forgotten."""
+        goal = goal_of(self.cell.robot, names, position)
+        self._request = None
+        if self._joints is None or self._clock() - self._joints.time > self.options.joints_late:
+            raise InputError("is not planned: there are no joint states")
+        if self.blocked or self._moves():
+            raise InputError(f"is not planned: {self.blocked or 'the robot moves'}")
+        seen = self._sightings.places(self._clock())
+        cloud = None if self._cloud is None else self._cloud.obstacle()
+        self._request = self._executor.submit(self.cell.request, self._joints.q, goal, seen, cloud)
+
+    def answer(self) -> Answer | None:
+        """Return the answer to the last request, once; None: there is none yet."""
+        if self._request is None or not self._request.done():
+            return None
+        request, self._request = self._request, None
+        try:
+            answer = request.result()
+        except SafeOmplError as error:
+            return Answer(None, str(error))
+        assert answer.trajectory is not None
+        away = (
+            np.inf if self._joints is None else self._apart(answer.trajectory.at(0.0).q, self._joints.q).max()
+        )
+        if self._moves() or away > self.options.tolerance:
+            return Answer(None, "the robot has moved meanwhile")
+        return answer
+
+    def _moves(self) -> bool:
+        """Return whether the robot moves, or is about to."""
+        driven = self._driving and not self.cell.shielded
+        return driven or (self._joints is not None and np.abs(self._joints.qd).max() > _RESTING)
 
     # ------------------------------------------------------------------------------------------------------- ticks
 
@@ -211,13 +255,13 @@ class LiveController:
                 self._halt(why)
             else:
                 self._drive()
-        elif self._goal is not None and self._planning is None:
+        elif (self._goal is not None or self.cell.shielded) and self._planning is None:
             self._start_planning()
         return self._record()
 
     def think(self, units: int = 60) -> None:
         """Search a detour in the time that is left until the next tick; see `Replanner.think`."""
-        if self._driving and self._replanner is not None:
+        if self._driving and isinstance(self._replanner, Replanner):
             self._replanner.think(units)
 
     @property
@@ -266,10 +310,10 @@ class LiveController:
                 return
             self._commands.append(command)
         self.command, self._why = command, command.reason
-        if command.doing is Doing.DONE:
+        if command.doing is Doing.DONE and not self.cell.shielded:
             self._goal, self._driving, self._why = None, False, _ARRIVED
 
-    def _inform(self, replanner: Replanner) -> None:
+    def _inform(self, replanner: Replanner | Shield) -> None:
         due = self._sightings.due(self._now)
         if due is None:
             return
@@ -289,7 +333,6 @@ class LiveController:
             self._why = why
             return
         assert self._joints is not None
-        assert self._goal is not None
         stood = self.command is None or self._joints.time > self.command.standstill
         if not stood or np.abs(self._joints.qd).max() > _RESTING:
             return
@@ -297,12 +340,13 @@ class LiveController:
         if self.command is not None:  # what it was told is without the errors of its control
             rest = self.command.at(np.inf).q
             start = rest if self._apart(rest, start).max() <= self.options.tolerance else start
-        if self._apart(start, self._goal).max() < _SAME:
+        goal = start if self._goal is None else self._goal
+        if not self.cell.shielded and self._apart(start, goal).max() < _SAME:
             self._goal, self._why = None, _ARRIVED
             return
         self._start, self._proven_cloud = start, self._cloud
         cloud = None if self._cloud is None else self._cloud.obstacle()
-        self._planning = self._executor.submit(self.cell.plan, start, self._goal, cloud)
+        self._planning = self._executor.submit(self.cell.plan, start, goal, cloud)
         self._why = "plans"
 
     def _take_plan(self) -> None:

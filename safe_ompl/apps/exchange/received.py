@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from safe_ompl.apps.exchange.sightings import by_name
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.geometry import PointCloud, Pose, placed
+from safe_ompl.motions import Motion
 from safe_ompl.people import Skeleton
 from safe_ompl.robot import Robot
 
@@ -102,6 +104,35 @@ def pose_of(message: Any, frames: Frames) -> tuple[float, Pose]:
     position, turn = message.pose.position, message.pose.orientation
     pose = Pose((position.x, position.y, position.z), (turn.x, turn.y, turn.z, turn.w))
     return stamp_of(message.header), Pose.of(frames.place(message.header) * pose.se3)
+
+
+def proposal_of(message: Any, robot: Robot) -> tuple[Motion | FloatArray, float | None]:
+    """Return what a `JointTrajectory` proposes, and when it begins [s]; None: at once, where it has no stamp.
+
+    It is the motion that a controller would make of its points; or, where the first point has no positions, the
+    velocities (n,) of that point.
+
+    Raises
+    ------
+    InputError
+        If a joint is missing, a number is not finite, or it is no motion as `Motion.hermite` says.
+    """
+    points = message.points
+    if not points:
+        raise InputError("has no points", "points")
+    if not len(points[0].positions):
+        return by_name(message.joint_names, points[0].velocities, robot.joint_names), None
+    times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
+    positions, velocities, accelerations = (
+        [by_name(message.joint_names, getattr(point, key), robot.joint_names) for point in points]
+        if any(len(getattr(point, key)) for point in points)
+        else None
+        for key in ("positions", "velocities", "accelerations")
+    )
+    assert positions is not None
+    begin = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    start = begin + times[0] if begin > 0 else None
+    return Motion.hermite(times, positions, velocities, accelerations, robot.joint_names), start
 
 
 def cloud_of(message: Any, radius: float, frames: Frames) -> tuple[float, FloatArray]:

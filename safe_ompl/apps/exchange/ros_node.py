@@ -25,6 +25,7 @@ from safe_ompl.apps.exchange.received import (
     people_of_markers,
     person_of_poses,
     pose_of,
+    proposal_of,
     stamp_of,
 )
 from safe_ompl.common import InputError
@@ -33,6 +34,7 @@ from safe_ompl.scene import Scene
 
 NODE = "safe_ompl"
 CLOUD, POSE, TEXT = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped", "std_msgs/msg/String"
+_RATE = 100.0  # [Hz] points of a whole trajectory
 _AGAIN = 5.0  # [s] after which the same complaint is made again
 _CHECK = 1.0  # [s] between two looks for other nodes that command the same robot
 _LOOK = 0.1  # [s] between two looks whether the node is to end
@@ -46,6 +48,7 @@ class NodeSetup(NamedTuple):
     frames: Frames  # Where sensors are
     scene: Scene  # What is drawn around the robot
     log: TickLog | None = None  # What takes the ticks
+    follower: TrajectoryAction | None = None  # What whole trajectories are sent to
 
 
 @contextmanager
@@ -104,6 +107,66 @@ def _quality(*, reliable: bool = True, latched: bool = False, depth: int = 1) ->
     )
 
 
+class TrajectoryAction:
+    """An action `control_msgs/FollowJointTrajectory`, such as that of a joint_trajectory_controller.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node.
+    name : str
+        The action, such as `/joint_trajectory_controller/follow_joint_trajectory`.
+
+    Raises
+    ------
+    InputError
+        Without control_msgs, which only an installation of ROS brings.
+    """
+
+    def __init__(self, node: Any, name: str) -> None:
+        try:
+            self._kind = import_module("control_msgs.action").FollowJointTrajectory
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"needs control_msgs ({error}): install ros-$ROS_DISTRO-control-msgs, and source that ROS 2",
+                "--follow",
+            ) from None
+        self._node, self.name = node, name
+        self._goal: Any = None  # that the server follows
+        self._client = import_module("rclpy.action").ActionClient(node, self._kind, name)
+
+    def send(self, content: Mapping[str, Any]) -> None:
+        """Send a `trajectory_msgs/JointTrajectory` as plain data; the log says what came of it."""
+        if not self._client.server_is_ready():
+            self._say("there is no server")
+            return
+        deserialized = import_module("rclpy.serialization").deserialize_message
+        data = messages.encoded(messages.JOINT_TRAJECTORY, content)
+        goal = self._kind.Goal(trajectory=deserialized(data, message_class(messages.JOINT_TRAJECTORY)))
+        self._client.send_goal_async(goal).add_done_callback(self._answered)
+
+    def cancel(self) -> None:
+        """Ask the server to stop what was sent last."""
+        if self._goal is not None:
+            self._goal.cancel_goal_async()
+
+    def _answered(self, future: Any) -> None:
+        self._goal = future.result()
+        if self._goal.accepted:
+            self._goal.get_result_async().add_done_callback(partial(self._ended, self._goal))
+        else:
+            self._goal = None
+            self._say("the trajectory was refused")
+
+    def _ended(self, goal: Any, future: Any) -> None:
+        result = future.result().result
+        self._goal = None if self._goal is goal else self._goal  # another one may have taken its place
+        self._say(f"ended with {result.error_code} {result.error_string}".rstrip())
+
+    def _say(self, what: str) -> None:
+        self._node.get_logger().warning(f"{self.name}: {what}")
+
+
 class RosNode:
     """Connects a controller with the topics of a node; `run` drives it until it is interrupted.
 
@@ -128,7 +191,12 @@ class RosNode:
         self._limbs = self._publisher(messages.MARKERS, "limbs")
         self._still = self._publisher(messages.MARKERS, "scene", latched=True)
         self._subscribe(messages.JOINT_STATE, "joint_states", self._joints)
-        self._subscribe(messages.JOINT_STATE, "goal", self._goal, reliable=True)
+        self._trajectories = self._publisher(messages.JOINT_TRAJECTORY, "trajectory")
+        self._subscribe(messages.JOINT_STATE, "plan", self._plan, reliable=True)
+        if self._cell.shielded:
+            self._subscribe(messages.JOINT_TRAJECTORY, "proposal", self._proposal)
+        else:
+            self._subscribe(messages.JOINT_STATE, "goal", self._goal, reliable=True)
         self._subscribe(messages.MARKERS, "people", self._people)
         for name in self._cell.trackers:
             self._subscribe(messages.POSES, f"people/{name}", partial(self._person, name))
@@ -143,8 +211,8 @@ class RosNode:
         node.create_timer(_CHECK, self._look_for_others, clock=steady)
         self._publish_scene()
 
-    def run(self) -> None:
-        """Drive the robot until Ctrl-C or SIGTERM; only the main thread may call this."""
+    def run(self, ready: Callable[[], None]) -> None:
+        """Say that the node is ready, and drive the robot until Ctrl-C or SIGTERM; only for the main thread."""
         executor = import_module("rclpy.executors").SingleThreadedExecutor()
         executor.add_node(self._node)
         stopped = Event()
@@ -154,6 +222,7 @@ class RosNode:
             for number in (signal.SIGINT, signal.SIGTERM)
         }
         try:
+            ready()
             while not stopped.is_set():
                 executor.spin_once(timeout_sec=_LOOK)
         finally:
@@ -203,6 +272,15 @@ class RosNode:
     def _goal(self, message: Any) -> None:
         self._controller.go_to(message.name, message.position)
 
+    def _plan(self, message: Any) -> None:
+        if not message.name and self._setup.follower is not None:
+            self._setup.follower.cancel()
+        else:
+            self._controller.request(message.name, message.position)
+
+    def _proposal(self, message: Any) -> None:
+        self._controller.propose(*proposal_of(message, self._robot))
+
     def _people(self, message: Any) -> None:
         skeleton = next(iter(self._cell.trackers.values())).skeleton if self._cell.trackers else None
         if skeleton is None:
@@ -237,6 +315,7 @@ class RosNode:
         if self._setup.log is not None and np.isfinite([tick["q"], tick["qd"]]).all():
             self._setup.log.write(tick)
 
+        self._answer(time)
         begin = perf_counter()
         self._controller.think(int(self._units))
         allowed = _SHARE * self._controller.options.replanning.tick
@@ -254,6 +333,24 @@ class RosNode:
         begin = messages.nanoseconds(times[0])
         after = (times - times[0]).tolist()
         self._commands(messages.joint_trajectory(begin, self._robot.joint_names, after, **rows))
+
+    def _answer(self, time: int) -> None:
+        """Publish what came of a request for a plan, if there is an answer."""
+        answer = self._controller.answer()
+        if answer is None:
+            return
+        name, trajectory = f"{self._robot.name}: plan", answer.trajectory
+        state = "not planned" if trajectory is None else "planned"
+        self._diagnostics(messages.diagnostics(time, name, {"state": state, "reason": answer.what}))
+        if trajectory is None:
+            return
+        times, states = trajectory.sampled(_RATE)
+        rows: dict[str, Any] = {"positions": states.q, "velocities": states.qd, "accelerations": states.qdd}
+        # Without a stamp: it begins when it is followed.
+        content = messages.joint_trajectory(0, self._robot.joint_names, times.tolist(), **rows)
+        self._trajectories(content)
+        if self._setup.follower is not None:
+            self._setup.follower.send(content)
 
     def _look_for_others(self) -> None:
         """Keep the robot still while another node commands it, too."""

@@ -60,6 +60,16 @@ class Sightings:
         """Begin anew: nobody was told of anything yet."""
         self._fed = -np.inf
 
+    def places(self, now: float) -> dict[str, Any]:
+        """Return what was seen last; raise InputError if somebody or something was not seen lately."""
+        for name in self._names:
+            age = now - self._newest[name][0] if name in self._newest else np.inf
+            if age > self._lost_after:
+                raise InputError(
+                    "was not seen yet" if np.isinf(age) else f"was not seen for {age:.2f} s", name
+                )
+        return {name: value for name, (_, value) in self._newest.items()}
+
     def due(self, now: float) -> tuple[float, dict[str, Any]] | None:
         """Return what the replanner should be told, and of which time [s]; None: nothing new."""
         if not self._names:
@@ -69,6 +79,14 @@ class Sightings:
             return None
         self._fed = min(fresh)
         return self._fed, {name: value for name, (time, value) in self._newest.items() if time >= self._fed}
+
+
+class Joints(NamedTuple):
+    """Measured joints."""
+
+    time: float  # [s]
+    q: FloatArray
+    qd: FloatArray
 
 
 class CloudView(NamedTuple):
@@ -98,10 +116,9 @@ class CloudView(NamedTuple):
 
     def news(self, before: CloudView | None) -> int:
         """Return how many points are far from all points of the cloud before; 0 if they are as few as noise."""
-        if before is None:
-            return 0
         edge = _NEW * self.radius
-        known = {tuple(cell) for cell in np.floor(before.points / edge).astype(int).tolist()}
+        old = np.zeros((0, 3)) if before is None else before.points
+        known = {tuple(cell) for cell in np.floor(old / edge).astype(int).tolist()}
         cells = np.floor(self.points / edge).astype(int)
         steps = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
         new = sum(not any((x + i, y + j, z + k) in known for i, j, k in steps) for x, y, z in cells.tolist())
@@ -127,3 +144,11 @@ def by_name(names: Collection[str], values: Collection[float], wanted: Collectio
     if not np.isfinite(found).all():
         raise InputError(f"must be finite, got {found.tolist()}", "position")
     return found
+
+
+def goal_of(robot: Robot, names: Collection[str], position: Collection[float]) -> FloatArray:
+    """Return the configuration (n,) of a message; raise InputError as `by_name`, and outside the limits."""
+    q = by_name(names, position, robot.joint_names)
+    for k in np.flatnonzero((q < robot.lower) | (q > robot.upper)):
+        raise InputError(f"is out of the limits of {robot.joint_names[k]!r}: {q[k]:g}", "position")
+    return q

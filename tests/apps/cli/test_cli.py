@@ -6,6 +6,7 @@ import dataclasses
 import json
 import logging
 import re
+import threading
 from typing import Any
 
 import numpy as np
@@ -559,6 +560,21 @@ def test_messages_of_ompl_come_with_verbose(run, options, shown):
     ou.useOutputHandler(handler)
     _, out, err = run("plan", "test.yaml", "--planner", "RRTConnect", *options)
     assert ("RRTConnect: Starting planning" in out + err) is shown
+
+
+def test_threads_may_log_after_each_other(capsys):
+    log = logging.getLogger("safe_ompl.test")
+    with output.shown_log(output.error_console(), verbose=False) as shown:
+        log.warning("held back")
+        shown.show()
+        thread = threading.Thread(target=log.warning, args=("of a thread",), daemon=True)
+        thread.start()
+        thread.join(10.0)
+        assert not thread.is_alive()
+    assert capsys.readouterr().err.splitlines() == [
+        "safe-ompl: warning: held back",
+        "safe-ompl: warning: of a thread",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import argparse
+import copy
+import gc
+import os
+import re
+import subprocess
+import sys
 from concurrent.futures import Executor, Future
+from dataclasses import replace
+from functools import partial
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from numba.core.dispatcher import Dispatcher
 
-from safe_ompl.apps.cli.ros import cell_of, trackers_of
+from safe_ompl.apps import main
+from safe_ompl.apps.cli.program import command_line
+from safe_ompl.apps.cli.ros import cell_of, rehearse, trackers_of
 from safe_ompl.apps.exchange import ControlOptions, LiveController
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import InputError
-from safe_ompl.geometry import STANDING, Person, Pose, Sphere
+from safe_ompl.geometry import STANDING, Obstacle, Person, Pose, Sphere
+from safe_ompl.motions import Motion
+from safe_ompl.people import CalibratedReach
 from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
-from safe_ompl.scene import Scenario, find_scenario
+from safe_ompl.scene import Scenario, Scene, find_scenario
 
 GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
 START = [1.45, 0.1, 0.0, -1.7, 0.0, 3.37, 0.785]
@@ -37,13 +51,22 @@ class AtOnce(Executor):
         return done
 
 
-@pytest.fixture(scope="module")
-def cell():
+OPTIONS = argparse.Namespace(
+    people=None, skeleton=None, noise=0.0, time=None, seed=0, simplify=False, shield=False
+)
+
+
+def panda(shield=False):
     """Return the Panda between shelf and table, and an operator who is tracked."""
-    scenario = Scenario.load(find_scenario("panda_shelf"))
-    options = argparse.Namespace(people=None, skeleton=None, noise=0.0, time=None, seed=0, simplify=False)
+    scenario, options = Scenario.load(find_scenario("panda_shelf")), copy.copy(OPTIONS)
+    options.shield = shield
     control = ControlOptions(ReplanningOptions())
     return cell_of(scenario, scenario.build_robot(), trackers_of(scenario, options), {}, options, control)
+
+
+@pytest.fixture(scope="module")
+def cell():
+    return panda()
 
 
 class Drive:
@@ -387,3 +410,127 @@ def test_points_of_robot_and_person_are_left_out_and_new_ones_stop_the_robot(cel
     solid = Solid("", "", Sphere(0.08).parts()[0].geometry, pin.SE3(np.eye(3), np.array([0.45, 0.25, 0.6])))
     way = [tick["q"] for tick in drive.ticks[-150:]]
     assert min(ContactMonitor(drive.robot).nearest(np.array(q), [solid]).distance for q in way) > 0
+
+
+def test_a_calibrated_reach_comes_with_its_gate(tmp_path, monkeypatch, capsys):
+    growth = {"torso": (0.5,), "right_hand": (1.0,)}
+    reach = CalibratedReach("recording12", 2.0, 0.9, 20, (0.5,), growth, ("a",), ("b",))
+    reach.save(tmp_path / "reach.yaml")
+    monkeypatch.setattr("safe_ompl.apps.cli.ros.need_extra", lambda extra: None)
+    words = ["ros", "panda_shelf", "--reach", str(tmp_path / "reach.yaml"), "--skeleton"]
+    options = command_line().parse_args([*words, "recording12"])
+    scenario, trackers, control, _ = options.prepare(options).args
+    assert trackers["operator"].gate == 2.0
+    assert control.replanning.reach == reach
+    cell_of(scenario, scenario.build_robot(), trackers, {}, options, control)
+    trackers["operator"] = replace(trackers["operator"], gate=None)
+    with pytest.raises(InputError, match="operator: the reach was calibrated with"):
+        cell_of(scenario, scenario.build_robot(), trackers, {}, options, control)
+    assert main([*words[:3], str(tmp_path / "none.yaml")]) == 2
+    assert "none.yaml: cannot be read" in " ".join(capsys.readouterr().err.split())
+
+
+# ------------------------------------------------------------------------------------------- requests and shield
+
+
+def test_a_whole_trajectory_on_request(drive):
+    ask = partial(drive.controller.request, drive.robot.joint_names)
+    with pytest.raises(InputError, match="no joint states"):
+        ask(GOAL)
+    drive.people = True
+    drive.run(0.1)
+    with pytest.raises(InputError, match="operator: was not seen yet"):
+        ask(GOAL)
+    drive.people, drive.person = False, np.array([0.9, 0.0, -0.75])
+    drive.run(0.1)
+    ask(GOAL)
+    answer = drive.controller.answer()
+    assert drive.controller.answer() is None
+    assert re.match(r"proven free of contact, at least \d+ mm away; timed: ", answer.what)
+    states = answer.trajectory.at(np.linspace(0.0, answer.trajectory.duration, 500))
+    np.testing.assert_allclose(states.q[[0, -1]], [START, GOAL], atol=1e-9)
+    assert np.abs(states.qd[[0, -1]]).max() < 1e-9
+    person = Obstacle("operator", Person(1.75, dict(zip(STANDING, BODY + drive.person, strict=True))))
+    scene = Scene((*Scenario.load(find_scenario("panda_shelf")).scene.without("operator"), person))
+    checker = CollisionChecker(drive.robot, scene)
+    assert not any(checker.in_collision(q) for q in states.q)
+    ask(GOAL)
+    drive.controller.see_joints(drive.time, drive.robot.joint_names, drive.q + 0.1, np.zeros(7))
+    assert drive.controller.answer() == (None, "the robot has moved meanwhile")
+    drive.person = np.array([0.35, 0.2, -0.75])  # about the robot
+    drive.run(0.6)
+    ask(GOAL)
+    answer = drive.controller.answer()
+    assert answer.trajectory is None
+    assert "operator" in answer.what
+    drive.person = AWAY
+    drive.go()
+    drive.run(0.6)
+    with pytest.raises(InputError, match="the robot moves"):
+        ask(START)
+
+
+def test_behind_a_shield_proposals_are_followed_as_far_as_they_are_proven():
+    drive = Drive(panda(shield=True))
+    with pytest.raises(InputError, match="is not followed: nothing was proposed yet"):
+        drive.controller.propose(np.zeros(7))
+    drive.run(0.2)
+    assert drive.last == ("standing", "nothing was proposed")
+    drive.controller.propose(np.array([0.2, 0, 0, 0, 0, 0, 0]))
+    drive.run(0.1)
+    assert drive.q[0] > START[0]
+    drive.run(1.0)
+    assert drive.last == ("done", "")
+    goal = drive.q + np.array([0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0])
+    drive.controller.propose(Motion.hermite([0.0, 1.0], [drive.q, goal]), drive.time + 0.1)
+    drive.run(3.0)
+    np.testing.assert_allclose(drive.q, goal, atol=1e-6)
+    drive.controller.propose(Motion.hermite([0.0, 5.0], [goal, GOAL]))
+    drive.run(0.5)
+    drive.people = True
+    drive.run(2.0)
+    assert "was not seen" in drive.last[1]
+    assert np.abs(drive.qd).max() == 0
+    drive.people = False
+    drive.joints = True
+    drive.run(1.0)
+    assert "no joint states" in drive.last[1]
+    drive.joints = False
+    drive.run(0.5)
+    assert drive.last == ("standing", "nothing was proposed")
+
+
+def kernels():
+    """Return the kernels that this process has, with the types that they take."""
+    found = [thing for thing in gc.get_objects() if isinstance(thing, Dispatcher)]
+    own = [kernel for kernel in found if kernel.py_func.__module__.startswith("safe_ompl.")]
+    return {(kernel.py_func.__qualname__, str(types)) for kernel in own for types in kernel.overloads}
+
+
+def rehearse_and_drive(shield):
+    """Fail if ticks call kernels that the rehearsal does not."""
+    drive = Drive(panda(shield))
+    rehearse(argparse.Namespace(**{**vars(OPTIONS), "shield": shield}), drive.controller.options)
+    before = kernels()
+    assert before
+    if not shield:
+        drive.go()
+    for k in range(40):
+        drive.person = np.array([3.0 - 2.0 * min(1.0, k / 30), 0.0, -0.75])
+        if shield and drive.controller.driving:
+            drive.controller.propose(Motion.hermite([0.0, 5.0], [drive.q, GOAL]))
+        drive.run(0.05)
+        if k == 30:
+            drive.controller.see_cloud(drive.time - 0.05, np.full((20, 3), 1.5))
+    assert {"moving", "slowed"} & {tick["state"] for tick in drive.ticks}
+    new = {name for name, _ in kernels() - before}
+    assert new <= {"extreme_vertices"}  # for hulls of meshes, made by the plan: compiled before any setup
+
+
+@pytest.mark.parametrize("shield", [False, True])
+def test_ticks_compile_nothing(shield):
+    """Where kernels are on disk they are loaded when they are first called: a new process shows which were."""
+    script = f"import test_controller; test_controller.rehearse_and_drive({shield})"
+    own = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=own)
+    assert done.returncode == 0, done.stderr

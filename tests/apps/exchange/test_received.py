@@ -176,5 +176,5 @@ def test_new_points_of_a_cloud():
     assert CloudView(grid + 0.01, 0.02).news(before) == 0
     assert CloudView(np.concatenate([grid, [[1.0, 1.0, 1.0]] * 10]), 0.02).news(before) == 0
     assert CloudView(np.concatenate([grid, [[1.0, 1.0, 1.0]] * 11]), 0.02).news(before) == 11
-    assert CloudView(grid, 0.02).news(None) == 0
+    assert CloudView(grid, 0.02).news(None) == len(grid)  # where the path was proven nothing was known
     assert CloudView(np.zeros((0, 3)), 0.02).obstacle() is None

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,17 +29,19 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from safe_ompl.apps import main
-from safe_ompl.apps.exchange import messages, read_log
+from safe_ompl.apps.exchange import TrajectoryAction, messages, read_log
+from safe_ompl.common import InputError
 
 pytestmark = pytest.mark.end_to_end
 NAMES = [f"panda_joint{k}" for k in range(1, 8)]
 START = [1.45, 0.1, 0.0, -1.7, 0.0, 3.37, 0.785]
 GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
 PATIENCE = 60.0  # [s] a busy machine is slow
+FIRST = 600.0  # [s] and all kernels may have to be compiled
 SIM = ["--clock-error", "0.05", "--tick", "0.1", "--latency", "0.1", "--ros-args", "-p", "use_sim_time:=true"]
 
 
@@ -168,6 +171,7 @@ def world(folder):
     with (folder / "node.log").open("w") as log:
         node = start_node("panda_shelf", "--mcap", str(folder / "drive.mcap"), *SIM, log=log)
         try:
+            world.wait(lambda: "ready" in (folder / "node.log").read_text(), "ready", FIRST)
             yield world
         finally:
             code = ended(node)
@@ -307,6 +311,53 @@ def test_two_nodes_keep_the_robot_still(world):
     world.arrives(GOAL)
 
 
+def test_a_whole_trajectory_on_request(world, folder):
+    plans, found = world.node.create_publisher(JointState, "plan", 1), []
+    world.node.create_subscription(JointTrajectory, "trajectory", found.append, 10)
+    world.wait(plans.get_subscription_count)
+    plans.publish(JointState(name=NAMES, position=START))
+    world.hears("planned: proven free of contact, at least")
+    world.wait(lambda: found, "no trajectory")
+    (trajectory,) = found
+    assert trajectory.joint_names == NAMES
+    first, last = trajectory.points[0], trajectory.points[-1]
+    np.testing.assert_allclose([first.positions, last.positions], [world.q, START], atol=1e-9)
+    np.testing.assert_allclose([first.velocities, last.velocities], np.zeros((2, 7)), atol=1e-9)
+    assert last.time_from_start.sec + 1e-9 * last.time_from_start.nanosec > 1.0
+    plans.publish(JointState(name=NAMES, position=[99.0] * 7))
+    line = "plan: position: is out of the limits of 'panda_joint1': 99"
+    world.wait(lambda: line in (folder / "node.log").read_text(), line)
+
+
+def test_behind_a_shield_the_robot_follows_what_is_proposed(world, folder):
+    names = [f"{name}:=/{name}" for name in ("joint_states", "people")]
+    words = [word for name in ("__ns:=/shielded", *names) for word in ("-r", name)]
+    proposals = world.node.create_publisher(JointTrajectory, "/shielded/proposal", 1)
+    commands = world.node.create_subscription(JointTrajectory, "/shielded/command", world.command, 10)
+    with (folder / "shield.log").open("w") as log:
+        node = start_node("panda_shelf", "--shield", *SIM, *words, log=log)
+        try:
+            world.wait(lambda: "ready" in (folder / "shield.log").read_text(), "ready", FIRST)
+            world.hears("standing: nothing was proposed")
+            turning = JointTrajectory(
+                joint_names=NAMES, points=[JointTrajectoryPoint(velocities=[-0.3] + 6 * [0.0])]
+            )
+            before, goal = world.q, world.q + np.array([-0.3, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0])
+            world.wait(lambda: proposals.publish(turning) or world.q[0] < before[0] - 0.05, "no motion")
+            world.wait(lambda: not world.qd.any(), "no stop after the last velocity")
+            points = [JointTrajectoryPoint(positions=q.tolist()) for q in (world.q, goal)]
+            points[1].time_from_start.sec = 2
+            proposals.publish(JointTrajectory(joint_names=NAMES, points=points))
+            world.wait(lambda: np.abs(world.q - goal).max() < 1e-6, "not at the end of what was proposed")
+            proposals.publish(JointTrajectory(joint_names=NAMES[:3], points=points))
+            line = "proposal: position: must be as many as the 3 names, got 7"
+            world.wait(lambda: line in (folder / "shield.log").read_text(), line)
+        finally:
+            code = ended(node)
+            world.node.destroy_subscription(commands)
+    assert code == 0, (folder / "shield.log").read_text()
+
+
 def test_the_robot_of_a_topic(world, folder):
     text = (Path(__file__).parents[2] / "data" / "gripper_arm.urdf").read_text()
     scenario = folder / "arm.yaml"
@@ -366,12 +417,64 @@ def test_bytes_are_those_of_ros(kind, cls, content):
 
 
 def test_the_node_says_what_is_missing(capsys, monkeypatch):
+    assert main(["ros", "panda_shelf", "--shield", "--follow", "/arm"]) == 2
+    assert "--follow: excludes --shield" in capsys.readouterr().err
     assert main(["ros", "panda_shelf", "--people", "a b"]) == 2
     assert "'a b' must be letters, digits and _" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "rclpy", None)
     monkeypatch.setattr("safe_ompl.apps.cli.ros.need_extra", lambda extra: None)
     assert main(["ros", "panda_shelf"]) == 2
     assert "needs ROS 2 (" in capsys.readouterr().err
+
+
+class Done:
+    """A future that is there already."""
+
+    def __init__(self, result):
+        self.result = lambda: result
+
+    def add_done_callback(self, call):
+        call(self)
+
+
+def test_whole_trajectories_are_sent_to_an_action(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control_msgs", None)
+    with pytest.raises(
+        InputError, match=r"--follow: needs control_msgs \(.*\): install ros-\$ROS_DISTRO-control"
+    ):
+        TrajectoryAction(None, "/arm")
+
+    said, sent, cancelled = [], [], []
+    goal = SimpleNamespace(accepted=True, cancel_goal_async=lambda: cancelled.append(True))
+    ended = SimpleNamespace(result=SimpleNamespace(error_code=-5, error_string="goal tolerance"))
+    client = SimpleNamespace(
+        server_is_ready=lambda: bool(sent), send_goal_async=lambda goal: sent.append(goal) or Done(held)
+    )
+    kind = SimpleNamespace(Goal=SimpleNamespace)
+    held = SimpleNamespace(accepted=False)
+    module = SimpleNamespace(FollowJointTrajectory=kind)
+    monkeypatch.setitem(sys.modules, "control_msgs", SimpleNamespace(action=module))
+    monkeypatch.setitem(sys.modules, "control_msgs.action", module)
+    monkeypatch.setattr("rclpy.action.ActionClient", lambda node, of, name: client)
+    node = SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=said.append))
+    action = TrajectoryAction(node, "/arm")
+    content = messages.joint_trajectory(0, NAMES, [0.0, 1.5], positions=[START, GOAL])
+    action.send(content)
+    assert (sent, said.pop()) == ([], "/arm: there is no server")
+    client.server_is_ready = lambda: True
+    action.send(content)
+    assert said.pop() == "/arm: the trajectory was refused"
+    held, goal.get_result_async = goal, lambda: SimpleNamespace(add_done_callback=sent.append)
+    action.send(content)
+    assert sent[1].trajectory.joint_names == NAMES
+    assert list(sent[1].trajectory.points[1].positions) == GOAL
+    assert sent[1].trajectory.points[1].time_from_start.nanosec == 500_000_000
+    action.cancel()
+    assert cancelled == [True]
+    sent[2](Done(ended))
+    assert said == ["/arm: ended with -5 goal tolerance"]
+    action.cancel()
+    assert cancelled == [True]  # there is nothing to cancel any more
 
 
 def test_the_example_beside_a_person_who_walks_on_the_clock_of_the_machine(folder):
