@@ -1,4 +1,4 @@
-"""Benchmarks in OMPL's form: the runs, their workers, logs and databases."""
+"""Benchmarks in OMPL's form, with their runs and logs; entries of the open table, and their judge."""
 
 from __future__ import annotations
 
@@ -16,14 +16,24 @@ if TYPE_CHECKING:
         failure,
         summarize,
     )
+    from safe_ompl.apps.benchmark.entries import Entry, ProblemSet, answered, checksum, summaries
+    from safe_ompl.apps.benchmark.judge import Judge, PlainGeometry, Verdict
 
 __all__ = [
     "Benchmark",
     "Campaign",
+    "Entry",
+    "Judge",
+    "PlainGeometry",
+    "ProblemSet",
     "Summary",
+    "Verdict",
+    "answered",
     "check_named_planner",
+    "checksum",
     "default_planners",
     "failure",
+    "summaries",
     "summarize",
 ]
 

@@ -195,6 +195,21 @@ def best_view(
     return views[0] if len(views) == 1 else max(views, key=_Merit(drawn))
 
 
+def view_of(drawn: DrawnScene, point: FloatArray, size: tuple[int, int]) -> Camera:
+    """Return the camera that shows the whole robot from the side on which least is before a point (3,)."""
+    landmarks = drawn.landmarks()
+    solid = Surface.merged([*(thing.surface for thing in drawn.surroundings), drawn.ends])
+
+    def hidden(view: Camera) -> float:
+        nearest, own = _nearness(view, solid, point[None])
+        return max(0.0, float(1 / own[0] - 1 / nearest[0]))
+
+    return min(
+        (Camera.framing(landmarks, turn, height, size) for height in _ELEVATIONS for turn in _AZIMUTHS),
+        key=hidden,
+    )
+
+
 class _Merit:
     """The merit of a view: how much is seen of motion, ends and hazards, most of all of the nearest part of these."""
 

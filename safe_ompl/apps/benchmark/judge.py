@@ -1,0 +1,299 @@
+"""A judge of anybody's motions: dense samples, Pinocchio and coal; it uses none of the package's proofs.
+
+A motion is sampled every `SPACING` rad. Samples at which nothing can touch are left out: from a sample at which all
+bodies are `d` apart, contact is impossible before the joints have moved by `d / R` in sum, where no point of the robot
+is farther than `R` from the axis of any joint. Beside recorded people there is a sample every 5 ms, without exception.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import BoolArray, FloatArray, InputError
+from safe_ompl.geometry import Capsule, Obstacle, Pose, Sphere, placed
+from safe_ompl.motions import Motion
+from safe_ompl.people import Recording, TrackedBody
+from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.trajectories import RateLimits
+
+SPACING, COARSE = 0.0002, 0.01  # [rad] between samples, for contact and for means
+ROUNDING = 1e-4  # [rad or m] by which a motion may miss its start and goal, or pass limits
+INSTANTS = 0.005  # [s] between samples beside people
+NEAR = 0.05  # [m]
+_MOST = 5_000_000  # samples of a motion
+_STILL = 1e-6  # [rad/s] slower than this is at rest
+
+
+@dataclass(frozen=True)
+class Worst:
+    """Where two bodies are nearest [m], or deepest in each other: their distance is negative there."""
+
+    distance: float
+    link: str
+    other: str  # An obstacle, another link, or a limb of the person
+    q: tuple[float, ...]
+    time: float | None = None  # [s], beside people
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the samples of a motion show. Clearances are distances to obstacles, means over arc length."""
+
+    touching: bool  # Whether a sample touches an obstacle, the robot itself, or, while it moves, a person
+    min_clearance: float  # [m]
+    mean_clearance: float
+    near: float  # Length that is nearer than 50 mm [rad]
+    mean_danger: float | None  # The static danger field at its worst point; None where nothing is dangerous
+    peak_danger: float | None
+    integral_danger: float | None
+    length: float  # [rad]
+    outside: str  # Which joint leaves its limits, if one does
+    worst: Worst
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all attributes as plain data."""
+        return asdict(self)
+
+
+class PlainGeometry:
+    """The bodies of a robot among obstacles, as Pinocchio and coal have them.
+
+    `pairs` are all pairs of bodies that are checked: link, obstacle and its part; or link, "" and another link.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self.robot, self.model = robot, robot.shared.model
+        self.geometry = robot.collision_model.copy()
+        bodies = list(self.geometry.geometryObjects)
+        links = [body.name.rsplit("_", 1)[0] for body in bodies]
+        self.pairs = [(links[pair.first], "", links[pair.second]) for pair in self.geometry.collisionPairs]
+        for obstacle in scene:
+            for part, shape, place in obstacle.geometries():
+                number = self.geometry.addGeometryObject(pin.GeometryObject(f"{part}!", 0, place, shape))
+                for k, body in enumerate(bodies):
+                    if body.parentJoint:
+                        self.geometry.addCollisionPair(pin.CollisionPair(k, number))
+                        self.pairs.append((links[k], obstacle.name, part))
+        self.data, self._results = self.model.createData(), pin.GeometryData(self.geometry)
+
+    def distances(self, q: FloatArray) -> FloatArray:
+        """Return the distance of every pair at `q: (n,)` [m]; negative where they overlap."""
+        full = self.robot.pinocchio_configuration(q)
+        pin.computeDistances(self.model, self.data, self.geometry, self._results, full)
+        return np.array([result.min_distance for result in self._results.distanceResults])
+
+    def touching_point(self, pair: int) -> FloatArray:
+        """Return the point (3,) between the two bodies of a pair where they are nearest, as measured last [m]."""
+        found = self._results.distanceResults[pair]
+        point: FloatArray = np.mean([found.getNearestPoint1(), found.getNearestPoint2()], axis=0)
+        return point
+
+    def reach(self) -> float:
+        """Return a length [m] that no point of the robot exceeds in distance from the axis of any joint."""
+        arm = sum(float(np.linalg.norm(place.translation)) for place in list(self.model.jointPlacements)[1:])
+        slides = self.robot.prismatic
+        arm += float(np.abs([self.robot.lower, self.robot.upper]).max(axis=0)[slides].sum())
+        farthest = 0.0
+        for body in self.robot.shared.collision_model.geometryObjects:
+            shape = body.geometry.clone()  # what is computed stays in the shape, and this one is the robot's
+            shape.computeLocalAABB()
+            centre = body.placement.act(shape.aabb_center)
+            farthest = max(farthest, float(np.linalg.norm(centre)) + shape.aabb_radius)
+        return max(arm + farthest, 1.0)  # a joint that slides moves all by its own motion
+
+
+class Judge:
+    """Judges motions of a robot in a scene."""
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self.robot, self.scene = robot, scene
+        self._plain = PlainGeometry(robot, scene)
+        self._reach = self._plain.reach()
+        self._obstacles: BoolArray = np.array([bool(obstacle) for _, obstacle, _ in self._plain.pairs])
+        self._danger = scene.danger_points()[:2]
+
+    def touches(self, q: FloatArray) -> bool:
+        """Return whether the robot touches anything, or itself, at `q: (n,)`."""
+        return bool(self._plain.distances(q).min(initial=np.inf) <= 0)
+
+    def verdict(self, motion: Motion) -> Verdict:
+        """Return what the samples of a motion show."""
+        Q = samples(motion, SPACING)
+        steps = np.diff(Q, axis=0)
+        along = np.append(0.0, np.cumsum(np.linalg.norm(steps, axis=1)))
+        length = float(along[-1])
+        chosen = np.unique(np.searchsorted(along, np.append(np.arange(0.0, length, COARSE), length)))
+        apart = np.array([self._plain.distances(Q[k]) for k in chosen])
+        least = self._contact(Q, steps)
+        for k, row in zip(chosen, apart, strict=True):
+            if row.min(initial=np.inf) < least[0]:
+                least = float(row.min()), int(row.argmin()), int(k)
+        clearance = apart[:, self._obstacles].min(axis=1, initial=np.inf)
+        pair = self._plain.pairs[least[1]]
+        nearest = min(least[0], clearance.min()) if pair[1] else float(clearance.min())
+        mean = _Mean(along[chosen])
+        danger = self._dangers(Q[chosen])
+        return Verdict(
+            least[0] <= 0,
+            float(nearest),
+            mean.of(clearance),
+            length * mean.of((clearance < NEAR).astype(float)),
+            None if danger is None else mean.of(danger),
+            None if danger is None else float(danger.max()),
+            None if danger is None else length * mean.of(danger),
+            length,
+            self._outside(Q),
+            Worst(least[0], pair[0], pair[1] or pair[2], tuple(Q[least[2]].tolist())),
+        )
+
+    def _outside(self, Q: FloatArray) -> str:
+        over = np.maximum(self.robot.lower - Q, Q - self.robot.upper).max(axis=0)
+        joint = int(np.where(self.robot.continuous, -np.inf, over).argmax())
+        name = self.robot.joint_names[joint]
+        return f"joint {name!r} is {over[joint]:.3g} outside its limits" if over[joint] > ROUNDING else ""
+
+    def _contact(self, Q: FloatArray, steps: FloatArray) -> tuple[float, int, int]:
+        """Return distance, pair and sample of the first contact, or of the smallest distance that was measured."""
+        moved = np.abs(self.robot.coupling.motions(steps)).sum(axis=1)
+        way = np.append(0.0, np.cumsum(moved)) * self._reach
+        least, k = (np.inf, 0, 0), 0
+        while k < len(Q):
+            row = self._plain.distances(Q[k])
+            distance = float(row.min(initial=np.inf))
+            if distance < least[0]:
+                least = distance, int(row.argmin()), k
+            if distance <= 0:
+                break
+            k = max(k + 1, int(np.searchsorted(way, way[k] + distance)))
+        return least
+
+    def _dangers(self, Q: FloatArray) -> FloatArray | None:
+        """Return the cumulative danger field (Lacevic & Rocco, eqs. 4, 5) at its worst point, for each of `Q`."""
+        points, weights = self._danger
+        if not len(points):
+            return None
+        worst = []
+        for keys in self.robot.keypoints_batch(Q):
+            a, b = keys[self.robot.segments[:, 0]], keys[self.robot.segments[:, 1]]
+            ell = np.linalg.norm(b - a, axis=1)
+            S = np.linalg.norm(points[:, None] - a, axis=2) + np.linalg.norm(points[:, None] - b, axis=2)
+            worst.append((weights * (2 / ell * np.arctanh(ell / S)).sum(axis=1)).max())
+        return np.array(worst)
+
+
+class _Mean:
+    """Means over arc length, by the trapezoid rule."""
+
+    def __init__(self, along: FloatArray) -> None:
+        self._steps = np.diff(along)
+
+    def of(self, values: FloatArray) -> float:
+        total = float(self._steps.sum())
+        if not total:
+            return float(values[0])
+        return float((self._steps * (values[1:] + values[:-1]) / 2).sum() / total)
+
+
+def samples(motion: Motion, spacing: float) -> FloatArray:
+    """Return configurations (M, n) along a motion, its ends among them, no farther than a spacing [rad] apart.
+
+    Raises InputError if there would be more than five million.
+    """
+    found, total = [motion.at(motion.times[:1])], 0
+    for start, end in zip(motion.times[:-1], motion.times[1:], strict=True):
+        count, step = max(1, motion.degree), np.inf
+        while step > spacing:
+            if total + count > _MOST:
+                raise InputError(f"is longer than {_MOST * spacing:g} rad", "motion")
+            rows = motion.at(np.linspace(start, end, count + 1))
+            step = float(np.linalg.norm(np.diff(rows, axis=0), axis=1).max())
+            if step > spacing:
+                count = int(np.ceil(1.001 * count * step / spacing))
+        found.append(rows[1:])
+        total += count
+    return np.concatenate(found)
+
+
+# ---------------------------------------------------------------------------------------------- beside people
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A recorded person beside the robot, and what the robot does there: it goes to each goal in turn."""
+
+    recording: Recording
+    place: Pose  # of the recording in the robot's frame
+    seconds: float
+    goals: tuple[tuple[float, ...], ...]
+    tolerance: float = 0.01  # [rad or m] within which a joint is at its goal
+
+    def solids(self, time: float) -> list[Solid]:
+        """Return the limbs of the person at a time [s]."""
+        body = TrackedBody()
+        seen = placed(self.place.se3, self.recording.skeleton.keypoints(self.recording.at(time)))
+        ends = body.ends(body.completed(seen)[0])
+        return limb_solids("person", body.limbs, ends, body.radii(ends))
+
+    def obstacles(self, time: float) -> list[Obstacle]:
+        """Return the limbs of the person at a time [s] as obstacles, for pictures."""
+        return [
+            Obstacle(
+                f"{solid.who} {solid.limb}",
+                Capsule(solid.geometry.radius, 2 * solid.geometry.halfLength)
+                if isinstance(solid.geometry, coal.Capsule)
+                else Sphere(solid.geometry.radius),
+                Pose.of(solid.placement),
+            )
+            for solid in self.solids(time)
+        ]
+
+
+@dataclass(frozen=True)
+class DriveVerdict:
+    """What samples of a drive beside a person show."""
+
+    contacts_while_moving: int
+    contacts_at_rest: int
+    contact_speed: float  # The largest speed of the robot where it touches the person while it moves [m/s]
+    nearest: float | None  # Smallest distance to the person while the robot moves, if it ever does [m]
+    tasks: int  # How many goals were reached, in turn
+    speed: float  # The largest speed of a joint, over its limit
+    worst: Worst | None  # While it moves
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all attributes as plain data."""
+        return asdict(self)
+
+
+def judged_drive(robot: Robot, beside: Beside, motion: Motion) -> DriveVerdict:
+    """Return what samples of a motion in time, every 5 ms, show beside a person."""
+    worst: Worst | None = None
+    monitor, tasks = ContactMonitor(robot), 0
+    times = np.arange(0.0, beside.seconds, INSTANTS)
+    Q, rates = motion.at(motion.times[0] + times), motion.derivative(motion.times[0] + times, 1)
+    for time, q, qd in zip(times.tolist(), Q, rates, strict=True):
+        moving = bool(np.abs(qd).max() > _STILL)
+        solids = beside.solids(time)
+        nearest = monitor.observe(time, q, solids, moving=moving, obeyed=True, qd=qd)
+        if moving and (worst is None or nearest.distance < worst.distance):
+            other = f"{nearest.who} {nearest.limb}"
+            worst = Worst(nearest.distance, str(nearest.link), other, tuple(q.tolist()), time)
+        goal = np.array(beside.goals[tasks % len(beside.goals)])
+        tasks += bool(np.abs(robot.difference(q, goal)).max() <= beside.tolerance)
+    contacts = [contact for contact in monitor.contacts if contact.moving]
+    return DriveVerdict(
+        len(contacts),
+        len(monitor.contacts) - len(contacts),
+        max((contact.speed for contact in contacts), default=0.0),
+        None if worst is None else worst.distance,
+        tasks,
+        float((np.abs(rates) / RateLimits.of(robot, acceleration=1.0).velocity).max()),
+        worst,
+    )
