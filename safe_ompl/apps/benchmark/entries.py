@@ -307,6 +307,7 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "answers": len(rows),
         "solved": len(solved),
         "touching": sum(row["touching"] for row in solved),
+        "worst distance [mm]": min((1e3 * row["worst"]["distance"] for row in solved), default=None),
         "time [ms]": median(times) if times else None,
         "time, 90 % [ms]": float(np.percentile(times, 90)) if times else None,
     }

@@ -176,12 +176,12 @@ def _written(value: float | None) -> str:
 
 _HEAD = """<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>Judged entries</title>
 <meta name="viewport" content="width=device-width"><style>
-body {font: 15px/1.45 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1em}
+body {font: 15px/1.45 system-ui, sans-serif; color: #222; max-width: 1280px; margin: 2em auto; padding: 0 1em}
 h1 {font-size: 1.5em} h2 {font-size: 1.15em; margin-top: 1.8em} p {max-width: 50em} a {color: #0b62b4}
 .wide {overflow-x: auto} table {border-collapse: collapse; font-variant-numeric: tabular-nums}
-th, td {padding: .35em .6em; text-align: right; border-bottom: 1px solid #ddd; vertical-align: bottom}
+th, td {padding: .35em .5em; text-align: right; border-bottom: 1px solid #ddd; vertical-align: bottom}
 th {cursor: pointer; font-weight: 600; font-size: .86em; user-select: none} th:hover {background: #eef4fa}
-th:first-child, td:first-child {text-align: left; white-space: nowrap} th[data-way="1"]::after {content: " ▲"}
+th:first-child, td:first-child {text-align: left; min-width: 13em} th[data-way="1"]::after {content: " ▲"}
 th[data-way="-1"]::after {content: " ▼"} td.bad {color: #b3261e; font-weight: 600}
 .all {display: grid; grid-template-columns: repeat(auto-fill, minmax(520px, 1fr)); gap: 1.6em}
 figure {margin: 0} figure img {width: 100%; border: 1px solid #ddd} figcaption {font-size: .9em} .told {color: #666}

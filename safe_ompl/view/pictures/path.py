@@ -170,7 +170,8 @@ def render_contact(
         image = as_bytes(tone_mapped(renderer.render([*things, *drawn.surroundings])))
         column, row, _ = in_picture(view, point[None], size)[0]
         away = np.hypot(*np.meshgrid(np.arange(size[0]) - column, np.arange(size[1]) - row))
-        image[np.abs(away - radius * size[1]) < 1.6] = as_bytes(np.array(_TOUCHED))
+        for width, colour in ((3.2, PALE), (1.6, _TOUCHED)):
+            image[np.abs(away - radius * size[1]) < width] = as_bytes(colour)
         images.append(image)
     return np.hstack([images[0], np.full((size[1], 8, 3), 255, np.uint8), images[1]])
 
