@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.apps.benchmark.judge import ROUNDING, Beside, Judge, judged_drive
+from safe_ompl.apps.benchmark.judge import ROUNDING, SPACING, Beside, Judge, judged_drive, sample_counts
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
@@ -254,11 +254,12 @@ def answered(
 ) -> Motion:
     """Return the motion of a path (way points) or a motion (see `read_motion`), if it answers the problem.
 
-    Raises InputError if it is malformed, does not begin at the start, or does not end at a goal; beside people, if it
-    has no times or is too short.
+    Raises InputError if it is malformed, does not begin at the start, does not end at a goal, or may be longer than
+    1000 rad; beside people, if it has no times or is too short.
     """
     motion = Motion.through(content, names=joints) if kind == "path" else motion_of_document(content)
     robot, motion = problem.robot, motion.for_robot(problem.robot)
+    sample_counts(motion, SPACING)
     first, last = motion.at(motion.times[[0, -1]])
     if not _is_at(robot, first, problem.start):
         raise InputError(f"{shown(first.round(6).tolist())} is not that of {problem.name!r}", "start")

@@ -14,7 +14,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import BoolArray, FloatArray, InputError
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
 from safe_ompl.geometry import Capsule, Obstacle, Pose, Sphere, placed
 from safe_ompl.motions import Motion
 from safe_ompl.people import Recording, TrackedBody
@@ -47,8 +47,8 @@ class Verdict:
     """What the samples of a motion show. Clearances are distances to obstacles, means over arc length."""
 
     touching: bool  # Whether a sample touches an obstacle, the robot itself, or, while it moves, a person
-    min_clearance: float  # [m]
-    mean_clearance: float
+    min_clearance: float | None  # [m], None where there is no obstacle
+    mean_clearance: float | None
     near: float  # Length that is nearer than 50 mm [rad]
     mean_danger: float | None  # The static danger field at its worst point; None where nothing is dangerous
     peak_danger: float | None
@@ -135,16 +135,15 @@ class Judge:
         for k, row in zip(chosen, apart, strict=True):
             if row.min(initial=np.inf) < least[0]:
                 least = float(row.min()), int(row.argmin()), int(k)
-        clearance = apart[:, self._obstacles].min(axis=1, initial=np.inf)
         pair = self._plain.pairs[least[1]]
-        nearest = min(least[0], clearance.min()) if pair[1] else float(clearance.min())
-        mean = _Mean(along[chosen])
-        danger = self._dangers(Q[chosen])
+        mean, danger = _Mean(along[chosen]), self._dangers(Q[chosen])
+        clearance = apart[:, self._obstacles].min(axis=1) if self._obstacles.any() else None
+        nearest = np.inf if clearance is None else float(clearance.min())
         return Verdict(
             least[0] <= 0,
-            float(nearest),
-            mean.of(clearance),
-            length * mean.of((clearance < NEAR).astype(float)),
+            None if clearance is None else min(nearest, least[0]) if pair[1] else nearest,
+            None if clearance is None else mean.of(clearance),
+            0.0 if clearance is None else length * mean.of((clearance < NEAR).astype(float)),
             None if danger is None else mean.of(danger),
             None if danger is None else float(danger.max()),
             None if danger is None else length * mean.of(danger),
@@ -201,24 +200,24 @@ class _Mean:
         return float((self._steps * (values[1:] + values[:-1]) / 2).sum() / total)
 
 
-def samples(motion: Motion, spacing: float) -> FloatArray:
-    """Return configurations (M, n) along a motion, its ends among them, no farther than a spacing [rad] apart.
+def sample_counts(motion: Motion, spacing: float) -> IntArray:
+    """Return how many samples each piece needs so that they are no farther than a spacing [rad] apart.
 
-    Raises InputError if there would be more than five million.
+    A piece moves no faster than its degree times the longest step between its Bernstein coefficients. Raises InputError
+    if there would be more than five million.
     """
-    found, total = [motion.at(motion.times[:1])], 0
-    for start, end in zip(motion.times[:-1], motion.times[1:], strict=True):
-        count, step = max(1, motion.degree), np.inf
-        while step > spacing:
-            if total + count > _MOST:
-                raise InputError(f"is longer than {_MOST * spacing:g} rad", "motion")
-            rows = motion.at(np.linspace(start, end, count + 1))
-            step = float(np.linalg.norm(np.diff(rows, axis=0), axis=1).max())
-            if step > spacing:
-                count = int(np.ceil(1.001 * count * step / spacing))
-        found.append(rows[1:])
-        total += count
-    return np.concatenate(found)
+    steps = np.linalg.norm(np.diff(motion.control_points, axis=1), axis=2)
+    counts = np.maximum(np.ceil(motion.degree * steps.max(axis=1, initial=0.0) / spacing), 1.0)
+    if counts.sum() > _MOST:
+        raise InputError(f"may be longer than {_MOST * spacing:g} rad", "length")
+    return np.asarray(counts, dtype=np.intp)
+
+
+def samples(motion: Motion, spacing: float) -> FloatArray:
+    """Return configurations (M, n) along a motion, its ends among them, no farther than a spacing [rad] apart."""
+    pieces = zip(motion.times[:-1], motion.times[1:], sample_counts(motion, spacing), strict=True)
+    times = [np.linspace(start, end, count + 1)[1:] for start, end, count in pieces]
+    return motion.at(np.concatenate([motion.times[:1], *times]))
 
 
 # ---------------------------------------------------------------------------------------------- beside people
