@@ -15,13 +15,13 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from bench.live import POLICIES, places, simulation
+from bench.live import POLICIES, simulation
 from safe_ompl import Motion
 from safe_ompl.apps.benchmark import checksum
 from safe_ompl.common.documents import file_name
 from safe_ompl.io import marked
 from safe_ompl.io.problems import carried_scene
-from safe_ompl.people.skeletons import Recording, list_clips
+from safe_ompl.people import list_clips
 
 GLITCH = 6.0  # [m/s] no key point of these people is so fast
 
@@ -38,28 +38,18 @@ def main() -> None:
         for clip in list_clips(file)[: options.clips]
         for place in range(options.places)
     ]
-    drives, content = [], {}
+    if not situations:
+        raise SystemExit(f"no recordings (.npz) in {options.recordings}")
+    drives = []
     for file, clip, place in situations:
-        recording = Recording.load(file, clip)
-        pose = places(recording, options.places, seed=sum(map(ord, file.stem + clip)))[place]
         one = simulation(file, clip, place, "alone", monitored=False, count=options.places)
         there, back = (trajectory.curve.at([0.0]).q[0].tolist() for trajectory in one.trajectories)
-        drives.append(
-            {
-                "name": f"{file.stem} {clip} {place}",
-                "recording": file_name(file.resolve(), out),
-                "sha256": checksum(file),
-                "clip": clip,
-                "gate": GLITCH,
-                "place": pose.to_mapping(),
-                "seconds": options.seconds,
-                "start": there,
-                "goals": [back, there],
-            }
-        )
-        robot, scene = one.replanner.robot, carried_scene(one.replanner.still)
-        content = {"format": "safe-ompl drives", "robot": robot.name, "scene": scene, "drives": drives}
-    problems = out / "drives.json"
+        drive = {"name": f"{file.stem} {clip} {place}", "recording": file_name(file.resolve(), out)}
+        drive |= {"sha256": checksum(file), "clip": clip, "gate": GLITCH, "seconds": options.seconds}
+        drive |= {"place": one.world.people["operator"].tracker.place.to_mapping()}
+        drives.append({**drive, "start": there, "goals": [back, there]})
+    problems, scene = out / "drives.json", carried_scene(one.replanner.still)
+    content = {"format": "safe-ompl drives", "robot": "panda", "scene": scene, "drives": drives}
     problems.write_text(json.dumps(content), encoding="utf-8")
     for policy in options.policies.split(","):
         answers = []

@@ -100,7 +100,7 @@ def main() -> None:
 def _ends_touch(known: ProblemSet, name: str) -> bool:
     """Return whether the robot touches something or itself at the start or the first goal: nobody can solve that."""
     problem = known.problems[name]
-    return any(problem.judge.touches(q) for q in (problem.start, problem.goals[0]))
+    return any(problem.judge.plain.touches(q) for q in (problem.start, problem.goals[0]))
 
 
 def _answer(answer: dict[str, Any], known: ProblemSet, question: dict[str, Any]) -> dict[str, Any]:

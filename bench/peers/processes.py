@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -59,9 +60,8 @@ def version_of(system: System, folder: Path) -> str:
 def _reason(log: Path) -> str:
     """Return the first error of a log with the line after it; that a process of pip ended says nothing."""
     lines = [line.strip() for line in log.read_text().splitlines() if line.strip()]
-    errors = (k for k, x in enumerate(lines) if "error" in x.lower() and "subprocess-exited" not in x)
-    first = next(errors, None)
-    return "see the log" if first is None else " ".join(lines[first : first + 2])
+    errors = [k for k, x in enumerate(lines) if re.search(r"error\b.*:", x, re.I) and "subprocess-" not in x]
+    return " ".join(lines[errors[0] : errors[0] + 2]) if errors else "see the log"
 
 
 class Runner:

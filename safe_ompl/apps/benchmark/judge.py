@@ -1,8 +1,8 @@
 """A judge of anybody's motions: dense samples, Pinocchio and coal; it uses none of the package's proofs.
 
-A motion is sampled every `SPACING` rad. Samples at which nothing can touch are left out: from a sample at which all
-bodies are `d` apart, contact is impossible before the joints have moved by `d / R` in sum, where no point of the robot
-is farther than `R` from the axis of any joint. Beside recorded people there is a sample every 5 ms, without exception.
+A motion is sampled every `SPACING` rad. A body moves no farther than each joint's motion times the length of the chain
+from there to the body's far end; samples at which a pair cannot touch by that, as it was too far apart before, are left
+out. Beside recorded people there is a sample every 5 ms, without exception.
 """
 
 from __future__ import annotations
@@ -10,15 +10,14 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
-from safe_ompl.geometry import Capsule, Obstacle, Pose, Sphere, placed
+from safe_ompl.geometry import Limb, Obstacle, Pose, placed
 from safe_ompl.motions import Motion
 from safe_ompl.people import Recording, TrackedBody
-from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
+from safe_ompl.people.simulation import ContactMonitor, Solid
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import RateLimits
@@ -27,6 +26,7 @@ SPACING, COARSE = 0.0002, 0.01  # [rad] between samples, for contact and for mea
 ROUNDING = 1e-4  # [rad or m] by which a motion may miss its start and goal, or pass limits
 INSTANTS = 0.005  # [s] between samples beside people
 NEAR = 0.05  # [m]
+TOLERANCE = 2e-5  # [m] of coal's distances, and of clearances that are searched for
 _MOST = 5_000_000  # samples of a motion
 _STILL = 1e-6  # [rad/s] slower than this is at rest
 
@@ -81,7 +81,29 @@ class PlainGeometry:
                     if body.parentJoint:
                         self.geometry.addCollisionPair(pin.CollisionPair(k, number))
                         self.pairs.append((links[k], obstacle.name, part))
+        chains = [self._chains(body) for body in self.geometry.geometryObjects]
+        ends = np.array([(pair.first, pair.second) for pair in self.geometry.collisionPairs], dtype=np.intp)
+        first, second = np.array(chains)[ends.reshape(-1, 2).T]
+        # A joint that moves both bodies of a pair changes nothing between them.
+        self._chains_of_pairs = np.where((first > 0) != (second > 0), first + second, 0.0)
         self.data, self._results = self.model.createData(), pin.GeometryData(self.geometry)
+
+    def _chains(self, body: pin.GeometryObject) -> FloatArray:
+        """Return how far (m,) the end of a body can be from each joint that moves it [m]; 1 where the joint slides."""
+        model, found = self.model, np.zeros(self.model.njoints - 1)
+        shape = body.geometry.clone()  # what is computed stays in the shape, and this one is the robot's
+        shape.computeLocalAABB()
+        far = float(np.linalg.norm(body.placement.act(shape.aabb_center))) + shape.aabb_radius
+        joint = body.parentJoint
+        while joint:
+            slides = model.joints[joint].shortname().startswith("JointModelP")
+            found[joint - 1] = 1.0 if slides else far
+            if slides:
+                at = model.joints[joint].idx_q
+                far += float(np.abs([model.lowerPositionLimit[at], model.upperPositionLimit[at]]).max())
+            far += float(np.linalg.norm(model.jointPlacements[joint].translation))
+            joint = model.parents[joint]
+        return found
 
     def distances(self, q: FloatArray) -> FloatArray:
         """Return the distance of every pair at `q: (n,)` [m]; negative where they overlap."""
@@ -89,24 +111,43 @@ class PlainGeometry:
         pin.computeDistances(self.model, self.data, self.geometry, self._results, full)
         return np.array([result.min_distance for result in self._results.distanceResults])
 
+    def touches(self, q: FloatArray) -> bool:
+        """Return whether the robot touches anything, or itself, at `q: (n,)`."""
+        full = self.robot.pinocchio_configuration(q)
+        return bool(pin.computeCollisions(self.model, self.data, self.geometry, self._results, full, True))
+
     def touching_point(self, pair: int) -> FloatArray:
         """Return the point (3,) between the two bodies of a pair where they are nearest, as measured last [m]."""
         found = self._results.distanceResults[pair]
         point: FloatArray = np.mean([found.getNearestPoint1(), found.getNearestPoint2()], axis=0)
         return point
 
-    def reach(self) -> float:
-        """Return a length [m] that no point of the robot exceeds in distance from the axis of any joint."""
-        arm = sum(float(np.linalg.norm(place.translation)) for place in list(self.model.jointPlacements)[1:])
-        slides = self.robot.prismatic
-        arm += float(np.abs([self.robot.lower, self.robot.upper]).max(axis=0)[slides].sum())
-        farthest = 0.0
-        for body in self.robot.shared.collision_model.geometryObjects:
-            shape = body.geometry.clone()  # what is computed stays in the shape, and this one is the robot's
-            shape.computeLocalAABB()
-            centre = body.placement.act(shape.aabb_center)
-            farthest = max(farthest, float(np.linalg.norm(centre)) + shape.aabb_radius)
-        return max(arm + farthest, 1.0)  # a joint that slides moves all by its own motion
+    def least(self, Q: FloatArray, enough: float) -> tuple[float, int, int]:
+        """Return the least distance [m] at configurations along a curve `Q: (S, n)`, its pair and its sample.
+
+        The search ends at the first contact; above contact the distance is found to within `TOLERANCE`. Where none
+        is below `enough`, that is returned, with the first pair and sample.
+        """
+        steps = np.abs(self.robot.coupling.motions(np.diff(Q, axis=0)))
+        travelled = np.vstack([np.zeros(steps.shape[1]), np.cumsum(steps, axis=0)])
+        due = np.zeros(len(self.pairs), dtype=np.intp)  # the next sample at which a pair is looked at
+        best = enough, 0, 0
+        while True:
+            s = int(due.min(initial=len(Q)))
+            if s >= len(Q):
+                return best
+            full = self.robot.pinocchio_configuration(Q[s])
+            pin.updateGeometryPlacements(self.model, self.data, self.geometry, self._results, full)
+            now = np.flatnonzero(due <= s + 50)
+            measured = [pin.computeDistance(self.geometry, self._results, int(k)).min_distance for k in now]
+            apart = np.array(measured)
+            if apart.min() < best[0]:
+                best = float(apart.min()), int(now[apart.argmin()]), s
+            if apart.min() <= 0.0:
+                return best
+            moved = self._chains_of_pairs[now] @ (travelled[s + 1 : s + 1000] - travelled[s]).T
+            room = apart - best[0] + (TOLERANCE if best[0] > TOLERANCE else 0.0)
+            due[now] = s + 1 + np.array([np.searchsorted(row, r) for row, r in zip(moved, room, strict=True)])
 
 
 class Judge:
@@ -114,14 +155,9 @@ class Judge:
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.scene = robot, scene
-        self._plain = PlainGeometry(robot, scene)
-        self._reach = self._plain.reach()
-        self._obstacles: BoolArray = np.array([bool(obstacle) for _, obstacle, _ in self._plain.pairs])
+        self.plain = PlainGeometry(robot, scene)
+        self._obstacles: BoolArray = np.array([bool(obstacle) for _, obstacle, _ in self.plain.pairs])
         self._danger = scene.danger_points()[:2]
-
-    def touches(self, q: FloatArray) -> bool:
-        """Return whether the robot touches anything, or itself, at `q: (n,)`."""
-        return bool(self._plain.distances(q).min(initial=np.inf) <= 0)
 
     def verdict(self, motion: Motion) -> Verdict:
         """Return what the samples of a motion show."""
@@ -130,23 +166,24 @@ class Judge:
         along = np.append(0.0, np.cumsum(np.linalg.norm(steps, axis=1)))
         length = float(along[-1])
         chosen = np.unique(np.searchsorted(along, np.append(np.arange(0.0, length, COARSE), length)))
-        apart = np.array([self._plain.distances(Q[k]) for k in chosen])
-        least = self._contact(Q, steps)
-        for k, row in zip(chosen, apart, strict=True):
-            if row.min(initial=np.inf) < least[0]:
-                least = float(row.min()), int(row.argmin()), int(k)
-        pair = self._plain.pairs[least[1]]
-        mean, danger = _Mean(along[chosen]), self._dangers(Q[chosen])
+        apart = np.array([self.plain.distances(Q[k]) for k in chosen])
+        row, number = np.unravel_index(int(apart.argmin()), apart.shape)
+        least = float(apart[row, number]), int(number), int(chosen[row])
+        if least[0] > 0:
+            finer = self.plain.least(Q, least[0])
+            least = finer if finer[0] < least[0] else least
+        pair = self.plain.pairs[least[1]]
+        along, danger = along[chosen], self._dangers(Q[chosen])
         clearance = apart[:, self._obstacles].min(axis=1) if self._obstacles.any() else None
         nearest = np.inf if clearance is None else float(clearance.min())
         return Verdict(
             least[0] <= 0,
             None if clearance is None else min(nearest, least[0]) if pair[1] else nearest,
-            None if clearance is None else mean.of(clearance),
-            0.0 if clearance is None else length * mean.of((clearance < NEAR).astype(float)),
-            None if danger is None else mean.of(danger),
+            None if clearance is None else _mean(clearance, along),
+            0.0 if clearance is None else length * _mean((clearance < NEAR).astype(float), along),
+            None if danger is None else _mean(danger, along),
             None if danger is None else float(danger.max()),
-            None if danger is None else length * mean.of(danger),
+            None if danger is None else length * _mean(danger, along),
             length,
             self._outside(Q),
             Worst(least[0], pair[0], pair[1] or pair[2], tuple(Q[least[2]].tolist())),
@@ -157,21 +194,6 @@ class Judge:
         joint = int(np.where(self.robot.continuous, -np.inf, over).argmax())
         name = self.robot.joint_names[joint]
         return f"joint {name!r} is {over[joint]:.3g} outside its limits" if over[joint] > ROUNDING else ""
-
-    def _contact(self, Q: FloatArray, steps: FloatArray) -> tuple[float, int, int]:
-        """Return distance, pair and sample of the first contact, or of the smallest distance that was measured."""
-        moved = np.abs(self.robot.coupling.motions(steps)).sum(axis=1)
-        way = np.append(0.0, np.cumsum(moved)) * self._reach
-        least, k = (np.inf, 0, 0), 0
-        while k < len(Q):
-            row = self._plain.distances(Q[k])
-            distance = float(row.min(initial=np.inf))
-            if distance < least[0]:
-                least = distance, int(row.argmin()), k
-            if distance <= 0:
-                break
-            k = max(k + 1, int(np.searchsorted(way, way[k] + distance)))
-        return least
 
     def _dangers(self, Q: FloatArray) -> FloatArray | None:
         """Return the cumulative danger field (Lacevic & Rocco, eqs. 4, 5) at its worst point, for each of `Q`."""
@@ -187,17 +209,9 @@ class Judge:
         return np.array(worst)
 
 
-class _Mean:
-    """Means over arc length, by the trapezoid rule."""
-
-    def __init__(self, along: FloatArray) -> None:
-        self._steps = np.diff(along)
-
-    def of(self, values: FloatArray) -> float:
-        total = float(self._steps.sum())
-        if not total:
-            return float(values[0])
-        return float((self._steps * (values[1:] + values[:-1]) / 2).sum() / total)
+def _mean(values: FloatArray, along: FloatArray) -> float:
+    """Return the mean over arc length, by the trapezoid rule."""
+    return float(np.trapezoid(values, along) / along[-1]) if along[-1] else float(values[0])
 
 
 def sample_counts(motion: Motion, spacing: float) -> IntArray:
@@ -233,24 +247,18 @@ class Beside:
     goals: tuple[tuple[float, ...], ...]
     tolerance: float = 0.01  # [rad or m] within which a joint is at its goal
 
-    def solids(self, time: float) -> list[Solid]:
+    def limbs(self, time: float) -> list[Limb]:
         """Return the limbs of the person at a time [s]."""
         body = TrackedBody()
         seen = placed(self.place.se3, self.recording.skeleton.keypoints(self.recording.at(time)))
         ends = body.ends(body.completed(seen)[0])
-        return limb_solids("person", body.limbs, ends, body.radii(ends))
+        limbs = zip(body.limbs, ends, body.radii(ends).tolist(), strict=True)
+        return [Limb(name, start, end, radius) for name, (start, end), radius in limbs]
 
     def obstacles(self, time: float) -> list[Obstacle]:
-        """Return the limbs of the person at a time [s] as obstacles, for pictures."""
+        """Return the limbs of the person at a time [s] as obstacles."""
         return [
-            Obstacle(
-                f"{solid.who} {solid.limb}",
-                Capsule(solid.geometry.radius, 2 * solid.geometry.halfLength)
-                if isinstance(solid.geometry, coal.Capsule)
-                else Sphere(solid.geometry.radius),
-                Pose.of(solid.placement),
-            )
-            for solid in self.solids(time)
+            Obstacle(f"person {limb.name}", limb.shape, Pose.of(limb.placement)) for limb in self.limbs(time)
         ]
 
 
@@ -279,7 +287,7 @@ def judged_drive(robot: Robot, beside: Beside, motion: Motion) -> DriveVerdict:
     Q, rates = motion.at(motion.times[0] + times), motion.derivative(motion.times[0] + times, 1)
     for time, q, qd in zip(times.tolist(), Q, rates, strict=True):
         moving = bool(np.abs(qd).max() > _STILL)
-        solids = beside.solids(time)
+        solids = [Solid("person", x.name, x.geometry, x.placement) for x in beside.limbs(time)]
         nearest = monitor.observe(time, q, solids, moving=moving, obeyed=True, qd=qd)
         if moving and (worst is None or nearest.distance < worst.distance):
             other = f"{nearest.who} {nearest.limb}"

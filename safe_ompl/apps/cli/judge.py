@@ -225,7 +225,8 @@ def write_page(folder: Path) -> Path:
             f"<li><b>{escape(result['system'])}</b>: {escape(result['failed'])}</li>" for result in failed
         )
         parts.append(f"<h2>Not run</h2><ul>{''.join(lines)}</ul>")
-    parts.append("<h2>The worst contact of each, or the nearest miss</h2><div class=all>")
+    parts.append("<h2>The worst contact of each, or the nearest miss</h2>")
+    parts.append("<p>Right: from near, without the walls before it.</p><div class=all>")
     parts += [_figure(result, folder) for result in results if not result["failed"]]
     page = folder / _PAGE
     page.write_text("\n".join([*parts, "</div>", _TAIL]), encoding="utf-8")

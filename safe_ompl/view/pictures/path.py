@@ -20,7 +20,7 @@ from safe_ompl.scene import Scene
 from safe_ompl.view.content import Nearest, ViewerContent
 from safe_ompl.view.pictures.camera import Camera, in_picture
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
-from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled, view_of
+from safe_ompl.view.pictures.scene import DrawnScene, best_view, hiding, resampled, view_of
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
 from safe_ompl.view.plots.paths import plot_plan
 from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
@@ -152,8 +152,8 @@ def render_contact(
 ) -> Image:
     """Draw a robot at `q: (n,)`, from afar and, beside it, near a point (3,) [m] that is in a circle in both.
 
-    The two that touch there are in colours of their own: a link, and an obstacle or another link. `size` is that of
-    each of the two pictures [px].
+    The two that touch there are in colours of their own: a link, and an obstacle or another link. The picture from near
+    leaves other obstacles out that hide the point. `size` is that of each of the two pictures [px].
     """
     link, other = touching
     marked = [replace(o, color=_TOUCHED) if o.name == other else o for o in scene]
@@ -164,10 +164,11 @@ def render_contact(
     moved = replace(camera, eye=camera.eye + point - camera.target, target=point)
     distance = float(np.linalg.norm(moved.eye - point))
     near = replace(moved, field_of_view=2 * np.arctan(_CLOSE / distance))
+    hidden = [name for name in hiding(drawn, near, point) if name != other]
     images = []
-    for view, radius in ((camera, 0.07), (near, 0.12)):
+    for view, radius, left_out in ((camera, 0.07, []), (near, 0.12, hidden)):
         renderer = Renderer(drawn.floor, view, size)
-        image = as_bytes(tone_mapped(renderer.render([*things, *drawn.surroundings])))
+        image = as_bytes(tone_mapped(renderer.render([*things, *drawn.surroundings_without(left_out)])))
         column, row, _ = in_picture(view, point[None], size)[0]
         away = np.hypot(*np.meshgrid(np.arange(size[0]) - column, np.arange(size[1]) - row))
         for width, colour in ((3.2, PALE), (1.6, _TOUCHED)):

@@ -51,7 +51,7 @@ def test_the_judge_measures_what_the_package_measures(robot):
     rng = np.random.default_rng(0)
     for q in rng.uniform(robot.lower, robot.upper, (20, 7)):
         verdict = judge.verdict(Motion.through([q, q]))
-        assert verdict.touching == checker.in_collision(q) == judge.touches(q)
+        assert verdict.touching == checker.in_collision(q) == judge.plain.touches(q)
         if not verdict.touching:
             assert verdict.min_clearance == pytest.approx(checker.clearance(q).distance, abs=1e-5)
 
