@@ -32,6 +32,7 @@ from systems import REPAIR, REPAIRED, SYSTEMS, System
 from table import NO_PATH, Run, figure, markdown, repairs
 
 from safe_ompl.apps.benchmark import Entry, ProblemSet, answered
+from safe_ompl.apps.benchmark.entries import LONGEST
 from safe_ompl.apps.cli.judge import judge_into, write_page
 from safe_ompl.common import InputError
 from safe_ompl.scene.mbm import MbmFile
@@ -111,12 +112,17 @@ def _answer(answer: dict[str, Any], known: ProblemSet, question: dict[str, Any])
         "times": {key: answer[key] for key in STEPS},
     }
     if not answer["path"]:
-        return {**found, "failed": answer.get("error") or NO_PATH}
+        return {**found, "failed": _line(answer.get("error") or NO_PATH)}
     try:
         answered(known.problems[question["name"]], answer["path"])
     except InputError as error:
-        return {**found, "failed": str(error)}
+        return {**found, "failed": _line(str(error))}
     return {**found, "path": answer["path"]}
+
+
+def _line(error: str) -> str:
+    """Return an error as an entry may hold it."""
+    return " ".join(error.split())[:LONGEST]
 
 
 def _repaired(
@@ -158,7 +164,7 @@ def _entry(
 ) -> dict[str, Any]:
     entry = {"format": "safe-ompl entry", "version": 1, "system": name, **told}
     if not answers:
-        return {**entry, "sets": [], "failed": failed or "no problem was asked"}
+        return {**entry, "sets": [], "failed": _line(failed or "no problem was asked")}
     return {**entry, "sets": [{"name": known.name, "sha256": known.sha256, "answers": answers}]}
 
 

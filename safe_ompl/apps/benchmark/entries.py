@@ -27,6 +27,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import MbmFile, Scene
 
 FORMAT, VERSION = "safe-ompl entry", 1
+LONGEST = 300  # characters of a text
 JUDGED, DRIVES = "safe-ompl judged entry", "safe-ompl drives"
 _TOLD = ("planner", "version_of_planner", "machine", "timing")
 _ENTRY = ("format", "version", "system", *_TOLD, "failed", "sets")
@@ -194,15 +195,18 @@ class Entry:
             for key, value in (("format", FORMAT), ("version", VERSION)):
                 if document.require(data, key) != value or isinstance(data[key], bool):
                     raise InputError(f"must be {value!r}, got {shown(data[key])}", key)
-            told = {key: document.text(key, data[key]) for key in _TOLD if key in data}
-            failed = document.text("failed", data["failed"]) if "failed" in data else ""
+            told = {key: _words(key, data[key]) for key in _TOLD if key in data}
+            failed = _words("failed", data["failed"]) if "failed" in data else ""
             answers: list[Answer] = []
             for k, item in enumerate(document.sequence("sets", document.require(data, "sets"))):
                 with document.within(f"sets[{k}]"):
-                    answers += _answers(document.mapping("set", item, _SET), sets)
+                    new = _answers(document.mapping("set", item, _SET), sets)
+                    if new and any(new[0].set == answer.set for answer in answers):
+                        raise InputError(f"{new[0].set!r} is there twice", "name")
+                    answers += new
             if bool(failed) == bool(answers):
                 raise InputError("must hold answers, unless `failed` says why there are none", "sets")
-            system = document.text("system", document.require(data, "system"))
+            system = _words("system", document.require(data, "system"))
             return cls(system, told, tuple(answers), failed, checksum(Path(file)))
 
     def judged(self) -> dict[str, Any]:
@@ -210,6 +214,14 @@ class Entry:
         rows = [answer.judged() for answer in self.answers]
         told = {"system": self.system, "told": dict(self.told), "failed": self.failed, "sha256": self.sha256}
         return {"format": JUDGED, "version": VERSION, **told, "summary": summaries(rows), "rows": rows}
+
+
+def _words(key: str, value: Any) -> str:
+    """Return text as it may stand in a table."""
+    text = document.text(key, value)
+    if len(text) > LONGEST or not text.isprintable():
+        raise InputError(f"must be at most {LONGEST} printable characters, got {shown(text)}", key)
+    return text
 
 
 def _answers(data: Mapping[str, Any], sets: Sequence[ProblemSet]) -> list[Answer]:
@@ -244,7 +256,7 @@ def _answer(data: Mapping[str, Any], chosen: ProblemSet, joints: tuple[str, ...]
         raise InputError(f"must have one of path, motion, failed; got {', '.join(given) or 'none'}", "answer")
     problem = chosen.problems[name]
     if given == ["failed"]:
-        return Answer(chosen.name, problem, seed, times, None, document.text("failed", data["failed"]))
+        return Answer(chosen.name, problem, seed, times, None, _words("failed", data["failed"]))
     with document.within(given[0], ": "):
         return Answer(chosen.name, problem, seed, times, answered(problem, data[given[0]], given[0], joints))
 

@@ -154,7 +154,7 @@ class Judge:
     """Judges motions of a robot in a scene."""
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
-        self.robot, self.scene = robot, scene
+        self.robot = robot
         self.plain = PlainGeometry(robot, scene)
         self._obstacles: BoolArray = np.array([bool(obstacle) for _, obstacle, _ in self.plain.pairs])
         self._danger = scene.danger_points()[:2]

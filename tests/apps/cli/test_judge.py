@@ -131,6 +131,8 @@ def test_an_entry_is_judged_with_a_page_and_pictures(problems, tmp_path, capsys)
 BAD = {
     "another format": (lambda e: e.update(format="x"), "format: must be 'safe-ompl entry', got 'x'"),
     "an unknown key": (lambda e: e.update(sytem="x"), "sytem: unknown key; did you mean 'system'?"),
+    "a set twice": (lambda e: e["sets"].append(e["sets"][0]), "sets[1].name: 'pole' is there twice"),
+    "a name with escapes": (lambda e: e.update(system="a\x1b[2J"), "system: must be at most 300 printable characters"),
     "no answers": (lambda e: e["sets"].clear(), "sets: must hold answers, unless `failed`"),
     "an unknown set": (lambda e: e["sets"][0].update(name="x"), "sets[0].name: unknown problem set 'x'; known: pole"),
     "another checksum": (lambda e: e["sets"][0].update(sha256="00"), "sets[0].sha256: '00' is not that of 'pole'"),
