@@ -267,7 +267,7 @@ def answered(
     """Return the motion of a path (way points) or a motion (see `read_motion`), if it answers the problem.
 
     Raises InputError if it is malformed, does not begin at the start, does not end at a goal, or may be longer than
-    1000 rad; beside people, if it has no times or is too short.
+    400 rad; beside people, if it has no times or is too short.
     """
     motion = Motion.through(content, names=joints) if kind == "path" else motion_of_document(content)
     robot, motion = problem.robot, motion.for_robot(problem.robot)

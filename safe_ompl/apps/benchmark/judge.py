@@ -27,7 +27,7 @@ ROUNDING = 1e-4  # [rad or m] by which a motion may miss its start and goal, or 
 INSTANTS = 0.005  # [s] between samples beside people
 NEAR = 0.05  # [m]
 TOLERANCE = 2e-5  # [m] of coal's distances, and of clearances that are searched for
-_MOST = 5_000_000  # samples of a motion
+_MOST = 2_000_000  # samples of a motion
 _STILL = 1e-6  # [rad/s] slower than this is at rest
 
 
@@ -218,7 +218,7 @@ def sample_counts(motion: Motion, spacing: float) -> IntArray:
     """Return how many samples each piece needs so that they are no farther than a spacing [rad] apart.
 
     A piece moves no faster than its degree times the longest step between its Bernstein coefficients. Raises InputError
-    if there would be more than five million.
+    if there would be more than two million.
     """
     steps = np.linalg.norm(np.diff(motion.control_points, axis=1), axis=2)
     counts = np.maximum(np.ceil(motion.degree * steps.max(axis=1, initial=0.0) / spacing), 1.0)

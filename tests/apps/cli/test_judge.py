@@ -145,7 +145,7 @@ BAD_ANSWERS = {
     "ragged rows": (answer([LEFT, RIGHT[:5]]), "path: way points"),
     "another start": (answer(AROUND[1:]), "path: start: [1.0, -1.2"),
     "another goal": (answer(AROUND[:-1]), "path: goal: "),
-    "an endless path": (answer([LEFT, RIGHT] * 400), "path: length: may be longer than 1000 rad"),
+    "an endless path": (answer([LEFT, RIGHT] * 400), "path: length: may be longer than 400 rad"),
     "degrees": (answer(np.degrees([LEFT, RIGHT]).tolist()), "these are degrees"),
     "a negative time": (answer(times={"planning": -1}), "times.planning: "),
     "path and failure": (answer(failed="no"), "answer: must have one of path, motion, failed; got path, failed"),
