@@ -16,10 +16,12 @@ if TYPE_CHECKING:
         failure,
         summarize,
     )
-    from safe_ompl.apps.benchmark.entries import Entry, ProblemSet, answered, checksum, summaries
+    from safe_ompl.apps.benchmark.entries import JUDGED, VERSION, Entry, ProblemSet, answered, checksum
     from safe_ompl.apps.benchmark.judge import Judge, PlainGeometry, Verdict
 
 __all__ = [
+    "JUDGED",
+    "VERSION",
     "Benchmark",
     "Campaign",
     "Entry",
@@ -33,7 +35,6 @@ __all__ = [
     "checksum",
     "default_planners",
     "failure",
-    "summaries",
     "summarize",
 ]
 

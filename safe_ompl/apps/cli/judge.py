@@ -15,7 +15,7 @@ import numpy as np
 from rich.markup import escape as escape_markup
 from rich.table import Table
 
-from safe_ompl.apps.benchmark import Entry, PlainGeometry, ProblemSet
+from safe_ompl.apps.benchmark import JUDGED, VERSION, Entry, PlainGeometry, ProblemSet
 from safe_ompl.apps.cli.options import add_parser
 from safe_ompl.apps.cli.output import (
     error_console,
@@ -62,13 +62,17 @@ def add_commands(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read problems and entries, and return the job."""
     make_folder(options.out, "--out")
-    sets = [ProblemSet.load(file) for file in options.problems]
+    sets: dict[str, ProblemSet] = {}
+    for file in options.problems:
+        if Path(file).stem in sets:
+            raise InputError("another problem set has this name: rename one", str(file))
+        sets[Path(file).stem] = ProblemSet.load(file)
     files = [file for name in options.entries for file in _files(Path(name))]
     entries: dict[str, Entry] = {}
-    for file in files:
-        if file.stem in entries:
-            raise InputError("another entry has this name: rename one", str(file))
-        entries[file.stem] = Entry.load(file, sets)
+    for entry in files:
+        if entry.stem in entries:
+            raise InputError("another entry has this name: rename one", str(entry))
+        entries[entry.stem] = Entry.load(entry, list(sets.values()))
     return partial(_judge, entries, options.out)
 
 
@@ -207,7 +211,17 @@ document.querySelectorAll("th").forEach(head => head.onclick = () => {
 def write_page(folder: Path) -> Path:
     """Write a page of all entries that were judged into a folder, and return it; its pictures are inside."""
     files = sorted(folder.glob(f"*{_ENDING}"))
-    results = [{**read_json(file), "name": file.name.removesuffix(_ENDING)} for file in files]
+    results = []
+    for file in files:
+        content = read_json(file)
+        if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (
+            JUDGED,
+            VERSION,
+        ):
+            raise InputError(
+                f"must be {JUDGED!r} of version {VERSION}: judge the entry anew", f"{file}: format"
+            )
+        results.append({**content, "name": file.name.removesuffix(_ENDING)})
     parts = [_HEAD]
     for name, rows in _by_set(results).items():
         columns = _columns(rows)

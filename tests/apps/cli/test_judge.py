@@ -174,6 +174,20 @@ def test_bad_entries_are_refused_in_one_line(case, problems, tmp_path, capsys):
     assert "\n" not in said
 
 
+def test_a_folder_with_something_else_in_it_is_refused(problems, tmp_path, capsys):
+    file, out = tmp_path / "entry.json", tmp_path / "out"
+    file.write_text(json.dumps(entry_of(problems, answer())))
+    out.mkdir()
+    (out / "old.judged.json").write_text("{}")
+    assert main(["judge", str(file), "--problems", str(problems), "--out", str(out)]) == 2
+    assert "old.judged.json: format: must be 'safe-ompl judged entry'" in capsys.readouterr().err
+
+
+def test_problem_sets_of_one_name_are_refused(problems, tmp_path, capsys):
+    assert main(["judge", "x.json", "--problems", str(problems), str(problems), "--out", str(tmp_path)]) == 2
+    assert f"{problems}: another problem set has this name" in capsys.readouterr().err
+
+
 def test_an_answer_that_is_given_twice_is_refused(problems, tmp_path):
     file = tmp_path / "twice.json"
     file.write_text(json.dumps(entry_of(problems, answer(), answer())))
