@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from safe_ompl.apps.benchmark import PlainGeometry
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.pose import Pose
@@ -209,25 +210,9 @@ class Judge:
     terms: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.geometry = self.robot.collision_model.copy()
-        bodies = list(self.geometry.geometryObjects)
-        self.links = [body.name.rsplit("_", 1)[0] for body in bodies]
-        self.pairs: list[tuple[str, str, str]] = [("", "", "") for _ in self.geometry.collisionPairs]
-        for obstacle in self.scene:
-            for part, shape, place in obstacle.geometries():
-                number = self.geometry.addGeometryObject(pin.GeometryObject(f"{part}!", 0, place, shape))
-                for k, body in enumerate(bodies):
-                    if body.parentJoint:
-                        self.geometry.addCollisionPair(pin.CollisionPair(k, number))
-                        self.pairs.append((self.links[k], obstacle.name, part))
-        self.model = self.robot.shared.model
-        self.data, self.results = self.model.createData(), pin.GeometryData(self.geometry)
-
-    def distances(self, q: FloatArray) -> FloatArray:
-        """Return the distance of every pair [m]."""
-        full = self.robot.pinocchio_configuration(q)
-        pin.computeDistances(self.model, self.data, self.geometry, self.results, full)
-        return np.array([result.min_distance for result in self.results.distanceResults])
+        plain = PlainGeometry(self.robot, self.scene)
+        self.model, self.data = plain.model, plain.data
+        self.pairs, self.distances = plain.pairs, plain.distances
 
     def true(self, claims: tuple[str, ...], content: Mapping[str, Any], own: tuple[str, ...]) -> bool:
         """Return whether what is said of the path of a certificate is true, and about what it should be."""

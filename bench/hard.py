@@ -1,12 +1,13 @@
 """Hard problems: whether heeding danger ever costs a solution, and what it costs in time.
 
-    python bench/hard.py [--problems A:B] [--planners A,B] [--time S] [--seeds N] [--json FILE]
+    python bench/hard.py [--problems A:B] [--planners A,B] [--time S] [--seeds N] [--json FILE] [--export FOLDER]
 
 Narrow openings of seven kinds for four robots, made by rule from a seed (`_hard.py`), each with a proven way; no draw
 is left out. Safe planners and their classical counterparts plan each of them in turn, in one process, with the same
 checker; JT-RRTs to the place of the tip, the others to the configuration. Times are the process's, which a busy machine
 changes little, and so is their limit. Printed for each planner: solved, time and queries (unsolved ones count with the
-whole time), and for each pair the ratios of times and queries; then danger where both solve.
+whole time), and for each pair the ratios of times and queries; then danger where both solve. With --export the
+problems are written instead, for others to solve (`safe-ompl judge`), with the proven ways as an entry.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from _hard import HardProblem, hard_problems
+from _hard import HardProblem, hard_problems, mbm_form
 from _problems import positions
 from _timing import print_table
 from ompl import base as ob
 from ompl import util as ou
 
 from safe_ompl import SafeSetup
+from safe_ompl.apps.benchmark import checksum
 from safe_ompl.apps.cli.options import names
 from safe_ompl.collision.motion import CertifiedMotion
 
@@ -45,6 +47,9 @@ def main() -> None:
     options = _options()
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     logging.disable(logging.WARNING)
+    if options.export:
+        export(list(hard_problems(range(_COUNT)[options.problems])), options.export)
+        return
     every = [name for pair in PAIRS.items() for name in pair] + list(ALONE)
     chosen = [name for name in every if not options.planners or name in options.planners]
     rows = []
@@ -59,6 +64,23 @@ def main() -> None:
     report(rows, options.time)
 
 
+def export(problems: list[HardProblem], folder: Path) -> None:
+    """Write a file of problems for each robot, and an entry with the ways by which they were made."""
+    folder.mkdir(parents=True, exist_ok=True)
+    sets = []
+    for robot, content in mbm_form(problems).items():
+        file = folder / f"hard_{robot}.json"
+        file.write_text(json.dumps(content), encoding="utf-8")
+        ways = [
+            {"problem": f"{problem.kind} {problem.name.split()[-1]}", "path": problem.witness.tolist()}
+            for problem in problems
+            if problem.robot.name == robot
+        ]
+        sets.append({"name": file.stem, "sha256": checksum(file), "answers": ways})
+    entry = {"format": "safe-ompl entry", "version": 1, "system": "as they were made", "sets": sets}
+    (folder / "as_made.json").write_text(json.dumps(entry), encoding="utf-8")
+
+
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -71,6 +93,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=1, metavar="N")
     parser.add_argument("--json", metavar="FILE", help="write every run")
     parser.add_argument("--also", nargs="*", default=[], metavar="FILE", help="runs of earlier calls to join")
+    parser.add_argument("--export", type=Path, metavar="FOLDER", help="write the problems instead")
     return parser.parse_args()
 
 

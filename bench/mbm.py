@@ -2,31 +2,27 @@
 
     python bench/mbm.py FILE [--problems 0:100] [--time 5] [--seed 0] [--contacts]
 
-Prints medians and ratios; with --contacts every path is also sampled at 0.002 rad with plain coal calls, pair by
-pair and without broad phase, and what touches is counted.
+Prints medians and ratios; with --contacts every path is also judged as `safe-ompl judge` does, and what touches
+is counted.
 """
 
 from __future__ import annotations
 
 import sys
-from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 from _problems import problem_parser, problems
 
-from safe_ompl import PlanResult
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Motion, PlanResult
+from safe_ompl.apps.benchmark import Judge
 
 PLANNERS = ("SafeRRTConnect", "RRTConnect")
-SAMPLING = 0.002  # [rad]
 
 
 def main() -> None:
     """Run the bench."""
     parser = problem_parser(__doc__)
-    parser.add_argument("--contacts", action="store_true", help="sample every path with plain coal calls")
+    parser.add_argument("--contacts", action="store_true", help="judge every path by samples")
     options = parser.parse_args()
     results: dict[str, list[PlanResult]] = {planner: [] for planner in PLANNERS}
     touching = dict.fromkeys(PLANNERS, 0)
@@ -37,27 +33,9 @@ def main() -> None:
             if not result:
                 print(f"unsolved: {planner} {family} {problem.index}", file=sys.stderr)
             elif options.contacts:
-                touching[planner] += touches(setup.robot, problem.scene, result.path)
+                judge = Judge(setup.robot, problem.scene)
+                touching[planner] += judge.verdict(Motion.through(result.path)).touching
     show(results, touching if options.contacts else None)
-
-
-def touches(robot: Robot, scene: Scene, path: np.ndarray) -> bool:
-    """Return whether a path (N, n) touches anything, by coal's plain calls on every sample."""
-    geometry = robot.shared.collision_model.copy()
-    moving = [k for k, body in enumerate(geometry.geometryObjects) if body.parentJoint]
-    for obstacle in scene.obstacles:
-        for name, shape, placement in obstacle.geometries():
-            added = geometry.addGeometryObject(pin.GeometryObject(f"obstacle:{name}", 0, placement, shape))
-            for body in moving:
-                geometry.addCollisionPair(pin.CollisionPair(body, added))
-    data, contacts = robot.shared.model.createData(), pin.GeometryData(geometry)
-    for start, end in pairwise(path):
-        delta = robot.difference(start, end)
-        for t in np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(delta) / SAMPLING)):
-            q = robot.pinocchio_configuration(start + t * delta)
-            if pin.computeCollisions(robot.shared.model, data, geometry, contacts, q, True):
-                return True
-    return False
 
 
 def show(results: dict[str, list[PlanResult]], touching: dict[str, int] | None) -> None:
@@ -81,7 +59,7 @@ def show(results: dict[str, list[PlanResult]], touching: dict[str, int] | None) 
     solved = [f"{sum(map(bool, runs))}/{len(runs)}" for runs in results.values()]
     print(f"{'solved':32s}" + "".join(f"{text:>16s}" for text in solved))
     if touching is not None:
-        print(f"{'touch, sampled at 0.002 rad':32s}" + "".join(f"{n:16d}" for n in touching.values()))
+        print(f"{'touch, sampled at 0.0002 rad':32s}" + "".join(f"{n:16d}" for n in touching.values()))
     for label, value in rows.items():
         ours, theirs = (float(np.median([value(runs[k]) for k in both])) for runs in results.values())
         ratio = f"{ours / theirs:8.2f}" if theirs else f"{'–':>8s}"

@@ -26,13 +26,14 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
-import pinocchio as pin
 from _scenes import scattered
 from _timing import print_table
 from ompl import util as ou
 from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
 
 from safe_ompl import Motion, Robot, SafeSetup, Scene
+from safe_ompl.apps.benchmark import PlainGeometry
+from safe_ompl.apps.benchmark.judge import TOLERANCE
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import checked, repaired, widest_tube
@@ -45,7 +46,6 @@ from safe_ompl.scene.mbm import MbmFile
 STEP = 0.0002  # [rad] between samples
 NEAR = 1e-4, 1e-3  # [m] clearance of near pieces
 LENGTHS, NEAR_LENGTHS = (0.05, 1.5), (0.05, 0.4)  # [rad]
-TOLERANCE = 2e-5  # [m] of coal's distances, and of clearances that are searched for
 
 Curve = Callable[[FloatArray], FloatArray]  # from times in [0, 1] to configurations
 
@@ -58,93 +58,9 @@ class Piece(NamedTuple):
     curve: Curve
 
 
-class Plain:
-    """Robot against scene by coal's distances of all pairs: no broad phase, and no bounds of the package.
-
-    A body moves no farther than each joint's motion times the length of the chain from there to the body's far end.
-    Samples at which a pair cannot touch by that, as it was too far apart before, are left out.
-    """
-
-    def __init__(self, robot: Robot, scene: Scene) -> None:
-        self.robot, self._model = robot, robot.shared.model
-        self._geometry = robot.shared.collision_model.copy()
-        chains = [self._chains(body) for body in self._geometry.geometryObjects]
-        moving = [k for k, body in enumerate(self._geometry.geometryObjects) if body.parentJoint]
-        for obstacle in scene.obstacles:
-            for name, shape, placement in obstacle.geometries():
-                added = self._geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, shape))
-                chains.append(np.zeros(self._model.njoints - 1))
-                for k in moving:
-                    self._geometry.addCollisionPair(pin.CollisionPair(k, added))
-        pairs = [(pair.first, pair.second) for pair in self._geometry.collisionPairs]
-        first, second = (np.array([chains[pair[side]] for pair in pairs]) for side in (0, 1))
-        self._chains_of_pairs = np.where((first > 0) != (second > 0), first + second, 0.0)
-        self._data, self._results = self._model.createData(), pin.GeometryData(self._geometry)
-
-    def _chains(self, body: pin.GeometryObject) -> FloatArray:
-        """Return how far (m,) the end of a body can be from each joint that moves it [m]; 1 where the joint slides."""
-        model, found = self._model, np.zeros(self._model.njoints - 1)
-        body.geometry.computeLocalAABB()
-        far = float(np.linalg.norm(body.placement.act(body.geometry.aabb_center))) + body.geometry.aabb_radius
-        joint = body.parentJoint
-        while joint:
-            slides = model.joints[joint].shortname().startswith("JointModelP")
-            found[joint - 1] = 1.0 if slides else far
-            if slides:
-                at = model.joints[joint].idx_q
-                far += float(np.abs([model.lowerPositionLimit[at], model.upperPositionLimit[at]]).max())
-            far += float(np.linalg.norm(model.jointPlacements[joint].translation))
-            joint = model.parents[joint]
-        return found
-
-    def distance(self, q: FloatArray) -> float:
-        """Return the least signed distance [m] at `q`."""
-        full = self.robot.pinocchio_configuration(q)
-        k = pin.computeDistances(self._model, self._data, self._geometry, self._results, full)
-        return float(self._results.distanceResults[k].min_distance)
-
-    def touches(self, q: FloatArray) -> bool:
-        """Return whether anything touches at `q`."""
-        full = self.robot.pinocchio_configuration(q)
-        return bool(pin.computeCollisions(self._model, self._data, self._geometry, self._results, full, True))
-
-    def touched(self, Q: FloatArray) -> bool:
-        """Return whether anything touches at any of the configurations along a curve `Q: (S, n)`."""
-        return self.least(Q, 1e-7) <= 0.0
-
-    def least(self, Q: FloatArray, enough: float) -> float:
-        """Return the least distance at configurations along a curve `Q: (S, n)`, or `enough` if none is below it.
-
-        Above contact it is found to within `TOLERANCE`; the search ends at the first contact.
-        """
-        steps = np.abs(self.robot.coupling.motions(np.diff(Q, axis=0)))
-        travelled = np.vstack([np.zeros(steps.shape[1]), np.cumsum(steps, axis=0)])
-        due = np.zeros(
-            len(self._chains_of_pairs), dtype=np.intp
-        )  # the next sample at which a pair is looked at
-        best = enough
-        while True:
-            s = int(due.min(initial=len(Q)))
-            if s >= len(Q):
-                return best
-            pin.updateGeometryPlacements(
-                self._model,
-                self._data,
-                self._geometry,
-                self._results,
-                self.robot.pinocchio_configuration(Q[s]),
-            )
-            now = np.flatnonzero(due <= s + 50)
-            apart = np.array(
-                [pin.computeDistance(self._geometry, self._results, int(k)).min_distance for k in now]
-            )
-            best = min(best, float(apart.min()))
-            if apart.min() <= 0.0:
-                return best
-            ahead = travelled[s + 1 : s + 1000] - travelled[s]
-            moved = self._chains_of_pairs[now] @ ahead.T
-            room = apart - best + (TOLERANCE if best > TOLERANCE else 0.0)
-            due[now] = s + 1 + np.array([np.searchsorted(row, r) for row, r in zip(moved, room, strict=True)])
+def touched(plain: PlainGeometry, Q: FloatArray) -> bool:
+    """Return whether anything touches at any of the configurations along a curve `Q: (S, n)`."""
+    return plain.least(Q, 1e-7)[0] <= 0.0
 
 
 # ----------------------------------------------------------------------------------------------------- pieces
@@ -229,22 +145,22 @@ def samples(curve: Curve) -> FloatArray:
         count = int(np.ceil(1.02 * count * longest / STEP))
 
 
-def near_piece(robot: Robot, plain: Plain, rng: np.random.Generator) -> tuple[Piece, float]:
+def near_piece(robot: Robot, plain: PlainGeometry, rng: np.random.Generator) -> tuple[Piece, float]:
     """Return a piece that is shifted from where it is free towards where it is not, and its clearance [m]."""
     while True:
         shift = _direction(rng, robot.n) * rng.uniform(0.1, 1.0)
         piece, low, high = random_piece(robot, rng, shift, NEAR_LENGTHS), 0.0, 1.0
         Q = samples(piece.curve)
         coarse = Q[::10]
-        if any(map(plain.touches, coarse[[0, -1]])) or plain.touched(coarse):
+        if any(map(plain.touches, coarse[[0, -1]])) or touched(plain, coarse):
             continue
         if not any(map(plain.touches, coarse[::20] + shift)):
             continue
         for _ in range(30):
             middle = 0.5 * (low + high)
-            clearance = plain.least(coarse + middle * shift, enough=NEAR[1])
+            clearance = plain.least(coarse + middle * shift, NEAR[1])[0]
             if NEAR[0] <= clearance < NEAR[1]:
-                clearance = plain.least(Q + middle * shift, enough=NEAR[1])
+                clearance = plain.least(Q + middle * shift, NEAR[1])[0]
                 if NEAR[0] <= clearance:
                     return _shifted(piece, middle * shift), clearance
             low, high = (middle, high) if clearance > NEAR[0] else (low, middle)
@@ -263,7 +179,7 @@ def _shifted(piece: Piece, shift: FloatArray) -> Piece:
 def print_pieces(options: argparse.Namespace) -> None:
     """Print verdicts on random pieces; piece k is the same whatever the first one is."""
     chosen = [
-        (name, CertifiedMotion(CollisionChecker(robot, scene)), Plain(robot, scene))
+        (name, CertifiedMotion(CollisionChecker(robot, scene)), PlainGeometry(robot, scene))
         for name, robot, scene in problems()
     ]
     for _, proof, _ in chosen:  # kernels are compiled before the first piece
@@ -288,7 +204,7 @@ def print_pieces(options: argparse.Namespace) -> None:
         counts["pieces"] += 1
         counts[verdict.verdict.value] += 1
         if verdict.verdict is Verdict.FREE:
-            wrong = plain.touched(samples(piece.curve))
+            wrong = touched(plain, samples(piece.curve))
         else:
             wrong = verdict.verdict is Verdict.BLOCKED and not _touches(piece, verdict.at, plain)
         counts["contradicted"] += wrong
@@ -304,8 +220,8 @@ def print_pieces(options: argparse.Namespace) -> None:
     print_table((*header, "bound queries", "coal queries", "time [ms]"), rows)
 
 
-def _touches(piece: Piece, at: float | None, plain: Plain) -> bool:
-    return at is not None and plain.distance(piece.curve(np.array([at]))[0]) < TOLERANCE
+def _touches(piece: Piece, at: float | None, plain: PlainGeometry) -> bool:
+    return at is not None and plain.distances(piece.curve(np.array([at]))[0]).min() < TOLERANCE
 
 
 def _piece_row(kind: str, counts: Counter[str]) -> tuple[object, ...]:
@@ -368,7 +284,7 @@ def print_times(options: argparse.Namespace) -> None:
     rows = []
     for name, (setup, paths) in (("7 joints, shelf", shelf_problem()), ("14 joints", two_arm_problem())):
         proof = CertifiedMotion(CollisionChecker(setup.robot, setup.scene))
-        plain = Plain(setup.robot, setup.scene)
+        plain = PlainGeometry(setup.robot, setup.scene)
         for noise in (0.0, 0.05):
             made = splines(setup.robot, paths, noise, 1)
             found: dict[bool, list[tuple[float, ...]]] = {True: [], False: []}
@@ -386,7 +302,7 @@ def print_times(options: argparse.Namespace) -> None:
                 found[proven].append((milliseconds, work.bound_queries, queries, whole))
                 if proven:
                     Q = samples(lambda u, m=motion: m.at(m.times[0] + u * m.duration))
-                    contradicted += plain.touched(Q)
+                    contradicted += touched(plain, Q)
             for proven, cells in found.items():
                 if cells:
                     middle = np.median(cells, axis=0).tolist()
@@ -423,7 +339,7 @@ def print_tubes(options: argparse.Namespace) -> None:
     share = -(-options.tubes // 6)
     for number, (name, robot, scene) in enumerate(problems()):
         rng = np.random.default_rng((options.seed, number))
-        checker, plain = CollisionChecker(robot, scene), Plain(robot, scene)
+        checker, plain = CollisionChecker(robot, scene), PlainGeometry(robot, scene)
         contacts, proven, times, ratios, looked = 0, 0, [], [], 0
         while proven < share:
             motion = random_piece(robot, rng).motion.for_robot(robot)
@@ -438,11 +354,11 @@ def print_tubes(options: argparse.Namespace) -> None:
             corners = np.vstack(
                 [worst_within(proof, Q, tube, rng), Q + tube * rng.choice([-1.0, 1.0], Q.shape)]
             )
-            contacts += sum(plain.distance(q) <= 0.0 for q in corners)
+            contacts += sum(plain.distances(q).min() <= 0.0 for q in corners)
             t = np.linspace(motion.times[0], motion.times[-1], 400)
             waves = rng.uniform(0.5, 20.0, (2, robot.n)), rng.uniform(0, 2 * np.pi, robot.n)
             wander = np.sin(np.linspace(0, 1, 400)[:, None] * waves[0][0] * 6 + waves[1])
-            contacts += plain.touched(motion.at(t) + tube * wander)
+            contacts += touched(plain, motion.at(t) + tube * wander)
             looked += len(corners) + 1
             if proven % 10 == 0:
                 begin = process_time()
@@ -466,7 +382,7 @@ def print_tubes(options: argparse.Namespace) -> None:
 
 
 def _touching_width(
-    proof: CertifiedMotion, plain: Plain, motion: Motion, width: float, rng: np.random.Generator
+    proof: CertifiedMotion, plain: PlainGeometry, motion: Motion, width: float, rng: np.random.Generator
 ) -> float:
     """Return a width of the tube [rad] in which a motion touches something, found by corners; inf if there is none."""
     Q = motion.at(np.linspace(motion.times[0], motion.times[-1], 33))
@@ -474,14 +390,16 @@ def _touching_width(
     for share in (1.0, 1.25, 1.6, 2.0, 3.0, 5.0, 8.0):
         corners = worst_within(proof, Q, np.full(motion.n, share * width), rng)
         for q, corner in zip(Q, corners, strict=True):
-            if plain.distance(corner) <= 0.0:
+            if plain.distances(corner).min() <= 0.0:
                 low, high = 0.0, min(share * width, best)
                 way = (corner - q) / (share * width)
-                if plain.distance(q + high * way) > 0.0:
+                if plain.distances(q + high * way).min() > 0.0:
                     continue
                 while high - low > 1e-3 * high:
                     middle = 0.5 * (low + high)
-                    low, high = (low, middle) if plain.distance(q + middle * way) <= 0 else (middle, high)
+                    low, high = (
+                        (low, middle) if plain.distances(q + middle * way).min() <= 0 else (middle, high)
+                    )
                 best = high
         if np.isfinite(best):
             break
@@ -526,7 +444,7 @@ def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...
     rng = np.random.default_rng(3)
     for setup, paths in known:  # type: ignore[attr-defined]
         proof, connect = CertifiedMotion(CollisionChecker(setup.robot, setup.scene)), way_round(setup)
-        plain = Plain(setup.robot, setup.scene)
+        plain = PlainGeometry(setup.robot, setup.scene)
         for path in paths[:rounds]:
             for kind, motion in disturbances(setup.robot, path, rng):
                 if checked(motion, proof):
@@ -536,7 +454,7 @@ def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...
                 milliseconds = 1e3 * (process_time() - begin)
                 after = repair.motion
                 t = np.linspace(after.times[0], after.times[-1], 20_000)
-                touches = bool(repair) and plain.touched(after.at(t))
+                touches = bool(repair) and touched(plain, after.at(t))
                 cells = (bool(repair), repair.how == "moved", touches, milliseconds)
                 found.setdefault(kind, []).append((*cells, repair.deviation, repair.tool_deviation))
                 if not repair:

@@ -12,7 +12,6 @@ import coal
 import numpy as np
 
 from safe_ompl import Robot
-from safe_ompl.robot.joint_tables import Skeleton
 from safe_ompl.robot.loading.packages import EXAMPLES, robots_folder
 from safe_ompl.scene.mbm import MbmFile, MbmProblem
 
@@ -33,7 +32,6 @@ def export(file: MbmFile, positions: slice, folder: Path) -> tuple[Path, list[di
 
 
 def _problem(problem: MbmProblem, robot: Robot) -> dict[str, Any]:
-    points, weights, _ = problem.scene.danger_points()
     obstacles = []
     for obstacle in problem.scene.obstacles:
         for name, shape, placement in obstacle.geometries():
@@ -46,8 +44,6 @@ def _problem(problem: MbmProblem, robot: Robot) -> dict[str, Any]:
         "start": problem.start_configuration(robot).tolist(),
         "goal": problem.goal_configurations(robot)[0].tolist(),
         "obstacles": obstacles,
-        "danger_points": points.tolist(),
-        "danger_weights": weights.tolist(),
     }
 
 
@@ -84,8 +80,7 @@ def _write_robot(robot: Robot, locked: dict[str, float], folder: Path) -> dict[s
             link.remove(visual)
     tree.write(folder / "robot.urdf")
     _write_srdf(robot, links, folder)
-    model, parts = robot.model, robot.shared
-    skeleton = Skeleton.from_model(model, parts.link_ends, parts.tips)
+    model = robot.model
     moving = {
         model.frames[body.parentFrame].name
         for body in robot.collision_model.geometryObjects
@@ -101,11 +96,6 @@ def _write_robot(robot: Robot, locked: dict[str, float], folder: Path) -> dict[s
         "base": root.find("joint/parent").get("link"),
         "tip": EXAMPLES[robot.name].tip,
         "moving_links": sorted(moving),
-        "key_points": [
-            {"joint": model.names[int(joint)], "offset": offset.tolist()}
-            for joint, offset in zip(skeleton.joints, skeleton.offsets, strict=True)
-        ],
-        "segments": skeleton.segments.tolist(),
     }
 
 

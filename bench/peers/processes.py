@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -44,9 +45,23 @@ def python_of(system: System, folder: Path) -> Path:
     return environment / "bin/python"
 
 
+def version_of(system: System, folder: Path) -> str:
+    """Return the version of a system's package as its environment has it."""
+    name = (system.requirements or (system.runner.rstrip("_").replace("_", "-"),))[0]
+    command = [
+        python_of(system, folder),
+        "-c",
+        f"from importlib.metadata import version as v; print(v({name!r}))",
+    ]
+    found = subprocess.run(command, check=False, capture_output=True, text=True).stdout.strip()
+    return f"{name} {found}"
+
+
 def _reason(log: Path) -> str:
-    lines = [line.strip() for line in log.read_text().splitlines() if "error" in line.lower()]
-    return lines[1 if len(lines) > 1 else 0] if lines else "see the log"
+    """Return the first error of a log with the line after it; that a process of pip ended says nothing."""
+    lines = [line.strip() for line in log.read_text().splitlines() if line.strip()]
+    errors = [k for k, x in enumerate(lines) if re.search(r"error\b.*:", x, re.I) and "subprocess-" not in x]
+    return " ".join(lines[errors[0] : errors[0] + 2]) if errors else "see the log"
 
 
 class Runner:

@@ -43,6 +43,7 @@ SYSTEMS = (
     System("safe_ompl", "safe_ompl_"),
     System("safe_ompl, simplify 0.05 s", "safe_ompl_", options={"simplify": 0.05}),
     System("safe_ompl, raw", "safe_ompl_", options={"simplify": 0}),
+    System("safe_ompl, classical", "safe_ompl_", options={"planner": "ClassicRRTConnect"}),
     System(_OMPL, "ompl_", options={"resolution": 0.02}),
     System("roboplan, 0.05", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.05}),
     System("roboplan, 0.01", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.01}),

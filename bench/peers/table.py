@@ -8,11 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from safe_ompl.apps.benchmark.entries import COLUMNS as JUDGED
+
 Run = dict[str, Any]
 
 
+NO_PATH = "no path"
+
+
 def _milliseconds(*keys: str) -> Callable[[Run], float]:
-    return lambda run: 1e3 * sum(run[key] for key in keys)
+    return lambda run: 1e3 * sum(run["times"][key] for key in keys)
+
+
+def _judged(key: str, factor: float) -> Callable[[Run], float]:
+    return lambda run: factor * run[key]
 
 
 COLUMNS: dict[str, Callable[[Run], float]] = {
@@ -20,13 +29,7 @@ COLUMNS: dict[str, Callable[[Run], float]] = {
     "planning [ms]": _milliseconds("planning"),
     "smoothing [ms]": _milliseconds("smoothing"),
     "total [ms]": _milliseconds("building", "planning", "smoothing"),
-    "min clearance [mm]": lambda run: 1e3 * run["min_clearance"],
-    "mean clearance [mm]": lambda run: 1e3 * run["mean_clearance"],
-    "< 50 mm [rad]": lambda run: run["near"],
-    "mean danger": lambda run: run["mean_danger"],
-    "peak danger": lambda run: run["peak_danger"],
-    "danger integral": lambda run: run["integral_danger"],
-    "length [rad]": lambda run: run["length"],
+    **{heading: _judged(key, factor) for key, (heading, factor) in JUDGED.items()},
 }
 OURS, OTHERS = "#1b6ca8", "#7a7a7a"
 SPREAD = ("planning [ms]", "total [ms]")  # with their 90th percentiles in brackets
@@ -51,7 +54,7 @@ def markdown(runs: dict[str, list[Run]], unavailable: dict[str, str], left_out: 
     if left_out:
         lines.append(f"\nLeft out, start or goal in collision: {', '.join(left_out)}.")
     for system, answers in runs.items():
-        errors = [run for run in answers if run.get("error")]
+        errors = [run for run in answers if run["error"] not in (None, NO_PATH)]
         if errors:
             first = errors[0]
             lines.append(

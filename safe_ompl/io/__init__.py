@@ -9,7 +9,7 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.io import schema
     from safe_ompl.io.files import load, marked, read_json, result_to_mapping, save, strict_json
-    from safe_ompl.io.motion_files import WRITABLE, motion_text, read_log, read_motion
+    from safe_ompl.io.motion_files import WRITABLE, motion_of_document, motion_text, read_log, read_motion
     from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
     from safe_ompl.io.problems import SceneDocument, built_scene, carried_scene, unpacked_robot
     from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
@@ -32,6 +32,7 @@ __all__ = [
     "links_without_collision",
     "load",
     "marked",
+    "motion_of_document",
     "motion_text",
     "read_json",
     "read_log",

@@ -260,16 +260,17 @@ def _from_yaml(path: Path) -> Motion:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read as YAML: {error}", str(path)) from None
     with document.within(str(path), ": "):
-        return _from_document(document.parse_document(text))
+        return motion_of_document(document.parse_document(text))
 
 
 def _from_json(path: Path) -> Motion:
     content = read_json(path)
     with document.within(str(path), ": "):
-        return _from_document(content)
+        return motion_of_document(content)
 
 
-def _from_document(content: Any) -> Motion:
+def motion_of_document(content: Any) -> Motion:
+    """Return the motion that JSON or YAML holds, or raise InputError; see `read_motion`."""
     if not isinstance(content, Mapping):
         raise InputError(f"{_EXPECTED}, got {document.kind_of(content)}")
     if "format" in content:
@@ -283,7 +284,7 @@ def _from_document(content: Any) -> Motion:
                     "must be empty: joints of several axes are not known", "multi_dof_joint_trajectory"
                 )
             with document.within(key):
-                return _from_document(inner)
+                return motion_of_document(inner)
     if not {"joint_names", "points"} <= set(content):
         raise InputError(f"{_EXPECTED}, got the keys {', '.join(map(str, content)) or '(none)'}")
     return _from_message(content)

@@ -14,10 +14,10 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, shown
 from safe_ompl.common import documents as document
-from safe_ompl.geometry import Box, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
+from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
 _SPACING = 0.1  # [m]
-_MBM_KINDS = ("box", "cylinder", "sphere")
+_MBM_KINDS = ("box", "cylinder", "sphere", "capsule")
 
 
 @dataclass(frozen=True)
@@ -108,9 +108,10 @@ class Scene:
     def from_mbm(cls, problem: Mapping[str, Any], spacing: float = _SPACING) -> Scene:
         """Return the scene of a MotionBenchMaker problem: every obstacle is dangerous, with weight 1.
 
-        The problem has lists of obstacles under ``box`` (name, half_extents), ``cylinder`` (name, radius, length) and
-        ``sphere`` (name, radius), each with position [m] and orientation_quat_xyzw. Obstacles without a name are named
-        after their kind; where names repeat, later ones get a number.
+        The problem has lists of obstacles under ``box`` (name, half_extents), ``cylinder`` (name, radius, length),
+        ``sphere`` (name, radius) and, which is ours, ``capsule`` (as ``cylinder``), each with position [m] and
+        orientation_quat_xyzw. Obstacles without a name are named after their kind; where names repeat, later ones get
+        a number.
         """
         obstacles: dict[str, Obstacle] = {}
         _refuse_other_obstacles(problem)
@@ -225,8 +226,9 @@ def _mbm_shape(kind: str, data: Mapping[str, Any]) -> tuple[Shape, Pose]:
     if kind == "box":
         half = document.numbers("half_extents", document.require(data, "half_extents"), 3, above=0.0)
         return Box(tuple(2 * extent for extent in half)), pose
-    if kind == "cylinder":
-        return Cylinder(document.require(data, "radius"), document.require(data, "length")), pose
+    if kind in ("cylinder", "capsule"):
+        shape = Cylinder if kind == "cylinder" else Capsule
+        return shape(document.require(data, "radius"), document.require(data, "length")), pose
     return Sphere(document.require(data, "radius")), pose
 
 

@@ -316,7 +316,7 @@ def test_from_mbm_makes_everything_dangerous():
         ({"box": [{"name": "a"}]}, "box[0].position: missing"),
         (
             {"mesh": [{"name": "a"}]},
-            "mesh: obstacles of this kind are not read; known: box, cylinder, sphere",
+            "mesh: obstacles of this kind are not read; known: box, cylinder, sphere, capsule",
         ),
         ({"sphere": 3}, "sphere: must be a list"),
         (

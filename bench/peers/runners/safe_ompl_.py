@@ -1,4 +1,4 @@
-"""safe_ompl: SafeRRTConnect and simplification, until done or for so many seconds (`simplify`)."""
+"""safe_ompl: SafeRRTConnect (`planner`) and simplification, until done or for so many seconds (`simplify`)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ SHAPES = {"box": Box, "cylinder": Cylinder, "sphere": Sphere}
 
 
 class SafeOmpl:
-    """Setup, SafeRRTConnect, simplification."""
+    """Setup, planner, simplification."""
 
     def __init__(self, robot: dict[str, Any], options: dict[str, Any]) -> None:
         ou.setLogLevel(ou.LogLevel.LOG_ERROR)
         logging.disable(logging.WARNING)
         self._robot = Robot.from_urdf(robot["urdf"], robot["srdf"], tip=robot["tip"])
+        self._planner = options.get("planner", "SafeRRTConnect")
         self._simplify = options.get("simplify")
 
     def build(self, problem: dict[str, Any]) -> None:
@@ -33,7 +34,7 @@ class SafeOmpl:
         self._setup.setConfigurations(problem["start"], [problem["goal"]])
 
     def plan(self, seed: int, seconds: float) -> Waypoints | None:
-        self._setup.prepare("SafeRRTConnect", seed)
+        self._setup.prepare(self._planner, seed)
         self._setup.solve(seconds)
         return self._setup.solution().tolist() if self._setup.haveExactSolutionPath() else None
 

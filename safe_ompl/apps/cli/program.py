@@ -18,7 +18,7 @@ import argcomplete
 from rich.markup import escape
 from rich.table import Table
 
-from safe_ompl.apps.cli import check, compare, live, mbm, new, people, plan, ros, verify, view
+from safe_ompl.apps.cli import check, compare, judge, live, mbm, new, people, plan, ros, verify, view
 from safe_ompl.apps.cli.options import add_parser, load_scenario
 from safe_ompl.apps.cli.output import error_console, ompl_messages, output_console, plain_table, shown_log
 from safe_ompl.common import InputError, SafeOmplError
@@ -81,7 +81,7 @@ def command_line() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (plan, check, view, verify, live, people, ros, compare, mbm, new):
+    for command in (plan, check, view, verify, live, people, ros, compare, mbm, judge, new):
         command.add_commands(commands)
     add_commands(commands)
     for own in commands.choices.values():

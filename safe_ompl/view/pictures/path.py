@@ -18,9 +18,9 @@ from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.view.content import Nearest, ViewerContent
-from safe_ompl.view.pictures.camera import Camera
+from safe_ompl.view.pictures.camera import Camera, in_picture
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
-from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
+from safe_ompl.view.pictures.scene import DrawnScene, best_view, hiding, resampled, view_of
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
 from safe_ompl.view.plots.paths import plot_plan
 from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
@@ -35,6 +35,8 @@ _COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a 
 TRACE, _THIN = 0.006, 0.0022
 GHOSTS = 4
 PALE: Colour = (1.0, 1.0, 1.0)
+_TOUCHED: Colour = (0.80, 0.10, 0.10)
+_CLOSE = 0.22  # [m] to both sides of a contact, in its picture from near
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
 
 
@@ -138,6 +140,41 @@ def draw(drawn: DrawnScene, renderer: Renderer, shown: DrawnPath, ghosts: int) -
         tint = (1.0 - weight) * np.array(START) + weight * np.array(accent)
         picture = picture * (1.0 - layer[..., :1]) + tint * layer[..., 1:]
     return as_bytes(picture)
+
+
+def render_contact(
+    robot: Robot,
+    scene: Scene,
+    q: FloatArray,
+    touching: tuple[str, str],
+    point: FloatArray,
+    size: tuple[int, int] = (460, 380),
+) -> Image:
+    """Draw a robot at `q: (n,)`, from afar and, beside it, near a point (3,) [m] that is in a circle in both.
+
+    The two that touch there are in colours of their own: a link, and an obstacle or another link. The picture from near
+    leaves other obstacles out that hide the point. `size` is that of each of the two pictures [px].
+    """
+    link, other = touching
+    marked = [replace(o, color=_TOUCHED) if o.name == other else o for o in scene]
+    drawn = DrawnScene(robot, Scene(tuple(marked)), [np.array([q, q])])
+    own, rest = drawn.body.parted(q, link)
+    things = [ColouredSurface(own, ACCENT, glossy=True), ColouredSurface(rest, START, glossy=True)]
+    camera = view_of(drawn, point, size)
+    moved = replace(camera, eye=camera.eye + point - camera.target, target=point)
+    distance = float(np.linalg.norm(moved.eye - point))
+    near = replace(moved, field_of_view=2 * np.arctan(_CLOSE / distance))
+    hidden = [name for name in hiding(drawn, near, point) if name != other]
+    images = []
+    for view, radius, left_out in ((camera, 0.07, []), (near, 0.12, hidden)):
+        renderer = Renderer(drawn.floor, view, size)
+        image = as_bytes(tone_mapped(renderer.render([*things, *drawn.surroundings_without(left_out)])))
+        column, row, _ = in_picture(view, point[None], size)[0]
+        away = np.hypot(*np.meshgrid(np.arange(size[0]) - column, np.arange(size[1]) - row))
+        for width, colour in ((3.2, PALE), (1.6, _TOUCHED)):
+            image[np.abs(away - radius * size[1]) < width] = as_bytes(colour)
+        images.append(image)
+    return np.hstack([images[0], np.full((size[1], 8, 3), 255, np.uint8), images[1]])
 
 
 def trace(drawn: DrawnScene, samples: FloatArray, width: float) -> Surface:

@@ -42,6 +42,8 @@ class DrawnScene:
         What is dangerous to approach; everything else but the robot; of that what stands under a base on nothing.
     floor, size : float
         Height of the floor, and diagonal of the box around the robot's motion [m].
+    groups : dict of str to list of ColouredSurface
+        What is drawn of each obstacle but the ground.
 
     Raises
     ------
@@ -75,7 +77,7 @@ class DrawnScene:
 
     def surroundings_without(self, names: Collection[str]) -> list[ColouredSurface]:
         """Return everything but the robot and some obstacles."""
-        left = [group for name, group in self._groups.items() if name not in names]
+        left = [group for name, group in self.groups.items() if name not in names]
         return [thing for group in left for thing in group] + self.pedestal
 
     def trace(self, samples: FloatArray) -> FloatArray:
@@ -110,12 +112,12 @@ class DrawnScene:
         self.floor = lowest
         self.hazards: list[ColouredSurface] = []
         self.things: list[ColouredSurface] = []
-        self._groups: dict[str, list[ColouredSurface]] = {}
+        self.groups: dict[str, list[ColouredSurface]] = {}
         for obstacle, group in zip(scene.obstacles, groups, strict=True):
             if _lowest(group[0]) == lowest and self._is_slab(group[0]):
                 self.floor = float(group[0].surface.vertices[:, 2].max())
                 continue
-            self._groups[obstacle.name] = group
+            self.groups[obstacle.name] = group
             if marked and obstacle.weight > 0:
                 self.hazards += group
             else:
@@ -171,6 +173,7 @@ _HAZARD_POINTS, _END_POINTS = 200, 500
 _NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
 _COARSE = (160, 120)  # [px] of the picture in which views are compared
 _CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
+_BEFORE = 0.04  # [m] from which on what is before a contact hides it
 _TOLERANCE, _FINE = 0.03, 0.012  # relative, of depths; finer than a person is deep
 
 
@@ -193,6 +196,27 @@ def best_view(
         for turn in (_AZIMUTHS if azimuth is None else [azimuth])
     ]
     return views[0] if len(views) == 1 else max(views, key=_Merit(drawn))
+
+
+def view_of(drawn: DrawnScene, point: FloatArray, size: tuple[int, int]) -> Camera:
+    """Return the camera that shows the whole robot from the side on which least is before a point (3,)."""
+    landmarks = drawn.landmarks()
+    solid = Surface.merged([*(thing.surface for thing in drawn.surroundings), drawn.ends])
+    heights = (*_ELEVATIONS, np.radians(65.0))  # boxes are open above
+    views = (Camera.framing(landmarks, turn, height, size) for height in heights for turn in _AZIMUTHS)
+    return min(views, key=lambda view: _hidden(view, solid, point))
+
+
+def hiding(drawn: DrawnScene, view: Camera, point: FloatArray) -> list[str]:
+    """Return the names of the obstacles that are before a point (3,)."""
+    groups = {name: Surface.merged(thing.surface for thing in g) for name, g in drawn.groups.items()}
+    return [name for name, surface in groups.items() if _hidden(view, surface, point) > _BEFORE]
+
+
+def _hidden(view: Camera, solid: Surface, point: FloatArray) -> float:
+    """Return how far [m] before a point (3,) a solid begins; 0 if it does not."""
+    nearest, own = _nearness(view, solid, point[None])
+    return max(0.0, float(1 / own[0] - 1 / nearest[0])) if nearest[0] > 0 else 0.0
 
 
 class _Merit:

@@ -263,6 +263,17 @@ class RobotBody:
             if old is None or not place.isApprox(old, 1e-6)
         )
 
+    def parted(self, q: FloatArray, link: str) -> tuple[Surface, Surface]:
+        """Return the link of this name, and all others, at `q: (n,)` in the world frame."""
+        parts = [
+            (part.name.rsplit("_", 1)[0] == link, surface.moved(place.rotation, place.translation))
+            for part, surface, place in zip(
+                self._geometry.geometryObjects, self.links, self.placements(q), strict=True
+            )
+        ]
+        own, others = (Surface.merged(s for is_it, s in parts if is_it is wanted) for wanted in (True, False))
+        return own, others
+
     def footprint(self) -> tuple[FloatArray, float, float]:
         """Return centre (2,), radius and lowest height of the part of the body that never moves [m]."""
         base = [

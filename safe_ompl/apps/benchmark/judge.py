@@ -1,0 +1,306 @@
+"""A judge of anybody's motions: dense samples, Pinocchio and coal; it uses none of the package's proofs.
+
+A motion is sampled every `SPACING` rad. A body moves no farther than each joint's motion times the length of the chain
+from there to the body's far end; samples at which a pair cannot touch by that, as it was too far apart before, are left
+out. Beside recorded people there is a sample every 5 ms, without exception.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
+from safe_ompl.geometry import Limb, Obstacle, Pose, placed
+from safe_ompl.motions import Motion
+from safe_ompl.people import Recording, TrackedBody
+from safe_ompl.people.simulation import ContactMonitor, Solid
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.trajectories import RateLimits
+
+SPACING, COARSE = 0.0002, 0.01  # [rad] between samples, for contact and for means
+ROUNDING = 1e-4  # [rad or m] by which a motion may miss its start and goal, or pass limits
+INSTANTS = 0.005  # [s] between samples beside people
+NEAR = 0.05  # [m]
+TOLERANCE = 2e-5  # [m] of coal's distances, and of clearances that are searched for
+_MOST = 2_000_000  # samples of a motion
+_STILL = 1e-6  # [rad/s] slower than this is at rest
+
+
+@dataclass(frozen=True)
+class Worst:
+    """Where two bodies are nearest [m], or deepest in each other: their distance is negative there."""
+
+    distance: float
+    link: str
+    other: str  # An obstacle, another link, or a limb of the person
+    q: tuple[float, ...]
+    time: float | None = None  # [s], beside people
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the samples of a motion show. Clearances are distances to obstacles, means over arc length."""
+
+    touching: bool  # Whether a sample touches an obstacle, the robot itself, or, while it moves, a person
+    min_clearance: float | None  # [m], None where there is no obstacle
+    mean_clearance: float | None
+    near: float  # Length that is nearer than 50 mm [rad]
+    mean_danger: float | None  # The static danger field at its worst point; None where nothing is dangerous
+    peak_danger: float | None
+    integral_danger: float | None
+    length: float  # [rad]
+    outside: str  # Which joint leaves its limits, if one does
+    worst: Worst
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all attributes as plain data."""
+        return asdict(self)
+
+
+class PlainGeometry:
+    """The bodies of a robot among obstacles, as Pinocchio and coal have them.
+
+    `pairs` are all pairs of bodies that are checked: link, obstacle and its part; or link, "" and another link.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self.robot, self.model = robot, robot.shared.model
+        self.geometry = robot.collision_model.copy()
+        bodies = list(self.geometry.geometryObjects)
+        links = [body.name.rsplit("_", 1)[0] for body in bodies]
+        self.pairs = [(links[pair.first], "", links[pair.second]) for pair in self.geometry.collisionPairs]
+        for obstacle in scene:
+            for part, shape, place in obstacle.geometries():
+                number = self.geometry.addGeometryObject(pin.GeometryObject(f"{part}!", 0, place, shape))
+                for k, body in enumerate(bodies):
+                    if body.parentJoint:
+                        self.geometry.addCollisionPair(pin.CollisionPair(k, number))
+                        self.pairs.append((links[k], obstacle.name, part))
+        chains = [self._chains(body) for body in self.geometry.geometryObjects]
+        ends = np.array([(pair.first, pair.second) for pair in self.geometry.collisionPairs], dtype=np.intp)
+        first, second = np.array(chains)[ends.reshape(-1, 2).T]
+        # A joint that moves both bodies of a pair changes nothing between them.
+        self._chains_of_pairs = np.where((first > 0) != (second > 0), first + second, 0.0)
+        self.data, self._results = self.model.createData(), pin.GeometryData(self.geometry)
+
+    def _chains(self, body: pin.GeometryObject) -> FloatArray:
+        """Return how far (m,) the end of a body can be from each joint that moves it [m]; 1 where the joint slides."""
+        model, found = self.model, np.zeros(self.model.njoints - 1)
+        shape = body.geometry.clone()  # what is computed stays in the shape, and this one is the robot's
+        shape.computeLocalAABB()
+        far = float(np.linalg.norm(body.placement.act(shape.aabb_center))) + shape.aabb_radius
+        joint = body.parentJoint
+        while joint:
+            slides = model.joints[joint].shortname().startswith("JointModelP")
+            found[joint - 1] = 1.0 if slides else far
+            if slides:
+                at = model.joints[joint].idx_q
+                far += float(np.abs([model.lowerPositionLimit[at], model.upperPositionLimit[at]]).max())
+            far += float(np.linalg.norm(model.jointPlacements[joint].translation))
+            joint = model.parents[joint]
+        return found
+
+    def distances(self, q: FloatArray) -> FloatArray:
+        """Return the distance of every pair at `q: (n,)` [m]; negative where they overlap."""
+        full = self.robot.pinocchio_configuration(q)
+        pin.computeDistances(self.model, self.data, self.geometry, self._results, full)
+        return np.array([result.min_distance for result in self._results.distanceResults])
+
+    def touches(self, q: FloatArray) -> bool:
+        """Return whether the robot touches anything, or itself, at `q: (n,)`."""
+        full = self.robot.pinocchio_configuration(q)
+        return bool(pin.computeCollisions(self.model, self.data, self.geometry, self._results, full, True))
+
+    def touching_point(self, pair: int) -> FloatArray:
+        """Return the point (3,) between the two bodies of a pair where they are nearest, as measured last [m]."""
+        found = self._results.distanceResults[pair]
+        point: FloatArray = np.mean([found.getNearestPoint1(), found.getNearestPoint2()], axis=0)
+        return point
+
+    def least(self, Q: FloatArray, enough: float) -> tuple[float, int, int]:
+        """Return the least distance [m] at configurations along a curve `Q: (S, n)`, its pair and its sample.
+
+        The search ends at the first contact; above contact the distance is found to within `TOLERANCE`. Where none
+        is below `enough`, that is returned, with the first pair and sample.
+        """
+        steps = np.abs(self.robot.coupling.motions(np.diff(Q, axis=0)))
+        travelled = np.vstack([np.zeros(steps.shape[1]), np.cumsum(steps, axis=0)])
+        due = np.zeros(len(self.pairs), dtype=np.intp)  # the next sample at which a pair is looked at
+        best = enough, 0, 0
+        while True:
+            s = int(due.min(initial=len(Q)))
+            if s >= len(Q):
+                return best
+            full = self.robot.pinocchio_configuration(Q[s])
+            pin.updateGeometryPlacements(self.model, self.data, self.geometry, self._results, full)
+            now = np.flatnonzero(due <= s + 50)
+            measured = [pin.computeDistance(self.geometry, self._results, int(k)).min_distance for k in now]
+            apart = np.array(measured)
+            if apart.min() < best[0]:
+                best = float(apart.min()), int(now[apart.argmin()]), s
+            if apart.min() <= 0.0:
+                return best
+            moved = self._chains_of_pairs[now] @ (travelled[s + 1 : s + 1000] - travelled[s]).T
+            room = apart - best[0] + (TOLERANCE if best[0] > TOLERANCE else 0.0)
+            due[now] = s + 1 + np.array([np.searchsorted(row, r) for row, r in zip(moved, room, strict=True)])
+
+
+class Judge:
+    """Judges motions of a robot in a scene."""
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self.robot = robot
+        self.plain = PlainGeometry(robot, scene)
+        self._obstacles: BoolArray = np.array([bool(obstacle) for _, obstacle, _ in self.plain.pairs])
+        self._danger = scene.danger_points()[:2]
+
+    def verdict(self, motion: Motion) -> Verdict:
+        """Return what the samples of a motion show."""
+        Q = samples(motion, SPACING)
+        steps = np.diff(Q, axis=0)
+        along = np.append(0.0, np.cumsum(np.linalg.norm(steps, axis=1)))
+        length = float(along[-1])
+        chosen = np.unique(np.searchsorted(along, np.append(np.arange(0.0, length, COARSE), length)))
+        apart = np.array([self.plain.distances(Q[k]) for k in chosen])
+        row, number = np.unravel_index(int(apart.argmin()), apart.shape)
+        least = float(apart[row, number]), int(number), int(chosen[row])
+        if least[0] > 0:
+            finer = self.plain.least(Q, least[0])
+            least = finer if finer[0] < least[0] else least
+        pair = self.plain.pairs[least[1]]
+        along, danger = along[chosen], self._dangers(Q[chosen])
+        clearance = apart[:, self._obstacles].min(axis=1) if self._obstacles.any() else None
+        nearest = np.inf if clearance is None else float(clearance.min())
+        return Verdict(
+            least[0] <= 0,
+            None if clearance is None else min(nearest, least[0]) if pair[1] else nearest,
+            None if clearance is None else _mean(clearance, along),
+            0.0 if clearance is None else length * _mean((clearance < NEAR).astype(float), along),
+            None if danger is None else _mean(danger, along),
+            None if danger is None else float(danger.max()),
+            None if danger is None else length * _mean(danger, along),
+            length,
+            self._outside(Q),
+            Worst(least[0], pair[0], pair[1] or pair[2], tuple(Q[least[2]].tolist())),
+        )
+
+    def _outside(self, Q: FloatArray) -> str:
+        over = np.maximum(self.robot.lower - Q, Q - self.robot.upper).max(axis=0)
+        joint = int(np.where(self.robot.continuous, -np.inf, over).argmax())
+        name = self.robot.joint_names[joint]
+        return f"joint {name!r} is {over[joint]:.3g} outside its limits" if over[joint] > ROUNDING else ""
+
+    def _dangers(self, Q: FloatArray) -> FloatArray | None:
+        """Return the cumulative danger field (Lacevic & Rocco, eqs. 4, 5) at its worst point, for each of `Q`."""
+        points, weights = self._danger
+        if not len(points):
+            return None
+        worst = []
+        for keys in self.robot.keypoints_batch(Q):
+            a, b = keys[self.robot.segments[:, 0]], keys[self.robot.segments[:, 1]]
+            ell = np.linalg.norm(b - a, axis=1)
+            S = np.linalg.norm(points[:, None] - a, axis=2) + np.linalg.norm(points[:, None] - b, axis=2)
+            worst.append((weights * (2 / ell * np.arctanh(ell / S)).sum(axis=1)).max())
+        return np.array(worst)
+
+
+def _mean(values: FloatArray, along: FloatArray) -> float:
+    """Return the mean over arc length, by the trapezoid rule."""
+    return float(np.trapezoid(values, along) / along[-1]) if along[-1] else float(values[0])
+
+
+def sample_counts(motion: Motion, spacing: float) -> IntArray:
+    """Return how many samples each piece needs so that they are no farther than a spacing [rad] apart.
+
+    A piece moves no faster than its degree times the longest step between its Bernstein coefficients. Raises InputError
+    if there would be more than two million.
+    """
+    steps = np.linalg.norm(np.diff(motion.control_points, axis=1), axis=2)
+    counts = np.maximum(np.ceil(motion.degree * steps.max(axis=1, initial=0.0) / spacing), 1.0)
+    if counts.sum() > _MOST:
+        raise InputError(f"may be longer than {_MOST * spacing:g} rad", "length")
+    return np.asarray(counts, dtype=np.intp)
+
+
+def samples(motion: Motion, spacing: float) -> FloatArray:
+    """Return configurations (M, n) along a motion, its ends among them, no farther than a spacing [rad] apart."""
+    pieces = zip(motion.times[:-1], motion.times[1:], sample_counts(motion, spacing), strict=True)
+    times = [np.linspace(start, end, count + 1)[1:] for start, end, count in pieces]
+    return motion.at(np.concatenate([motion.times[:1], *times]))
+
+
+# ---------------------------------------------------------------------------------------------- beside people
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A recorded person beside the robot, and what the robot does there: it goes to each goal in turn."""
+
+    recording: Recording
+    place: Pose  # of the recording in the robot's frame
+    seconds: float
+    goals: tuple[tuple[float, ...], ...]
+    tolerance: float = 0.01  # [rad or m] within which a joint is at its goal
+
+    def limbs(self, time: float) -> list[Limb]:
+        """Return the limbs of the person at a time [s]."""
+        body = TrackedBody()
+        seen = placed(self.place.se3, self.recording.skeleton.keypoints(self.recording.at(time)))
+        ends = body.ends(body.completed(seen)[0])
+        limbs = zip(body.limbs, ends, body.radii(ends).tolist(), strict=True)
+        return [Limb(name, start, end, radius) for name, (start, end), radius in limbs]
+
+    def obstacles(self, time: float) -> list[Obstacle]:
+        """Return the limbs of the person at a time [s] as obstacles."""
+        return [
+            Obstacle(f"person {limb.name}", limb.shape, Pose.of(limb.placement)) for limb in self.limbs(time)
+        ]
+
+
+@dataclass(frozen=True)
+class DriveVerdict:
+    """What samples of a drive beside a person show."""
+
+    contacts_while_moving: int
+    contacts_at_rest: int
+    contact_speed: float  # The largest speed of the robot where it touches the person while it moves [m/s]
+    nearest: float | None  # Smallest distance to the person while the robot moves, if it ever does [m]
+    tasks: int  # How many goals were reached, in turn
+    speed: float  # The largest speed of a joint, over its limit
+    worst: Worst | None  # While it moves
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all attributes as plain data."""
+        return asdict(self)
+
+
+def judged_drive(robot: Robot, beside: Beside, motion: Motion) -> DriveVerdict:
+    """Return what samples of a motion in time, every 5 ms, show beside a person."""
+    worst: Worst | None = None
+    monitor, tasks = ContactMonitor(robot), 0
+    times = np.arange(0.0, beside.seconds, INSTANTS)
+    Q, rates = motion.at(motion.times[0] + times), motion.derivative(motion.times[0] + times, 1)
+    for time, q, qd in zip(times.tolist(), Q, rates, strict=True):
+        moving = bool(np.abs(qd).max() > _STILL)
+        solids = [Solid("person", x.name, x.geometry, x.placement) for x in beside.limbs(time)]
+        nearest = monitor.observe(time, q, solids, moving=moving, obeyed=True, qd=qd)
+        if moving and (worst is None or nearest.distance < worst.distance):
+            other = f"{nearest.who} {nearest.limb}"
+            worst = Worst(nearest.distance, str(nearest.link), other, tuple(q.tolist()), time)
+        goal = np.array(beside.goals[tasks % len(beside.goals)])
+        tasks += bool(np.abs(robot.difference(q, goal)).max() <= beside.tolerance)
+    contacts = [contact for contact in monitor.contacts if contact.moving]
+    return DriveVerdict(
+        len(contacts),
+        len(monitor.contacts) - len(contacts),
+        max((contact.speed for contact in contacts), default=0.0),
+        None if worst is None else worst.distance,
+        tasks,
+        float((np.abs(rates) / RateLimits.of(robot, acceleration=1.0).velocity).max()),
+        worst,
+    )
