@@ -398,6 +398,8 @@ class CertifiedMotion:
         known = pairs.bounds.prove(curve, required.allowed_for, required.growth, self._floor)
         if known.proven:
             return Verdict.FREE, None
+        if known.blocked:
+            return Verdict.BLOCKED, known.at
         if known.at >= 0:
             q = place(curve, known.at)
             if checker.touches(q) or required.violated(q, known.at):
