@@ -14,6 +14,10 @@ supports of the bodies themselves along an axis (`geometry.kernels.convex`). At 
 box to the ball. It is kept for the next place on the edge, but not for the next edge, so that an edge is always decided
 alike.
 
+Two points of the bodies bound d_p from above. Where that bound is no more than what the pair must keep without the
+allowances in c_p, and the bodies themselves are convex, no proof can find the motion free: it is refused at once, and
+coal need not be asked.
+
 R_pi is a constant at first. Where that would make s smaller it is also bounded at q(t): no point of a body is farther
 from the axis of joint i than the centre of its ball is, plus the radius.
 """
@@ -192,11 +196,16 @@ def _shares_of_corners(S: FloatArray, corners: int, x: float, y: float, z: float
 
 
 class Pairs(NamedTuple):
-    """Pairs of bodies: `bodies` (P, 2), their constant radii R (P, m), and which joints move each body, (G, m)."""
+    """Pairs of bodies: `bodies` (P, 2), their constant radii R (P, m), and which joints move each body, (G, m).
+
+    Where an upper bound of the distance is `certain` (P,) [m] below what is required, a pair is too near: by as much as
+    the allowances in that, where both bodies are known exactly, else never, +∞.
+    """
 
     bodies: IntArray
     radii: FloatArray
     moved: BoolArray
+    certain: FloatArray
 
 
 class _Place(NamedTuple):
@@ -258,8 +267,8 @@ def _half_length(
 ) -> tuple[float, int]:
     """Return the half-length ≤ `most` that is proven about a place, and the pair that bounds it.
 
-    The half-length is 0 if the bound of that pair's distance is not above what it must keep. The pair `first` is looked
-    at before the others.
+    The half-length is 0 if the bound of that pair's distance is not above what it must keep, and −1 if it is certain
+    that the pair is too near. The pair `first` is looked at before the others.
     """
     bodies, poses, required = shapes.bodies, place.poses, motion.required
     axes, known = search.axes, search.known
@@ -291,14 +300,16 @@ def _half_length(
             continue
         if not known[p]:
             begin_axis(axes[p], u, v, w, x, y, z)
-        found, _, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, required[p])
+        found, most_apart, _ = distance_bounds(
+            shapes, poses, A, B, axes[p], search.simplex, enough, required[p]
+        )
         known[p] = True
         lower = max(lower, found)
         if lower >= enough:
             continue
         bounding = p
         if not lower > required[p]:
-            return 0.0, p
+            return -1.0 if most_apart <= required[p] - pairs.certain[p] else 0.0, p
         half = (lower - required[p]) / rate
     return half, bounding
 
@@ -346,7 +357,7 @@ def prove_curve(
     Returns
     -------
     number : int
-        How many intervals are not proven; 0: the motion is proven.
+        How many intervals are not proven; 0: the motion is proven; −1: some pair is certainly too near at `at`.
     at : float
         Where the bound of some pair's distance is not above what it must keep, or −1.
     places : int
@@ -386,6 +397,8 @@ def prove_curve(
         places += 1
         if half >= most:
             number -= 1
+        elif half < 0.0:
+            return -1, t, places
         elif half * widest < least or number == len(left):
             return number, -1.0 if half > 0.0 else t, places
         else:

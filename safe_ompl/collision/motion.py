@@ -199,7 +199,8 @@ class CertifiedMotion:
             self._check_finite(start, end)
             return False
         required = self._widened(margin) if margin else self._required
-        if self._decided(start, end, required)[0] is not Verdict.FREE:
+        curve = start, self._checker.robot.difference(start, end)
+        if self._decided(curve, required)[0] is not Verdict.FREE:
             return False
         limits = self._limits
         return not limits or all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in limits)
@@ -315,9 +316,8 @@ class CertifiedMotion:
         for fraction, q in ((0.0, start), (1.0, end)):
             for i in np.flatnonzero(~robot.within_limits(q)):
                 return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
-        collision = self._free(
-            *self._decided(start, end, required), (start, robot.difference(start, end)), required
-        )
+        curve = start, robot.difference(start, end)
+        collision = self._free(*self._decided(curve, required), curve, required)
         if collision.verdict is not Verdict.FREE:
             return collision
         verdicts = (self._keeps(limit, start, end) for limit in self._limits)
@@ -329,7 +329,7 @@ class CertifiedMotion:
         if outside is not None:
             joint, at = outside
             return MotionVerdict(Verdict.BLOCKED, at, (self._checker.robot.joint_names[joint], "its limits"))
-        collision = self._free(*self._curve_decided(curve, required), curve, required)
+        collision = self._free(*self._decided(curve, required), curve, required)
         if collision.verdict is not Verdict.FREE:
             return collision
         verdicts = (self._curve_keeps(limit, curve) for limit in self._limits)
@@ -377,13 +377,7 @@ class CertifiedMotion:
             intervals += [(t + half, half), (t - half, half)]
         return MotionVerdict(Verdict.FREE)
 
-    def _decided(
-        self, start: FloatArray, end: FloatArray, required: RequiredDistances
-    ) -> tuple[Verdict, float | None]:
-        """Return the verdict on an edge, and where."""
-        return self._curve_decided((start, self._checker.robot.difference(start, end)), required)
-
-    def _curve_decided(self, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
+    def _decided(self, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
         """Return the verdict, and where; a proof during which another thread moves obstacles is begun anew."""
         changes = self._checker.changes
         done = changes.done
@@ -398,6 +392,8 @@ class CertifiedMotion:
         known = pairs.bounds.prove(curve, required.allowed_for, required.growth, self._floor)
         if known.proven:
             return Verdict.FREE, None
+        if known.blocked:
+            return Verdict.BLOCKED, known.at
         if known.at >= 0:
             q = place(curve, known.at)
             if checker.touches(q) or required.violated(q, known.at):

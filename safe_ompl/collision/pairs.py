@@ -34,12 +34,14 @@ class BoundsProof(NamedTuple):
     """What lower bounds of distances prove of a motion.
 
     If it is not all proven, `left` are the parts that are not, each from one fraction of the motion to another. `at` is
-    a fraction at which a bound shows that some pair may be nearer than required; −1 if there is none.
+    a fraction at which a bound shows that some pair may be nearer than required; −1 if there is none. If the motion is
+    `blocked`, some pair certainly is, and what is proven of the rest is not said.
     """
 
     proven: bool
     at: float
     left: list[list[float]]
+    blocked: bool = False
 
     def covers(self, low: float, high: float) -> bool:
         """Return whether the motion is proven from one fraction to another."""
@@ -63,14 +65,15 @@ class DistanceBounds:
     ) -> None:
         moved = np.zeros((len(bodies.bodies), radii.shape[1]), dtype=bool)
         moved[: len(robot.bounds.joint_radii)] = robot.bounds.joint_radii > 0
-        pair_table = Pairs(np.array(pairs), np.array(radii), moved)
+        exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
+        self.exact: BoolArray = exact[pairs[:, 0]] & exact[pairs[:, 1]]
+        certain = np.where(self.exact, ALLOWANCE, np.inf)
+        pair_table = Pairs(np.array(pairs), np.array(radii), moved, certain)
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
         self._flat = robot.kinematics.joints, *bodies.shapes, pair_table
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
         self._memory = PerThread(partial(_memory, radii.shape[1]))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
-        exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
-        self.exact: BoolArray = exact[pair_table.bodies[:, 0]] & exact[pair_table.bodies[:, 1]]
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.
@@ -118,7 +121,9 @@ class DistanceBounds:
         more = _NOTHING if growth is None else growth
         number, at, places = prove_curve(*self._flat, coefficients, required, more, floor, left)
         self._counts.bound_queries += places
-        return BoundsProof(False, at, left[:number].tolist()) if number else _FREE
+        if not number:
+            return _FREE
+        return BoundsProof(False, at, left[:number].tolist() if number > 0 else _UNKNOWN.left, number < 0)
 
     def prove_edges(
         self, starts: FloatArray, ways: FloatArray, required: FloatArray, floor: float

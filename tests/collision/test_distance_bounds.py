@@ -1,6 +1,7 @@
 """Proofs of edges by distance bounds: what they prove is free, and they change no verdict."""
 
 from functools import cache
+from pathlib import Path
 
 import coal
 import numpy as np
@@ -9,12 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import CertifiedMotion, CollisionChecker, Verdict
-from safe_ompl.collision import FLOOR, Separation
+from safe_ompl import CertifiedMotion, CollisionChecker, Mesh, Obstacle, Pose, Scene, Verdict
+from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation
 from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
 from safe_ompl.robot import ConvexBodies
 
+WEDGE = Path(__file__).parents[1] / "data" / "wedge.obj"
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 STEP = 0.01  # [rad]
 
@@ -96,6 +98,28 @@ def test_where_it_fails_a_pair_is_near(ur5, clutter):
     touching = [checker.touches(start + found.at * delta) for start, delta, found in failed if found.at >= 0]
     assert len(touching) > 0.9 * len(failed) > 50
     assert np.mean(touching) > 0.95
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("margin", [0.0, 0.03])
+def test_where_a_motion_is_blocked_coal_finds_a_pair_too_near(robot_named, clutter, name, margin):
+    robot = robot_named(name)
+    pairs, blocked = CollisionChecker(robot, clutter).pairs, 0
+    required = pairs.margins(margin)
+    for start, delta in edges(robot, 200):
+        found = proof(pairs, start, delta, required)
+        blocked += found.blocked
+        assert not found.blocked or pairs.within_margins(start + found.at * delta, required + DISTANCE_ERROR)
+    assert blocked > 20
+
+
+def test_what_only_holds_a_body_blocks_nothing(ur5):
+    room = Obstacle("room", Mesh(WEDGE, (9.0, 9.0, 9.0), convex=False), Pose((-3.0, 0.0, 0.0)))
+    inside, alone = (CertifiedMotion(CollisionChecker(ur5, scene)) for scene in (Scene((room,)), Scene()))
+    asked = [(start, start + delta) for start, delta in edges(ur5, 40)]
+    found = [inside.is_free(*edge) for edge in asked]
+    assert found == [alone.is_free(*edge) for edge in asked]
+    assert 5 < sum(found) < 35
 
 
 # ------------------------------------------------------------------------------------------------- what it changes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ class TransitionStep:
         """Take one step from node `old` towards `target: (n,)`, if it is free and passes the transition test."""
         bridge, q_old = self.problem.bridge, tree.configurations[old]
         delta = bridge.difference(q_old, target)
-        length = float(np.sqrt(delta @ delta))
+        length = sqrt(delta @ delta)
         if length == 0.0:
             return Extension.REACHED, old
         reached, step = length <= self.step, min(length, self.step)
@@ -190,7 +191,7 @@ class BiTRRT(SafePlanner):
         step = self.getRange() / _DESCENT_STEPS
         for _ in range(_DESCENT_STEPS):
             gradient = self._problem.cost.value_and_gradient(q)[1]
-            steepness = float(np.sqrt(gradient @ gradient))
+            steepness = sqrt(gradient @ gradient)
             if not 0 < steepness < np.inf:
                 break
             q = self._bridge.inside(q - (step / steepness) * gradient)
@@ -269,7 +270,7 @@ class HRRT(SafePlanner):
         """EXTEND: one step of at most the range from node `old` towards `target: (n,)`."""
         q_old = tree.configurations[old]
         delta = self._bridge.difference(q_old, target)
-        length = float(np.sqrt(delta @ delta))
+        length = sqrt(delta @ delta)
         if length == 0.0:
             return Extension.TRAPPED, old
         reached = length <= self.getRange()

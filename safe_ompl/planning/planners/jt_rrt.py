@@ -6,6 +6,7 @@ import logging
 from dataclasses import replace
 from heapq import heapify, heappop, heappush
 from itertools import count
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -341,5 +342,5 @@ class GoalStep:
         if not (self._problem.cost.has_gradients and self._problem.slope):
             return None
         slope = tree.gradient(node) / self._problem.slope
-        steepness = float(np.sqrt(slope @ slope))
+        steepness = sqrt(slope @ slope)
         return -slope / max(1.0, steepness) if steepness < np.inf else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import count, islice
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -238,7 +239,7 @@ class PaperSafeJTRRT(SafePlanner):
                 if np.isfinite(posture).all():  # on a danger point the field is infinite
                     step += posture - inverse @ (jacobian @ posture)
             step = self.gain * step
-        length = float(np.sqrt(step @ step))
+        length = sqrt(step @ step)
         return step * (self.step / length) if length > self.step else step
 
     def _is_below_threshold(self, q: FloatArray) -> bool:

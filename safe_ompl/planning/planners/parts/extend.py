@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ def straight_extension(
     """Add a node at most `step` [rad] from node `old` straight towards `target: (n,)`; return outcome and node."""
     q_old = tree.configurations[old]
     delta = problem.bridge.difference(q_old, target)
-    length = float(np.sqrt(delta @ delta))
+    length = sqrt(delta @ delta)
     outcome = Extension.REACHED if length <= step else Extension.ADVANCED
     q_new = target if outcome is Extension.REACHED else q_old + (step / length) * delta
     if not problem.motion_is_free(*tree.as_driven(q_old, q_new)):
@@ -73,7 +74,7 @@ class TangentialDescent:
             return None
         slope = (gradient() if gradient else self._danger.cost.value_and_gradient(q)[1]) / self._danger.slope
         slope -= (slope @ direction) * direction
-        steepness = float(np.sqrt(slope @ slope))
+        steepness = sqrt(slope @ slope)
         if not 0 < steepness < np.inf:
             return None
         return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
@@ -99,7 +100,7 @@ class SafeStep:
         """
         q_old = tree.configurations[old]
         delta = self.bridge.difference(q_old, target)
-        length = float(np.sqrt(delta @ delta))
+        length = sqrt(delta @ delta)
         if length <= step:
             if not self.is_free(*tree.as_driven(q_old, target)):
                 return Extension.TRAPPED, old
@@ -159,7 +160,7 @@ class ShortSteps:
     def nearer(self, q: FloatArray, target: FloatArray, step: float, rng: np.random.Generator) -> FloatArray:
         """Return a configuration (n,) on the way to a target, log-uniformly nearer than a whole step [rad]."""
         delta = self._bridge.difference(q, target)
-        length = float(np.sqrt(delta @ delta))
+        length = sqrt(delta @ delta)
         step = _SHORTEST ** rng.random() * min(length, step)
         return self._bridge.inside(q + (step / length) * delta) if length else q
 
@@ -194,7 +195,7 @@ class ElasticBand:
         not keep a margin [m].
         """
         delta = self._problem.bridge.difference(start, end)
-        length = float(np.sqrt(delta @ delta))
+        length = sqrt(delta @ delta)
         if not self._descent.acts or length <= 2 * step or ptc():
             return []
         middle = self._descent.moved(start + delta / 2, delta / length, self._descent.share * step)
