@@ -4,7 +4,7 @@ Run it from the root of the repository with `python -m bench.shield FOLDER`, FOL
 `bench.live`. A scripted policy proposes at each tick a chunk of 16 positions at 20 Hz along a path that it knows, to
 and fro as in `scenarios/panda_shelf.yaml`, from where the robot is, with noise. Filters of the chunk:
 
-* the shield;
+* the shield, and the shield where contact is allowed (`people.contact`);
 * none: the chunk as it is;
 * clamp A-B: the chunk's timing scaled by the distance of the nearest person, from 0 at A mm to 1 at B mm;
 * pink D: a control barrier filter, `SelfCollisionBarrier` of pink (pin-pink) for all pairs of link and limb, which
@@ -14,7 +14,8 @@ and fro as in `scenarios/panda_shelf.yaml`, from where the robot is, with noise.
 All but the shield give velocities, one for each tick, which the robot reaches as fast as its accelerations let it.
 With `--random` people walk about and reach out at random, as fast as the bounds allow (`Walker`), instead of recorded
 ones. A task is done when the robot is within 0.02 rad of the end of the path. Contacts count as in `bench.live`: while
-the robot moves and everybody has kept to the reach model since the measurement that the motion answers.
+the robot moves and everybody has kept to the reach model since the measurement that the motion answers. *Too fast* are
+those in which a point that touches is faster than the limb bears: where contact is allowed these alone count.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from __future__ import annotations
 import argparse
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 from typing import Any, Protocol
@@ -29,6 +31,7 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
+from bench._touches import Bearable
 from bench.live import HANDS, PANDA_ACCELERATIONS, places
 from safe_ompl import (
     CertifiedMotion,
@@ -55,6 +58,7 @@ _INSTANT = 0.005  # [s] between two looks of the monitor
 _ARRIVED, _STILL = 0.02, 1e-6  # [rad], [rad/s]
 PLACES = 20
 PEOPLE = People(speed=1.6, speeds=HANDS)
+BEARING = replace(PEOPLE, contact=True)
 
 Motion = Callable[[float], FloatArray]
 
@@ -96,9 +100,11 @@ class Filter(Protocol):
 class Shielded:
     """The shield."""
 
-    def __init__(self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray) -> None:
+    def __init__(
+        self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray, people: People
+    ) -> None:
         limits = PathLimits(RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS))
-        self.shield = Shield(robot, scenario.scene, {"operator": tracker}, people=PEOPLE, limits=limits)
+        self.shield = Shield(robot, scenario.scene, {"operator": tracker}, people=people, limits=limits)
         self.shield.start(start)
         self.failures = 0
 
@@ -218,7 +224,8 @@ def filters(
 ) -> Mapping[str, Callable[[], Any]]:
     """Return what makes each filter."""
     found: dict[str, Callable[[], Any]] = {
-        "shield": lambda: Shielded(robot, scenario, tracker, start),
+        "shield": lambda: Shielded(robot, scenario, tracker, start, PEOPLE),
+        "contact": lambda: Shielded(robot, scenario, tracker, start, BEARING),
         "none": lambda: Tracked(robot),
     }
     for near, far in ((0.05, 0.3), (0.1, 0.5), (0.2, 0.8)):
@@ -303,17 +310,19 @@ def drive(
             moving += moves
             left -= float(np.abs(q - before) @ reach) + 0.08  # no limb is faster than 16 m/s
             if left < 0:
-                found = monitor.observe(time, q, world.solids(keypoints, time), moving=moves, obeyed=obeyed)
+                solids, rates = world.solids(keypoints, time), (q - before) / _INSTANT
+                found = monitor.observe(time, q, solids, moving=moves, obeyed=obeyed, qd=rates)
                 left = found.distance
             else:
                 monitor.clear()
             before = q
         touched += checker.in_collision(q)
-    contacts = monitor.contacts
+    contacts, bearable = monitor.contacts, Bearable(robot, BEARING)
     return {
         "seconds": seconds,
         "tasks": policy.tasks,
         "contacts": sum(c.moving and c.obeyed for c in contacts),
+        "too_fast": sum(c.moving and c.obeyed and c.speed > bearable.speeds(c.limb)[0] for c in contacts),
         "after_violations": sum(c.moving and not c.obeyed for c in contacts),
         "at_rest": sum(not c.moving for c in contacts),
         "still": touched,
@@ -326,8 +335,8 @@ def drive(
 def print_table(rows: list[dict[str, Any]]) -> None:
     """Print a table of all filters."""
     print(
-        f"{'':14} {'tasks/h':>8} {'contacts moving':>16} {'after violation':>16} {'at rest':>8} {'shelf':>6} "
-        f"{'moving':>7} {'fails':>6} {'CPU 50/99 %':>14}"
+        f"{'':14} {'tasks/h':>8} {'contacts moving':>16} {'too fast':>9} {'after violation':>16} {'at rest':>8} "
+        f"{'shelf':>6} {'moving':>7} {'fails':>6} {'CPU 50/99 %':>14}"
     )
     for name in dict.fromkeys(row["filter"] for row in rows):
         mine = [row for row in rows if row["filter"] == name]
@@ -337,6 +346,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
                 "seconds",
                 "tasks",
                 "contacts",
+                "too_fast",
                 "after_violations",
                 "at_rest",
                 "still",
@@ -347,6 +357,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
         half, late = 1e3 * np.percentile(np.concatenate([row["took"] for row in mine]), (50, 99))
         print(
             f"{name:14} {3600 * total['tasks'] / total['seconds']:8.0f} {total['contacts']:16} "
+            f"{total['too_fast']:9} "
             f"{total['after_violations']:16} {total['at_rest']:8} {total['still']:6} "
             f"{100 * total['moving'] / total['seconds']:6.1f}% {total['failures']:6} {half:6.1f} / {late:4.1f} ms"
         )

@@ -1,13 +1,10 @@
 """A noisy policy hands over a tool beside a person who walks about; what is driven of it is proven at every tick."""
 
 import sys
-from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, Scene, Shield, Tracker, time_path
-from safe_ompl.io import TicksFile, ticks_header
 from safe_ompl.people.simulation import Simulation, Walker
 from safe_ompl.people.simulation.movers import ALL_KEYPOINTS
 
@@ -21,7 +18,7 @@ class Policy:
     def __init__(self, shield):
         self.shield, self.robot, self.tick = shield, shield.robot, shield.tick
         self.surroundings, self.update = shield.surroundings, shield.update
-        self.rng = np.random.default_rng(0)
+        self.rng, self.log = np.random.default_rng(0), None
 
     def start(self, trajectory):
         self.known, self.now = trajectory, 0.0
@@ -36,25 +33,28 @@ class Policy:
             self.shield.propose(chunk + 5e-4 * self.rng.normal(size=chunk.shape), rate=RATE)
         command = self.shield.command(time)  # your controller follows command.at(t)
         self.q = command.at(time + self.tick).q
+        if self.log:
+            self.log.write(self.shield.log_tick())
         return command
 
-    def think(self):
-        pass
+    def think(self): ...
 
 
 robot = Robot.from_example("panda")
 scene = Scene((Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),))
 people, tracker = People(speed=1.6), Tracker(ALL_KEYPOINTS)
 shield = Shield(robot, scene, {"anna": tracker}, people=people)
-limits = RateLimits.of(robot, velocity=1.5, acceleration=4.0)
-ways = [time_path(way, robot, limits, motion=shield.motion) for way in ([PICK, GIVE], [GIVE, PICK])]
+slow = RateLimits.of(robot, velocity=1.5, acceleration=4.0)
+ways = [time_path(way, robot, slow, motion=shield.motion) for way in ([PICK, GIVE], [GIVE, PICK])]
 anna = Walker(people, np.array([0.0, 0.0, -0.8]), np.array([1.2, 0.5]), seed=1)
-simulation = Simulation(Policy(shield), ways, {"anna": anna})
+policy = Policy(shield)
+if sys.argv[1:2] == ["--mcap"]:  # and a file, for Foxglove and `safe-ompl view FILE`
+    from safe_ompl.apps.exchange import McapLog  # pip install 'safe-ompl[mcap]'
+
+    policy.log = McapLog(sys.argv[2], shield.log_header(), robot, scene)
+simulation = Simulation(policy, ways, {"anna": anna})
 ticks, result = list(simulation.ticks(15.0)), simulation.summary
 print(f"{result.tasks} tools handed over, {result.contacts_while_moving} contacts while moving")
 print("; ".join(sorted({tick["reason"].split(" (")[0] for tick in ticks if tick["reason"]})[:3]))
-if len(sys.argv) > 1:  # a file, for `safe-ompl view FILE`
-    header = ticks_header(shield.tick, robot, shield.surroundings.still, simulation.world.description())
-    with closing(TicksFile(Path(sys.argv[1]), header)) as file:
-        for tick in ticks:
-            file.write(tick)
+if policy.log:
+    policy.log.close()

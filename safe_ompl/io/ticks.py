@@ -29,7 +29,8 @@ separation, contact, clamping, or null; ``measured`` is the time of the measurem
 ``path`` counts the paths that were followed, ``task`` how often the goal was reached; ``joints_measured`` is when ``q``
 and ``qd`` were measured, if not at ``time``. ``ahead``, in the first tick of
 a path, are the way points of that path. ``obeyed`` says whether everybody kept to the reach model until the next tick;
-``reaction`` is how long the answer to this measurement took (null: too long).
+``reaction`` is how long the answer to this measurement took (null: too long). Ticks of a `Shield` have no truth but
+what was seen last, no ``obeyed`` and no ``reaction``; ``follows`` and ``delay`` are those of a `ShieldCommand`.
 """
 
 from __future__ import annotations

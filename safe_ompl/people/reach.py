@@ -84,6 +84,8 @@ class ReachSets:
 
     def beside(self, other: ReachSets) -> ReachSets:
         """Return the sets of these bodies and of others."""
+        if not self.names:
+            return other
         order = np.arange(len(self) + len(other))
         return self._joined(other, self.names + other.names, other.owners + len(self.names), order)
 
@@ -117,11 +119,16 @@ class ReachSets:
 
         Its points, (K, 3) for each of the M bodies, are `ends` then [m]; the time [s] is since the sets were measured.
         """
-        found, allowed = np.full(len(self.names), -np.inf), self.grown(time).tolist()
-        for s, owner in enumerate(self.owners.tolist()):
-            rows = slice(self.first[s], self.first[s + 1])
-            away = np.linalg.norm(ends[owner] - self.points[rows] - time * self.velocities[rows], axis=1)
-            found[owner] = max(found[owner], float(away.max()) - allowed[s])
+        mine = [ends[owner] for owner in self.owners.tolist()]
+        counts = np.array([len(points) for points in mine], dtype=np.intp)
+        begin = np.cumsum(counts) - counts
+        within = np.arange(counts.sum()) - np.repeat(begin, counts)
+        single = np.repeat(np.diff(self.first) == 1, counts)
+        rows = np.repeat(self.first[:-1], counts) + np.where(single, 0, within)
+        away = np.concatenate([np.zeros((0, 3)), *mine]) - (self.points + time * self.velocities)[rows]
+        farthest = np.maximum.reduceat(np.sqrt((away * away).sum(axis=1)), begin)
+        found = np.full(len(self.names), -np.inf)
+        np.maximum.at(found, self.owners, farthest - self.grown(time))
         return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -86,11 +86,20 @@ class Skeleton:
             )
         metres = self.scale * given @ np.array(self.axes).T
         found = np.full((len(KEYPOINTS), 3), np.nan)
-        index = {name: j for j, name in enumerate(self.points)}
-        for k, name in enumerate(KEYPOINTS):
-            if name in self.sources:
-                found[k] = metres[[index[source] for source in self.sources[name]]].mean(axis=0)
+        for k, rows in self._rows:
+            found[k] = metres[rows].mean(axis=1)
         return found
+
+    @cached_property
+    def _rows(self) -> list[tuple[IntArray, IntArray]]:
+        """Key points of our body (K,), and the points (K, S) whose mean they are, for each number S of these."""
+        rows = [
+            (k, [self.points.index(source) for source in self.sources[name]])
+            for k, name in enumerate(KEYPOINTS)
+            if name in self.sources
+        ]
+        same = [[row for row in rows if len(row[1]) == count] for count in {len(row[1]) for row in rows}]
+        return [(np.array([k for k, _ in group]), np.array([of for _, of in group])) for group in same]
 
 
 def _both(**parts: str) -> dict[str, tuple[str, ...]]:
@@ -293,7 +302,7 @@ class TrackedBody:
         if known.all():
             return points, rests
         turn = facing(points)
-        for name in _order(known):
+        for name in _order(tuple(known.tolist())):
             k, parent = _INDEX[name], _parent(name, known)
             points[k] = points[parent]
             if not name.endswith("_hand"):
@@ -324,7 +333,8 @@ def _standing(k: int) -> FloatArray:
     return PELVIS if KEYPOINTS[k] == "pelvis" else STANDING[KEYPOINTS[k]]
 
 
-def _order(known: BoolArray) -> list[str]:
+@lru_cache(64)
+def _order(known: tuple[bool, ...]) -> list[str]:
     """Return the key points that are not known, each after one that it can hang on."""
     have = {name for name, k in _INDEX.items() if known[k]}
     missing = [name for name in STANDING if name not in have]

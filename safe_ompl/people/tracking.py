@@ -136,6 +136,7 @@ class PersonTrack:
         self._before: FloatArray = self._places.copy()
         self._before_times = self._times.copy()
         self._completed: FloatArray | None = None
+        self._sets: ReachSets | None = None  # of the last measurement, once they were asked for
         self._rests: IntArray = np.arange(len(KEYPOINTS))
 
     def __repr__(self) -> str:
@@ -179,7 +180,7 @@ class PersonTrack:
         since = time - self.time
         self._before[new], self._before_times[new] = self._places[new], self._times[new]
         self._places[new], self._times[new] = seen[new], time
-        self.time = time
+        self.time, self._sets = time, None
         if np.isfinite(self._places).any():
             self._completed, self._rests = self.tracker.body.completed(self._places)
         return None if promised is None else self._violation(promised, since)
@@ -194,7 +195,9 @@ class PersonTrack:
 
     def sets(self) -> ReachSets:
         """Return where the limbs may be from the time of the last measurement on; errors as `measured`."""
-        return self.reach.sets(self.measured(), self.people)
+        if self._sets is None:
+            self._sets = self.reach.sets(self.measured(), self.people)
+        return self._sets
 
     def measured(self) -> Measured:
         """Return what is known of the limbs at the time of the last measurement; raise InputError if there was none."""
@@ -309,6 +312,14 @@ class Surroundings:
         """Whether everybody and everything was seen."""
         seen = all(track.keypoints is not None for track in self.people.values())
         return seen and all(np.isfinite(track.seen) for track in self.objects.values())
+
+    def description(self) -> dict[str, Any]:
+        """Return heights and limbs of the people and bounds of the objects' speeds, as plain data."""
+        bodies = {name: track.tracker.body for name, track in self.people.items()}
+        return {
+            "people": {n: {"height": body.height, "limbs": list(body.limbs)} for n, body in bodies.items()},
+            "objects": {name: track.speed for name, track in self.objects.items()},
+        }
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float

@@ -34,7 +34,8 @@ class BodySpeeds:
         hulls.append(tip)
         carriers = [part.parentJoint for part in parts] + [frame.parentJoint]
         self._carriers: IntArray = np.array(carriers, dtype=np.intp)
-        self._corners: FloatArray = np.array([np.resize(hull.points, (8, 3)) for hull in hulls])
+        corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls])
+        self._corners: FloatArray = np.ascontiguousarray(corners.swapaxes(1, 2))
         self._pads: FloatArray = np.array([hull.radius for hull in hulls])
         chain = robot.shared.chain
         tip_radii = chain.radii(int(frame.parentJoint), tip)[None]
@@ -56,17 +57,26 @@ class BodySpeeds:
         angular, linear = self._moved @ angular, self._moved @ linear
         still = self._carriers == 0
         carried = np.maximum(self._carriers - 1, 0)
-        corners = np.einsum("bgxy,gpy->bgpx", rotation[:, carried], self._corners)
-        corners += origin[:, carried][:, :, None]
-        velocities = np.cross(angular[:, :, None], corners) + linear[:, :, None]
-        speeds = np.sqrt((velocities * velocities).sum(axis=3).max(axis=2))
-        speeds += self._pads * np.linalg.norm(angular, axis=2)
+        # R x + o moves with ω × (R x + o) + v.
+        turn, middle = _cross(angular), origin[:, carried, :, None]
+        velocities = (turn @ rotation[:, carried]) @ self._corners + (turn @ middle + linear[..., None])
+        x, y, z = np.moveaxis(velocities * velocities, 2, 0)
+        speeds = np.sqrt((x + y + z).max(axis=2))
+        speeds += self._pads * np.sqrt((angular * angular).sum(axis=2))
         found: FloatArray = np.where(still, 0.0, speeds)
         return found
 
     def _accelerations(self, cells: Cells) -> FloatArray:
         steps, bends = (self._robot.coupling.reach(bound) for bound in (cells.slopes, cells.bends))
         return acceleration_bounds(self._radii, self._moved, self._joints.prismatic, steps, bends)
+
+
+def _cross(vectors: FloatArray) -> FloatArray:
+    """Return the matrices (…, 3, 3) that take the cross product with vectors (…, 3) from the left."""
+    found = np.zeros((*vectors.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[..., i, k], found[..., k, i] = vectors[..., j], -vectors[..., j]
+    return found
 
 
 def acceleration_bounds(

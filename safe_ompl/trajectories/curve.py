@@ -72,13 +72,13 @@ class Cells:
         centres: FloatArray = 0.5 * (self.edges[1:] + self.edges[:-1])
         return centres
 
-    @property
+    @cached_property
     def slopes(self) -> FloatArray:
         """Bounds (N, n) of |q′|."""
         slopes: FloatArray = np.maximum(np.abs(self.slope_low), np.abs(self.slope_high))
         return slopes
 
-    @property
+    @cached_property
     def bends(self) -> FloatArray:
         """Bounds (N, n) of |q″|."""
         bends: FloatArray = np.maximum(np.abs(self.bend_low), np.abs(self.bend_high))
@@ -137,9 +137,11 @@ class Piece(NamedTuple):
         return _box(*(self.bend + t[:, None] * self.swing for t in (first, last)))
 
 
-def _box(*values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _box(first: FloatArray, *values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the box of values (S, n), with what rounding adds."""
-    low, high = np.min(values, axis=0), np.max(values, axis=0)
+    low = high = first
+    for value in values:
+        low, high = np.minimum(low, value), np.maximum(high, value)
     return low - _WIDER * np.abs(low), high + _WIDER * np.abs(high)
 
 
@@ -206,12 +208,19 @@ class BlendedCurve:
 
     def cells(self, step: float, turn: float = 0.1) -> Cells:
         """Return cells no longer than `step`; on blends q′ changes by no more than `turn` in each."""
-        bounds = []
-        for piece in self.pieces:
-            turned = float(np.linalg.norm(piece.length * (piece.bend + piece.length * piece.swing / 2)))
-            number = max(1, int(np.ceil(max(piece.length / step, turned / turn))))
-            bounds.append(np.linspace(0.0, piece.length, number + 1))
-        return self._cells(bounds)
+        if (step, turn) not in self._known:
+            _, _, bends, swings = self._parts
+            lengths = np.array([piece.length for piece in self.pieces])
+            turned = np.linalg.norm(lengths[:, None] * (bends + lengths[:, None] * swings / 2), axis=1)
+            numbers = np.maximum(1, np.ceil(np.maximum(lengths / step, turned / turn))).astype(int).tolist()
+            rows = zip(lengths.tolist(), numbers, strict=True)
+            self._known[step, turn] = self._cells([np.linspace(0.0, end, n + 1) for end, n in rows])
+        return self._known[step, turn]
+
+    @cached_property
+    def _known(self) -> dict[tuple[float, float], Cells]:
+        """Cells that were asked for."""
+        return {}
 
     def between(self, edges: FloatArray) -> Cells:
         """Return the cells between arc lengths `edges: (N + 1,)`, among which are all ends of pieces."""

@@ -166,6 +166,25 @@ class Command:
         states = [*(self.at(each) for each in steps.tolist()), self.at(np.inf)]
         return np.append(steps, max(time, self.standstill)), states
 
+    def tick_at(self, time: float, step: float) -> dict[str, Any]:
+        """Return what a tick (`safe_ompl.io.ticks`) says of the robot at a time [s]; the rest is in steps [s]."""
+        times, states = self.until_rest(max(time, self.time), step)
+        return {
+            "time": time,
+            "q": states[0].q.tolist(),
+            "qd": states[0].qd.tolist(),
+            "stop": {
+                "times": times.tolist(),
+                "q": [state.q.tolist() for state in states],
+                "qd": [state.qd.tolist() for state in states],
+            },
+            "state": self.doing.value,
+            "margin": self.left.margin,
+            "reason": self.reason,
+            "rule": self.rule or None,
+            "measured": self.measured,
+        }
+
     def moves(self, time: float) -> bool:
         """Return whether the robot moves at a time [s]."""
         return self.motion.at(time - self.time)[1] > 0

@@ -77,19 +77,17 @@ class Positions:
             at = np.append(np.concatenate(parts), given.times[-1])
             times, positions = at - at[0], given.at(at)
         found = cls(robot, limits, times, positions, start)
-        for k, step in enumerate(robot.difference(positions[:-1], positions[1:])):
-            found.check_jump(step, float(times[k + 1] - times[k]), f"at {times[k]:.3g} s of it")
+        found.check_jumps(robot.difference(positions[:-1], positions[1:]), times, "at {:.3g} s of it")
         _, firsts = np.unique(np.floor(times / _DENSE + 1e-6), return_index=True)
         kept = np.union1d(firsts, len(times) - 1)
         return replace(found, times=times[kept], positions=positions[kept])
 
-    def check_jump(self, step: FloatArray, span: float, where: str) -> None:
-        """Raise InputError if joints cannot move by a step (n,) in a time [s]."""
-        for i in np.flatnonzero(np.abs(step) > _JUMP * self.limits.velocity * span):
-            raise InputError(
-                f"jumps {where}: joint {self.limits.joint_names[i]!r} by {step[i]:.3g} within {span:.3g} s",
-                "proposal",
-            )
+    def check_jumps(self, steps: FloatArray, times: FloatArray, where: str) -> None:
+        """Raise InputError if joints cannot move by steps (K, n) between times (K + 1,) [s]."""
+        spans = np.diff(times)
+        for k, i in np.argwhere(np.abs(steps) > _JUMP * self.limits.velocity * spans[:, None]):
+            what = f"joint {self.limits.joint_names[i]!r} by {steps[k, i]:.3g} within {spans[k]:.3g} s"
+            raise InputError(f"jumps {where.format(times[k])}: {what}", "proposal")
 
     @property
     def duration(self) -> float:
@@ -100,7 +98,6 @@ class Positions:
         """Yield curves from a state at `begin` of it on, and the ṡ with which they begin, the nearest to it first.
 
         They are right for a window [s] at least. A negative `begin` is before its start.
-
 
         With ṡ = 1 it is in time, if the accelerations suffice. Otherwise the curve begins as fast as proposed, in the
         direction in which the robot moves, and ṡ is as much less as the robot is slower. Where that bends too much, two
@@ -117,7 +114,7 @@ class Positions:
         given, robot = self.positions[first:last], self.robot
         steps = [robot.difference(state.q, given[0])[None], robot.difference(given[:-1], given[1:])]
         points = state.q + np.cumsum(np.concatenate(steps), axis=0)
-        self.check_jump(points[0] - state.q, float(times[0]), "from where the robot is")
+        self.check_jumps(points[:1] - state.q, np.array([0.0, times[0]]), "from where the robot is")
         speed = float(np.linalg.norm(state.qd))
         for left_out in _LEFT_OUT:
             at, through = times[left_out:], points[left_out:]

@@ -363,14 +363,15 @@ class Guard:
             pushes = [-1.0, *_PUSHES]
         else:
             pushes = [-1.0]
-        found = None
-        for push in pushes:
-            if push <= 0 and speed == 0:
-                continue
+        if speed == 0:
+            pushes = [push for push in pushes if push > 0]
+        found, blamed, first, last = None, self._margin, 0, len(pushes)
+        while first < last:  # by bisection: a motion that is slower than a proven one most often is proven
+            middle, self._margin = (first + last) // 2, blamed
+            push = pushes[middle]
             slower = command(push, Doing.SLOWED if push > -1 else Doing.BRAKING, trouble)
-            if slower is None:
-                break
-            found = slower
+            found = slower or found
+            first, last = (first, middle) if slower is None else (middle + 1, last)
         return found
 
     def kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:

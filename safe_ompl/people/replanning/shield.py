@@ -29,7 +29,9 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CertifiedMotion, MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
-from safe_ompl.people import Tracker, Violation
+from safe_ompl.geometry import Pose
+from safe_ompl.io import ticks_header
+from safe_ompl.people import KEYPOINTS, ReachSets, Tracker, Violation
 from safe_ompl.people.replanning.guarded_path import Command, Doing, GuardedPath, PathLimits
 from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
 from safe_ompl.people.replanning.replanner import Guard, ReplanningOptions
@@ -120,6 +122,7 @@ class Shield:
             raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
         self._window = self.tick + 0.5 / least_brake(self.limits.joints) + 2 * _CELL
         self._rest: GuardedPath | None = None
+        self._time = 0.0  # of the newest command
         self._proposal: Positions | Velocity | None = None
         self._refused = _NOTHING
         self._way: _Way | None = None  # that the last command follows
@@ -148,7 +151,11 @@ class Shield:
                 f"joint {self.robot.joint_names[i]!r} = {here[i]:g} is outside its limits", "start"
             )
         still = np.zeros(self.robot.n)
-        self._rest = self._path([Piece(here, still, still, still, 1.0)])
+        piece = Piece(here, still, still, still, 1.0)
+        self._rest = rest = self._path([piece])
+        # The first proof makes and loads what all need: here, and not within the first tick.
+        self._verdict(piece)
+        rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), ReachSets.none(), 0.0, 0.0)
         self._guard.last, self._way = None, None
         self._proposal, self._refused = None, _NOTHING
 
@@ -227,12 +234,46 @@ class Shield:
         if found is None:
             found = guard.kept(path, s, speed, time)
             found = replace(found, reason=why) if why else found
-        delay = 0.0
+        delay, self._time = 0.0, time
         if not follows and isinstance(self._proposal, Velocity):  # whoever gives velocities gives a new one
             self._proposal, self._refused = None, "no new velocity was proposed"
         if self._proposal is not None:
             delay = max(0.0, min(time + self.tick - self._clock, self._proposal.duration) - progress)
         return guard.given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
+
+    def log_header(self) -> dict[str, Any]:
+        """Return the header of a log of ticks (`safe_ompl.io.TicksFile`, `safe_ompl.apps.exchange.McapLog`)."""
+        around = self.surroundings
+        return ticks_header(self.tick, self.robot, around.scene, around.description())
+
+    def log_tick(self) -> dict[str, Any]:
+        """Return the newest command and where all were seen last, as a tick of a log; distances are not measured.
+
+        Raises
+        ------
+        InputError
+            If there was no command yet.
+        """
+        last, around = self._guard.last, self.surroundings
+        if not isinstance(last, ShieldCommand):
+            raise InputError("there was no command yet")
+        seen = {name: track.keypoints for name, track in around.people.items()}
+        poses = {name: Pose.of(thing.pose) for name, thing in around.objects.items()}
+        return {
+            **last.tick_at(self._time, self.tick),
+            "people": {
+                name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
+                for name, points in seen.items()
+                if points is not None
+            },
+            "objects": {
+                name: {"position": list(pose.position), "quaternion_xyzw": list(pose.quaternion_xyzw)}
+                for name, pose in poses.items()
+            },
+            **dict.fromkeys(("distance", "link", "who", "limb")),
+            "follows": last.follows,
+            "delay": last.delay,
+        }
 
     def _fastest(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the command from (s, ṡ) on that gets farthest; None if none is proven.

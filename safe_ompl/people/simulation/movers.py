@@ -215,11 +215,7 @@ class World:
 
     def description(self) -> dict[str, Any]:
         """Return heights and limbs of the people and bounds of the objects' speeds, as plain data."""
-        bodies = {name: self._body(name) for name in self.people}
-        return {
-            "people": {n: {"height": body.height, "limbs": list(body.limbs)} for n, body in bodies.items()},
-            "objects": {name: track.speed for name, track in self._surroundings.objects.items()},
-        }
+        return self._surroundings.description()
 
     def tick(self, time: float) -> dict[str, Any]:
         """Return key points of the people and poses of the objects at a time [s], as plain data."""

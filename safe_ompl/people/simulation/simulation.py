@@ -280,7 +280,6 @@ class Simulation:
                 "path": path,
                 "task": self.summary.tasks,
                 "reaction": reaction,
-                "measured": current.measured,
             }
             yield {**line, "ahead": _way_points(current)} if new_path else line
         self._conclude(seconds, shares)
@@ -400,25 +399,13 @@ class Simulation:
             summary.contacts_at_rest = sum(not c.moving for c in contacts)
 
     def _line(self, now: float, command: Command, nearest: Nearest) -> dict[str, Any]:
-        times, states = command.until_rest(max(now, command.time), self.replanner.tick)
         return {
-            "time": now,
-            "q": states[0].q.tolist(),
-            "qd": states[0].qd.tolist(),
-            "stop": {
-                "times": times.tolist(),
-                "q": [state.q.tolist() for state in states],
-                "qd": [state.qd.tolist() for state in states],
-            },
+            **command.tick_at(now, self.replanner.tick),
             **self.world.tick(now),
-            "state": command.doing.value,
-            "margin": command.left.margin,
             "distance": nearest.distance,
             "link": nearest.link,
             "who": nearest.who,
             "limb": nearest.limb,
-            "reason": command.reason,
-            "rule": command.rule or None,
         }
 
 

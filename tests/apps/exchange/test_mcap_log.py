@@ -14,10 +14,12 @@ pytest.importorskip("rosbags")
 from mcap.records import Channel, Schema  # noqa: E402
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 
+from safe_ompl import Obstacle, Pose, Scene, Shield, Sphere, Tracker  # noqa: E402
 from safe_ompl.apps import main  # noqa: E402
 from safe_ompl.apps.exchange import McapLog, read_log  # noqa: E402
 from safe_ompl.common import InputError  # noqa: E402
-from safe_ompl.io import built_robot, built_scene, read_ticks  # noqa: E402
+from safe_ompl.io import built_robot, built_scene, read_ticks, strict_json  # noqa: E402
+from safe_ompl.people import find_skeleton  # noqa: E402
 from safe_ompl.view import RobotBody, read_recording  # noqa: E402
 
 
@@ -202,6 +204,35 @@ def test_it_is_read_back_and_seen(drive, recorded, capsys):
     pytest.importorskip("viser")
     assert main(["view", str(drive / "drive.mcap"), "--html", str(drive / "drive.html")]) == 0
     assert (drive / "drive.html").stat().st_size > 100_000
+
+
+def test_a_shield_is_logged_and_read_back(panda, tmp_path):
+    scene, anna = Scene((Obstacle("ball", Sphere(0.1)),)), Tracker(find_skeleton("coco17"))
+    shield, file = Shield(panda, scene, {"anna": anna}, {"ball": 1.6}), tmp_path / "shield.mcap"
+    seen = np.random.default_rng(0).uniform([1.7, -0.3, -0.3], [2.3, 0.3, 0.3], (17, 3))
+    home = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
+    shield.start(home)
+    with pytest.raises(InputError, match="there was no command yet"):
+        shield.log_tick()
+    written, log = [], McapLog(file, shield.log_header(), panda, scene)
+    for k in range(12):
+        shield.update({"anna": seen}, {"ball": Pose((2.0, 0.05 * k, 0.5))}, 0.05 * k)
+        if k < 6:
+            shield.propose(home + np.linspace(0, 0.2, 8)[:, None] * np.eye(7)[0] + 0.01 * k, rate=20.0)
+        command = shield.command(0.05 * k + 0.02)
+        written.append(shield.log_tick())
+        log.write(written[-1])
+        np.testing.assert_allclose(written[-1]["q"], command.at(0.05 * k + 0.02).q)
+        np.testing.assert_allclose(written[-1]["stop"]["q"][-1], command.at(np.inf).q)
+        assert (written[-1]["follows"], written[-1]["state"]) == (command.follows, command.doing.value)
+    log.close()
+    header, ticks = read_log(file)
+    assert ticks == json.loads(strict_json(written))
+    assert header["objects"] == {"ball": 1.6}
+    assert ticks[5]["objects"]["ball"]["position"] == [2.0, 0.25, 0.5]
+    assert ticks[5]["people"]["anna"]["left_wrist"] == seen[9].tolist()
+    content = read_recording(file, read=read_log)
+    np.testing.assert_array_equal(content.motions["live"].configurations[5], written[5]["q"])
 
 
 def test_a_log_that_was_broken_off_is_whole_once_it_is_closed(drive, recorded, tmp_path):
