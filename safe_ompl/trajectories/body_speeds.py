@@ -37,7 +37,7 @@ class BodySpeeds:
         self._corners: FloatArray = np.array([np.resize(hull.points, (8, 3)) for hull in hulls])
         self._pads: FloatArray = np.array([hull.radius for hull in hulls])
         chain = robot.shared.chain
-        tip_radii = chain.radii(int(frame.parentJoint), tip)[None]
+        tip_radii = chain.radii(chain.regions(int(frame.parentJoint), tip))[None]
         self._radii: FloatArray = np.vstack([robot.bounds.joint_radii, tip_radii])
         self._moved: FloatArray = np.zeros((len(hulls), robot.bounds.joint_radii.shape[1]))
         for row, joint in enumerate(carriers):
@@ -56,10 +56,18 @@ class BodySpeeds:
         angular, linear = self._moved @ angular, self._moved @ linear
         still = self._carriers == 0
         carried = np.maximum(self._carriers - 1, 0)
-        corners = np.einsum("bgxy,gpy->bgpx", rotation[:, carried], self._corners)
-        corners += origin[:, carried][:, :, None]
-        velocities = np.cross(angular[:, :, None], corners) + linear[:, :, None]
-        speeds = np.sqrt((velocities * velocities).sum(axis=3).max(axis=2))
+        # One array (N, G + 1, 8) for each of x, y and z: whole lanes are several times as fast as triples.
+        turn, away = (
+            np.moveaxis(rotation[:, carried], (2, 3), (0, 1))[..., None],
+            self._corners.transpose(2, 0, 1),
+        )
+        x, y, z = (
+            row[0] * away[0] + row[2] * away[2] + row[1] * away[1] + start
+            for row, start in zip(turn, np.moveaxis(origin[:, carried], 2, 0)[..., None], strict=True)
+        )
+        (p, q, r), (u, v, w) = (np.moveaxis(part, 2, 0)[..., None] for part in (angular, linear))
+        u, v, w = q * z - r * y + u, r * x - p * z + v, p * y - q * x + w
+        speeds = np.sqrt((u * u + v * v + w * w).max(axis=2))
         speeds += self._pads * np.linalg.norm(angular, axis=2)
         found: FloatArray = np.where(still, 0.0, speeds)
         return found
