@@ -165,7 +165,7 @@ class TipBounds(ToolLimit):
             )
         frame = robot.shared.model.frames[robot.tip_frame]
         tip = Hull(np.array(frame.placement.translation)[None], 0.0)
-        radii = robot.shared.chain.radii(int(frame.parentJoint), tip)
+        radii = robot.shared.chain.radii(robot.shared.chain.regions(int(frame.parentJoint), tip))
         super().__init__(robot, robot.coupling.radii(radii), floor)
 
     def __repr__(self) -> str:

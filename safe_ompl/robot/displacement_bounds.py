@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
 from safe_ompl.geometry.kernels import BODY, Records, Shapes, extreme_vertices
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
-from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_hull
+from safe_ompl.robot.reach import Hull, ReachCylinder, Regions, bounding_hull
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
 
@@ -41,20 +41,20 @@ class DisplacementBounds:
     @cached_property
     def joint_radii(self) -> FloatArray:
         """The radii R̄ (G, m) by the joints of Pinocchio's model."""
-        radii = [
-            self._chain.radii(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
-            for part in self._bodies
-        ]
+        radii = [self._chain.radii(regions) for regions in self._regions]
         return _frozen(np.array(radii).reshape(-1, self._robot.shared.model.nv))
 
     @cached_property
     def body_reaches(self) -> dict[int, ReachCylinder]:
         """For each body that moves, by its index, a cylinder in the world that it never leaves."""
-        return {
-            k: self._chain.reach(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
-            for k, part in enumerate(self._bodies)
-            if part.parentJoint != 0
-        }
+        return {k: self._chain.reach(regions) for k, regions in enumerate(self._regions) if regions}
+
+    @cached_property
+    def _regions(self) -> list[Regions]:
+        return [
+            self._chain.regions(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
+            for part in self._bodies
+        ]
 
     @cached_property
     def convex_bodies(self) -> ConvexBodies:
@@ -69,7 +69,8 @@ class DisplacementBounds:
     @cached_property
     def joint_keypoint_radii(self) -> FloatArray:
         """The radii R̄ (K, m) of the key points by the joints of Pinocchio's model."""
-        radii = [self._chain.radii(joint, Hull(offset[None], 0.0)) for joint, offset in self._key_points]
+        points = ((joint, Hull(offset[None], 0.0)) for joint, offset in self._key_points)
+        radii = [self._chain.radii(self._chain.regions(*point)) for point in points]
         return _frozen(np.array(radii))
 
     def keypoint_reaches(self, points: ArrayLike) -> FloatArray:
@@ -80,7 +81,7 @@ class DisplacementBounds:
             if joint == 0:
                 reaches[k] = np.linalg.norm(points - offset, axis=1)
             else:
-                region = self._chain.reach(joint, Hull(offset[None], 0.0))
+                region = self._chain.reach(self._chain.regions(joint, Hull(offset[None], 0.0)))
                 reaches[k] = [region.farthest(Hull(point[None], 0.0)) for point in points]
         return reaches
 

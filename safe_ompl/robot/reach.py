@@ -8,6 +8,7 @@ R̄·|Δ| when the joint turns by Δ, whatever the configuration (the constant r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -82,13 +83,14 @@ class ReachCylinder:
         The end discs are the extreme parts. Seen along `axis` each is an ellipse; with w a point of the ellipse,
         ‖c + w‖² ≤ ‖c‖² + 2·max c·w + r².
         """
-        slope = float(np.clip(self.axis @ axis, -1.0, 1.0))
-        radius, reach = 0.0, self.half_length * abs(slope) + self.radius * np.sqrt(1 - slope**2)
+        slope = min(max(float(self.axis @ axis), -1.0), 1.0)
+        radius, reach = 0.0, self.half_length * abs(slope) + self.radius * math.sqrt(1 - slope**2)
         for end in (-self.half_length, self.half_length):
             c = self.center + end * self.axis
             c = c - (c @ axis) * axis
-            lateral = np.linalg.norm(c - (c @ self.axis) * self.axis)
-            radius = max(radius, float(np.sqrt(c @ c + 2 * self.radius * lateral + self.radius**2)))
+            away = c - (c @ self.axis) * self.axis
+            lateral = math.sqrt(away @ away)
+            radius = max(radius, math.sqrt(c @ c + 2 * self.radius * lateral + self.radius**2))
         return ReachCylinder((self.center @ axis) * axis, axis, radius, float(reach))
 
     def farthest(self, body: Hull) -> float:
@@ -102,6 +104,9 @@ class ReachCylinder:
         """Return what the cylinder sweeps when it slides along its axis by `low` … `high` [m]."""
         center = self.center + (low + high) / 2 * self.axis
         return ReachCylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
+
+
+Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body can be in their frames
 
 
 @dataclass(frozen=True)
@@ -179,22 +184,21 @@ class JointChain:
             joint = self.parents[joint - 1]
         return path
 
-    def radii(self, joint: int, body: Hull) -> FloatArray:
-        """Return the displacement radii R̄ (n,) of a body that Pinocchio's joint `joint` carries, given in its frame.
+    def radii(self, regions: Regions) -> FloatArray:
+        """Return the displacement radii R̄ (n,) of a body in its `regions`.
 
         In metres per radian; 1 for prismatic joints; 0 for joints that do not move the body.
         """
         radii = np.zeros(len(self.parents))
-        for i, region in self._regions(joint, body):
+        for i, region in regions:
             radii[i] = 1.0 if self.prismatic[i] else region.radius
         return radii
 
-    def reach(self, joint: int, body: Hull) -> ReachCylinder:
-        """Return a cylinder in the world frame that the body never leaves, at any configuration within limits.
+    def reach(self, regions: Regions) -> ReachCylinder:
+        """Return a cylinder in the world frame that a body never leaves, at any configuration within limits.
 
         Some joint must move the body.
         """
-        regions = self._regions(joint, body)
         if not regions:
             raise ValueError("the body is fixed to the base")
         i, region = regions[-1]
@@ -208,7 +212,7 @@ class JointChain:
             if parent == 0:  # the axis stays where it is
                 regions.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
             else:
-                regions.append(self.reach(parent, Hull(placement.translation[None], 0.0)))
+                regions.append(self.reach(self.regions(parent, Hull(placement.translation[None], 0.0))))
         fixed = np.array([parent == 0 for parent in self.parents], dtype=bool)
         return AxisReaches(
             np.array([region.center for region in regions]).reshape(-1, 3),
@@ -219,9 +223,12 @@ class JointChain:
             self.prismatic,
         )
 
-    def _regions(self, joint: int, body: Hull) -> list[tuple[int, ReachCylinder]]:
-        """For each joint that moves the body, the nearest first: where the body can be, in the joint's frame."""
-        regions: list[tuple[int, ReachCylinder]] = []
+    def regions(self, joint: int, body: Hull) -> Regions:
+        """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame.
+
+        Pinocchio's joint `joint` carries the body, which is given in its frame.
+        """
+        regions: Regions = []
         for i in self.path_to_root(joint):
             axis = self.axes[i]
             if regions:

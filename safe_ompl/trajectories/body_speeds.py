@@ -38,7 +38,7 @@ class BodySpeeds:
         self._corners: FloatArray = np.ascontiguousarray(corners.swapaxes(1, 2))
         self._pads: FloatArray = np.array([hull.radius for hull in hulls])
         chain = robot.shared.chain
-        tip_radii = chain.radii(int(frame.parentJoint), tip)[None]
+        tip_radii = chain.radii(chain.regions(int(frame.parentJoint), tip))[None]
         self._radii: FloatArray = np.vstack([robot.bounds.joint_radii, tip_radii])
         self._moved: FloatArray = np.zeros((len(hulls), robot.bounds.joint_radii.shape[1]))
         for row, joint in enumerate(carriers):

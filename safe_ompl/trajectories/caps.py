@@ -169,8 +169,8 @@ def people_caps(
             brakes = np.minimum(braking(smooth.cells, limits, most), smooth.brakes)
             if people.contact:
                 reach = window / 2 * smooth.caps
-                times = spread(cells.edges, reach, cells.stops, times)
-                harmless = np.column_stack([smooth.cone(slow) for slow in harmless.T])
+                times = spread(cells.edges, reach, cells.stops, times, np.inf)
+                harmless = smooth.cone(harmless)
             times = times - window
         ends = next_stops(cells)
         allowed, limb, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)

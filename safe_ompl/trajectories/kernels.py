@@ -133,8 +133,12 @@ def stopping_speeds(
 
 
 @compiled
-def spread(edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatArray) -> FloatArray:
+def spread(
+    edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatArray, width: float
+) -> FloatArray:
     """Return the least (N, m) of the values of all cells by whose radius a cell is reached.
+
+    At a distance d a value counts as max(value, d/width), unless the width is infinite.
 
     Parameters
     ----------
@@ -155,44 +159,14 @@ def spread(edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatA
         for step in (-1, 1):
             j = k + step
             while 0 <= j < N and corner[j if step > 0 else j + 1] == 0.0:
-                if (edges[j] - edges[k + 1] if step > 0 else edges[k] - edges[j + 1]) > radii[k]:
+                away = edges[j] - edges[k + 1] if step > 0 else edges[k] - edges[j + 1]
+                if away > radii[k]:
                     break
                 for i in range(n):
-                    least[j, i] = min(least[j, i], values[k, i])
+                    value = values[k, i] if width == inf else max(values[k, i], away / width)
+                    least[j, i] = min(least[j, i], value)
                 j += step
     return least
-
-
-@compiled
-def cone(edges: FloatArray, caps: FloatArray, window: float, stops: IntArray) -> FloatArray:
-    """Return V (N,), the least of max(c_k, 2 d_jk/w) over all cells k at distances d_jk; see `time_law`.
-
-    Parameters
-    ----------
-    edges : (N + 1,)
-        Ends of the cells.
-    caps : (N,)
-        c
-    window : float
-        w > 0
-    stops : (K,)
-        Corners beyond which nothing counts.
-    """
-    N, top = len(caps), caps.max()
-    found = caps.copy()
-    corner = np.zeros(N + 1)
-    corner[stops] = 1.0
-    for k in range(N):
-        for step in (-1, 1):
-            j = k + step
-            while 0 <= j < N and corner[j if step > 0 else j + 1] == 0.0:
-                away = edges[j] - edges[k + 1] if step > 0 else edges[k] - edges[j + 1]
-                allowed = max(caps[k], 2 * away / window)
-                if allowed >= top:
-                    break
-                found[j] = min(found[j], allowed)
-                j += step
-    return found
 
 
 _LAW_HALVINGS = 60

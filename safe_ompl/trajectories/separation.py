@@ -103,8 +103,12 @@ class PeopleDistances:
             reach = CalibratedReach.load(people.reach)
             self._lines = reach.lines_of([limb for _, limb in limbs], people)
         self.speeds: FloatArray = self._lines[..., 1].max(axis=1)
+        self._moves = (self.speeds > 0)[self._limb].tolist()
         self._starts, slopes = np.moveaxis(self._lines[self._limb], -1, 0)
-        self._slowness = np.where(slopes > 0, 1 / np.where(slopes > 0, slopes, 1.0), 0.0)
+        self._still = slopes <= 0
+        self._any_still = bool(self._still.any())
+        self._slowness = np.where(self._still, 0.0, 1 / np.where(self._still, 1.0, slopes))
+        self._pair_lines = np.stack([self._starts, self._slowness], axis=-1).tolist()
         self.contact: ContactLimits | None = None
         if people.contact:
             shapes = {name: scene[name].shape for name in self._names}
@@ -154,8 +158,7 @@ class PeopleDistances:
             if j:
                 steps = self.robot.coupling.reach(np.abs(q - Q[j - 1])[None])[0]
                 bounds -= (self.robot.bounds.joint_radii @ steps)[self._body]
-            self._refresh(q, bounds, still, np.inf, by_limb=-np.inf)
-            times[j] = self._time(bounds).min()
+            times[j] = self._refresh(q, bounds, still, np.inf, by_limb=-np.inf).min()
         return times
 
     def along(
@@ -178,71 +181,61 @@ class PeopleDistances:
             Limbs that may come so soon are looked at one by one where contact is allowed [s].
         """
         Q = curve.at(cells.centres).q
-        half = (
-            cells.sizes[:, None] / 2 * speeds[:, self._body]
-        )  # (N, P) [m] from a centre to an end of its cell
+        # (N, P) [m] from a centre to an end of its cell
+        half = cells.sizes[:, None] / 2 * speeds[:, self._body]
         by_limb = short if self.people.contact else -np.inf
-        # Body by body and limb by limb: pairs are in the order of limbs, and of bodies within each.
-        shape = (len(self.limbs), len(self._body) // len(self.limbs))
-        distances = np.empty((len(Q), shape[0]))
-        times, nearest = np.empty_like(distances), np.empty(distances.shape, dtype=np.intp)
+        left, times = np.empty_like(half), np.empty_like(half)
         bounds = np.full(len(self._body), -_UNKNOWN)
         for j, q in enumerate(Q):
             if j:
                 bounds -= half[j - 1] + half[j]
-            self._refresh(q, bounds, half[j], soon, by_limb)
-            left = bounds - half[j]
-            time = self._time(left).reshape(shape)
-            first = time.argmin(axis=1)
-            rows = np.arange(shape[0])
-            times[j] = time[rows, first]
-            distances[j] = left.reshape(shape).min(axis=1)
-            nearest[j] = self._body.reshape(shape)[rows, first]
-        return SeparationBounds(distances, times, nearest)
+            times[j] = self._refresh(q, bounds, half[j], soon, by_limb)
+            left[j] = bounds - half[j]
+        # Body by body and limb by limb: pairs are in the order of limbs, and of bodies within each.
+        left, times = (found.reshape(len(Q), len(self.limbs), -1) for found in (left, times))
+        first = times.argmin(axis=2)
+        nearest = self._body.reshape(times.shape[1:])[np.arange(len(self.limbs)), first]
+        return SeparationBounds(left.min(axis=2), times.min(axis=2), nearest)
 
-    def _time(self, distances: FloatArray, pairs: slice = slice(None)) -> FloatArray:
+    def _time(self, distances: FloatArray) -> FloatArray:
         """Return when limbs at these distances may reach the robot; infinite for limbs at rest, unless too near."""
-        slowness = self._slowness[pairs]
-        left = (distances - self.people.clearance)[:, None] - self._starts[pairs]
-        time, still = left * slowness, slowness == 0
-        if still.any():
-            time = np.where(still, np.where(left > 0, np.inf, -np.inf), time)
+        left = (distances - self.people.clearance)[:, None] - self._starts
+        time = left * self._slowness
+        if self._any_still:
+            time = np.where(self._still, np.where(left > 0, np.inf, -np.inf), time)
         return np.asarray(time.max(axis=1) - self.people.reaction_time)
 
+    def _pair_time(self, pair: int, distance: float) -> float:
+        """Return `_time` of one pair, bit for bit."""
+        time, room = -np.inf, distance - self.people.clearance
+        for start, slowness in self._pair_lines[pair]:
+            left = room - start
+            time = max(time, left * slowness if slowness else np.inf if left > 0 else -np.inf)
+        return time - self.people.reaction_time
+
     def _refresh(
-        self,
-        q: FloatArray,
-        bounds: FloatArray,
-        half: FloatArray,
-        soon: float,
-        by_limb: float,
-    ) -> None:
+        self, q: FloatArray, bounds: FloatArray, half: FloatArray, soon: float, by_limb: float
+    ) -> FloatArray:
         """Replace bounds by distances at `q: (n,)` until those that are left cannot be the first to be reached.
 
-        Limbs that may come sooner than `by_limb` [s] are looked at in any case.
+        Limbs that may come sooner than `by_limb` [s] are looked at in any case. Returned are the times (P,) then.
         """
         time = self._time(bounds - half)
-        near = np.flatnonzero(time <= soon)
-        first = np.inf
-        placed = False
+        (near,) = (time <= soon).nonzero()
+        if not len(near):
+            return time
         kinematics, data = self._memory.own
-        for p in near[time[near].argsort()].tolist():
-            if time[p] > first and time[p] >= by_limb:
+        model, there = self.robot.shared.model, self.robot.pinocchio_configuration(q)
+        pin.updateGeometryPlacements(model, kinematics, self._geometry, data, there)
+        near, first = near[time[near].argsort()], np.inf
+        for p, before, moved in zip(near.tolist(), time[near].tolist(), half[near].tolist(), strict=True):
+            if before > first and before >= by_limb:
                 break
-            if not placed:
-                pin.updateGeometryPlacements(
-                    self.robot.shared.model,
-                    kinematics,
-                    self._geometry,
-                    data,
-                    self.robot.pinocchio_configuration(q),
-                )
-                placed = True
-            distance = pin.computeDistance(self._geometry, data, p).min_distance - DISTANCE_ERROR
-            bounds[p] = distance
-            if self.speeds[self._limb[p]] > 0:
-                left = np.array([distance - half[p]])
-                first = min(first, float(self._time(left, slice(p, p + 1))[0]))
+            bounds[p] = distance = pin.computeDistance(self._geometry, data, p).min_distance - DISTANCE_ERROR
+            time[p] = now = self._pair_time(p, distance - moved)
+            if now < first and self._moves[p]:
+                first = now
+        return time
 
 
 def _memory(model: pin.Model, geometry: pin.GeometryModel) -> tuple[pin.Data, pin.GeometryData]:

@@ -29,7 +29,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.trajectories.curve import BENDS, Cells
-from safe_ompl.trajectories.kernels import cone, fastest, spread
+from safe_ompl.trajectories.kernels import fastest, spread
 from safe_ompl.trajectories.limits import RateLimits
 
 _HALVINGS = 36
@@ -343,7 +343,7 @@ class SmoothLimits:
         span = np.minimum(span, np.linalg.norm(limits.acceleration) / braking)[:, None]  # of σ̈
         low, high = np.minimum(cells.bend_low, 0.0), np.maximum(cells.bend_high, 0.0)
         values = np.column_stack([cells.slope_low, -cells.slope_high, low, -high, span])
-        near = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, values)
+        near = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, values, np.inf)
         boxes = np.split(near[:, :-1], 4, axis=1)
         wide = replace(
             cells, slope_low=boxes[0], slope_high=-boxes[1], bend_low=boxes[2], bend_high=-boxes[3]
@@ -351,9 +351,12 @@ class SmoothLimits:
         return cls(window, wide, caps, (1 - braking) * near[:, -1], braking * near[:, -1])
 
     def cone(self, caps: FloatArray) -> FloatArray:
-        """Return what σ̇ keeps to (N,) in each cell, so that ṡ keeps to `caps: (N,)`."""
-        found: FloatArray = cone(self.cells.edges, caps, self.window, self.cells.stops)
-        return found
+        """Return what σ̇ keeps to (N, …) in each cell, so that ṡ keeps to `caps: (N, …)`."""
+        width, cells = self.window / 2, self.cells
+        reach = np.full(len(cells), width * caps.max() * (1 + 1e-9))  # what is farther away has no effect
+        return spread(cells.edges, reach, cells.stops, caps.reshape(len(cells), -1), width).reshape(
+            caps.shape
+        )
 
     def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:
         """Return σ̇² (N + 1,) of the fastest plan, with ṡ ≤ `caps: (N,)` besides."""

@@ -137,27 +137,35 @@ def two_links(first_prismatic=False):
     )
 
 
+def radii(chain, joint, body):
+    return chain.radii(chain.regions(joint, body))
+
+
+def reach(chain, joint, body):
+    return chain.reach(chain.regions(joint, body))
+
+
 def test_radii_of_a_planar_arm():
     ball_at_the_end = Hull(np.array([[0.4, 0.0, 0.0]]), 0.1)
-    np.testing.assert_allclose(two_links().radii(2, ball_at_the_end), [1.0, 0.5])
-    np.testing.assert_allclose(two_links().radii(1, ball_at_the_end), [0.5, 0.0])
-    np.testing.assert_allclose(two_links().radii(0, ball_at_the_end), [0.0, 0.0])
+    np.testing.assert_allclose(radii(two_links(), 2, ball_at_the_end), [1.0, 0.5])
+    np.testing.assert_allclose(radii(two_links(), 1, ball_at_the_end), [0.5, 0.0])
+    np.testing.assert_allclose(radii(two_links(), 0, ball_at_the_end), [0.0, 0.0])
 
 
 def test_a_sliding_joint_moves_a_body_by_its_stroke():
     ball = Hull(np.array([[0.4, 0.0, 0.0]]), 0.1)
-    np.testing.assert_allclose(two_links(first_prismatic=True).radii(2, ball), [1.0, 0.5])
+    np.testing.assert_allclose(radii(two_links(first_prismatic=True), 2, ball), [1.0, 0.5])
 
 
 def test_reach_of_a_planar_arm_and_of_a_slider():
     ball = Hull(np.array([[0.4, 0.0, 0.0]]), 0.1)
-    reach = two_links().reach(2, ball)
-    assert (reach.radius, reach.half_length) == pytest.approx((1.0, 0.1))
-    slid = two_links(first_prismatic=True).reach(2, ball)
+    turned = reach(two_links(), 2, ball)
+    assert (turned.radius, turned.half_length) == pytest.approx((1.0, 0.1))
+    slid = reach(two_links(first_prismatic=True), 2, ball)
     low, high = slid.center[0] - slid.half_length, slid.center[0] + slid.half_length
     assert (low, high) == pytest.approx((-0.2 + 0.5 - 0.5, 0.3 + 0.5 + 0.5))
     with pytest.raises(ValueError, match="fixed to the base"):
-        two_links().reach(0, ball)
+        reach(two_links(), 0, ball)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -275,7 +283,7 @@ def test_no_body_leaves_its_reach(robot_named, body_points, name, seed):
     q = np.choose(at_limits, [robot.lower, rng.uniform(robot.lower, robot.upper), robot.upper])
     for joint, hull, points in zip(bodies.joints, bodies.hulls, bodies.at(q), strict=True):
         if joint:
-            assert contains(robot.chain.reach(joint, hull), points)
+            assert contains(reach(robot.chain, joint, hull), points)
 
 
 @pytest.mark.parametrize("name", SIMPLE)

@@ -35,17 +35,19 @@ def check_source(collision: str, source: str) -> None:
         raise UnknownNameError("choice of collision shapes", collision, get_args(CollisionSource), source)
 
 
-def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) -> pin.GeometryModel:
+def build_collision_geometry(
+    urdf: UrdfFile, full: pin.Model, collision: str, *, hulls: bool = False
+) -> pin.GeometryModel:
     """Return the collision geometry of all links; with "visual", the visual shapes of links that have no other.
 
-    Errors as `UrdfFile.build_geometry`, or if `collision` is unknown.
+    `hulls` says that `make_convex` follows. Errors as `UrdfFile.build_geometry`, or if `collision` is unknown.
     """
     check_source(collision, str(urdf.path))
-    geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION)
+    geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION, queried=not hulls)
     bare = urdf.links_with_visuals_only()
     if collision != "visual" or not bare:
         return geometry
-    for part in urdf.build_geometry(full, pin.GeometryType.VISUAL).geometryObjects:
+    for part in urdf.build_geometry(full, pin.GeometryType.VISUAL, queried=not hulls).geometryObjects:
         if full.frames[part.parentFrame].name in bare:
             geometry.addGeometryObject(part)
     _log.info("%s: visual shapes collide, too: those of %s", urdf.path.name, ", ".join(sorted(bare)))

@@ -68,12 +68,12 @@ class UrdfBlueprint(Blueprint):
         """Read the files, lock joints, and build what remains."""
         file = UrdfFile(self.urdf, self.package_dirs)
         full = file.build_model()
-        collision_model = build_collision_geometry(file, full, self.collision)
+        collision_model = build_collision_geometry(file, full, self.collision, hulls=self.hulls)
         mimics = {name: mimic for name, mimic in file.mimics().items() if full.existJointName(name)}
 
         def read_visual() -> pin.GeometryModel | None:
             try:
-                geometry = file.build_geometry(full, pin.GeometryType.VISUAL)
+                geometry = file.build_geometry(full, pin.GeometryType.VISUAL, queried=False)
             except InputError as error:
                 warn_once(_log, f"{file.path.name}: drawing its collision bodies ({error})")
                 return None

@@ -7,10 +7,10 @@ it drops all shapes of the link: what it leaves out would be "proven free".
 from __future__ import annotations
 
 import math
+import os
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
-from copy import deepcopy
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -231,8 +231,10 @@ class UrdfFile:
         except (ValueError, RuntimeError) as error:
             raise InputError(f"not a valid URDF ({_first_line(error)})", str(self.path)) from None
 
-    def build_geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
-        """Return the collision or visual geometry of `model`.
+    def build_geometry(
+        self, model: pin.Model, kind: pin.GeometryType, *, queried: bool = True
+    ) -> pin.GeometryModel:
+        """Return the collision or visual geometry of `model`; the trees of meshes that are not `queried` are simple.
 
         Raises InputError if a mesh is missing or cannot be read, a shape has an impossible size or is of an unknown
         kind.
@@ -241,9 +243,10 @@ class UrdfFile:
         source = str(self.path)
         check_shapes(self._root, tag, source)
         self.mesh_files(tag)
+        loader = coal.MeshLoader(coal.BV_OBBRSS if queried else coal.BV_OBB)  # faster to build
         try:
             geometry = pin.buildGeomFromUrdfString(
-                model, self._readable_text, kind, package_dirs=self.package_dirs
+                model, self._readable_text, kind, package_dirs=self.package_dirs, mesh_loader=loader
             )
         except (ValueError, RuntimeError) as error:
             reason = str(error).partition("message: ")[2].partition("Hint:")[0] or _first_line(error)
@@ -270,7 +273,7 @@ class UrdfFile:
 
     def renamed(self, meshes: Mapping[str, str]) -> str:
         """Return the text of the URDF with other names for some of its meshes."""
-        return _text(self._root, meshes)
+        return _text(_copied(self._root), lambda name: meshes.get(name, name))
 
     def links_with_visuals_only(self) -> frozenset[str]:
         """Return the links that have visual shapes but no collision shapes."""
@@ -295,13 +298,13 @@ class UrdfFile:
         """Return the file of a mesh: in a package, beside the URDF, or below a folder that is given."""
         if not mesh.startswith(_PACKAGE):
             name = mesh.removeprefix("file://")
-            places = [folder / name for folder in (self.path.parent, *self._given)]
+            places = [os.path.join(folder, name) for folder in (self.path.parent, *self._given)]
         else:
             name = mesh.removeprefix(_PACKAGE)
-            places = [Path(folder) / name.lstrip("/") for folder in self.package_dirs]
+            places = [os.path.join(folder, name.lstrip("/")) for folder in self.package_dirs]
             if name.startswith("/"):  # no package: below one of the folders, or a path
-                places.append(Path(name))
-        file = next((place for place in places if place.is_file()), None)
+                places.append(name)
+        file = next((Path(place) for place in places if os.path.isfile(place)), None)
         return self._packages.resolve(mesh) if file is None and mesh.startswith(_PACKAGE) else file
 
     @cached_property
@@ -310,18 +313,19 @@ class UrdfFile:
 
         It is made from what was read at first: whatever is built from it is of one state of the file.
         """
-        root = deepcopy(self._root)
+        root = _copied(self._root)
         make_readable(root)
-        names = {mesh.get("filename", "") for mesh in root.iterfind("link/*/geometry/mesh")}
-        files = {name: file for name in names if (file := self._found(name)) is not None}
-        return _text(root, {name: str(file) for name, file in files.items()})
+        return _text(root, lambda name: str(self._found(name) or name))
 
 
-def _text(root: ElementTree.Element, meshes: Mapping[str, str]) -> str:
-    root = deepcopy(root)
+def _copied(root: ElementTree.Element) -> ElementTree.Element:
+    return ElementTree.fromstring(ElementTree.tostring(root))  # in half the time of deepcopy
+
+
+def _text(root: ElementTree.Element, place: Callable[[str], str]) -> str:
+    """Return the text of a URDF after its meshes got other names."""
     for mesh in root.iterfind("link/*/geometry/mesh"):
-        name = mesh.get("filename", "")
-        mesh.set("filename", meshes.get(name, name))
+        mesh.set("filename", place(mesh.get("filename", "")))
     return ElementTree.tostring(root, encoding="unicode")
 
 
