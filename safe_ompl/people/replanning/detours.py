@@ -14,7 +14,8 @@ from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guarded_path import Command, GuardedPath, PathLimits, RobotBodies
-from safe_ompl.trajectories import BlendedCurve, ContactLimits, Piece, blended
+from safe_ompl.people.replanning.retreat import line
+from safe_ompl.trajectories import BlendedCurve, ContactLimits, blended
 
 _log = logging.getLogger(__name__)
 
@@ -181,8 +182,8 @@ class Roadmap:
         found = self._paths.pop(key, None)
         if found is None:
             start, end = self.milestones[key[0]], self.milestones[key[1]]
-            line = _line(self._robot.difference(start, end), start)
-            found = GuardedPath.along(self._bodies, line, self.limits, _STEP)
+            straight = line(start, start + self._robot.difference(start, end))
+            found = GuardedPath.along(self._bodies, straight, self.limits, _STEP)
         self._paths[key] = found
         while len(self._paths) > _KEPT:
             self._paths.popitem(last=False)
@@ -268,12 +269,6 @@ class Roadmap:
                     best[other], before[other] = cost, k
                     heapq.heappush(queue, (cost + float(ahead[other]), other))
         return None
-
-
-def _line(step: FloatArray, start: FloatArray) -> BlendedCurve:
-    length = float(np.linalg.norm(step))
-    still = np.zeros(len(step))
-    return BlendedCurve([Piece(start, step / length, still, still, length)], [])
 
 
 class Detours:

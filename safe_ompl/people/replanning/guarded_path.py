@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.danger import JointMotions
 from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
@@ -59,6 +59,7 @@ class Doing(str, Enum):
     SLOWED = "slowed"
     BRAKING = "braking"
     STANDING = "standing"
+    RETREATING = "retreating"
     DONE = "done"
 
 
@@ -199,6 +200,16 @@ class RobotBodies:
         """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
         return self._joints.frames(Q)[:2]
 
+    def vertices(self, body: int, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
+        first, joint = self.arrays.first_vertex, self.arrays.carriers[body]
+        local = self.arrays.vertices[first[body] : first[body + 1]]
+        return np.asarray(local @ frames[0][:, joint].swapaxes(1, 2) + frames[1][:, joint, None])
+
+    def accelerations(self, cells: Cells) -> FloatArray:
+        """Return bounds (N, G) of how fast the velocities of points of the moving bodies change [m/rad²]."""
+        return np.asarray(self._speeds.accelerations(cells)[:, self._moving])
+
     def speeds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
         """Return the bounds of `BodySpeeds` (N, all bodies and the tip) [m/rad]."""
         return self._speeds.bounds(curve, cells)
@@ -309,6 +320,16 @@ class GuardedPath:
         return np.asarray(ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops))
 
     @cached_property
+    def accelerations(self) -> FloatArray:
+        """Bounds (N, G) of ‖x″‖ of all points of the moving bodies [m/rad²]."""
+        return self.bodies.accelerations(self.curve.between(self.edges))
+
+    def slower(self, speed: float) -> GuardedPath:
+        """Return the same path, on which no point of the robot is faster than a speed [m/s]."""
+        bodies = 2 * self.travel.max(axis=1, initial=0.0) / np.diff(self.edges)
+        return replace(self, squares=np.minimum(self.squares, np.square(speed / np.maximum(bodies, 1e-9))))
+
+    @cached_property
     def coarse(self) -> GuardedPath:
         """The same path in large cells, for estimates."""
         return GuardedPath.along(self.bodies, self.curve, self.limits, _COARSE)
@@ -332,18 +353,24 @@ class GuardedPath:
         contact: ContactLimits | None = None,
         *,
         exact: bool = False,
+        receding: BoolArray | None = None,
     ) -> Margin:
         """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
 
         It begins `since` the measurement of the sets [s], ≥ 0, and must leave the clearance [m]. An exact margin is
         right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found. Where contact is
-        allowed, who bears it at the speed of the motion need not be kept from.
+        allowed, who bears it at the speed of the motion need not be kept from; nor need those from whom a body is
+        `receding: (G, M)`.
         """
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
         around = self._arrays(sets, clearance, enough, close, not exact)
         fastest = np.maximum(motion.squares[:-1], motion.squares[1:])
-        borne = Borne(fastest, _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0])
+        most = _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0]
+        if receding is not None:
+            shape = len(self.brakes), *receding.shape
+            most = np.where(receding, np.inf, most if len(most) else np.full(shape, -1.0))
+        borne = Borne(fastest, most)
         margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *around)
         if body < 0:
             return Margin(np.inf)
