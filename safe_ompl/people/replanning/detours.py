@@ -29,7 +29,10 @@ _PROOF, _ESTIMATE, _SHORTCUT = 8, 1, 12  # units of work; a shortcut is a motion
 # A detour must take less than this share of the time, and be this much quicker [s].
 _GAIN, _WORTH = 0.75, 0.3
 _SLOW = 1.2  # a detour is searched if the rest takes so many times as long as with nobody near
-_LONGEST, _TIMES = 30.0, 10.0  # detours are not wanted that take longer [s], and so many times as long as the rest alone
+_LONGEST, _TIMES = (
+    30.0,
+    10.0,
+)  # detours are not wanted that take longer [s], and so many times as long as the rest alone
 _SMALL = 1e-6  # [rad]
 _TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
 

@@ -39,6 +39,7 @@ from safe_ompl.trajectories import (
 )
 
 STEP = 0.02  # [rad] largest cell
+RETREAT_SPEED = 0.25  # [m/s] the reduced speed of ISO 10218
 _SLOWEST = 0.01  # [m/s] people are taken to be no slower, in estimates
 _BARRED = 0.02  # share of the full speed: cells that people make slower than this are barred
 _AHEAD = 1.0  # [s] that estimates look ahead at most
@@ -194,6 +195,7 @@ class RobotBodies:
             np.array(extents),
         )
         self._joints = JointMotions(robot)
+        self._first_axis = self._joints.frames(np.zeros((1, robot.n)))[2][0, 0]
         self._speeds = BodySpeeds(robot)
 
     def frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -205,6 +207,21 @@ class RobotBodies:
         first, joint = self.arrays.first_vertex, self.arrays.carriers[body]
         local = self.arrays.vertices[first[body] : first[body + 1]]
         return np.asarray(local @ frames[0][:, joint].swapaxes(1, 2) + frames[1][:, joint, None])
+
+    @cached_property
+    def turning(self) -> BoolArray:
+        """Which moving bodies (G,) only turn, about the axis of the first joint."""
+        return np.asarray((self.arrays.carriers == 0) & ~self._joints.prismatic[0])
+
+    def swept(self, body: int, frames: tuple[FloatArray, FloatArray], axes: FloatArray) -> FloatArray:
+        """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""
+        vertices, turn = self.vertices(body, frames)[0], self._first_axis
+        arms = vertices - frames[1][0, 0]
+        along, heights = arms @ turn, axes @ turn
+        radii = np.sqrt(np.maximum((arms * arms).sum(axis=1) - along * along, 0.0))
+        across = np.sqrt(np.maximum(1.0 - heights * heights, 0.0))
+        nearest = (np.outer(along, heights) - np.outer(radii, across)).min(axis=0)
+        return np.asarray((arms @ axes.T).min(axis=0) - nearest)
 
     def accelerations(self, cells: Cells) -> FloatArray:
         """Return bounds (N, G) of how fast the velocities of points of the moving bodies change [m/rad²]."""
@@ -324,10 +341,11 @@ class GuardedPath:
         """Bounds (N, G) of ‖x″‖ of all points of the moving bodies [m/rad²]."""
         return self.bodies.accelerations(self.curve.between(self.edges))
 
-    def slower(self, speed: float) -> GuardedPath:
-        """Return the same path, on which no point of the robot is faster than a speed [m/s]."""
-        bodies = 2 * self.travel.max(axis=1, initial=0.0) / np.diff(self.edges)
-        return replace(self, squares=np.minimum(self.squares, np.square(speed / np.maximum(bodies, 1e-9))))
+    @cached_property
+    def _slow(self) -> FloatArray:
+        """The largest ṡ² (N, G) at which no point of the bodies is faster than `RETREAT_SPEED`."""
+        bodies = 2 * self.travel / np.diff(self.edges)[:, None]
+        return np.asarray(np.square(RETREAT_SPEED / np.maximum(bodies, 1e-9)))
 
     @cached_property
     def coarse(self) -> GuardedPath:
@@ -360,7 +378,7 @@ class GuardedPath:
         It begins `since` the measurement of the sets [s], ≥ 0, and must leave the clearance [m]. An exact margin is
         right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found. Where contact is
         allowed, who bears it at the speed of the motion need not be kept from; nor need those from whom a body is
-        `receding: (G, M)`.
+        `receding: (G, M)`, no faster than `RETREAT_SPEED`.
         """
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
@@ -368,8 +386,9 @@ class GuardedPath:
         fastest = np.maximum(motion.squares[:-1], motion.squares[1:])
         most = _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0]
         if receding is not None:
-            shape = len(self.brakes), *receding.shape
-            most = np.where(receding, np.inf, most if len(most) else np.full(shape, -1.0))
+            most = most.copy() if len(most) else np.full((len(self.brakes), *receding.shape), -1.0)
+            rows = np.unique(motion.cells)
+            most[rows] = np.maximum(most[rows], np.where(receding, self._slow[rows][:, :, None], -1.0))
         borne = Borne(fastest, most)
         margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *around)
         if body < 0:

@@ -24,7 +24,7 @@ from safe_ompl.people.replanning.guarded_path import (
     RobotBodies,
     own_caps,
 )
-from safe_ompl.people.replanning.retreat import RETREAT_SPEED, Retreats, recedes
+from safe_ompl.people.replanning.retreat import Receding, Retreats
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import SEPARATION, BlendedCurve, BlendProof, ContactLimits, Trajectory
@@ -35,6 +35,9 @@ _Given = TypeVar("_Given", bound=Command)
 TICK = 0.05  # [s]
 # Accelerations that are tried between full braking (−1) and full acceleration (1).
 _PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+_RETREATS = (1.0, 0.3, 0.1, 0.0, -0.5, -1.0)  # the same of retreats
+_CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
+_FARTHER = 2.0  # so many times as far
 _SAME = 1e-6  # [rad] configurations nearer than this are one
 
 
@@ -241,10 +244,8 @@ class Replanner:
             self._detour = None
         if found is None:
             found = self._next(path, s, speed, time)
-        if found is None and self._retreats is not None:
-            found = self._guard.retreat(path, s, speed, time)
-            if found is None and self._retreat is not None and speed == 0:
-                found = self._guard.retreat(self._retreat, 0.0, 0.0, time)
+        if self._retreats is not None:
+            found = self._retreating(found, path, s, speed, time)
         self._retreat = None
         if found is None:
             found = self._guard.kept(path, s, speed, time)
@@ -274,6 +275,25 @@ class Replanner:
             at = float(command.motion.places[-1])
             self._retreat = self._retreats.search(command.path, at, people.sets)
         return self._detour is not None
+
+    def _retreating(
+        self, found: Command | None, path: GuardedPath, s: float, speed: float, time: float
+    ) -> Command | None:
+        """Return a retreat if it gets much farther than what was found, or goes on; else what was found."""
+        last = self._guard.last
+        gets = 0.0 if found is None else found.motion.at(self.tick)[0] - s
+        if last is None or last.doing is not Doing.RETREATING:
+            if speed > _CRAWL or gets > _CRAWL * self.tick:
+                return found
+            gets *= _FARTHER
+        elif found is not None and found.doing in (Doing.MOVING, Doing.DONE):
+            return found
+        away = self._guard.retreat(path, s, speed, time)
+        if away is not None:
+            return away if away.motion.at(self.tick)[0] - s > gets else found
+        if found is None and self._retreat is not None and speed == 0:
+            return self._guard.retreat(self._retreat, 0.0, 0.0, time)
+        return found
 
     def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         return self._guard.next(path, s, speed, time)
@@ -392,17 +412,14 @@ class Guard:
     def retreat(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest motion from (s, ṡ) that recedes from all who are near; see `retreat`. None if none is."""
         sets, since = self.surroundings.sets, time - self.surroundings.time
-        slow = path.slower(RETREAT_SPEED)
-        square = speed * speed
-        if self.surroundings.trouble(time, self.lost_after) or square > np.interp(
-            s, slow.edges, slow.ceiling
-        ):
+        if self.surroundings.trouble(time, self.lost_after) is not None:
             return None
-        for push in (1.0, 0.25, -1.0):
-            motion = slow.motion_from(s, square, push, self.tick)
+        receding = Receding(path, s, sets)
+        for push in _RETREATS:
+            motion = path.motion_from(s, speed * speed, push, self.tick)
             if motion.places[-1] - s < _SAME:
                 continue
-            near = recedes(path, motion, sets)
+            near = receding.along(motion)
             margin = path.margin(motion, sets, since, self.people.clearance, self.contact, receding=near)
             if margin.margin >= 0:
                 why = margin, self._margin.description, SEPARATION

@@ -1,4 +1,4 @@
-"""Retreats: slow motions that bring a robot no nearer to anyone who is too near for any other motion.
+"""Retreats: motions that bring a robot no nearer to anyone who is too near for any other motion.
 
 Let a limb be in a set when it is measured, and u the unit vector along which a body of the robot, where a motion
 begins, is farthest from it. If the set is behind the plane across u through the foremost point of the body, and no
@@ -7,10 +7,12 @@ limb was, and the limb can be at the body no sooner than at the plane. That is t
 
 A vertex of the body that is start ≥ 0 ahead of the foremost one, and end ≥ 0 after the motion, is in between never
 behind its chord by more than A x(l − x)/2 at an arc length x of l, with |a″| ≤ A. That is at least 0 all along if
-√start + √end ≥ √(A l²/2). The convex body recedes if all its vertices do.
+√start + √end ≥ √(A l²/2). The convex body recedes if all its vertices do. A body that only turns about the axis of the
+first joint never leaves the solid that it sweeps about that: along u, a vertex at a distance r from the axis comes no
+nearer than its place on the axis less r‖u⊥‖. It recedes from all who are behind a plane across u before that solid.
 
-What does not recede must be kept from as ever. No point of a robot that retreats is faster than `RETREAT_SPEED`. People
-who run after it may touch it, as they may touch one that stands.
+What does not recede must be kept from as ever. A body that must recede is no faster than
+`guarded_path.RETREAT_SPEED`. People who run after it may touch it, as they may touch one that stands.
 """
 
 from __future__ import annotations
@@ -26,7 +28,6 @@ from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, StopMotion
 from safe_ompl.trajectories import BlendedCurve, Piece
 
-RETREAT_SPEED = 0.25  # [m/s] the reduced speed of ISO 10218
 _SOON = (
     0.2,
     0.12,
@@ -48,24 +49,37 @@ def line(start: FloatArray, end: FloatArray) -> BlendedCurve:
     return BlendedCurve([Piece(start, step / length, still, still, length)], [])
 
 
-def recedes(path: GuardedPath, motion: StopMotion, sets: ReachSets) -> BoolArray:
-    """Return which bodies (G, M) recede from which of M limbs along a motion; none where it goes through a corner."""
-    bodies, first, last = path.bodies, float(motion.places[0]), float(motion.places[-1])
-    found = np.zeros((len(bodies.links), len(sets.names)), dtype=bool)
-    corners = path.edges[path.stops]
-    if not len(motion.cells) or ((first < corners) & (corners < last)).any():
+class Receding:
+    """Which bodies (G,) recede from which of M limbs along motions that begin at s of a path."""
+
+    def __init__(self, path: GuardedPath, s: float, sets: ReachSets) -> None:
+        self._path, self._s, self._sets = path, s, sets
+        self._frames = path.bodies.frames(path.curve.at(np.array([s])).q)
+        self._axes, self._apart = _ahead(path.bodies, self._frames, sets)
+        self._always = np.zeros((len(path.bodies.links), len(sets.names)), dtype=bool)
+        for g in np.flatnonzero(path.bodies.turning):
+            near = np.flatnonzero((self._apart[g] > 0.0) & (self._apart[g] < np.inf))
+            lost = path.bodies.swept(g, self._frames, self._axes[g, near])
+            self._always[g, sets.owners[near[self._apart[g, near] > lost]]] = True
+
+    def along(self, motion: StopMotion) -> BoolArray:
+        """Return which (G, M) do along a motion; where it goes through a corner only those that always do."""
+        path, last = self._path, float(motion.places[-1])
+        found, corners = self._always.copy(), path.edges[path.stops]
+        if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
+            return found
+        then = path.bodies.frames(path.curve.at(np.array([last])).q)
+        bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
+        near = (self._apart > 0.0) & (self._apart < np.inf)
+        for g in np.flatnonzero(near.any(axis=1)).tolist():
+            which = np.flatnonzero(near[g])
+            start, end = (
+                path.bodies.vertices(g, at)[0] @ self._axes[g, which].T for at in (self._frames, then)
+            )
+            ahead = start - start.min(axis=0), end - start.min(axis=0) + _ROUNDING
+            grows = sum(np.sqrt(np.maximum(each, 0.0)) for each in ahead) >= np.sqrt(bends[g])
+            found[g, self._sets.owners[which[(grows & (ahead[1] >= 0.0)).all(axis=0)]]] = True
         return found
-    ends = bodies.frames(path.curve.at(np.array([first, last])).q)
-    axes, apart = _ahead(bodies, ends, sets)
-    near = (apart > 0.0) & (apart < np.inf)
-    bends = path.accelerations[motion.cells].max(axis=0) * (last - first) ** 2 / 2
-    for g in np.flatnonzero(near.any(axis=1)).tolist():
-        which = np.flatnonzero(near[g])
-        start, end = bodies.vertices(g, ends) @ axes[g, which].T  # (vertices, sets)
-        ahead = start - start.min(axis=0), end - start.min(axis=0) + _ROUNDING
-        grows = sum(np.sqrt(np.maximum(each, 0.0)) for each in ahead) >= np.sqrt(bends[g])
-        found[g, sets.owners[which[(grows & (ahead[1] >= 0.0)).all(axis=0)]]] = True
-    return found
 
 
 def _ahead(

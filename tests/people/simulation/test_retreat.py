@@ -8,7 +8,8 @@ import pytest
 from safe_ompl import Pose
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Doing, GuardedPath, PathLimits, RobotBodies
-from safe_ompl.people.replanning.retreat import RETREAT_SPEED, Retreats, line, recedes
+from safe_ompl.people.replanning.guarded_path import RETREAT_SPEED
+from safe_ompl.people.replanning.retreat import Receding, Retreats, line
 from safe_ompl.trajectories import RateLimits
 
 FAR = Pose((3.0, 0.0, 0.0))
@@ -58,8 +59,9 @@ def test_who_is_receded_from_is_nowhere_nearer_than_at_the_start(panda, bodies, 
     way = rng.normal(size=panda.n)
     path = GuardedPath.along(bodies, line(q, q + 0.3 * way / np.linalg.norm(way)), limits)
     motion = path.motion_from(0.0, 0.0, 1.0, 0.1)
-    away = recedes(path, motion, balls(places))
+    away = Receding(path, motion.places[0], balls(places)).along(motion)
     assert not away.all()
+    away[bodies.turning] = False  # they stay behind what they sweep
     at_first = core_distances(bodies, q, places)
     for s in np.linspace(0.0, motion.places[-1], 12):
         now = core_distances(bodies, path.curve.at(np.array([s])).q[0], places)
@@ -73,11 +75,15 @@ def test_what_is_touched_already_or_passed_a_corner_does_not_recede(panda, bodie
     path = GuardedPath.along(bodies, out, limits)
     inside = panda.tip_pose(q).translation - 0.02 * np.eye(3)[2]
     motion = path.motion_from(0.0, 0.0, 1.0, 0.1)
-    assert not recedes(path, motion, balls([inside]))[bodies.links.index("panda_hand")].any()
+    assert (
+        not Receding(path, motion.places[0], balls([inside]))
+        .along(motion)[bodies.links.index("panda_hand")]
+        .any()
+    )
     both = path.then(GuardedPath.along(bodies, back, limits))
     corner = both.motion_from(path.length - 0.01, 0.0, 1.0, 0.3)
     assert corner.places[0] < path.length < corner.places[-1]
-    assert not recedes(both, corner, balls([inside + 0.3 * np.eye(3)[0]])).any()
+    assert not Receding(both, corner.places[0], balls([inside + 0.3 * np.eye(3)[0]])).along(corner).any()
 
 
 def test_a_retreat_leads_away_from_all_who_are_near_and_back_and_none_if_nobody_is(
@@ -111,13 +117,14 @@ def drive_beside_a_ball(replanner, trajectory, place, gone):
         replanner.think()
         if commands[-1].doing is Doing.DONE:
             break
-    return commands
+    return commands, np.array(ball.position)
 
 
-def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_and_fro):
+def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_and_fro, bodies):
     for retreats in (False, True):
         replanner = replanner_for("ball", detours=False, retreats=retreats)
-        commands = drive_beside_a_ball(replanner, to_and_fro(replanner)[0], np.array([0.0, 0.22, 0.0]), 4.0)
+        way = to_and_fro(replanner)[0]
+        commands, ball = drive_beside_a_ball(replanner, way, np.array([0.0, 0.22, 0.0]), 4.0)
         doing = [command.doing for command in commands]
         assert (Doing.RETREATING in doing) is retreats
         assert doing[-1] is Doing.DONE  # after the ball has gone
@@ -125,20 +132,38 @@ def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_
         for before, after in pairwise(commands):  # motion has no jumps
             np.testing.assert_allclose(before.at(after.time).q, after.at(after.time).q, atol=1e-6)
             np.testing.assert_allclose(before.at(after.time).qd, after.at(after.time).qd, atol=1e-6)
-    points = replanner._bodies
-    for command in commands:
-        if command.doing is Doing.RETREATING:
-            assert command.rule == "separation"
+    retreating = [command for command in commands if command.doing is Doing.RETREATING]
+    assert {command.rule for command in retreating} == {"separation"}
+    for command in retreating:  # who could be touched before the next command recedes slowly
+        q = command.at(command.time).q
+        for g in np.flatnonzero(core_distances(bodies, q, [ball])[:, 0] < 0.1 + 0.07 * 1.6):
             for t in np.linspace(command.time, command.standstill, 5):
-                states = command.at(t), command.at(t + 1e-5)
-                frames = points.frames(np.array([state.q for state in states]))
-                moved = [np.diff(points.vertices(g, frames), axis=0) for g in range(len(points.links))]
-                assert max(np.linalg.norm(each, axis=2).max() for each in moved) <= RETREAT_SPEED * 1.01e-5
+                frames = bodies.frames(np.array([command.at(t).q, command.at(t + 1e-5).q]))
+                moved = np.diff(bodies.vertices(g, frames), axis=0)
+                assert np.linalg.norm(moved, axis=2).max() <= RETREAT_SPEED * 1.01e-5
+
+
+def test_the_first_link_recedes_however_it_turns_from_who_is_beside_all_that_it_sweeps(panda, bodies, limits):
+    q = np.array([0.3, -0.4, 0, -2.0, 0, 2.0, 0.785])
+    first = bodies.links.index("panda_link1")
+    angles = np.linspace(0.0, 2 * np.pi, 721)
+    turned = bodies.frames(q + np.outer(angles - q[0], np.eye(7)[0]))
+    vertices = bodies.vertices(first, turned)
+    axes = np.array([[1.0, 0, 0], [0.6, 0.64, 0.48], [0, 0, 1]])
+    lost = bodies.swept(first, tuple(part[:1] for part in turned), axes)
+    heights = vertices @ axes.T
+    np.testing.assert_allclose(heights[0].min(axis=0) - heights.min(axis=(0, 1)), lost, atol=1e-5)
+    assert (heights[0].min(axis=0) - heights.min(axis=(0, 1)) <= lost + 1e-12).all()
+    path = GuardedPath.along(bodies, line(q, q + 0.5 * np.eye(7)[0]), limits)
+    motion = path.motion_from(0.0, 0.0, 1.0, 0.3)
+    for far, recedes in ((0.02, False), (0.4, True)):
+        place = [far, 0.0, vertices[0, :, 2].mean()]
+        assert Receding(path, 0.0, balls([place])).along(motion)[first, 0] == recedes
 
 
 def test_whoever_is_lost_stops_a_retreat(replanner_for, to_and_fro):
     replanner = replanner_for("ball", detours=False)
-    commands = drive_beside_a_ball(replanner, to_and_fro(replanner)[0], np.array([0.0, 0.22, 0.0]), 9.0)
+    commands, _ = drive_beside_a_ball(replanner, to_and_fro(replanner)[0], np.array([0.0, 0.22, 0.0]), 9.0)
     last = commands[-1].time
     for k in range(1, 20):
         replanner.update({}, {}, last + 0.05 * k)
