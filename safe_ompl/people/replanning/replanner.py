@@ -36,8 +36,8 @@ TICK = 0.05  # [s]
 # Accelerations that are tried between full braking (−1) and full acceleration (1).
 _PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
 _RETREATS = (1.0, 0.3, 0.1, 0.0, -0.5, -1.0)  # the same of retreats
-_CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
-_FARTHER = 2.0  # so many times as far
+_CRAWL = 1.0  # [rad/s] a robot that is slower tries whether a retreat gets
+_FARTHER = 1.5  # so many times as far
 _SAME = 1e-6  # [rad] configurations nearer than this are one
 
 
@@ -84,9 +84,9 @@ class Replanner:
     What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
     who keeps to the reach model; or, where contact is allowed, only at speeds of the robot's own that the limb bears
     (`safe_ompl.trajectories.contact`). At every tick the robot takes the fastest motion that is proven so against the
-    newest measurement. If there is none, it retreats from who is near: slowly, and bringing no body nearer to them, but
-    who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because it covers
-    all that people may do until the robot stands. It goes on as soon as a motion is proven again.
+    newest measurement. If there is none, or only slow ones, it retreats from who is near: that brings no body nearer to
+    them, but who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because
+    it covers all that people may do until the robot stands. It goes on as soon as a motion is proven again.
 
     Parameters
     ----------
@@ -280,14 +280,14 @@ class Replanner:
         self, found: Command | None, path: GuardedPath, s: float, speed: float, time: float
     ) -> Command | None:
         """Return a retreat if it gets much farther than what was found, or goes on; else what was found."""
+        if found is not None and (found.path is not path or found.doing in (Doing.MOVING, Doing.DONE)):
+            return found
         last = self._guard.last
         gets = 0.0 if found is None else found.motion.at(self.tick)[0] - s
         if last is None or last.doing is not Doing.RETREATING:
-            if speed > _CRAWL or gets > _CRAWL * self.tick:
+            if max(speed * self.tick, gets) > _CRAWL * self.tick:
                 return found
             gets *= _FARTHER
-        elif found is not None and found.doing in (Doing.MOVING, Doing.DONE):
-            return found
         away = self._guard.retreat(path, s, speed, time)
         if away is not None:
             return away if away.motion.at(self.tick)[0] - s > gets else found
