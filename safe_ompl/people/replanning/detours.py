@@ -154,7 +154,8 @@ class Roadmap:
 
     def _nearest(self, q: FloatArray, count: int) -> list[int]:
         """Return the milestones to which straight motions of the joints are shortest, but for the nearest one."""
-        return np.argsort(self._joint_times(q), kind="stable")[1 : count + 1].tolist()
+        order: list[int] = np.argsort(self._joint_times(q), kind="stable").tolist()
+        return order[1 : count + 1]
 
     def _joint_times(self, q: FloatArray) -> FloatArray:
         """Return how long (N,) the joints take for the straight motions to all milestones at full speed [s]."""
@@ -165,7 +166,7 @@ class Roadmap:
         """Return how long (N,) motions to all milestones take with nobody near, at least [s]."""
         ways = np.linalg.norm(self._tips - self._robot.tip_pose(q).translation, axis=1)
         cap = min(self.limits.tool_speed or np.inf, self.limits.link_speed or np.inf)
-        return np.maximum(self._joint_times(q), ways / cap)
+        return np.asarray(np.maximum(self._joint_times(q), ways / cap))
 
     # ------------------------------------------------------------------------------------------------------ edges
 

@@ -341,6 +341,10 @@ class GuardedPath:
         """Bounds (N, G) of ‖x″‖ of all points of the moving bodies [m/rad²]."""
         return self.bodies.accelerations(self.curve.between(self.edges))
 
+    def prepare(self) -> None:
+        """Compute what retreats need, before a command is due."""
+        _ = self.accelerations, self._slow, self.ceiling
+
     @cached_property
     def _slow(self) -> FloatArray:
         """The largest ṡ² (N, G) at which no point of the bodies is faster than `RETREAT_SPEED`."""

@@ -36,8 +36,8 @@ TICK = 0.05  # [s]
 # Accelerations that are tried between full braking (−1) and full acceleration (1).
 _PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
 _RETREATS = (1.0, 0.3, 0.1, 0.0, -0.5, -1.0)  # the same of retreats
-_CRAWL = 1.0  # [rad/s] a robot that is slower tries whether a retreat gets
-_FARTHER = 1.5  # so many times as far
+_CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
+_FARTHER = 2.0  # so many times as far
 _SAME = 1e-6  # [rad] configurations nearer than this are one
 
 
@@ -274,6 +274,9 @@ class Replanner:
         if self._detour is None and self._retreats is not None and command.doing is Doing.STANDING:
             at = float(command.motion.places[-1])
             self._retreat = self._retreats.search(command.path, at, people.sets)
+        for way in (self._path, self._retreat):
+            if way is not None and self._retreats is not None:
+                way.prepare()
         return self._detour is not None
 
     def _retreating(

@@ -57,7 +57,7 @@ class Receding:
         self._frames = path.bodies.frames(path.curve.at(np.array([s])).q)
         self._axes, self._apart = _ahead(path.bodies, self._frames, sets)
         self._always = np.zeros((len(path.bodies.links), len(sets.names)), dtype=bool)
-        for g in np.flatnonzero(path.bodies.turning):
+        for g in np.flatnonzero(path.bodies.turning).tolist():
             near = np.flatnonzero((self._apart[g] > 0.0) & (self._apart[g] < np.inf))
             lost = path.bodies.swept(g, self._frames, self._axes[g, near])
             self._always[g, sets.owners[near[self._apart[g, near] > lost]]] = True
