@@ -202,11 +202,13 @@ class RobotBodies:
         """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
         return self._joints.frames(Q)[:2]
 
-    def vertices(self, body: int, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
-        first, joint = self.arrays.first_vertex, self.arrays.carriers[body]
-        local = self.arrays.vertices[first[body] : first[body + 1]]
-        return np.asarray(local @ frames[0][:, joint].swapaxes(1, 2) + frames[1][:, joint, None])
+    def vertices(self, body: int | None, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Return the vertices (B, V, 3) of a body, or of all, in the world [m], in these frames of the joints."""
+        first = self.arrays.first_vertex
+        which = slice(None) if body is None else slice(first[body], first[body + 1])
+        joints = np.repeat(self.arrays.carriers, np.diff(first))[which]
+        turned = np.einsum("bvxy,vy->bvx", frames[0][:, joints], self.arrays.vertices[which])
+        return np.asarray(turned + frames[1][:, joints])
 
     @cached_property
     def turning(self) -> BoolArray:

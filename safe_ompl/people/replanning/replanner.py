@@ -35,7 +35,7 @@ _Given = TypeVar("_Given", bound=Command)
 TICK = 0.05  # [s]
 # Accelerations that are tried between full braking (−1) and full acceleration (1).
 _PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
-_RETREATS = (1.0, 0.3, 0.1, 0.0, -0.5, -1.0)  # the same of retreats
+_RETREATS = (1.0, 0.2, 0.0, -1.0)  # the same of retreats
 _CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
 _FARTHER = 2.0  # so many times as far
 _SAME = 1e-6  # [rad] configurations nearer than this are one

@@ -37,7 +37,7 @@ _NUDGE = 1e-4  # [rad]
 _STILL = 3  # so many of the first joints may stay still: links near the base cannot get away
 _ROUNDS = 40  # of the search for a direction
 _ROUNDING = 1e-9  # [m]
-_FAR = 0.6  # [m] who is farther away need not be looked at
+_FAR = 0.35  # [m] who is farther away need not be looked at
 _LEAST = 0.02  # [m/rad] distances must grow by this at least
 
 
@@ -56,6 +56,11 @@ class Receding:
         self._path, self._s, self._sets = path, s, sets
         self._frames = path.bodies.frames(path.curve.at(np.array([s])).q)
         self._axes, self._apart = _ahead(path.bodies, self._frames, sets)
+        first = path.bodies.arrays.first_vertex
+        self._first, self._of = first[:-1], np.repeat(np.arange(len(first) - 1), np.diff(first))
+        start = self._heights(self._frames)
+        self._least = np.minimum.reduceat(start, self._first)[self._of]
+        self._start = np.sqrt(start - self._least)
         self._always = np.zeros((len(path.bodies.links), len(sets.names)), dtype=bool)
         for g in np.flatnonzero(path.bodies.turning).tolist():
             near = np.flatnonzero((self._apart[g] > 0.0) & (self._apart[g] < np.inf))
@@ -70,16 +75,18 @@ class Receding:
             return found
         then = path.bodies.frames(path.curve.at(np.array([last])).q)
         bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
-        near = (self._apart > 0.0) & (self._apart < np.inf)
-        for g in np.flatnonzero(near.any(axis=1)).tolist():
-            which = np.flatnonzero(near[g])
-            start, end = (
-                path.bodies.vertices(g, at)[0] @ self._axes[g, which].T for at in (self._frames, then)
-            )
-            ahead = start - start.min(axis=0), end - start.min(axis=0) + _ROUNDING
-            grows = sum(np.sqrt(np.maximum(each, 0.0)) for each in ahead) >= np.sqrt(bends[g])
-            found[g, self._sets.owners[which[(grows & (ahead[1] >= 0.0)).all(axis=0)]]] = True
+        end = self._heights(then) - self._least + _ROUNDING
+        grows = self._start + np.sqrt(np.maximum(end, 0.0)) >= np.sqrt(bends)[self._of, None]
+        all_grow = np.logical_and.reduceat(grows & (end >= 0.0), self._first)
+        body, which = np.nonzero(all_grow & (self._apart > 0.0) & (self._apart < np.inf))
+        found[body, self._sets.owners[which]] = True
         return found
+
+    def _heights(self, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Return the heights (V, S) of all vertices of the bodies along the directions [m]."""
+        return np.asarray(
+            np.einsum("vsx,vx->vs", self._axes[self._of], self._path.bodies.vertices(None, frames)[0])
+        )
 
 
 def _ahead(
