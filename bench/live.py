@@ -42,14 +42,17 @@ HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forea
 POLICIES: dict[str, Any] = {
     "ours": Replanner,
     "contact": Replanner,  # where contact is allowed
+    "staying": Replanner,  # without retreats
     "stop-and-go": StopAndGo,
     "half-speed": HalfSpeed,
     "quarter-speed": QuarterSpeed,
     "alone": Careless,
 }
+OURS = ("ours", "contact", "staying")
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
 _HIP = 0.15  # [m] above the base
 _ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
+_CONTACTS = ("while_moving", "after_violations", "at_rest", "retreating")
 _BESIDE = 0.4  # [m] who is nearer than that is beside the robot
 
 
@@ -98,7 +101,7 @@ def simulation(
         scenario.scene,
         {"operator": tracker},
         people=people,
-        options=ReplanningOptions(reach, detours=policy in ("ours", "contact")),
+        options=ReplanningOptions(reach, detours=policy in OURS, retreats=policy in OURS[:2]),
     )
     limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
@@ -145,14 +148,11 @@ def print_table(rows: list[dict[str, Any]]) -> None:
     }
     print(
         f"{'':13} {'tasks/h':>8} {'stops':>6} {'contacts moving':>16} {'after violation':>16} {'at rest':>8} "
-        f"{'obeyed':>8} {'raw':>8} {'refused':>8} {'moving':>8} {'reaction 50/99 %':>18}"
+        f"{'retreating':>11} {'obeyed':>8} {'raw':>8} {'refused':>8} {'moving':>8} {'reaction 50/99 %':>18}"
     )
     for policy in per_hour:
         mine = [r for r in rows if r["policy"] == policy]
-        total = {
-            key: sum(r[key] for r in mine)
-            for key in ("stops", "contacts_while_moving", "contacts_after_violations", "contacts_at_rest")
-        }
+        total = {key: sum(r[key] for r in mine) for key in ("stops", *(f"contacts_{k}" for k in _CONTACTS))}
         shares = [
             np.average([r[key] for r in mine], weights=[r["seconds"] for r in mine])
             for key in ("model_obeyed", "model_obeyed_raw", "refused", "moving")
@@ -164,14 +164,15 @@ def print_table(rows: list[dict[str, Any]]) -> None:
         print(
             f"{policy:13} {per_hour[policy]:8.0f} {total['stops']:6} {total['contacts_while_moving']:16} "
             f"{total['contacts_after_violations']:16} {total['contacts_at_rest']:8} "
+            f"{total['contacts_retreating']:11} "
             + "".join(f"{100 * share:7.2f}% " for share in shares)
             + f"{1e3 * reaction[0]:8.1f} / {1e3 * reaction[1]:4.1f} ms"
         )
-    for policy in ("ours", "contact"):
+    for policy in OURS:
         mine = [r for r in rows if r["policy"] == policy]
         if mine:
             print_contacts(policy, mine)
-    best = max((per_hour[policy] for policy in list(POLICIES)[2:5] if policy in per_hour), default=0.0)
+    best = max((per_hour[policy] for policy in list(POLICIES)[3:6] if policy in per_hour), default=0.0)
     if "ours" in per_hour and best:
         print(f"ours / the best stop-and-go: {per_hour['ours'] / best:.2f} × the tasks per hour")
     if "ours" in per_hour and "alone" in per_hour:

@@ -12,7 +12,7 @@ tick:
     {"time": 1.25, "q": [...], "qd": [...], "stop": {"times": [1.25, 1.3, ...], "q": [[...], ...], "qd": [[...], ...]},
      "people": {"operator": {"head": [x, y, z], "left_shoulder": [...], ...}},
      "objects": {"cube": {"position": [x, y, z], "quaternion_xyzw": [...]}},
-     "state": "moving" | "slowed" | "braking" | "standing" | "done",
+     "state": "moving" | "slowed" | "braking" | "standing" | "retreating" | "done",
      "margin": 0.021, "distance": 0.48, "link": "panda_hand", "who": "operator", "limb": "right_hand",
      "reason": "...", "rule": "contact", "obeyed": true, "path": 3, "task": 2, "reaction": 0.004, "measured": 1.25,
      "ahead": [[q...], ...]}

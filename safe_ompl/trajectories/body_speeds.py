@@ -48,7 +48,7 @@ class BodySpeeds:
         """Return the bounds (N, G + 1) [m/rad]: of the G bodies of `collision_model`, and of the tip."""
         place = curve.at(cells.centres)
         half = cells.sizes[:, None] / 2
-        found: FloatArray = self._at(place.q, place.slope) + half * self._accelerations(cells)
+        found: FloatArray = self._at(place.q, place.slope) + half * self.accelerations(cells)
         return found
 
     def _at(self, Q: FloatArray, rates: FloatArray) -> FloatArray:
@@ -66,7 +66,8 @@ class BodySpeeds:
         found: FloatArray = np.where(still, 0.0, speeds)
         return found
 
-    def _accelerations(self, cells: Cells) -> FloatArray:
+    def accelerations(self, cells: Cells) -> FloatArray:
+        """Return bounds (N, G + 1) of ‖x″‖ of all points of the bodies and of the tip [m/rad²]."""
         steps, bends = (self._robot.coupling.reach(bound) for bound in (cells.slopes, cells.bends))
         return acceleration_bounds(self._radii, self._moved, self._joints.prismatic, steps, bends)
 

@@ -73,6 +73,7 @@ _CAPS = {
     "slowed": "#b87a00",
     "braking": "#c8452b",
     "standing": "#3a444f",
+    "retreating": "#7d2f91",
     "done": "#8b96a1",
     "proven": "#0b62b4",  # and what was found of a motion that something else made
     "not proven": "#c8452b",

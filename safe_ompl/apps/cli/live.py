@@ -285,7 +285,8 @@ def describe(summary: Summary) -> str:
     return (
         f"{summary.seconds:g} s: {summary.tasks} tasks, {summary.stops} stops; contacts while moving "
         f"{summary.contacts_while_moving}{fast}, after violations {summary.contacts_after_violations}, at rest "
-        f"{summary.contacts_at_rest}; model obeyed {100 * summary.model_obeyed:.1f} % of the time{gated}; reaction "
+        f"{summary.contacts_at_rest}, in retreats {summary.contacts_retreating}; "
+        f"model obeyed {100 * summary.model_obeyed:.1f} % of the time{gated}; reaction "
         f"{median:.1f} ms (99 %: {late:.1f}); deadlines missed {summary.deadlines_missed}"
     )
 

@@ -19,7 +19,15 @@ if TYPE_CHECKING:
         nearest_in_simplex,
         place_bodies,
     )
-    from safe_ompl.geometry.kernels.hull_gaps import Borne, CellFrames, Hulls, Sets, cell_gaps, gaps
+    from safe_ompl.geometry.kernels.hull_gaps import (
+        Borne,
+        CellFrames,
+        Hulls,
+        Sets,
+        cell_gaps,
+        gaps,
+        separating_axes,
+    )
 
 __all__ = [
     "BODY",
@@ -38,6 +46,7 @@ __all__ = [
     "gaps",
     "nearest_in_simplex",
     "place_bodies",
+    "separating_axes",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

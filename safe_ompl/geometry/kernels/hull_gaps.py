@@ -16,6 +16,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray, compiled, part
 
 _STEPS = 60
+_COARSE = 1e-3  # [m] so near to the largest distance come those along separating axes
 _CLOSE = 1e-5  # [m] nearer bounds than this are not looked for
 
 
@@ -25,9 +26,9 @@ def hull_gap(
 ) -> float:
     """Return a lower bound of the distance between the hulls of two sets of points, at least 0.
 
-    `first: (A, 3)` and `second: (B, 3)` are the points [m], `start: (3,)` one of first − second to begin from. It is
-    enough to prove that the distance is as large as `wanted` [m] or, to `decide`, to find that it is less; otherwise
-    the bounds must come within `close` [m].
+    `first: (A, 3)` and `second: (B, 3)` are the points [m], `start: (3,)` one of first − second to begin from; the
+    direction of the bound is left in it. It is enough to prove that the distance is as large as `wanted` [m] or, to
+    `decide`, to find that it is less; otherwise the bounds must come within `close` [m].
     """
     z0, z1, z2 = start[0], start[1], start[2]
     best = 0.0
@@ -46,7 +47,9 @@ def hull_gap(
             along = second[k, 0] * z0 + second[k, 1] * z1 + second[k, 2] * z2
             if along > most:
                 most, j = along, k
-        best = max(best, (least - most) / length)
+        if least - most > best * length:
+            best = (least - most) / length
+            start[0], start[1], start[2] = z0 / length, z1 / length, z2 / length
         if best >= wanted:
             return best
         d0 = first[i, 0] - second[j, 0] - z0
@@ -219,6 +222,30 @@ def gaps(
                     if stop_at_first and worst < 0.0:
                         return worst, window, body, who
     return worst, window, body, who
+
+
+@compiled
+def separating_axes(
+    hulls: Hulls, frames: CellFrames, sets: Sets, far: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return directions (G, S, 3) from sets to bodies, and bounds (G, S) of how far apart they are along these [m].
+
+    The robot is in the middle of the first cell; sets and bodies are without radii, growth and pads. Bounds of more
+    than `far` [m] need not be known: they are infinite.
+    """
+    G, S = len(hulls.carriers), len(sets.owners)
+    axes, apart = np.zeros((G, S, 3)), np.full((G, S), inf)
+    for g in range(G):
+        R, o = frames.rotations[0, hulls.carriers[g]], frames.origins[0, hulls.carriers[g]]
+        hull = hulls.vertices[hulls.first_vertex[g] : hulls.first_vertex[g + 1]] @ R.T + o
+        m0, m1, m2, extent = _ball(hull)
+        for s in range(S):
+            points = sets.points[sets.first_point[s] : sets.first_point[s + 1]]
+            b0, b1, b2, radius = _ball(points)
+            axes[g, s] = m0 - b0, m1 - b1, m2 - b2
+            if sqrt((axes[g, s] ** 2).sum()) - extent - radius < far:
+                apart[g, s] = hull_gap(hull, points, axes[g, s], inf, _COARSE, False)
+    return axes, apart
 
 
 @compiled

@@ -14,7 +14,8 @@ from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guarded_path import Command, GuardedPath, PathLimits, RobotBodies
-from safe_ompl.trajectories import BlendedCurve, ContactLimits, Piece, blended
+from safe_ompl.people.replanning.retreat import line
+from safe_ompl.trajectories import BlendedCurve, ContactLimits, blended
 
 _log = logging.getLogger(__name__)
 
@@ -23,11 +24,13 @@ _NEIGHBOURS = 8  # of a milestone
 _STEP = 0.1  # [rad] cells of edges: estimates may be coarse
 _KEPT = 400  # edges whose cells are kept
 _STALE = 0.3  # [s] for which an estimate is kept at least, also of an edge that people slow down
+_AWAY, _SLOWEST = 0.05, 0.01  # or until people who are no slower [m/s] can be so far from where they were [m]
 _PROOF, _ESTIMATE, _SHORTCUT = 8, 1, 12  # units of work; a shortcut is a motion that replaces several edges
 # A detour must take less than this share of the time, and be this much quicker [s].
 _GAIN, _WORTH = 0.75, 0.3
 _SLOW = 1.2  # a detour is searched if the rest takes so many times as long as with nobody near
-_LONGEST = 30.0  # [s] detours that take longer are not wanted
+# Detours are not wanted that take longer [s], and so many times as long as the rest alone.
+_LONGEST, _TIMES = 30.0, 10.0
 _SMALL = 1e-6  # [rad]
 _TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
 
@@ -57,7 +60,8 @@ class PeopleNow:
     def estimate(self, path: GuardedPath) -> EdgeTime:
         """Return how long a path takes, and until when that holds."""
         times, left = self.pace(path)
-        return EdgeTime(float(times.sum()), self.time + max(_STALE, left))
+        fastest = max(float((self.sets.grown(1.0) - self.sets.grown(0.0)).max(initial=0.0)), _SLOWEST)
+        return EdgeTime(float(times.sum()), self.time + max(_STALE, _AWAY / fastest, left))
 
 
 class Budget:
@@ -95,6 +99,7 @@ class Roadmap:
         self._count = milestones
         self._rng = np.random.default_rng(seed)
         self.milestones: FloatArray = np.empty((0, self._robot.n))
+        self._tips: FloatArray = np.empty((0, 3))  # where the milestones have the tip
         self._near: list[list[int]] = []
         self._free: dict[tuple[int, int], bool] = {}
         self._paths: OrderedDict[tuple[int, int], GuardedPath] = OrderedDict()
@@ -130,9 +135,10 @@ class Roadmap:
             if not self._motion.checker.touches(q):
                 samples.append(q)
         self.milestones = np.concatenate([self.milestones, samples])
+        self._tips = np.array([self._robot.tip_pose(q).translation for q in self.milestones])
         self._near = [[] for _ in self.milestones]
         for k, q in enumerate(self.milestones):
-            for other in np.argsort(self._full_times(q), kind="stable")[1 : _NEIGHBOURS + 1].tolist():
+            for other in self._nearest(q, _NEIGHBOURS):
                 self._join(k, other)
 
     def _join(self, a: int, b: int) -> None:
@@ -144,10 +150,21 @@ class Roadmap:
         same = np.flatnonzero(np.abs(self.milestones - q).max(axis=1, initial=0.0) < 1e-9)
         return int(same[0]) if len(same) else None
 
-    def _full_times(self, q: FloatArray) -> FloatArray:
-        """Return how long (N,) the straight motions to all milestones take at full speed [s]."""
+    def _nearest(self, q: FloatArray, count: int) -> list[int]:
+        """Return the milestones to which straight motions of the joints are shortest, but for the nearest one."""
+        order: list[int] = np.argsort(self._joint_times(q), kind="stable").tolist()
+        return order[1 : count + 1]
+
+    def _joint_times(self, q: FloatArray) -> FloatArray:
+        """Return how long (N,) the joints take for the straight motions to all milestones at full speed [s]."""
         moves = np.abs(self._robot.difference(self.milestones, q))
         return np.asarray((moves / self.limits.joints.velocity).max(axis=1, initial=0.0))
+
+    def _full_times(self, q: FloatArray) -> FloatArray:
+        """Return how long (N,) motions to all milestones take with nobody near, at least [s]."""
+        ways = np.linalg.norm(self._tips - self._robot.tip_pose(q).translation, axis=1)
+        cap = min(self.limits.tool_speed or np.inf, self.limits.link_speed or np.inf)
+        return np.asarray(np.maximum(self._joint_times(q), ways / cap))
 
     # ------------------------------------------------------------------------------------------------------ edges
 
@@ -181,8 +198,8 @@ class Roadmap:
         found = self._paths.pop(key, None)
         if found is None:
             start, end = self.milestones[key[0]], self.milestones[key[1]]
-            line = _line(self._robot.difference(start, end), start)
-            found = GuardedPath.along(self._bodies, line, self.limits, _STEP)
+            straight = line(start, start + self._robot.difference(start, end))
+            found = GuardedPath.along(self._bodies, straight, self.limits, _STEP)
         self._paths[key] = found
         while len(self._paths) > _KEPT:
             self._paths.popitem(last=False)
@@ -222,16 +239,18 @@ class Roadmap:
         if k is None:
             k = self._passing[which] = len(self.milestones)
             self.milestones = np.concatenate([self.milestones, q[None]])
+            self._tips = np.array([self._robot.tip_pose(q).translation for q in self.milestones])
             self._near.append([])
         else:
             self.milestones[k] = q
+            self._tips[k] = self._robot.tip_pose(q).translation
             for other in self._near[k]:
                 self._near[other].remove(k)
             self._near[k] = []
             for store in (self._free, self._estimates, self._full, self._paths):
                 for key in [key for key in store if k in key]:
                     del store[key]
-        for other in np.argsort(self._full_times(q), kind="stable")[1 : 2 * _NEIGHBOURS + 1].tolist():
+        for other in self._nearest(q, 2 * _NEIGHBOURS):
             self._join(k, other)
         return k
 
@@ -241,8 +260,7 @@ class Roadmap:
             return float("inf")
         full = self._full.get(key)
         if full is None:
-            move = self._robot.difference(self.milestones[a], self.milestones[b])
-            full = self._full[key] = float((np.abs(move) / self.limits.joints.velocity).max())
+            full = self._full[key] = float(self._full_times(self.milestones[a])[b])
         known = self._estimates.get(key)
         return full if known is None or now > known.until else max(full, known.time)
 
@@ -268,12 +286,6 @@ class Roadmap:
                     best[other], before[other] = cost, k
                     heapq.heappush(queue, (cost + float(ahead[other]), other))
         return None
-
-
-def _line(step: FloatArray, start: FloatArray) -> BlendedCurve:
-    length = float(np.linalg.norm(step))
-    still = np.zeros(len(step))
-    return BlendedCurve([Piece(start, step / length, still, still, length)], [])
 
 
 class Detours:
@@ -315,7 +327,7 @@ class Detours:
         if stay < _SLOW * alone + _WORTH:
             return None
         start, goal = path.curve.at(np.array([rest, path.length])).q
-        within = min(_GAIN * stay, stay - _WORTH, _LONGEST)
+        within = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * alone))
         found = self.roadmap.quickest(start, goal, people, within, budget)
         if found is None:
             return None

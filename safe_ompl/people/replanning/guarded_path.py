@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.danger import JointMotions
 from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
@@ -39,6 +39,7 @@ from safe_ompl.trajectories import (
 )
 
 STEP = 0.02  # [rad] largest cell
+RETREAT_SPEED = 0.25  # [m/s] the reduced speed of ISO 10218
 _SLOWEST = 0.01  # [m/s] people are taken to be no slower, in estimates
 _BARRED = 0.02  # share of the full speed: cells that people make slower than this are barred
 _AHEAD = 1.0  # [s] that estimates look ahead at most
@@ -59,6 +60,7 @@ class Doing(str, Enum):
     SLOWED = "slowed"
     BRAKING = "braking"
     STANDING = "standing"
+    RETREATING = "retreating"
     DONE = "done"
 
 
@@ -212,11 +214,39 @@ class RobotBodies:
             np.array(extents),
         )
         self._joints = JointMotions(robot)
+        self._first_axis = self._joints.frames(np.zeros((1, robot.n)))[2][0, 0]
         self._speeds = BodySpeeds(robot)
 
     def frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
         return self._joints.frames(Q)[:2]
+
+    def vertices(self, body: int | None, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Return the vertices (B, V, 3) of a body, or of all, in the world [m], in these frames of the joints."""
+        first = self.arrays.first_vertex
+        which = slice(None) if body is None else slice(first[body], first[body + 1])
+        joints = np.repeat(self.arrays.carriers, np.diff(first))[which]
+        turned = np.einsum("bvxy,vy->bvx", frames[0][:, joints], self.arrays.vertices[which])
+        return np.asarray(turned + frames[1][:, joints])
+
+    @cached_property
+    def turning(self) -> BoolArray:
+        """Which moving bodies (G,) only turn, about the axis of the first joint."""
+        return np.asarray((self.arrays.carriers == 0) & ~self._joints.prismatic[0])
+
+    def swept(self, body: int, frames: tuple[FloatArray, FloatArray], axes: FloatArray) -> FloatArray:
+        """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""
+        vertices, turn = self.vertices(body, frames)[0], self._first_axis
+        arms = vertices - frames[1][0, 0]
+        along, heights = arms @ turn, axes @ turn
+        radii = np.sqrt(np.maximum((arms * arms).sum(axis=1) - along * along, 0.0))
+        across = np.sqrt(np.maximum(1.0 - heights * heights, 0.0))
+        nearest = (np.outer(along, heights) - np.outer(radii, across)).min(axis=0)
+        return np.asarray((arms @ axes.T).min(axis=0) - nearest)
+
+    def accelerations(self, cells: Cells) -> FloatArray:
+        """Return bounds (N, G) of how fast the velocities of points of the moving bodies change [m/rad²]."""
+        return np.asarray(self._speeds.accelerations(cells)[:, self._moving])
 
     def speeds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
         """Return the bounds of `BodySpeeds` (N, all bodies and the tip) [m/rad]."""
@@ -328,6 +358,21 @@ class GuardedPath:
         return np.asarray(ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops))
 
     @cached_property
+    def accelerations(self) -> FloatArray:
+        """Bounds (N, G) of ‖x″‖ of all points of the moving bodies [m/rad²]."""
+        return self.bodies.accelerations(self.curve.between(self.edges))
+
+    def prepare(self) -> None:
+        """Compute what retreats need, before a command is due."""
+        _ = self.accelerations, self._slow, self.ceiling
+
+    @cached_property
+    def _slow(self) -> FloatArray:
+        """The largest ṡ² (N, G) at which no point of the bodies is faster than `RETREAT_SPEED`."""
+        bodies = 2 * self.travel / np.diff(self.edges)[:, None]
+        return np.asarray(np.square(RETREAT_SPEED / np.maximum(bodies, 1e-9)))
+
+    @cached_property
     def coarse(self) -> GuardedPath:
         """The same path in large cells, for estimates."""
         return GuardedPath.along(self.bodies, self.curve, self.limits, _COARSE)
@@ -351,18 +396,25 @@ class GuardedPath:
         contact: ContactLimits | None = None,
         *,
         exact: bool = False,
+        receding: BoolArray | None = None,
     ) -> Margin:
         """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
 
         It begins `since` the measurement of the sets [s], ≥ 0, and must leave the clearance [m]. An exact margin is
         right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found. Where contact is
-        allowed, who bears it at the speed of the motion need not be kept from.
+        allowed, who bears it at the speed of the motion need not be kept from; nor need those from whom a body is
+        `receding: (G, M)`, no faster than `RETREAT_SPEED`.
         """
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
         around = self._arrays(sets, clearance, enough, close, not exact)
         fastest = np.maximum(motion.squares[:-1], motion.squares[1:])
-        borne = Borne(fastest, _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0])
+        most = _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0]
+        if receding is not None:
+            most = most.copy() if len(most) else np.full((len(self.brakes), *receding.shape), -1.0)
+            rows = np.unique(motion.cells)
+            most[rows] = np.maximum(most[rows], np.where(receding, self._slow[rows][:, :, None], -1.0))
+        borne = Borne(fastest, most)
         margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *around)
         if body < 0:
             return Margin(np.inf)

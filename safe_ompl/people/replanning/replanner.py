@@ -24,6 +24,7 @@ from safe_ompl.people.replanning.guarded_path import (
     RobotBodies,
     own_caps,
 )
+from safe_ompl.people.replanning.retreat import Receding, Retreats
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import SEPARATION, BlendedCurve, BlendProof, ContactLimits, Trajectory
@@ -34,6 +35,9 @@ _Given = TypeVar("_Given", bound=Command)
 TICK = 0.05  # [s]
 # Accelerations that are tried between full braking (−1) and full acceleration (1).
 _PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+_RETREATS = (1.0, 0.2, 0.0, -1.0)  # the same of retreats
+_CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
+_FARTHER = 2.0  # so many times as far
 _SAME = 1e-6  # [rad] configurations nearer than this are one
 
 
@@ -49,8 +53,9 @@ class ReplanningOptions:
         Time between two commands [s].
     lost_after : float
         A person or object that is not seen for so long is lost: the robot stops [s].
-    detours : bool
-        Whether `Replanner.think` searches detours.
+    detours, retreats : bool
+        Whether `Replanner.think` searches detours, and motions away from people who are near a robot that stands. A
+        robot that retreats may be touched by who runs after it, as one that stands.
     seed : int
         Seed of the roadmap on which they are searched.
 
@@ -64,6 +69,7 @@ class ReplanningOptions:
     tick: float = TICK
     lost_after: float = 0.5
     detours: bool = True
+    retreats: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -78,8 +84,9 @@ class Replanner:
     What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
     who keeps to the reach model; or, where contact is allowed, only at speeds of the robot's own that the limb bears
     (`safe_ompl.trajectories.contact`). At every tick the robot takes the fastest motion that is proven so against the
-    newest measurement. If there is none, it follows the stop of the tick before: its proof still holds, because it
-    covers all that people may do until the robot stands. The robot goes on as soon as a motion is proven again.
+    newest measurement. If there is none, or only slow ones, it retreats from who is near: that brings no body nearer to
+    them, but who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because
+    it covers all that people may do until the robot stands. It goes on as soon as a motion is proven again.
 
     Parameters
     ----------
@@ -136,6 +143,8 @@ class Replanner:
         self._detours: Detours | None = None
         self._may_turn = False
         self._detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
+        self._retreats: Retreats | None = None
+        self._retreat: GuardedPath | None = None  # from where the robot stands
 
     def __repr__(self) -> str:
         return f"Replanner({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
@@ -173,12 +182,15 @@ class Replanner:
                     f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands"
                 )
         _prove(trajectory.curve, self.motion)
-        self._path, self._guard.last, self._detour = path, None, None
+        self._path, self._guard.last, self._detour, self._retreat = path, None, None, None
         self._cover(trajectory)
 
     def _cover(self, trajectory: Trajectory) -> None:
         """Add milestones around a trajectory, if detours may be taken."""
         caps = own_caps(trajectory)
+        self._retreats = None
+        if self.options.retreats and not caps and not self.motion.separation.tube:
+            self._retreats = Retreats(self.motion, self._bodies, PathLimits.of(trajectory))
         self._may_turn = self.options.detours and not caps
         if not self._may_turn:
             if caps:
@@ -232,6 +244,9 @@ class Replanner:
             self._detour = None
         if found is None:
             found = self._next(path, s, speed, time)
+        if self._retreats is not None:
+            found = self._retreating(found, path, s, speed, time)
+        self._retreat = None
         if found is None:
             found = self._guard.kept(path, s, speed, time)
         self._path = found.path
@@ -249,15 +264,39 @@ class Replanner:
             How much work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
         """
         command = self._guard.last
-        if command is None or self._detours is None or not self._may_turn or not self.surroundings.known:
-            return False
-        if command.doing is Doing.DONE:
+        if command is None or not self.surroundings.known or command.doing is Doing.DONE:
             return False
         reaction = self.tick + max(0.0, command.time - self.surroundings.time)
         now = max(command.time, self.surroundings.time)
         people = PeopleNow(self.surroundings.sets, self.people.clearance, reaction, now, self._guard.contact)
-        self._detour = self._detours.search(command, people, units)
+        if self._detours is not None and self._may_turn:
+            self._detour = self._detours.search(command, people, units)
+        if self._detour is None and self._retreats is not None and command.doing is Doing.STANDING:
+            at = float(command.motion.places[-1])
+            self._retreat = self._retreats.search(command.path, at, people.sets)
+        for way in (self._path, self._retreat):
+            if way is not None and self._retreats is not None:
+                way.prepare()
         return self._detour is not None
+
+    def _retreating(
+        self, found: Command | None, path: GuardedPath, s: float, speed: float, time: float
+    ) -> Command | None:
+        """Return a retreat if it gets much farther than what was found, or goes on; else what was found."""
+        if found is not None and (found.path is not path or found.doing in (Doing.MOVING, Doing.DONE)):
+            return found
+        last = self._guard.last
+        gets = 0.0 if found is None else found.motion.at(self.tick)[0] - s
+        if last is None or last.doing is not Doing.RETREATING:
+            if max(speed * self.tick, gets) > _CRAWL * self.tick:
+                return found
+            gets *= _FARTHER
+        away = self._guard.retreat(path, s, speed, time)
+        if away is not None:
+            return away if away.motion.at(self.tick)[0] - s > gets else found
+        if found is None and self._retreat is not None and speed == 0:
+            return self._guard.retreat(self._retreat, 0.0, 0.0, time)
+        return found
 
     def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         return self._guard.next(path, s, speed, time)
@@ -374,6 +413,23 @@ class Guard:
             first, last = (first, middle) if slower is None else (middle + 1, last)
         return found
 
+    def retreat(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest motion from (s, ṡ) that recedes from all who are near; see `retreat`. None if none is."""
+        sets, since = self.surroundings.sets, time - self.surroundings.time
+        if self.surroundings.trouble(time, self.lost_after) is not None:
+            return None
+        receding = Receding(path, s, sets)
+        for push in _RETREATS:
+            motion = path.motion_from(s, speed * speed, push, self.tick)
+            if motion.places[-1] - s < _SAME:
+                continue
+            near = receding.along(motion)
+            margin = path.margin(motion, sets, since, self.people.clearance, self.contact, receding=near)
+            if margin.margin >= 0:
+                why = margin, self._margin.description, SEPARATION
+                return Command(time, self.surroundings.time, path, motion, Doing.RETREATING, *why)
+        return None
+
     def kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
         """Return what is left of the stop that was proven before, or rest."""
         last = self.last
@@ -382,7 +438,8 @@ class Guard:
         if last is None or speed == 0:
             rest = path.motion_from(s, 0.0, -1.0, self.tick)
             return Command(time, self.surroundings.time, path, rest, Doing.STANDING, *why)
-        return Command(last.time, last.measured, path, last.motion, Doing.BRAKING, *why)
+        doing = last.doing if last.doing is Doing.RETREATING else Doing.BRAKING
+        return Command(last.time, last.measured, path, last.motion, doing, *why)
 
     # ------------------------------------------------------------------------------------------------------- log
 

@@ -58,6 +58,7 @@ class Contact:
     moving: bool  # Whether the robot moved then, or later while it lasted
     # Whether everybody had kept to the reach model since the measurement that the motion was proven against
     obeyed: bool
+    retreating: bool = False  # Whether the robot retreated while it lasted
     speed: float = 0.0  # The largest speed of the robot where it touched anyone while this lasted [m/s]
 
 
@@ -123,6 +124,7 @@ class ContactMonitor:
         *,
         moving: bool,
         obeyed: bool,
+        retreating: bool = False,
         qd: FloatArray | None = None,
     ) -> Nearest:
         """Note a contact at one instant if there is one, and return the smallest distance.
@@ -140,7 +142,8 @@ class ContactMonitor:
         contact = self._touching[key]
         if moving and not contact.moving:
             contact.moving, contact.obeyed = True, obeyed
-        if moving and qd is not None:
+        contact.retreating |= retreating
+        if qd is not None:
             speeds = [touch.speed for touch in self.touches(q, qd, solids)]
             contact.speed = max(contact.speed, *speeds, 0.0)
         return nearest
@@ -181,6 +184,8 @@ class Summary:
     # Contacts while it moved, after somebody had not kept to the model; and while it stood
     contacts_after_violations: int = 0
     contacts_at_rest: int = 0
+    # Contacts with who ran after a robot that retreated from where they were measured
+    contacts_retreating: int = 0
     # Share of the time in which everybody had kept to the model since the measurement that the motion was
     # proven against; and the same if glitches that gates refuse were true
     model_obeyed: float = 1.0
@@ -373,10 +378,13 @@ class Simulation:
                     self.monitor.clear()
                     continue
             solids = self.world.solids(keypoints, time)
-            nearest = self.monitor.observe(time, state.q, solids, moving=moving, obeyed=good, qd=state.qd)
+            away = moving and command.doing is Doing.RETREATING
+            nearest = self.monitor.observe(
+                time, state.q, solids, moving=moving and not away, obeyed=good, retreating=away, qd=state.qd
+            )
             if not i:
                 here, first_q, first = nearest, state.q, ends
-            if moving and good:
+            if moving and good and not away:
                 self.summary.least_distance = min(self.summary.least_distance, nearest.distance)
         return shares / len(times), here
 
@@ -396,7 +404,8 @@ class Simulation:
             speeds = [c.speed for c in contacts if c.moving and c.obeyed]
             summary.contact_speed = max(speeds, default=0.0)
             summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
-            summary.contacts_at_rest = sum(not c.moving for c in contacts)
+            summary.contacts_retreating = sum(c.retreating and not c.moving for c in contacts)
+            summary.contacts_at_rest = sum(not (c.moving or c.retreating) for c in contacts)
 
     def _line(self, now: float, command: Command, nearest: Nearest) -> dict[str, Any]:
         return {

@@ -195,6 +195,14 @@ def test_a_robot_finds_away_from_what_it_stands_beside(replanner_for, to_and_fro
     assert commands[-1].doing is Doing.DONE
 
 
+def test_a_slow_robot_finds_detours_that_take_long(replanner_for, to_and_fro, panda):
+    replanner = replanner_for("ball", ball=0.0)
+    way = slowed(replanner, to_and_fro, panda, tool_speed=0.04)
+    assert way.duration > 30.0
+    commands = driven(replanner, way, lambda t: BARRED, 6.0)
+    assert len({id(command.path) for command in commands}) > 1
+
+
 def test_a_new_trajectory_brings_its_limits(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
     driven(replanner, slowed(replanner, to_and_fro, panda), lambda t: FAR, 6.0)
