@@ -111,7 +111,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self._scales: dict[Any, float] = {}
         self._revision = field.revision  # that the scales are of
         self._thread = threading.get_ident()  # that asked last
-        self._longest = math.inf
+        self._longest, self._starts = math.inf, set[bytes]()
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
@@ -132,19 +132,22 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         """Within, cost what a planner of OMPL's that is set up needs to know, and no more.
 
         RRT* and its informed forms ask for the motions from a new node to its k nearest ones, at first the whole tree,
-        and refuse those that are longer than their range. These cost infinity, and no danger is looked at.
+        and refuse those that are longer than their range. These cost infinity, and no danger is looked at; but for
+        motions from a start, whose costs the informed forms take for bounds when they prune.
         """
-        q = np.zeros(self.field.robot.n)
-        if self.field.points is not None:
-            self.field.mean(q, q)  # compiled here, and not as part of the planner's time
+        self.field.value(np.zeros(self.field.robot.n))  # compiled here, and not as part of the planner's time
         try:
             if isinstance(planner, og.RRTstar) and planner.getRange() > 0:
+                starts = ob.PlannerInputStates()
+                starts.use(planner.getProblemDefinition())
+                while starts.haveMoreStartStates():
+                    self._starts.add(self._bridge.view(starts.nextStart()).tobytes())
                 self._longest = planner.getRange() * (
                     1.0 + 1e-6
                 )  # the nearest node is asked for at the range itself
             yield
         finally:
-            self._longest = math.inf
+            self._longest, self._starts = math.inf, set()
 
     def stateCost(self, state: Any) -> Any:
         """Return the danger at a state."""
@@ -152,9 +155,11 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     def motionCost(self, start: Any, end: Any) -> Any:
         """Return the integral of the danger over the straight motion, to within the tolerance; see `asked_by`."""
-        if self._longest < math.inf and self._bridge.space.distance(start, end) > self._longest:
+        first = self._bridge.view(start).tobytes()
+        asked = self._longest < math.inf and first not in self._starts
+        if asked and self._bridge.space.distance(start, end) > self._longest:
             return ob.Cost(math.inf)
-        ends = self._bridge.view(start).tobytes(), self._bridge.view(end).tobytes()
+        ends = first, self._bridge.view(end).tobytes()
         return ob.Cost(self._integral(min(ends), max(ends), self.tolerance, self.field.revision))
 
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:
