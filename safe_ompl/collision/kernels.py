@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, maker, part
 from safe_ompl.geometry.kernels import (
     POSE,
     Records,
@@ -314,7 +314,7 @@ def _half_length(
     return half, bounding
 
 
-@part
+@maker
 def _curve_at(curve: FloatArray, t: float, half: float, there: FloatArray, speeds: FloatArray) -> None:
     """Write the joints at t, and bounds of how fast they leave them while no farther than `half` from t."""
     degree = len(curve) - 1

@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.common import cache, documents, polynomials
-    from safe_ompl.common.compilation import clock, compile_beside, compiled, part
+    from safe_ompl.common.compilation import clock, compile_beside, compiled, maker, part
     from safe_ompl.common.documents import within
     from safe_ompl.common.errors import (
         CertificateError,
@@ -68,6 +68,7 @@ __all__ = [
     "float_array",
     "fraction",
     "halton_point",
+    "maker",
     "motion_ends",
     "number",
     "part",

@@ -44,7 +44,7 @@ _IMPORTED = re.compile(
 )
 
 # Of parts, too: Numba compiles its own functions, such as np.empty, once for each set of options.
-_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": True}
 _PATIENCE = 60.0  # [s] with a process that compiles, once all else is compiled
 _ENDS_WITH_US = """
 import os, threading
@@ -66,8 +66,21 @@ def compiled(function: _Function) -> _Function:
 
 
 def part(function: _Function) -> _Function:
-    """Return a part of kernels: `function`, compiled into the kernels that call it; Python cannot call it."""
-    inner: Any = njit(pipeline_class=_PartCompiler, **_OPTIONS)(function)
+    """Return a part of kernels: `function`, compiled into the kernels that call it; Python cannot call it.
+
+    It makes no arrays, as a `maker` does, and calls no part that returns new ones: within it Numba does not count who
+    holds which array. Counting takes as long as all else that small parts do.
+    """
+    return _part(function, {"_nrt": False})
+
+
+def maker(function: _Function) -> _Function:
+    """Return a part of kernels that makes arrays."""
+    return _part(function, {})
+
+
+def _part(function: _Function, options: dict[str, bool]) -> _Function:
+    inner: Any = njit(pipeline_class=_PartCompiler, **(_OPTIONS | options))(function)
     fast: _Function = _without_literals(inner)
     return fast
 

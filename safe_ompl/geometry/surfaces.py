@@ -7,7 +7,7 @@ from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
 
 Triangles = tuple[FloatArray, IntArray]
 """Vertices, shape (V, 3) [m], and for each triangle the indices of its vertices, shape (F, 3)."""
@@ -169,7 +169,7 @@ def _turns(length: float, step: float) -> int:
     return max(1, ceil(length / step - 1e-9))
 
 
-@part
+@maker
 def _capsule_rings(radius: float, length: float, spacing: float) -> FloatArray:
     """Return rings (K, 2) of a capsule about z, of a ball for length 0: distance from the axis, and height."""
     side = _turns(length, spacing) if length > 0.0 else 0
@@ -186,7 +186,7 @@ def _capsule_rings(radius: float, length: float, spacing: float) -> FloatArray:
     return rings
 
 
-@part
+@maker
 def _frame(axis: FloatArray, length: float) -> FloatArray:
     """Return the rotation (3, 3) that takes z to an axis on the shortest way; of no length: none."""
     frame = np.empty((3, 3))

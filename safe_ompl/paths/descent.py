@@ -291,9 +291,11 @@ class ProvenDescent:
             or not self._terms.feasible.holds(path)
         ):
             return None
-        price = self._priced(path)
-        affordable = price.cost <= self._best.ceiling or not self.leads
-        return price if price.total < self.price.total and affordable else None
+        cost = self._cost.of(self._whole(path))
+        if not cost < self.price.total or (self.leads and not cost <= self._best.ceiling):
+            return None  # whatever the obstacle cost adds
+        price = self._priced(path, cost)
+        return price if price.total < self.price.total else None
 
     def _priced(self, path: FloatArray, cost: float | None = None) -> Price:
         """Return the price of a path between the retreats, whose J may be known; the cost is anchored at it then."""

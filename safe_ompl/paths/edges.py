@@ -12,6 +12,7 @@ from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost
+from safe_ompl.paths.kernels import chained
 from safe_ompl.robot import Place, Robot, solve_from_seed
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
@@ -329,14 +330,9 @@ def _edge_costs(path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Calla
 
 
 def _cheapest_chain(costs: FloatArray) -> list[int]:
-    """Return the way points of the cheapest chain from the first to the last, by dynamic programming."""
-    count = len(costs)
-    best, before = np.zeros(count), np.zeros(count, dtype=int)
-    for j in range(1, count):
-        through = best[:j] + costs[:j, j]
-        before[j] = through.argmin()
-        best[j] = through[before[j]]
-    chain = [count - 1]
+    """Return the way points of the cheapest chain from the first to the last."""
+    before = chained(costs)
+    chain = [len(costs) - 1]
     while chain[-1]:
         chain.append(int(before[chain[-1]]))
     return chain[::-1]

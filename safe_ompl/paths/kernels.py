@@ -1,4 +1,4 @@
-"""Kernels of the path cost: Gauss points, value, gradient and Hessian, and Cholesky's factor of a chain of blocks.
+"""Kernels of the path cost: Gauss points, value, gradient and Hessian, Cholesky's factor of a chain of blocks, chains.
 
 Row i of the band holds the entries (i, i − w) … (i, i) of the lower triangle, w = 2n − 1 for blocks (n, n).
 
@@ -108,3 +108,15 @@ def add_bends(
                 blocks[k, a, b] += (1.0 - t) ** 2 * square
                 blocks[k + 1, a, b] += t**2 * square
                 beside[k, a, b] += t * (1.0 - t) * square
+
+
+@compiled
+def chained(costs: FloatArray) -> IntArray:
+    """Return what comes before each node (N,) on the cheapest way to it, by the costs (N, N) of edges to later ones."""
+    best, before = np.zeros(len(costs)), np.zeros(len(costs), np.int64)
+    for j in range(1, len(costs)):
+        best[j] = best[0] + costs[0, j]
+        for i in range(1, j):
+            if best[i] + costs[i, j] < best[j]:
+                best[j], before[j] = best[i] + costs[i, j], i
+    return before

@@ -30,7 +30,7 @@ class Curve:
 
 
 _FINE = (
-    0.12  # [rad] segments near obstacles are divided until they are shorter; finer ones descend more slowly
+    0.25  # [rad] Segments near obstacles are divided until they are shorter: finer ones descend more slowly.
 )
 _HALVINGS = 3
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import cached_property
 from time import perf_counter
@@ -123,10 +123,13 @@ class SafeSetup(ProblemSetup):
         self._choose_planner()
         self.problem.choose_place(self.getPlanner())
         objective = self.getOptimizationObjective()
+        asked: AbstractContextManager[None] = nullcontext()
         if isinstance(objective, DangerObjective) and not isinstance(self.getPlanner(), SafePlanner):
-            objective.prepare()
+            super().setup()
+            asked = objective.asked_by(self.getPlanner())
         try:
-            status = super().solve(stop)
+            with asked:
+                status = super().solve(stop)
             self.problem.explain_missing_goal()
             return status
         except BaseException:

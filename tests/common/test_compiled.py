@@ -1,5 +1,6 @@
 """Kernels are compiled once, for one kind of arguments each, kept on disk, and said so once."""
 
+import ast
 import ctypes
 import os
 import shutil
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from numba import njit
 from numba.core import event
+from numba.core.errors import NumbaError
 
 import safe_ompl
 from safe_ompl import DangerField
@@ -91,6 +93,30 @@ def test_constants_cause_no_compilation_of_their_own():
 
     assert three(4) == 7
     assert len(plus.signatures) == 1
+
+
+def test_a_part_makes_no_arrays():
+    @compiled.part
+    def row(n):
+        return np.empty(n)[0]
+
+    with pytest.raises(NumbaError, match="array"):
+        njit(lambda n: row(n))(2)
+
+
+def test_no_part_calls_one_that_returns_new_arrays():
+    """They would never be freed: a part does not count who holds which array."""
+    functions = {"maker": [], "part": []}
+    for file in compiled.sources(Path(compiled.__file__).parents[1]):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            for decorator in getattr(node, "decorator_list", ()):
+                functions.setdefault(ast.unparse(decorator), []).append(node)
+    numbers = ("None", "float", "int", "tuple[float, int]")
+    returning = {node.name for node in functions["maker"] if ast.unparse(node.returns) not in numbers}
+    assert {"new_block", "_room"} <= returning
+    for node in functions["part"]:
+        called = {call.func.id for call in ast.walk(node) if hasattr(getattr(call, "func", None), "id")}
+        assert not called & returning, node.name
 
 
 @pytest.fixture

@@ -100,8 +100,11 @@ def test_groups_of_many_points_change_nothing(robot_named, seed, number, weighti
 
 @compiled
 def bounds_of(places, links, points, by_length, reach):
-    out = np.empty(points.shape[1], np.float32)
-    ceilings(Skeleton(places, links, by_length, new_block(len(places))), points, reach, out)
+    out, distances = (
+        np.empty(points.shape[1], np.float32),
+        np.empty((len(places), points.shape[1]), np.float32),
+    )
+    ceilings(Skeleton(places, links, by_length, new_block(len(places))), points, reach, distances, out)
     return out
 
 

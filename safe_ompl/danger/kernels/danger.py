@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
 from safe_ompl.danger.kernels.field import (
     Block,
     Skeleton,
@@ -96,11 +96,13 @@ class _Work(NamedTuple):
     rotation: FloatArray
     origin: FloatArray
     axis: FloatArray
+    wrench: FloatArray
     places: FloatArray
     forces: FloatArray
     levels: FloatArray
     share: FloatArray
     short: Any
+    far: Any
     reach: Any
     bounds: Any
     tops: Any
@@ -109,7 +111,7 @@ class _Work(NamedTuple):
     room: Room
 
 
-@part
+@maker
 def _room(tables: Tables, points: Points) -> _Work:
     """Return room for the work; levels, and what follows them, only where every point is looked at."""
     m, K, balls = len(tables.joints), len(tables.keys), points.balls
@@ -120,9 +122,9 @@ def _room(tables: Tables, points: Points) -> _Work:
         np.empty((1, most_points(balls))),
     )
     return _Work(
-        np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((K, 3)), np.empty((K, 3)), np.empty(M),
-        np.empty(M), np.empty((3, M), np.float32), np.empty(1, np.uint32), np.empty(M, np.float32),
-        np.empty((M + _CHUNK - 1) // _CHUNK, np.uint32), np.empty((4, len(tables.links))),
+        np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6)), np.empty((K, 3)), np.empty((K, 3)),
+        np.empty(M), np.empty(M), np.empty((3, M), np.float32), np.empty((K, M), np.float32), np.empty(1, np.uint32),
+        np.empty(M, np.float32), np.empty((M + _CHUNK - 1) // _CHUNK, np.uint32), np.empty((4, len(tables.links))),
         new_block(K), room,
     )  # fmt: skip
 
@@ -143,7 +145,7 @@ def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[flo
     for k in range(len(skeleton.places)):
         for x in range(3):
             reach = max(reach, abs(skeleton.places[k, x]))
-    ceilings(skeleton, work.short, reach, bounds)
+    ceilings(skeleton, work.short, reach, work.far, bounds)
     for k in range(M):
         bounds[k] *= np.float32(charges[k])
     # As integers numbers that are not negative have the same order, and what is no number is above all others.
@@ -224,35 +226,60 @@ def _danger(
                 if share[k] != 0.0:
                     add_pull(skeleton, columns, k, charges[k] * share[k], forces)
     if sloped:
-        pull(joints, keys, work.origin, work.axis, work.places, forces, gradient)
+        pull(joints, keys, (work.origin, work.axis, work.wrench), work.places, forces, gradient)
     return float(out)
 
 
 @compiled
 def dangers(
-    tables: Tables, values: FloatArray, points: Points, aggregate: Aggregate, gradients: FloatArray
+    tables: Tables,
+    values: FloatArray,
+    points: Points,
+    aggregate: Aggregate,
+    gradients: FloatArray,
+    panels: int,
+    tolerance: float,
 ) -> FloatArray:
     """Return the danger (B,) at `values: (B, m)` of the joints, and write its gradients (B or 0, m).
+
+    Where there are `panels`, return the mean danger on the straight way between two rows of values instead, and from
+    how many evaluations it comes (2,). One kernel for both compiles in little more time than one of them.
 
     Points have columns (1 or B, 3, M ≥ 1) and charges (1 or B, M), the same or others for every configuration; without
     balls every point is looked at. Gradients are not written where there is no room; points on a link have none.
     """
-    out, work, nothing = np.empty(len(values)), _room(tables, points), np.empty(0)
+    out = np.empty(len(values))
+    if panels > 0:
+        out[0], out[1] = _mean_danger(tables, values, points, aggregate, panels, tolerance)
+    else:
+        _each_danger(tables, values, points, aggregate, _room(tables, points), gradients, out)
+    return out
+
+
+@part
+def _each_danger(
+    tables: Tables,
+    values: FloatArray,
+    points: Points,
+    aggregate: Aggregate,
+    work: _Work,
+    gradients: FloatArray,
+    out: FloatArray,
+) -> None:
     for b in range(len(values)):
         own = points.columns[b if len(points.columns) > 1 else 0]
         charge = points.charges[b if len(points.charges) > 1 else 0]
         if b == 0 or len(points.columns) > 1:
             _shorten(own, work)
-        gradient = gradients[b] if len(gradients) > 0 else nothing
+        gradient = gradients[b] if len(gradients) > 0 else work.share[:0]
         out[b] = _danger(tables, values[b], Points(own, charge, points.balls), aggregate, work, gradient)
-    return out
 
 
 _HALVINGS = 6  # of a panel at most
 
 
-@compiled
-def mean_danger(
+@maker
+def _mean_danger(
     tables: Tables, ends: FloatArray, points: Points, aggregate: Aggregate, panels: int, tolerance: float
 ) -> tuple[float, int]:
     """Return the mean danger on the straight way between two `ends: (2, m)` of the joints; from how many evaluations.

@@ -7,11 +7,11 @@ to its length ℓ.
 from __future__ import annotations
 
 from math import inf, nan, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
 
 ZERO = 1e-30  # [m] stands for a length of zero
 _ROUNDING = 8 * float(np.finfo(np.float64).eps)  # relative size of what is as good as zero
@@ -36,7 +36,7 @@ class Block(NamedTuple):
     power: FloatArray
 
 
-@part
+@maker
 def new_block(keypoints: int) -> Block:
     """Return memory for so many key points; one serves all configurations, as it takes time to come by."""
     mantissa = np.empty(_BLOCK)
@@ -214,7 +214,7 @@ def _restore_digits(
 ) -> None:
     """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
     ratios, points = block.theta, block.points
-    u, v = np.empty(3), np.empty(3)
+    u, v = block.mantissa[:3], block.power[:3]
     for j in range(number):
         if not 0.0 <= ratios[j] <= _NEAR:
             d1, d2 = block.distances[start, j], block.distances[end, j]
@@ -249,9 +249,8 @@ def potential(skeleton: Skeleton, points: FloatArray, m: int, room: FloatArray) 
         theta[link] = 2.0 * length / (first + sqrt(dx * dx + dy * dy + dz * dz) - length)
         room[3, link] = 1.0 if skeleton.by_length else 1.0 / length
         if not 0.0 <= theta[link] <= _NEAR:
-            level = np.empty((1, 1))
-            potentials(skeleton, points, m, m + 1, level)
-            return float(level[0, 0])
+            potentials(skeleton, points, m, m + 1, room[3:])
+            return float(room[3, 0])
     _log1p_each(theta, mantissa, mantissa.view(np.int64), room[2], len(links))
     total = 0.0
     for link in range(len(links)):
@@ -263,17 +262,16 @@ _FINE = 2.0**-24  # half a unit in the last place of float32
 
 
 @part
-def ceilings(skeleton: Skeleton, points: FloatArray, reach: float, out: FloatArray) -> None:
+def ceilings(skeleton: Skeleton, points: FloatArray, reach: float, distances: Any, out: FloatArray) -> None:
     """Write upper bounds (M,) of CDF(p) at points (3, M) in single precision, an eighth of the work of `potentials`.
 
     As log(1 + r) ≤ r (6 + r)/(6 + 4r), and r = 2ℓ/g with the gap g = S − ℓ, the field of a link is no larger than
     2 (3g + ℓ)/(g (3g + 4ℓ)); it falls with g. No coordinate of a point or key point is larger than `reach`. So each
     difference of two coordinates is off by 3u reach at most, u = 2⁻²⁴, the distance of two points by
     √3·3u reach + 4u·√12 reach < 20u reach, and S − ℓ by less than 64u reach, by which the gap is taken too small. What
-    comes after that has relative errors of less than 16u, and u more for each link.
+    comes after that has relative errors of less than 16u, and u more for each link. The `distances: (K, M)` are room.
     """
-    places, links, M = skeleton.places, skeleton.links, points.shape[1]
-    distances, single = np.empty((len(places), M), np.float32), np.float32
+    places, links, M, single = skeleton.places, skeleton.links, points.shape[1], np.float32
     for k in range(len(places)):
         x, y, z = single(places[k, 0]), single(places[k, 1]), single(places[k, 2])
         for m in range(M):
@@ -315,10 +313,8 @@ def add_pull(skeleton: Skeleton, points: FloatArray, m: int, weight: float, forc
     ∂φ/∂a = c e₁ − κ (b − a),  ∂φ/∂b = c e₂ + κ (b − a); by arc length ℓ times that, and ∓φ (b − a)/ℓ.
     """
     places, links = skeleton.places, skeleton.links
-    L = len(links)
-    room = np.empty((L + 1, 2, 3))
-    pulls, u, v = room[:L], room[L, 0], room[L, 1]
-    for k in range(L):
+    pulls, u, v = skeleton.block.distances, skeleton.block.mantissa[:3], skeleton.block.power[:3]
+    for k in range(len(links)):
         start, end = links[k, 0], links[k, 1]
         d1, d2 = ray(skeleton, points, m, start, u), ray(skeleton, points, m, end, v)
         length, half = link_length(places, start, end), half_gap(u, v, d1, d2)
@@ -331,15 +327,15 @@ def add_pull(skeleton: Skeleton, points: FloatArray, m: int, weight: float, forc
             kappa += phi / (length * length)
         for x in range(3):
             stretch = kappa * (places[end, x] - places[start, x])
-            pulls[k, 0, x] = scale * (c * u[x] / d1 - stretch)
-            pulls[k, 1, x] = scale * (c * v[x] / d2 + stretch)
-    for k in range(L):
+            pulls[k, x] = scale * (c * u[x] / d1 - stretch)
+            pulls[k, 3 + x] = scale * (c * v[x] / d2 + stretch)
+    for k in range(len(links)):
         for x in range(3):
-            forces[links[k, 0], x] += pulls[k, 0, x]
-            forces[links[k, 1], x] += pulls[k, 1, x]
+            forces[links[k, 0], x] += pulls[k, x]
+            forces[links[k, 1], x] += pulls[k, 3 + x]
 
 
-@part
+@maker
 def _space_slope(skeleton: Skeleton, points: FloatArray, m: int, out: FloatArray) -> None:
     """Write ∂CDF/∂p = −Σ_l c_l (e₁ + e₂) at p_m (3,); zero on a segment."""
     links, u, v = skeleton.links, np.empty(3), np.empty(3)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
 from safe_ompl.danger.kernels.danger import Tables
 from safe_ompl.danger.kernels.field import ZERO, Skeleton, dot, new_block, potentials, ray
 from safe_ompl.danger.kernels.groups import Points
@@ -121,7 +121,7 @@ def _bound(motion: Motion, balls: _Balls, begin: int, end: int, room: FloatArray
         bounds[g] = level if level == level else inf  # ∞ − ∞ or 0·∞ where a point may be on a link
 
 
-@part
+@maker
 def _level(motion: Motion, points: FloatArray, m: int) -> float:
     """Return Σ φ + ahead·φ̇ + spread·I over the links at p_m."""
     skeleton, velocities, spread = motion.skeleton, motion.velocities, motion.spread

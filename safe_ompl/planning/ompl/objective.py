@@ -5,13 +5,15 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from ompl import base as ob
+from ompl import geometric as og
 
 from safe_ompl.common import FloatArray, halton_point, positive
 from safe_ompl.danger import DangerField
@@ -109,6 +111,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self._scales: dict[Any, float] = {}
         self._revision = field.revision  # that the scales are of
         self._thread = threading.get_ident()  # that asked last
+        self._longest, self._starts = math.inf, set[bytes]()
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
@@ -124,19 +127,39 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         """Return a line about the objective."""
         return "integral of the danger field (Lacevic & Rocco 2013)"
 
-    def prepare(self) -> None:
-        """Compile what costs of motions need: while a planner of OMPL's runs, that would count as its time."""
-        q = np.zeros(self.field.robot.n)
-        if self.field.points is not None:
-            self.field.mean(q, q)
+    @contextmanager
+    def asked_by(self, planner: Any) -> Iterator[None]:
+        """Within, cost what a planner of OMPL's that is set up needs to know, and no more.
+
+        RRT* and its informed forms ask for the motions from a new node to its k nearest ones, at first the whole tree,
+        and refuse those that are longer than their range. These cost infinity, and no danger is looked at; but for
+        motions from a start, whose costs the informed forms take for bounds when they prune.
+        """
+        self.field.value(np.zeros(self.field.robot.n))  # compiled here, and not as part of the planner's time
+        try:
+            if isinstance(planner, og.RRTstar) and planner.getRange() > 0:
+                starts = ob.PlannerInputStates()
+                starts.use(planner.getProblemDefinition())
+                while starts.haveMoreStartStates():
+                    self._starts.add(self._bridge.view(starts.nextStart()).tobytes())
+                self._longest = planner.getRange() * (
+                    1.0 + 1e-6
+                )  # the nearest node is asked for at the range itself
+            yield
+        finally:
+            self._longest, self._starts = math.inf, set()
 
     def stateCost(self, state: Any) -> Any:
         """Return the danger at a state."""
         return ob.Cost(self.field.value(self._bridge.read(state)))
 
     def motionCost(self, start: Any, end: Any) -> Any:
-        """Return the integral of the danger over the straight motion, to within the tolerance."""
-        ends = self._bridge.view(start).tobytes(), self._bridge.view(end).tobytes()
+        """Return the integral of the danger over the straight motion, to within the tolerance; see `asked_by`."""
+        first = self._bridge.view(start).tobytes()
+        asked = self._longest < math.inf and first not in self._starts
+        if asked and self._bridge.space.distance(start, end) > self._longest:
+            return ob.Cost(math.inf)
+        ends = first, self._bridge.view(end).tobytes()
         return ob.Cost(self._integral(min(ends), max(ends), self.tolerance, self.field.revision))
 
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:

@@ -1,6 +1,7 @@
 """Danger as OMPL's objective, and any objective as the cost that planners read."""
 
-from itertools import pairwise
+from functools import partial
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
@@ -219,3 +220,28 @@ def test_optimising_planners_stop_when_asked(kind, planner, ticks):
 def test_planners_that_would_hang_or_crash_are_refused(setting, planner):
     with pytest.raises(InputError, match=f"OMPL's {planner} cannot be used"):
         make_planner(planner, setting[0])
+
+
+@pytest.mark.parametrize("planner", ["RRTstar", "InformedRRTstar"])
+def test_rrt_star_grows_the_same_tree_without_costs_that_it_does_not_need(planner):
+    setup = setup_scenario(Scenario.load(find_scenario("planar2")))
+    objective, trees, asked = setup.getOptimizationObjective(), [], []
+    for method in (setup.solve, partial(og.SimpleSetup.solve, setup)):  # the second one asks for all costs
+        iterations = count()
+        before = setup.counts.field_configurations
+        setup.prepare(planner, 0)
+        method(ob.PlannerTerminationCondition(lambda iterations=iterations: next(iterations) > 200))
+        asked.append(setup.counts.field_configurations - before)
+        tree = ob.PlannerData(setup.getSpaceInformation())
+        setup.getPlanner().getPlannerData(tree)
+        vertices = range(tree.numVertices())
+        trees.append([(tree.getVertex(k).getState()[0:2], sorted(tree.getEdges(k))) for k in vertices])
+    assert len(trees[0]) > 50
+    assert trees[0] == trees[1]
+    assert asked[0] < 0.7 * asked[1]
+    ends = [ScratchState(StateBridge(setup.getStateSpace())) for _ in range(2)]
+    far = [scratch.set(q) for scratch, q in zip(ends, (setup.robot.lower, setup.robot.upper), strict=True)]
+    assert objective.motionCost(*far).value() < np.inf
+    with objective.asked_by(setup.getPlanner()):
+        assert objective.motionCost(*far).value() == np.inf
+    assert objective.motionCost(*far).value() < np.inf

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, maker, part
 
 _ROUND = 2 * pi
 _SLACK = 1 - 1e-12  # bounds of boxes are taken for less by this: no rounding may hide a node
@@ -115,7 +115,7 @@ def _widen(tree: BoxTree, at: int, node: int, rows: FloatArray) -> None:
         tree.boxes[at, 1, i] = max(tree.boxes[at, 1, i], rows[node, i])
 
 
-@part
+@maker
 def _divide(tree: BoxTree, leaf: int, rows: FloatArray) -> None:
     """Make a full leaf a branch with two leaves; where its nodes are all at one place each gets half of them."""
     links, box, by = tree.links, tree.boxes[leaf], 0
