@@ -230,27 +230,25 @@ class Evaluation:
     def values(self, Q: FloatArray, points: Points) -> FloatArray:
         """Return the danger (B,) at `Q: (B, n)`."""
         values = plain(self._robot.coupling.values(Q))
-        dangers: FloatArray = kernel.dangers(
-            self.tables, values, points, self._aggregate, self._no_gradients, 0, 0.0
-        )
+        dangers: FloatArray = kernel.dangers(self.tables, values, points, self._aggregate, self._no_gradients)
         return dangers
 
     def mean(self, ends: FloatArray, points: Points, panels: int, tolerance: float) -> tuple[float, int]:
         """Return the mean danger on the straight way between `ends: (2, n)`, and from how many configurations.
 
-        `panels` and `tolerance` are those of `kernels.danger.dangers`.
+        `panels` and `tolerance` are those of `kernels.danger.mean_danger`.
         """
         values = plain(self._robot.coupling.values(ends))
-        mean, evaluations = kernel.dangers(
-            self.tables, values, points, self._aggregate, self._no_gradients, panels, tolerance
-        ).tolist()
-        return mean, int(evaluations)
+        found: tuple[float, int] = kernel.mean_danger(
+            self.tables, values, points, self._aggregate, panels, tolerance
+        )
+        return found
 
     def values_and_gradients(self, Q: FloatArray, points: Points) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)`."""
         values = plain(self._robot.coupling.values(Q))
         gradients = np.empty(values.shape)
-        dangers = kernel.dangers(self.tables, values, points, self._aggregate, gradients, 0, 0.0)
+        dangers = kernel.dangers(self.tables, values, points, self._aggregate, gradients)
         return dangers, self._robot.coupling.columns(gradients)
 
     def levels(self, Q: FloatArray, points: Points) -> FloatArray:

@@ -232,27 +232,15 @@ def _danger(
 
 @compiled
 def dangers(
-    tables: Tables,
-    values: FloatArray,
-    points: Points,
-    aggregate: Aggregate,
-    gradients: FloatArray,
-    panels: int,
-    tolerance: float,
+    tables: Tables, values: FloatArray, points: Points, aggregate: Aggregate, gradients: FloatArray
 ) -> FloatArray:
     """Return the danger (B,) at `values: (B, m)` of the joints, and write its gradients (B or 0, m).
-
-    Where there are `panels`, return the mean danger on the straight way between two rows of values instead, and from
-    how many evaluations it comes (2,). One kernel for both compiles in little more time than one of them.
 
     Points have columns (1 or B, 3, M ≥ 1) and charges (1 or B, M), the same or others for every configuration; without
     balls every point is looked at. Gradients are not written where there is no room; points on a link have none.
     """
     out = np.empty(len(values))
-    if panels > 0:
-        out[0], out[1] = _mean_danger(tables, values, points, aggregate, panels, tolerance)
-    else:
-        _each_danger(tables, values, points, aggregate, _room(tables, points), gradients, out)
+    _each_danger(tables, values, points, aggregate, _room(tables, points), gradients, out)
     return out
 
 
@@ -278,8 +266,8 @@ def _each_danger(
 _HALVINGS = 6  # of a panel at most
 
 
-@maker
-def _mean_danger(
+@compiled
+def mean_danger(
     tables: Tables, ends: FloatArray, points: Points, aggregate: Aggregate, panels: int, tolerance: float
 ) -> tuple[float, int]:
     """Return the mean danger on the straight way between two `ends: (2, m)` of the joints; from how many evaluations.

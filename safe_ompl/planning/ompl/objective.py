@@ -135,7 +135,9 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         and refuse those that are longer than their range. These cost infinity, and no danger is looked at; but for
         motions from a start, whose costs the informed forms take for bounds when they prune.
         """
-        self.field.value(np.zeros(self.field.robot.n))  # compiled here, and not as part of the planner's time
+        q = np.zeros(self.field.robot.n)
+        if self.field.points is not None:
+            self.field.mean(q, q)  # compiled here, and not as part of the planner's time
         try:
             if isinstance(planner, og.RRTstar) and planner.getRange() > 0:
                 starts = ob.PlannerInputStates()
