@@ -309,7 +309,8 @@ def _half_length(
             continue
         bounding = p
         if not lower > required[p]:
-            return -1.0 if most_apart <= required[p] - pairs.certain[p] else 0.0, p
+            # The upper bound is −∞ where the hulls overlap, and so is the right side where bodies are within theirs.
+            return -1.0 if most_apart < required[p] - pairs.certain[p] else 0.0, p
         half = (lower - required[p]) / rate
     return half, bounding
 

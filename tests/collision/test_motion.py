@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import Box, InputError, Obstacle, Pose, Robot, Scene, Sphere, certificate, verify
+from safe_ompl import Box, InputError, Obstacle, PointCloud, Pose, Robot, Scene, Sphere, certificate, verify
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, MotionVerdict, Verdict
 from safe_ompl.collision.pairs import BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
@@ -46,6 +46,17 @@ def refuted(verdict, start, end, motion, plain):
 
 
 # ---------------------------------------------------------------------------------------- against plain coal calls
+
+
+def test_a_robot_is_free_within_the_hull_of_a_cloud(panda):
+    start = np.array([0.0, 0.0, 0.0, -1.8, 0.0, 1.8, 0.8])
+    turn = np.linspace(0.0, 2 * np.pi, 40)
+    ring = panda.tip_pose(start).translation + 0.25 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    motion = CertifiedMotion(CollisionChecker(panda, Scene((Obstacle("ring", PointCloud(0.01, points=ring)),))))
+    assert motion.is_free(start, start + 0.02)
+    ring[0] = panda.tip_pose(start + 0.01).act(np.array([0.0, 0.0, -0.1]))  # in the hand
+    motion = CertifiedMotion(CollisionChecker(panda, Scene((Obstacle("ring", PointCloud(0.01, points=ring)),))))
+    assert not motion.is_free(start, start + 0.02)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -38,7 +38,7 @@ def test_bounds_are_below_the_distance_and_near_it():
         there = coal.Transform3s(turn, ends.mean(axis=0))
         exact = coal.distance(convex(first), identity, body, there, request, coal.DistanceResult())
         start = first.mean(axis=0) - second.mean(axis=0)
-        found = hull_gap(first, second, start, np.inf, 1e-4, False)
+        found = hull_gap(first, second, start.copy(), np.inf, 1e-4, False)
         assert found <= max(exact, 0.0) + 1e-6
         if exact > 0.05:
             assert found >= exact - 0.03  # the hulls are about 4 m wide
