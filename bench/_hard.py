@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision.motion import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry.basic import Box, Capsule, Shape
 from safe_ompl.geometry.obstacle import Obstacle
@@ -137,7 +137,7 @@ def _draw(robot: Robot, kind: str, rng: np.random.Generator, number: int) -> Har
         obstacles += _placed(_pieces(robot, other, back, rng), "start")
         kinds = f"{other}-{kind}"
     scene = Scene(tuple(obstacles))
-    motion = CertifiedMotion(CollisionChecker(robot, scene))
+    motion = MotionProver(CollisionChecker(robot, scene))
     if not _proven(motion, way):
         return None
     witness = _to_start(robot, motion, way, rng) if back is None else _joined(robot, motion, back, way, rng)
@@ -340,12 +340,12 @@ def _pose(place: pin.SE3) -> Pose:
 # ---------------------------------------------------------------------------------------------------- witnesses
 
 
-def _proven(motion: CertifiedMotion, path: FloatArray) -> bool:
+def _proven(motion: MotionProver, path: FloatArray) -> bool:
     return all(motion.is_free(a, b) for a, b in pairwise(path))
 
 
 def _to_start(
-    robot: Robot, motion: CertifiedMotion, way: FloatArray, rng: np.random.Generator
+    robot: Robot, motion: MotionProver, way: FloatArray, rng: np.random.Generator
 ) -> FloatArray | None:
     """Return the way with a start before it from which a straight motion leads there."""
     for _ in range(_STARTS):
@@ -357,7 +357,7 @@ def _to_start(
 
 
 def _joined(
-    robot: Robot, motion: CertifiedMotion, back: FloatArray, way: FloatArray, rng: np.random.Generator
+    robot: Robot, motion: MotionProver, back: FloatArray, way: FloatArray, rng: np.random.Generator
 ) -> FloatArray | None:
     """Return the way out of one opening, through at most one configuration between, into the other."""
     out = back[::-1]

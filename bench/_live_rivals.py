@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from safe_ompl.people.replanning.guarded_path import Command, Doing, GuardedPath, Margin, StopMotion
+from safe_ompl.people.replanning.guarded_path import Command, Doing, GuardedPath, MotionMargin, StopMotion
 from safe_ompl.people.replanning.replanner import Replanner
 from safe_ompl.trajectories.trajectory import Trajectory
 
@@ -72,4 +72,4 @@ class Careless(Replanner):
         if speed == 0 and s >= path.length - 1e-6:
             return super()._next(path, s, speed, time)
         motion = path.motion_from(s, speed * speed, 1.0, self.tick)
-        return Command(time, self.surroundings.time, path, motion, Doing.MOVING, Margin(np.inf))
+        return Command(time, self.surroundings.time, path, motion, Doing.MOVING, MotionMargin(np.inf))

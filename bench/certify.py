@@ -31,7 +31,7 @@ from motion import COARSE, random_edges, sampled_is_free
 from safe_ompl.certificates.issue import certificate
 from safe_ompl.certificates.verifier.verify import verify
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.collision.motion import MotionProver, Verdict
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
@@ -99,7 +99,7 @@ def verdict_row(
     name: str, checker: CollisionChecker, edges: Iterator[Edge], number: int, step: float
 ) -> tuple[Counter[str], tuple[object, ...]]:
     """Check edges and look at them closely; return what was found, and a row of a table."""
-    motion, found = CertifiedMotion(checker), Counter[str]()
+    motion, found = MotionProver(checker), Counter[str]()
     for _ in range(number):
         start, end = next(edges)
         checker.counts.reset()
@@ -164,7 +164,7 @@ def print_verdicts(
 def free_edges(checker: CollisionChecker, number: int, seed: int) -> list[Edge]:
     """Return free edges of 1 rad."""
     motion, edges = (
-        CertifiedMotion(checker),
+        MotionProver(checker),
         random_edges(checker.robot, np.random.default_rng(seed), 1.0, 1.0),
     )
     return [edge for edge in (next(edges) for _ in range(200 * number)) if motion.is_free(*edge)][:number]
@@ -175,7 +175,7 @@ def print_bands(number: int) -> None:
     queries: dict[int, list[tuple[float, ...]]] = {k: [] for k in range(len(BANDS) - 1)}
     for _, robot, scene in problems():
         checker = CollisionChecker(robot, scene)
-        motion = CertifiedMotion(checker)
+        motion = MotionProver(checker)
         for start, end in free_edges(checker, number, 3):
             delta = robot.difference(start, end)
             least = min(_distance(checker, start + t * delta) for t in np.linspace(0, 1, 51))

@@ -30,7 +30,7 @@ from ompl import util as ou
 from safe_ompl import SafeSetup
 from safe_ompl.apps.benchmark import checksum
 from safe_ompl.apps.cli.options import names
-from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision.motion import MotionProver
 
 PAIRS = {
     "SafeRRTConnect": "ClassicRRTConnect",
@@ -102,7 +102,7 @@ def _runs(problem: HardProblem, names: list[str], seed: int, limit: float) -> It
     setup.setConfigurations(problem.start, problem.goal)
     setup.setWorkspaceGoal(problem.robot.tip_pose(problem.goal).translation)
     # The first question of a scene prepares what all planners share: none of them is to pay for it.
-    CertifiedMotion(setup.checker).is_free(problem.start, problem.goal)
+    MotionProver(setup.checker).is_free(problem.start, problem.goal)
     for name in names:
         yield name, _run(setup, name, seed, limit)
 

@@ -1,6 +1,6 @@
 """Certified motions against sampled ones: python bench/motion.py [--edges N] [--verify N] [--rounds N].
 
-Time: free edges of 1 rad, each checked by `CertifiedMotion` and by samples at most 0.01 rad apart (both with the same
+Time: free edges of 1 rad, each checked by `MotionProver` and by samples at most 0.01 rad apart (both with the same
 boolean collision query, in turn, in one process). The target is a ratio of 0.06 on a UR5 with 6 obstacles
 and on a Panda at a bookshelf. Clearance decides: in the first scene of the UR5 one obstacle stands beside the shoulder.
 
@@ -24,7 +24,7 @@ from _scenes import bookshelf, scattered
 from _timing import in_turn, print_table
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.collision.motion import MotionProver, Verdict
 from safe_ompl.common import Counts, FloatArray
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
@@ -54,7 +54,7 @@ def time_free_edges(name: str, scene_name: str, scene: Scene, number: int, round
     """Return a row of the table of times."""
     robot = Robot.from_example(name)
     checker = CollisionChecker(robot, scene)
-    motion = CertifiedMotion(checker)
+    motion = MotionProver(checker)
     candidates = random_edges(robot, np.random.default_rng(1), 1.0, 1.0)
     edges = []
     while len(edges) < number:
@@ -103,7 +103,7 @@ def verify_edges(name: str, scene_name: str, scene: Scene, number: int) -> tuple
     """Return a row of the table of verdicts."""
     robot = Robot.from_example(name)
     checker = CollisionChecker(robot, scene)
-    motion = CertifiedMotion(checker)
+    motion = MotionProver(checker)
     candidates = random_edges(robot, np.random.default_rng(2), 0.1, 1.5)
     found: Counter[Verdict] = Counter()
     contradicted, work = 0, Counts()

@@ -34,9 +34,9 @@ from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
 from safe_ompl import Motion, Robot, SafeSetup, Scene
 from safe_ompl.apps.benchmark import PlainGeometry
 from safe_ompl.apps.benchmark.judge import TOLERANCE
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, Separation, Verdict
 from safe_ompl.common import FloatArray
-from safe_ompl.motions import checked, repaired, widest_tube
+from safe_ompl.motions import check_with, repair_with, widest_tube
 from safe_ompl.motions.checks import PieceProofs
 from safe_ompl.planning.from_scenario import setup_problem, setup_scenario
 from safe_ompl.robot.loading.packages import robots_folder
@@ -179,7 +179,7 @@ def _shifted(piece: Piece, shift: FloatArray) -> Piece:
 def print_pieces(options: argparse.Namespace) -> None:
     """Print verdicts on random pieces; piece k is the same whatever the first one is."""
     chosen = [
-        (name, CertifiedMotion(CollisionChecker(robot, scene)), PlainGeometry(robot, scene))
+        (name, MotionProver(CollisionChecker(robot, scene)), PlainGeometry(robot, scene))
         for name, robot, scene in problems()
     ]
     for _, proof, _ in chosen:  # kernels are compiled before the first piece
@@ -283,7 +283,7 @@ def print_times(options: argparse.Namespace) -> None:
     """Print what it takes to check splines of ten pieces."""
     rows = []
     for name, (setup, paths) in (("7 joints, shelf", shelf_problem()), ("14 joints", two_arm_problem())):
-        proof = CertifiedMotion(CollisionChecker(setup.robot, setup.scene))
+        proof = MotionProver(CollisionChecker(setup.robot, setup.scene))
         plain = PlainGeometry(setup.robot, setup.scene)
         for noise in (0.0, 0.05):
             made = splines(setup.robot, paths, noise, 1)
@@ -297,7 +297,7 @@ def print_times(options: argparse.Namespace) -> None:
                 work = proof.checker.counts - before
                 queries = work.margin_queries + work.collision_queries
                 begin = process_time()
-                checked(motion, proof)
+                check_with(motion, proof)
                 whole = 1e3 * (process_time() - begin)
                 found[proven].append((milliseconds, work.bound_queries, queries, whole))
                 if proven:
@@ -320,7 +320,7 @@ def print_times(options: argparse.Namespace) -> None:
 
 
 def worst_within(
-    proof: CertifiedMotion, Q: FloatArray, tube: FloatArray, rng: np.random.Generator
+    proof: MotionProver, Q: FloatArray, tube: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Return corners (S, n) of the tube about `Q: (S, n)` where near pairs come nearer, to the first order."""
     checker, sizes = proof.checker, 1e-6 * np.eye(Q.shape[1])
@@ -345,7 +345,7 @@ def print_tubes(options: argparse.Namespace) -> None:
             motion = random_piece(robot, rng).motion.for_robot(robot)
             tube = rng.uniform(0.0, 10.0 ** rng.uniform(-3.5, -1.3), robot.n)
             separation = Separation(tube=tuple(tube.tolist()))
-            proof = CertifiedMotion(checker, separation=separation)
+            proof = MotionProver(checker, separation=separation)
             if not next(iter(PieceProofs(motion, proof))).proven():
                 continue
             proven += 1
@@ -382,7 +382,7 @@ def print_tubes(options: argparse.Namespace) -> None:
 
 
 def _touching_width(
-    proof: CertifiedMotion, plain: PlainGeometry, motion: Motion, width: float, rng: np.random.Generator
+    proof: MotionProver, plain: PlainGeometry, motion: Motion, width: float, rng: np.random.Generator
 ) -> float:
     """Return a width of the tube [rad] in which a motion touches something, found by corners; inf if there is none."""
     Q = motion.at(np.linspace(motion.times[0], motion.times[-1], 33))
@@ -443,14 +443,14 @@ def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...
     found: dict[str, list[tuple[float, ...]]] = {}
     rng = np.random.default_rng(3)
     for setup, paths in known:  # type: ignore[attr-defined]
-        proof, connect = CertifiedMotion(CollisionChecker(setup.robot, setup.scene)), way_round(setup)
+        proof, connect = MotionProver(CollisionChecker(setup.robot, setup.scene)), way_round(setup)
         plain = PlainGeometry(setup.robot, setup.scene)
         for path in paths[:rounds]:
             for kind, motion in disturbances(setup.robot, path, rng):
-                if checked(motion, proof):
+                if check_with(motion, proof):
                     continue
                 begin = process_time()
-                repair = repaired(motion, proof, connect=connect)
+                repair = repair_with(motion, proof, connect=connect)
                 milliseconds = 1e3 * (process_time() - begin)
                 after = repair.motion
                 t = np.linspace(after.times[0], after.times[-1], 20_000)

@@ -42,7 +42,7 @@ from safe_ompl.certificates.issue import certificate, terms_of
 from safe_ompl.certificates.motions import motion_certificate
 from safe_ompl.certificates.verifier.verify import Terms, Verified, verify
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision.motion import MotionProver
 from safe_ompl.collision.separation import Separation
 from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
 from safe_ompl.common.errors import SafeOmplError
@@ -54,7 +54,7 @@ from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.io.robot_document import built_robot, links_without_collision
 from safe_ompl.io.schema import digest
-from safe_ompl.motions.checks import checked
+from safe_ompl.motions.checks import check_with
 from safe_ompl.motions.motion import Motion
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.loading import Attachment
@@ -159,11 +159,11 @@ def _case(
             wanted = moving.with_min_clearance(checker, 0.02, ["bin", "machine"], [("link1", "bin")])
             upright = ToolOrientation(robot, [0, 0, 1], [0, 0, 1], 0.1)
             box = TipBounds(robot, [-np.inf, -0.9, -0.1], [np.inf, 0.9, 0.6])
-            proof = CertifiedMotion(
+            proof = MotionProver(
                 checker, separation=wanted, limits=[upright, box, DangerLimit(field, MOST_DANGER)]
             )
             return json.loads(  # type: ignore[no-any-return]
-                json.dumps(motion_certificate(checked(curve, proof, limits, {"machine": 0.02})))
+                json.dumps(motion_certificate(check_with(curve, proof, limits, {"machine": 0.02})))
             )
         if motion is None:
             claims["clearance"] = {
@@ -176,7 +176,7 @@ def _case(
             claims["tool"] = {"orientation": orientation, "position": {"y": [-0.9, 0.9], "z": [-0.1, 0.6]}}
             claims["tube"] = tube or None
         else:
-            proof = CertifiedMotion(CollisionChecker(robot, scene))
+            proof = MotionProver(CollisionChecker(robot, scene))
             limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
             timer = PathTimer(
                 robot,

@@ -37,7 +37,7 @@ from bench._timing import print_table
 from bench._touches import TouchJudge
 from examples.mujoco.servo_robot import STEP, BodyPart, Servo, ServoRobot
 from safe_ompl import People, RateLimits, Robot, SafeSetup, Scene, Trajectory
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
+from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.motions import FACTOR
@@ -102,7 +102,7 @@ def proven_margin(checker: CollisionChecker, trajectory: Trajectory, tube: tuple
     """Return the margin [m] that is proven of all of a trajectory's curve within a tube, to a tenth of a millimetre."""
 
     def holds(margin: float) -> bool:
-        proof = CertifiedMotion(checker, separation=Separation(margin=margin, tube=tube))
+        proof = MotionProver(checker, separation=Separation(margin=margin, tube=tube))
         bends = BlendProof(proof)
         for piece in trajectory.curve.pieces:
             end = piece.places(np.array([piece.length])).q[0]
@@ -128,7 +128,7 @@ def planned(
     if any(tube):
         setup.setTube(tube)
     places = (rng.uniform(robot.lower, robot.upper) for _ in range(200))
-    motion = setup.certified_motion
+    motion = setup.motion_prover
     free = [q for q in places if motion.is_free(q, q)][:2]
     if len(free) < 2:
         return None
@@ -222,7 +222,7 @@ class Drive:
         setup = SafeSetup(self.robot, scene)
         if any(tube):
             setup.setTube(tube)
-        proof = CertifiedMotion(CollisionChecker(self.robot, scene), separation=Separation(tube=tube))
+        proof = MotionProver(CollisionChecker(self.robot, scene), separation=Separation(tube=tube))
         tracker = Tracker(ALL_KEYPOINTS)
         place, start = np.array([0.0, 0.0, -0.75]), np.array([0.9, 0.0])
         self.walker = Walker(people, place, start, tracker=tracker, seed=seed)

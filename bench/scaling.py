@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from _scenes import scattered
 
-from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Robot
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Robot
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.points import AGGREGATES
 from safe_ompl.planning.ompl.objective import DangerObjective, StateCost
@@ -89,7 +89,7 @@ def some(robot: Robot, number: int = ITEMS) -> FloatArray:
 def nodes(size: int) -> Row:
     """Return times at a tree of so many nodes."""
     setup = SafeSetup(Robot.from_example("panda"), scattered(6))
-    robot, field, motion = setup.robot, setup.field, CertifiedMotion(setup.checker)
+    robot, field, motion = setup.robot, setup.field, MotionProver(setup.checker)
     bridge = StateBridge(setup.getStateSpace())
     cost = StateCost(DangerObjective(setup.getSpaceInformation(), field), bridge)
     tree, alpha = Tree(bridge, cost), 0.1

@@ -22,7 +22,7 @@ from _timing import print_table
 from ompl import util as ou
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision.motion import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.obstacle import Obstacle
@@ -157,13 +157,13 @@ def differences(cell: Cell, moves: int) -> dict[str, float]:
     """Return what differs, after random moves, from models made anew."""
     robot, rng = cell.robot, cell.rng
     found = {"verdicts": 0.0, "proofs": 0.0, "radii": 0.0, "distances [m]": 0.0, "danger": 0.0}
-    motion = CertifiedMotion(cell.checker)
+    motion = MotionProver(cell.checker)
     for _ in range(moves):
         cell.choose_places()
         for name in rng.choice(MOVABLE, rng.integers(1, 3), replace=False):
             cell.move(str(name))
         checker = CollisionChecker(robot, cell.checker.scene, movable=MOVABLE)
-        field, proof = DangerField.of_scene(robot, cell.checker.scene), CertifiedMotion(checker)
+        field, proof = DangerField.of_scene(robot, cell.checker.scene), MotionProver(checker)
         q, end = rng.uniform(robot.lower, robot.upper, (2, robot.n))
         end = q + 0.1 * (end - q)
         found["verdicts"] += cell.checker.in_collision(q) != checker.in_collision(q)

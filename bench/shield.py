@@ -34,8 +34,8 @@ import pinocchio as pin
 from bench._touches import Bearable
 from bench.live import HANDS, PANDA_ACCELERATIONS, places
 from safe_ompl import (
-    CertifiedMotion,
     CollisionChecker,
+    MotionProver,
     People,
     RateLimits,
     Robot,
@@ -255,7 +255,7 @@ def run(mover: Any, seed: int, names: list[str], seconds: float) -> list[dict[st
     scenario = Scenario.load(find_scenario("panda_shelf"))
     robot = scenario.build_robot()
     tracker = mover.tracker
-    proof = CertifiedMotion(CollisionChecker(robot, scenario.scene.without("operator")))
+    proof = MotionProver(CollisionChecker(robot, scenario.scene.without("operator")))
     urdf = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     limits = RateLimits.of(robot, velocity=0.8 * urdf.velocity, acceleration=0.5 * urdf.acceleration)
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]

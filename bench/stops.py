@@ -32,7 +32,7 @@ from scipy.interpolate import CubicSpline
 from safe_ompl.certificates.verifier.bodies import corners
 from safe_ompl.collision.broad_phase import fresh_data
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision.motion import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import Motion, rate_violations
 from safe_ompl.motions.stops import stops_of
@@ -62,7 +62,7 @@ class Problem:
         self.robot = robot = scenario.build_robot()
         ends = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
         self.path = np.array([ends[0], *BETWEEN[name], ends[1]])
-        motion = CertifiedMotion(CollisionChecker(robot, scenario.scene))
+        motion = MotionProver(CollisionChecker(robot, scenario.scene))
         pushes = np.array(ACCELERATIONS[name])
         limits = RateLimits.of(robot, acceleration=pushes, jerk=500 * pushes if jerk else None)
         self.proof, self.limits = motion, limits

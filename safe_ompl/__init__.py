@@ -11,7 +11,7 @@ from safe_ompl.version import __version__ as __version__
 if TYPE_CHECKING:
     from safe_ompl.apps.benchmark import Benchmark
     from safe_ompl.certificates import certificate, verify
-    from safe_ompl.collision import CertifiedMotion, CollisionChecker, TipBounds, ToolOrientation, Verdict
+    from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolOrientation, Verdict
     from safe_ompl.common import (
         CertificateError,
         CollisionError,
@@ -59,7 +59,6 @@ __all__ = [
     "Capsule",
     "CertificateError",
     "CertifiedDanger",
-    "CertifiedMotion",
     "CertifiedMotionValidator",
     "CollisionChecker",
     "CollisionError",
@@ -76,6 +75,7 @@ __all__ = [
     "KinetostaticField",
     "Mesh",
     "Motion",
+    "MotionProver",
     "Obstacle",
     "PathReport",
     "PathTimer",

@@ -11,6 +11,8 @@ from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
+from safe_ompl.doors import RENAMED
+
 FORMER = {  # what the documentation of the version before imported from
     "safe_ompl.exchange": "safe_ompl.io",
     "safe_ompl.exchange.timed_motion": "safe_ompl.io",
@@ -25,8 +27,6 @@ FORMER = {  # what the documentation of the version before imported from
     "safe_ompl.plugins.states": "safe_ompl.planning.ompl",
     "safe_ompl.viewer": "safe_ompl.view",
 }
-
-RENAMED = {"Exhibit": "ViewerContent", "View": "BrowserView", "save_film": "save_animation"}
 
 
 class FormerModules(MetaPathFinder, Loader):

@@ -9,7 +9,8 @@ import pytest
 import safe_ompl
 from safe_ompl import InputError
 from safe_ompl.common.documents import reading
-from safe_ompl.former import FORMER, RENAMED
+from safe_ompl.doors import RENAMED
+from safe_ompl.former import FORMER
 from safe_ompl.io import read_json, read_ticks
 from safe_ompl.scene import MbmFile
 
@@ -54,6 +55,11 @@ def test_documented_modules_are_found_under_their_former_names(former, name):
     with pytest.warns(DeprecationWarning, match="is now safe_ompl"):
         found = importlib.import_module(former)
     assert getattr(found, name) is getattr(importlib.import_module(FORMER[former]), RENAMED.get(name, name))
+
+
+def test_a_former_public_name_warns_and_works():
+    with pytest.warns(DeprecationWarning, match="safe_ompl.MotionProver is now MotionProver"):
+        assert safe_ompl.MotionProver is safe_ompl.MotionProver
 
 
 # ----------------------------------------------------------------- documents that are nested too deeply are refused

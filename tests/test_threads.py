@@ -10,7 +10,7 @@ import pytest
 from ompl import geometric as og
 
 from safe_ompl import Box, CertifiedDanger, DangerField, Obstacle, Pose, Scene
-from safe_ompl.collision import DISTANCE_ERROR, CertifiedMotion, CollisionChecker, Proximity
+from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, Proximity
 from safe_ompl.collision import pairs as distance_bounds
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateBridge, joint_space
 
@@ -50,7 +50,7 @@ def scene():
 def questions(scene, robot):
     """Return questions by the name of what is asked; each takes a configuration and its neighbour."""
     checker = CollisionChecker(robot, scene)
-    motion, field = CertifiedMotion(checker), DangerField.of_scene(robot, scene)
+    motion, field = MotionProver(checker), DangerField.of_scene(robot, scene)
     proven, proximity = CertifiedDanger(field), Proximity(checker, 0.3)
     setup = og.SimpleSetup(joint_space(robot))
     si, bridge = setup.getSpaceInformation(), StateBridge(setup.getStateSpace())
@@ -150,9 +150,9 @@ def test_a_proof_is_of_one_scene_though_another_thread_moves_the_obstacle(panda,
     left = Scene([box])
     right = left.moved({"box": Pose((0.35, -0.35, 0.4))})
     checker = CollisionChecker(panda, right, movable=["box"])
-    assert not CertifiedMotion(checker).is_free(start, end)
+    assert not MotionProver(checker).is_free(start, end)
     checker.move(left)
-    motion = CertifiedMotion(checker)
+    motion = MotionProver(checker)
     assert not motion.is_free(start, end)
     prove, moves = distance_bounds.prove_curve, iter([right])
 

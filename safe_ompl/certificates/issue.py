@@ -18,9 +18,9 @@ from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacle
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import (
     DISTANCE_ERROR,
-    CertifiedMotion,
     CollisionChecker,
     MotionLimit,
+    MotionProver,
     Separation,
     TipBounds,
     ToolLimit,
@@ -81,7 +81,7 @@ def certificate(
     moving_obstacles : mapping, optional
         Claim, too, that the path stays free, and keeps its clearance, whatever obstacles do that move no faster than
         their `speeds` (by name [m/s]), until a `time` [s] after the moment of the scene: see
-        `CertifiedMotion.with_moving_obstacles`.
+        `MotionProver.with_moving_obstacles`.
     tool : mapping, optional
         Claim limits of the tool, too: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle`
         [rad], a `position` with bounds of `x`, `y` and `z` [m]; either or both.
@@ -122,7 +122,7 @@ def certificate(
     proof = None
     if widths.any():
         separation = Separation(tube=tuple(widths.tolist()))
-        proof = CertifiedMotion(CollisionChecker(robot, scene), separation=separation)
+        proof = MotionProver(CollisionChecker(robot, scene), separation=separation)
     content = {
         **opening(robot, scene, source),
         "path": points.tolist(),
@@ -251,14 +251,14 @@ def _intervals(
     return proven
 
 
-def _keeps(limit: MotionLimit, path: FloatArray, proof: CertifiedMotion | None) -> Iterator[bool]:
+def _keeps(limit: MotionLimit, path: FloatArray, proof: MotionProver | None) -> Iterator[bool]:
     """Yield for each edge whether a limit is proven to be kept; with a tube `proof` has it."""
     prover = limit if proof is None else proof.with_limits([limit])
     return (prover.check(start, end).verdict is Verdict.FREE for start, end in schema.edges_of(path))
 
 
 def _tool_claim(
-    given: Mapping[str, Any], robot: Robot, path: FloatArray, proof: CertifiedMotion | None
+    given: Mapping[str, Any], robot: Robot, path: FloatArray, proof: MotionProver | None
 ) -> dict[str, Any]:
     """Return a claim about the tool in plain numbers, if every edge keeps to it."""
     plain: dict[str, Any] = schema.as_plain(given)
@@ -281,7 +281,7 @@ def _danger_claim(
     spacing: float,
     path: FloatArray,
     limit: float | None,
-    proof: CertifiedMotion | None,
+    proof: MotionProver | None,
 ) -> dict[str, Any] | None:
     bounds = CertifiedDanger(field).of_path(path)
     bound = max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower)

@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_ompl.certificates.issue import _KIND, Pairs, opening
 from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision import CertifiedMotion, TipBounds, ToolOrientation
+from safe_ompl.collision import MotionProver, TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, PlanningError
 from safe_ompl.danger import DangerLimit
 from safe_ompl.io import schema
@@ -77,7 +77,7 @@ def _motion(motion: Motion) -> dict[str, Any]:
     return {key: said[key] for key in ("times", "coefficients", "timed", "slack", "rounding") if key in said}
 
 
-def _limits(proof: CertifiedMotion, spacing: float) -> dict[str, Any]:
+def _limits(proof: MotionProver, spacing: float) -> dict[str, Any]:
     """Return what is claimed of danger and tool in plain numbers."""
     found: dict[str, Any] = {}
     tool: dict[str, Any] = {}

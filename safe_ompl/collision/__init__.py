@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from safe_ompl.collision.bubbles import BUBBLE_SHAPES, INSIDE, Bubble
     from safe_ompl.collision.checker import Clearance, CollisionChecker
     from safe_ompl.collision.distances import PairDistances, Proximity, Witnesses
-    from safe_ompl.collision.motion import FLOOR, CertifiedMotion, MotionLimit, MotionVerdict, Verdict
+    from safe_ompl.collision.motion import FLOOR, MotionLimit, MotionProver, MotionVerdict, Verdict
     from safe_ompl.collision.pairs import DistanceBounds, PairSet
     from safe_ompl.collision.self_filter import robot_points, without_robot
     from safe_ompl.collision.separation import TOUCHING_ONLY, MinClearance, Separation
@@ -25,12 +25,12 @@ __all__ = [
     "INSIDE",
     "TOUCHING_ONLY",
     "Bubble",
-    "CertifiedMotion",
     "Clearance",
     "CollisionChecker",
     "DistanceBounds",
     "MinClearance",
     "MotionLimit",
+    "MotionProver",
     "MotionVerdict",
     "PairDistances",
     "PairSet",

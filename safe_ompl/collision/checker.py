@@ -42,7 +42,7 @@ class CollisionChecker:
     the `counts`, which may then lose some.
 
     Only `move` changes it: obstacles that are `movable` are elsewhere then, and every answer is that of a checker made
-    anew for the new scene. What was derived from it follows (`PairSet`, `CertifiedMotion`, `Proximity`). What another
+    anew for the new scene. What was derived from it follows (`PairSet`, `MotionProver`, `Proximity`). What another
     thread asks meanwhile is answered for the new scene.
 
     Parameters

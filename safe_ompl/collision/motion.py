@@ -67,7 +67,7 @@ class MotionLimit(Protocol):
         """Check the straight motion between `start` and `end: (n,)`."""
 
 
-class CertifiedMotion:
+class MotionProver:
     """Proves that motions of the joints are free of collision, by subdivision with security margins.
 
     While the joints move by Δ, the bodies of pair p approach each other by at most W_p = Σ_i R_pi·|Δ_i|. So if at
@@ -140,9 +140,9 @@ class CertifiedMotion:
         return self._limits
 
     def __repr__(self) -> str:
-        return f"CertifiedMotion({self._checker!r}, floor={self._floor:g}, margin={self.margin:g})"
+        return f"MotionProver({self._checker!r}, floor={self._floor:g}, margin={self.margin:g})"
 
-    def with_margin(self, margin: float) -> CertifiedMotion:
+    def with_margin(self, margin: float) -> MotionProver:
         """Return the same that proves another margin [m] from every obstacle; 0: motions are free."""
         return self.with_separation(replace(self._separation, margin=margin))
 
@@ -151,12 +151,12 @@ class CertifiedMotion:
         distance: float,
         obstacles: Sequence[str] | None = None,
         exempt: Sequence[tuple[str, str]] = (),
-    ) -> CertifiedMotion:
+    ) -> MotionProver:
         """Return the same that proves another distance from chosen obstacles; arguments as `MinClearance.of`."""
         wanted = self._separation.with_min_clearance(self._checker, distance, obstacles, exempt)
         return self.with_separation(wanted)
 
-    def with_moving_obstacles(self, speeds: Mapping[str, float], time: float) -> CertifiedMotion:
+    def with_moving_obstacles(self, speeds: Mapping[str, float], time: float) -> MotionProver:
         """Return the same that proves motions free among obstacles that move, whenever within a time they are driven.
 
         At any instant an obstacle may have moved by speed·time: this holds for whole paths, whatever their timing.
@@ -176,17 +176,17 @@ class CertifiedMotion:
         """
         return self.with_separation(replace(self._separation, speeds=speeds, time=time))
 
-    def with_checker(self, checker: CollisionChecker, separation: Separation) -> CertifiedMotion:
+    def with_checker(self, checker: CollisionChecker, separation: Separation) -> MotionProver:
         """Return the same that asks another checker of the same robot, and proves a separation; errors as the class."""
-        return CertifiedMotion(checker, self._floor, separation=separation, limits=self._limits)
+        return MotionProver(checker, self._floor, separation=separation, limits=self._limits)
 
-    def with_separation(self, separation: Separation) -> CertifiedMotion:
+    def with_separation(self, separation: Separation) -> MotionProver:
         """Return the same that proves another separation."""
         return self.with_checker(self._checker, separation)
 
-    def with_limits(self, limits: Sequence[MotionLimit]) -> CertifiedMotion:
+    def with_limits(self, limits: Sequence[MotionLimit]) -> MotionProver:
         """Return the same that proves other limits besides."""
-        return CertifiedMotion(self._checker, self._floor, separation=self._separation, limits=limits)
+        return MotionProver(self._checker, self._floor, separation=self._separation, limits=limits)
 
     def is_free(self, start: ArrayLike, end: ArrayLike, margin: float = 0.0) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`.

@@ -248,7 +248,7 @@ class PairSet:
     """The P pairs of bodies of a robot and a scene that may come nearer to each other than some reach.
 
     Made by `CollisionChecker.pairs_within` of rows of a table; the checker's `move` alone changes it, and then only
-    places and radii. Input is checked by `CollisionChecker` and `CertifiedMotion`, and not here: `q` must be a finite
+    places and radii. Input is checked by `CollisionChecker` and `MotionProver`, and not here: `q` must be a finite
     float array (n,), margins one of (P,).
 
     Attributes

@@ -19,7 +19,7 @@ _LEAST_LENGTH = 1e-9  # of a direction
 
 
 class ToolLimit(ABC):
-    """A requirement on the tool at every configuration, such as a largest tilt; a `MotionLimit` of `CertifiedMotion`.
+    """A requirement on the tool at every configuration, such as a largest tilt; a `MotionLimit` of `MotionProver`.
 
     While the joints move by Δ, its `excess` changes by at most Σ_i r_i·|Δ_i| with constant rates r (n,). If the excess
     at the centre of an interval of half-length s (a fraction of the edge) is below −s·Σ_i r_i·|Δ_i|, the whole interval

@@ -62,9 +62,9 @@ class Counts:
     collision_queries : int
         Whole-robot boolean collision queries without margin.
     margin_queries : int
-        Whole-robot boolean collision queries with security margins (certified motions).
+        Whole-robot boolean collision queries with security margins (proofs of motions).
     bound_queries : int
-        Places of motions at which lower bounds of distances were looked at (certified motions); no query of coal's.
+        Places of motions at which lower bounds of distances were looked at (proofs of motions); no query of coal's.
     distance_queries : int
         Whole-robot distance queries.
     field_configurations : int

@@ -87,7 +87,7 @@ class CertifiedDanger:
 
 
 class DangerLimit:
-    """A danger that no configuration may exceed; proven along whole motions, as a limit of `CertifiedMotion`.
+    """A danger that no configuration may exceed; proven along whole motions, as a limit of `MotionProver`.
 
     Parameters
     ----------

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.motions.checks import MotionCheck, Violation, check, checked, widest_tube
+    from safe_ompl.motions.checks import MotionCheck, Violation, check, check_with, widest_tube
     from safe_ompl.motions.motion import Motion
     from safe_ompl.motions.rates import Extremes, RateViolation, extremes, rate_violations
-    from safe_ompl.motions.repair import Repair, repaired
+    from safe_ompl.motions.repair import Repair, repair_with
     from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
 
 __all__ = [
@@ -23,11 +23,11 @@ __all__ = [
     "Repair",
     "Violation",
     "check",
-    "checked",
+    "check_with",
     "extremes",
     "measured_tube",
     "rate_violations",
-    "repaired",
+    "repair_with",
     "tube_of",
     "widest_tube",
 ]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import (
-    CertifiedMotion,
     CollisionChecker,
+    MotionProver,
     MotionVerdict,
     Separation,
     ToolLimit,
@@ -99,7 +99,7 @@ class MotionCheck(NamedTuple):
         What was to be proven: "joint limits", "collision", "min clearance", "max danger", "velocity", …
     violations : tuple of Violation
         What is not proven, by time; none: all of it is.
-    proof : CertifiedMotion
+    proof : MotionProver
         By which it was to be proven: robot, scene, distances and the tube, danger and tool.
     limits : RateLimits or None
         Of velocities, accelerations and jerks; None where these were not looked at.
@@ -114,7 +114,7 @@ class MotionCheck(NamedTuple):
     motion: Motion
     claims: tuple[str, ...]
     violations: tuple[Violation, ...]
-    proof: CertifiedMotion
+    proof: MotionProver
     limits: RateLimits | None = None
     speeds: Mapping[str, float] = MappingProxyType({})
     people: People | None = None
@@ -197,17 +197,17 @@ def check(
     wanted = Constraints() if constraints is None else constraints
     if tube is not None:
         wanted = wanted.with_tube(tube_of(tube, robot))
-    return checked(motion, _proof(robot, scene, wanted), limits, speeds, people)
+    return check_with(motion, _proof(robot, scene, wanted), limits, speeds, people)
 
 
-def checked(
+def check_with(
     motion: Any,
-    proof: CertifiedMotion,
+    proof: MotionProver,
     limits: RateLimits | None = None,
     speeds: Mapping[str, float] | None = None,
     people: People | None = None,
 ) -> MotionCheck:
-    """Return the same as `check` with a `CertifiedMotion` that is there already; arguments and errors as `check`."""
+    """Return the same as `check` with a `MotionProver` that is there already; arguments and errors as `check`."""
     robot = proof.checker.robot
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
     if speeds and not motion.timed:
@@ -308,7 +308,7 @@ class PieceProof:
         Its coefficients.
     span : (float, float)
         [s] Its times.
-    proof : CertifiedMotion
+    proof : MotionProver
         What is to be proven; with the allowance of the piece in its tube.
     speeds : mapping of str to float
         Of obstacles that move from the start of the motion on.
@@ -321,7 +321,7 @@ class PieceProof:
         number: int,
         curve: FloatArray,
         span: tuple[float, float],
-        proof: CertifiedMotion,
+        proof: MotionProver,
         speeds: Mapping[str, float],
         begin: float,
     ) -> None:
@@ -373,14 +373,14 @@ class PieceProofs:
     ----------
     motion : Motion
         Its joints in the order of the robot's.
-    proof : CertifiedMotion
+    proof : MotionProver
         What is to be proven.
     speeds : mapping of str to float, optional
         Of obstacles that move.
     """
 
     def __init__(
-        self, motion: Motion, proof: CertifiedMotion, speeds: Mapping[str, float] | None = None
+        self, motion: Motion, proof: MotionProver, speeds: Mapping[str, float] | None = None
     ) -> None:
         self._motion, self._proof, self._speeds = motion, proof, dict(speeds or {})
 
@@ -390,27 +390,27 @@ class PieceProofs:
             span = float(motion.times[k]), float(motion.times[k + 1])
             yield PieceProof(k, curve, span, proof, self._speeds, float(motion.times[0]))
 
-    def _widened(self) -> Iterator[CertifiedMotion]:
+    def _widened(self) -> Iterator[MotionProver]:
         """Yield for each piece what proves it within its allowance."""
         allowance = self._motion.allowance
         tube = np.array(self._proof.separation.tube or np.zeros(self._motion.n))
         if self._motion.slack is None:  # rounding alone: the same for all pieces
             yield from repeat(self._within(tube + allowance.max(axis=0)), self._motion.pieces)
             return
-        known: dict[bytes, CertifiedMotion] = {}
+        known: dict[bytes, MotionProver] = {}
         for row in allowance:
             if row.tobytes() not in known:
                 known[row.tobytes()] = self._within(tube + row)
             yield known[row.tobytes()]
 
-    def _within(self, widths: FloatArray) -> CertifiedMotion:
+    def _within(self, widths: FloatArray) -> MotionProver:
         """Return what proves the same within a tube of these widths (n,)."""
         tube = tuple(widths.tolist())
         return self._proof.with_separation(replace(self._proof.separation, tube=tube))
 
 
-def _proof(robot: Robot, scene: Scene, wanted: Constraints) -> CertifiedMotion:
-    return CertifiedMotion(CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits)
+def _proof(robot: Robot, scene: Scene, wanted: Constraints) -> MotionProver:
+    return MotionProver(CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits)
 
 
 def _joined(stretches: list[Violation]) -> Iterator[Violation]:
@@ -434,7 +434,7 @@ def _joined(stretches: list[Violation]) -> Iterator[Violation]:
 
 
 def _values(
-    proof: CertifiedMotion, found: MotionVerdict, q: FloatArray
+    proof: MotionProver, found: MotionVerdict, q: FloatArray
 ) -> tuple[str, tuple[str, ...], float | None, float | None]:
     """Return what kind of violation it is, of what, what is found at `q: (n,)`, and its bound."""
     name = None if found.pair is None else found.pair[0]
@@ -477,7 +477,7 @@ def _rate(found: RateViolation) -> Violation:
     return Violation(found.kind, at, at, at, (found.joint,), found.value, found.limit, True, found.unit)
 
 
-def _claims(proof: CertifiedMotion) -> Iterator[str]:
+def _claims(proof: MotionProver) -> Iterator[str]:
     """Yield what is proven beside the limits of the joints."""
     separation = proof.separation
     yield "collision"

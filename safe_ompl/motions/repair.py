@@ -17,9 +17,9 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict, fresh_data
+from safe_ompl.collision import CollisionChecker, MotionProver, Verdict, fresh_data
 from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
-from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, checked
+from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, check_with
 from safe_ompl.motions.motion import Motion
 from safe_ompl.paths import unrolled
 from safe_ompl.planning.ompl import joint_space
@@ -122,9 +122,9 @@ class Repair:
         )
 
 
-def repaired(
+def repair_with(
     motion: Motion,
-    proof: CertifiedMotion,
+    proof: MotionProver,
     limits: RateLimits | None = None,
     connect: Connect | None = None,
     people: People | None = None,
@@ -136,7 +136,7 @@ def repaired(
     motion : Motion
         The motion; its ends stay, and so do its degree, how smooth it is at its knots, and its times, but for one
         factor where rates exceed limits, or stops are too late.
-    proof : CertifiedMotion
+    proof : MotionProver
         What is to be proven.
     limits, people
         As `check`.
@@ -153,7 +153,7 @@ def repaired(
     displacement, how = Displacement(motion, proof), "moved"
 
     def proven(candidate: Motion) -> MotionCheck:
-        return checked(candidate, proof, limits, people=people)
+        return check_with(candidate, proof, limits, people=people)
 
     if not displacement.bad:
         return _slowed(Repair(motion, proven(motion), "unchanged"), proven)
@@ -211,7 +211,7 @@ class Displacement:
     ----------
     motion : Motion
         The motion.
-    proof : CertifiedMotion
+    proof : MotionProver
         What is to be proven.
 
     Attributes
@@ -220,7 +220,7 @@ class Displacement:
         The pieces that are not proven.
     """
 
-    def __init__(self, motion: Motion, proof: CertifiedMotion) -> None:
+    def __init__(self, motion: Motion, proof: MotionProver) -> None:
         self._proof, self._gaps = proof, Gaps(proof.checker)
         self.bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
         self._given = motion
@@ -335,14 +335,14 @@ class Gaps:
         self._kinematics = checker.robot.shared.model.createData()
         self._known: dict[int, pin.GeometryData] = {}  # by the geometry
 
-    def missing(self, Q: FloatArray, proof: CertifiedMotion, spare: FloatArray) -> Shortfalls:
+    def missing(self, Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
         """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small.
 
         Parameters
         ----------
         Q : ndarray, shape (B, n)
             Joint values.
-        proof : CertifiedMotion
+        proof : MotionProver
             Says what pairs must keep.
         spare : ndarray, shape (B,)
             [m] How much more they should keep.
@@ -529,7 +529,7 @@ def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> Fl
     return found
 
 
-def _measured(given: Motion, found: Motion, check: MotionCheck, how: str, proof: CertifiedMotion) -> Repair:
+def _measured(given: Motion, found: Motion, check: MotionCheck, how: str, proof: MotionProver) -> Repair:
     """Return the repair with what it changed."""
     places = np.linspace(found.times[:-1], found.times[1:], len(_PLACES), axis=1)
     flat = places.ravel()

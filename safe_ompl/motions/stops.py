@@ -7,7 +7,7 @@ from math import perm
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
 from safe_ompl.motions.motion import Motion
 from safe_ompl.scene import People
@@ -95,7 +95,7 @@ class MotionCurve:
         return Cells(edges, *boxes[0], *boxes[1], swings, rests)
 
 
-def stops_of(motion: Motion, proof: CertifiedMotion, limits: RateLimits | None, people: People) -> Stops:
+def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, people: People) -> Stops:
     """Return how a motion, its joints in the order of the robot's, stops beside people within a proof's tube.
 
     Raises

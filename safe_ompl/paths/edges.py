@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost
@@ -22,7 +22,7 @@ _WIDENINGS = 6  # then twice as much, so many times
 class EdgeProofs:
     """Proves that every edge of a path is free, and keeps more than a margin from obstacles, until `stop` says so."""
 
-    def __init__(self, motion: CertifiedMotion, stop: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, motion: MotionProver, stop: Callable[[], bool] = lambda: False) -> None:
         self._free = self._clear = motion
         self._stop = stop
         self._proven: set[bytes] = set()

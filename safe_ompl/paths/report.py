@@ -8,7 +8,7 @@ from functools import cached_property
 from time import perf_counter
 from typing import Any
 
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, MotionVerdict, ToolLimit, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, ToolLimit, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.paths.measures import (
@@ -93,7 +93,7 @@ class Validation:
         }
 
 
-def validate(path: FloatArray, motion: CertifiedMotion) -> Validation:
+def validate(path: FloatArray, motion: MotionProver) -> Validation:
     """Return what can be proven of a path (N, n), and what the user's own checks among the motion's limits say."""
     own = [limit for limit in motion.limits if isinstance(limit, UserCheck)]
     proof = motion.with_limits([limit for limit in motion.limits if not isinstance(limit, UserCheck)])
@@ -106,7 +106,7 @@ def validate(path: FloatArray, motion: CertifiedMotion) -> Validation:
     return Validation(proven, refused, claims_of(motion), tuple(outcomes))
 
 
-def claims_of(motion: CertifiedMotion) -> tuple[str, ...]:
+def claims_of(motion: MotionProver) -> tuple[str, ...]:
     """Return what a proof by this validator is of."""
     claims = ["collision"]
     separation = motion.separation
@@ -120,7 +120,7 @@ def claims_of(motion: CertifiedMotion) -> tuple[str, ...]:
     return tuple(claims)
 
 
-def first_refused(path: FloatArray, motion: CertifiedMotion | UserCheck) -> tuple[int, MotionVerdict] | None:
+def first_refused(path: FloatArray, motion: MotionProver | UserCheck) -> tuple[int, MotionVerdict] | None:
     """Return the index of the first edge of `path: (N, n)` that is not proven free, with the verdict; else None.
 
     A path of a single configuration is checked as an edge to itself.
@@ -163,11 +163,11 @@ class PathReport:
         path: FloatArray,
         checker: CollisionChecker,
         field: DangerField | None = None,
-        motion: CertifiedMotion | None = None,
+        motion: MotionProver | None = None,
     ) -> PathReport:
         """Validate a path (N, n) [rad or m] of straight motions, and return the report on it.
 
-        By default one of the checker's certified motions is the validator. An InputError if the path is empty, has the
+        By default a `MotionProver` with the checker is the validator. An InputError if the path is empty, has the
         wrong shape, or is not finite.
         """
         robot = checker.robot
@@ -177,7 +177,7 @@ class PathReport:
         report = cls.__new__(cls)
         report._parts = examination = _Examination(path, checker, field)
         report.length = examination.curve.length
-        report.validation = validate(path, motion or CertifiedMotion(checker))
+        report.validation = validate(path, motion or MotionProver(checker))
         report.links_without_collision = robot.links_without_collision
         return report
 

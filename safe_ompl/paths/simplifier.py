@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import CertifiedMotion, CollisionChecker
+from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, StaleSceneError, clock, finite_array, number
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import (
@@ -42,7 +42,7 @@ def simplify_danger(
     path: ArrayLike,
     checker: CollisionChecker,
     field: DangerField,
-    motion: CertifiedMotion | None = None,
+    motion: MotionProver | None = None,
     *,
     time: float = 0.2,
     stop: Stop | None = None,
@@ -59,8 +59,8 @@ def simplify_danger(
     ----------
     path : array_like, shape (N, n)
         Way points from start to goal [rad or m]; every edge must be proven free by `motion`.
-    checker, field, motion : CollisionChecker, DangerField, CertifiedMotion
-        Robot and scene, the danger, and what proves edges; by default a certified motion of the checker.
+    checker, field, motion : CollisionChecker, DangerField, MotionProver
+        Robot and scene, the danger, and what proves edges; by default a `MotionProver` with the checker.
     time : float
         Time limit [s].
     stop : callable, optional
@@ -156,12 +156,12 @@ class Simplifier:
         self,
         checker: CollisionChecker,
         field: DangerField,
-        motion: CertifiedMotion | None = None,
+        motion: MotionProver | None = None,
         **options: float,
     ) -> None:
         self.robot = checker.robot
         self.checker = checker
-        self.motion = motion or CertifiedMotion(checker)
+        self.motion = motion or MotionProver(checker)
         self._options = chosen = SimplificationOptions(**options)
         self.length_factor, self.spacing, self.precision = chosen.length_factor, chosen.spacing, _CONVERGED
         self.obstacle_cost = ObstacleCost(checker, chosen.clearance) if chosen.clearance else None
@@ -191,8 +191,8 @@ class Simplifier:
         self._follow()
         return self._cost
 
-    def proving_by(self, motion: CertifiedMotion) -> Simplifier:
-        """Return the same simplifier whose edges another certified motion proves."""
+    def proving_by(self, motion: MotionProver) -> Simplifier:
+        """Return the same simplifier whose edges another `MotionProver` proves."""
         other = copy(self)
         other.motion = motion
         return other

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         list_clips,
         skeleton_of,
     )
-    from safe_ompl.people.tracking import Surroundings, Tracker, Violation, without_glitches
+    from safe_ompl.people.tracking import ReachViolation, Surroundings, Tracker, without_glitches
 
 __all__ = [
     "KEYPOINTS",
@@ -40,13 +40,13 @@ __all__ = [
     "LimbLengthReach",
     "ReachModel",
     "ReachSets",
+    "ReachViolation",
     "Recording",
     "Skeleton",
     "SpeedReach",
     "Surroundings",
     "TrackedBody",
     "Tracker",
-    "Violation",
     "calibrate",
     "facing",
     "find_skeleton",

@@ -28,7 +28,7 @@ from safe_ompl.scene import People, Scene
 _ROUNDING = 1e-9  # [m]
 
 
-class Violation(NamedTuple):
+class ReachViolation(NamedTuple):
     """A body that moved farther than was promised."""
 
     who: str  # The person or object, and its limb; the limb of an object is empty
@@ -158,7 +158,7 @@ class PersonTrack:
         """Key points (18, 3) in the order of `KEYPOINTS`, in the world [m]; None before the person was seen."""
         return self._completed
 
-    def observe(self, points: ArrayLike | None, time: float) -> Violation | None:
+    def observe(self, points: ArrayLike | None, time: float) -> ReachViolation | None:
         """Take what the sensor saw at a time [s], and return the limb that moved farther than was promised, if one did.
 
         Key points (J, 3) are as the skeleton has them; NaN, or None for all of them: not seen.
@@ -185,13 +185,13 @@ class PersonTrack:
             self._completed, self._rests = self.tracker.body.completed(self._places)
         return None if promised is None else self._violation(promised, since)
 
-    def _violation(self, promised: ReachSets, since: float) -> Violation | None:
+    def _violation(self, promised: ReachSets, since: float) -> ReachViolation | None:
         assert self._completed is not None
         excess = promised.excess(self.tracker.body.ends(self._completed), since)
         worst = int(excess.argmax())
         if excess[worst] <= self.tracker.noise + _ROUNDING:
             return None
-        return Violation(self.name, promised.names[worst][1], float(excess[worst]))
+        return ReachViolation(self.name, promised.names[worst][1], float(excess[worst]))
 
     def sets(self) -> ReachSets:
         """Return where the limbs may be from the time of the last measurement on; errors as `measured`."""
@@ -238,7 +238,7 @@ class ObjectTrack:
         """How long ago it was seen [s]."""
         return self.time - self.seen
 
-    def observe(self, pose: pin.SE3 | None, time: float) -> Violation | None:
+    def observe(self, pose: pin.SE3 | None, time: float) -> ReachViolation | None:
         """Take where it was seen, or None; as `PersonTrack.observe`."""
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
@@ -248,7 +248,7 @@ class ObjectTrack:
                 pairs = zip(self.points_at(pose), self.points_at(self.pose), strict=True)
                 moved = max(float(np.linalg.norm(new - old, axis=1).max()) for new, old in pairs)
                 excess = moved - self.speed * (time - self.seen)
-                violation = Violation(self.name, "", excess) if excess > _ROUNDING else None
+                violation = ReachViolation(self.name, "", excess) if excess > _ROUNDING else None
             self.pose, self.seen = pose, time
         self.time = time
         return violation
@@ -298,7 +298,7 @@ class Surroundings:
         self.still = self.scene.without(*objects)
         self.time = -np.inf
         self.sets = ReachSets.none()
-        self._violations: list[Violation] = []
+        self._violations: list[ReachViolation] = []
 
     def __repr__(self) -> str:
         return f"Surroundings({len(self.people)} people, {len(self.objects)} objects)"
@@ -323,7 +323,7 @@ class Surroundings:
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
-    ) -> list[Violation]:
+    ) -> list[ReachViolation]:
         """Take what sensors saw; see `Replanner.update`."""
         number("time", time)
         if time < self.time:

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion, CollisionChecker
+from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import compile_beside
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import dangers
@@ -44,4 +44,4 @@ def _ask_for_proofs() -> None:
     checker, q = CollisionChecker(robot, scene), np.zeros(robot.n)
     checker.in_collision(q)
     checker.pairs.bounds.of(q[None], np.arange(1), _MARGIN)
-    CertifiedMotion(checker).is_free(q, q + _MARGIN)
+    MotionProver(checker).is_free(q, q + _MARGIN)

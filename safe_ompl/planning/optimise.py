@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, clock, positive
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import Simplifier, Stop, timed, unrolled
@@ -43,7 +43,7 @@ class Simplification:
         self._options: Mapping[str, Any] = {}
         self._simplifier: Simplifier | None = None
 
-    def set(self, motion: CertifiedMotion, options: Mapping[str, Any]) -> Simplifier:
+    def set(self, motion: MotionProver, options: Mapping[str, Any]) -> Simplifier:
         """Take other options of `Simplifier`, and return one that proves edges by a motion.
 
         An InputError if an option is out of range, or there is no danger.
@@ -56,7 +56,7 @@ class Simplification:
         self._options = options
         return self._simplifier
 
-    def by(self, motion: CertifiedMotion) -> Simplifier:
+    def by(self, motion: MotionProver) -> Simplifier:
         """Return a simplifier that proves edges by a motion; errors as `set`."""
         known = self._simplifier
         if known is None or known.checker is not motion.checker:
@@ -76,7 +76,7 @@ class Timing:
         self._timer: PathTimer | None = None
         self._made_for: tuple[Any, ...] = ()  # the motion, and the scene that its checker was in then
 
-    def timer(self, motion: CertifiedMotion) -> PathTimer:
+    def timer(self, motion: MotionProver) -> PathTimer:
         """Return what times paths that a motion proves.
 
         An InputError if limits are missing, people are not in the scene, or a danger is limited but none is planned

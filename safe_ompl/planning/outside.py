@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, clock, finite_array
-from safe_ompl.motions import Motion, repaired
+from safe_ompl.motions import Motion, repair_with
 from safe_ompl.planning.planners import SafePlanner
 
 _log = logging.getLogger(__name__)
@@ -51,7 +51,7 @@ class OutsidePlanner(SafePlanner):
             path = self._led_to_its_ends(found, start, goals)
             if before is not None and np.array_equal(path, before):
                 return None
-            repair = repaired(Motion.through(path), self._setup.certified_motion, connect=connect)
+            repair = repair_with(Motion.through(path), self._setup.motion_prover, connect=connect)
             if repair:
                 _log.info("%s: %s", self.getName(), repair)
                 return repair.motion.knots

@@ -14,9 +14,9 @@ from ompl import geometric as og
 
 from safe_ompl.collision import (
     FLOOR,
-    CertifiedMotion,
     CollisionChecker,
     MinClearance,
+    MotionProver,
     TipBounds,
     ToolOrientation,
 )
@@ -87,7 +87,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         return self.wiring.checker
 
     @property
-    def certified_motion(self) -> CertifiedMotion:
+    def motion_prover(self) -> MotionProver:
         """What proves motions under the constraints that are set now."""
         return self.wiring.validator.motion
 
@@ -194,7 +194,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
 
-        Arguments and errors of `CertifiedMotion.with_moving_obstacles`; errors as `setConstraints`, too.
+        Arguments and errors of `MotionProver.with_moving_obstacles`; errors as `setConstraints`, too.
         """
         self.setConstraints(self.wiring.constraints.with_moving_obstacles(speeds, time))
 
@@ -355,7 +355,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     @property
     def timer(self) -> PathTimer:
         """What times paths within the limits that `setMotionLimits` set; errors as `Timing.timer`."""
-        return self._timing.timer(self.certified_motion)
+        return self._timing.timer(self.motion_prover)
 
     # ------------------------------------------------------------------------------------- paths and solutions
 
@@ -382,7 +382,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
         self.problem.adopt_plugins()
         array = finite_array(path, (None, self.robot.n), "path")
-        return PathReport.of(array, self.checker, self.field, self.certified_motion)
+        return PathReport.of(array, self.checker, self.field, self.motion_prover)
 
     def is_free(self, path: ArrayLike) -> Validation:
         """Return whether a path (N, n) may be driven in this scene, under the constraints set now.
@@ -394,7 +394,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         array = finite_array(path, (None, self.robot.n), "path")
         if not len(array):
             raise InputError("path must have a configuration at least, got none")
-        return validate(array, self.certified_motion)
+        return validate(array, self.motion_prover)
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""

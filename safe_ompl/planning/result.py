@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import PathReport, Validation
@@ -54,7 +54,7 @@ class PlanResult:
     moving_obstacles : mapping or None
         Where some may move, their ``speeds`` [m/s] by name, and for how long, the ``time`` [s]: the path is free
         whatever they do.
-    robot, scene, danger, motion : Robot, Scene, mapping, CertifiedMotion; or None
+    robot, scene, danger, motion : Robot, Scene, mapping, MotionProver; or None
         What was planned for, and what proved the path; results that come from other processes have none.
     """
 
@@ -74,7 +74,7 @@ class PlanResult:
     setup_time: float = 0.0
     validation_time: float = 0.0
     moving_obstacles: Mapping[str, Any] | None = None
-    motion: CertifiedMotion | None = field(default=None, compare=False, repr=False)
+    motion: MotionProver | None = field(default=None, compare=False, repr=False)
     planned_path: FloatArray | None = field(default=None, compare=False, repr=False)
 
     def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:

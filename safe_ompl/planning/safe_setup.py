@@ -16,7 +16,7 @@ from ompl import base as ob
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError, clock, positive
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.danger import DangerLimit
-from safe_ompl.motions import MotionCheck, Repair, checked, repaired
+from safe_ompl.motions import MotionCheck, Repair, check_with, repair_with
 from safe_ompl.paths import PathReport, Simplifier, Stop, timed
 from safe_ompl.planning.ompl import DangerObjective, DurationObjective
 from safe_ompl.planning.optimise import (
@@ -192,7 +192,7 @@ class SafeSetup(ProblemSetup):
         time = positive(time if optimise is None else optimise, "time limit", "number of seconds")
         simplification = simplification_time(simplify)
         with self._objective_of(cost, planner, parameters):
-            run = Run(self, *self.prepare(planner, seed, parameters), seed=seed, cost=cost)
+            run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed=seed, cost=cost)
             if simplification is None and optimise is None:
                 return run.validated(run.planned(time), report, begin)
             with run.under_own_limit():
@@ -237,7 +237,7 @@ class SafeSetup(ProblemSetup):
     ) -> MotionCheck:
         """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
         self.problem.adopt_plugins()
-        return checked(motion, self.certified_motion, limits, people=people)
+        return check_with(motion, self.motion_prover, limits, people=people)
 
     def repair(
         self,
@@ -250,18 +250,18 @@ class SafeSetup(ProblemSetup):
         """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
         self.problem.adopt_plugins()
         limit = positive(time, "time limit", "number of seconds")
-        return repaired(motion, self.certified_motion, limits, connecting(self, limit), people)
+        return repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
 
     # ----------------------------------------------------------------------------------------- simplification
 
     @property
     def simplifier(self) -> Simplifier:
         """What makes paths cheaper; raises InputError if this setup plans without danger."""
-        return self._simplification.by(self.certified_motion)
+        return self._simplification.by(self.motion_prover)
 
     def setSimplification(self, **options: Any) -> None:
         """Set options of the danger-aware simplification; names and errors as `Simplifier`."""
-        self._simplification.set(self.certified_motion, options)
+        self._simplification.set(self.motion_prover, options)
 
     def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
         """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.
@@ -320,7 +320,7 @@ class SafeSetup(ProblemSetup):
                 self.setOptimizationObjective(replaced)
 
 
-class Run:
+class PlanningRun:
     """One run of a planner that `SafeSetup.prepare` has made ready; `name` is what the result calls it."""
 
     def __init__(self, setup: SafeSetup, planner: Any, name: str, seed: int, cost: Cost = "danger") -> None:
@@ -446,7 +446,7 @@ class Run:
             scene=setup.scene,
             danger=setup.danger_options,
             moving_obstacles={"speeds": speeds, "time": duration} if speeds else None,
-            motion=setup.certified_motion,
+            motion=setup.motion_prover,
         )
 
     def _result(self, **found: Any) -> PlanResult:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.danger import DangerLimit
 from safe_ompl.robot import Robot
@@ -265,7 +265,7 @@ def blended(
     path: FloatArray,
     robot: Robot,
     tolerance: float,
-    motion: CertifiedMotion | None,
+    motion: MotionProver | None,
     limits: RateLimits | None = None,
 ) -> BlendedCurve:
     """Return the path (N, n) with its corners rounded.
@@ -284,7 +284,7 @@ def blended(
         The robot.
     tolerance : float
         How far the curve may be from the path [rad]; 0: it stops in every corner.
-    motion : CertifiedMotion, optional
+    motion : MotionProver, optional
         What proves blends; without it there are none.
     limits : RateLimits, optional
         If they limit the jerk q″ is continuous.
@@ -374,15 +374,15 @@ def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float
 
 
 class BlendProof:
-    """Proves blends free, and within the limits of danger, as `CertifiedMotion` proves straight motions.
+    """Proves blends free, and within the limits of danger, as `MotionProver` proves straight motions.
 
     Parameters
     ----------
-    motion : CertifiedMotion
+    motion : MotionProver
         Robot, scene, floor, and what must be kept.
     """
 
-    def __init__(self, motion: CertifiedMotion) -> None:
+    def __init__(self, motion: MotionProver) -> None:
         self._checker, self._floor = motion.checker, motion.floor
         self._required = motion.separation.required(motion.checker)
         self._limits = [limit for limit in motion.limits if isinstance(limit, DangerLimit)]

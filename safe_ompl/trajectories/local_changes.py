@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories.caps import StandstillError
@@ -160,7 +160,7 @@ def duration_of(timer: PathTimer, path: FloatArray, cells: int = CELLS) -> float
 def faster(
     path: FloatArray,
     timer: PathTimer,
-    motion: CertifiedMotion,
+    motion: MotionProver,
     rng: np.random.Generator,
     stop: Callable[[], bool],
     on_better: Callable[[FloatArray, float], None] | None = None,
@@ -179,7 +179,7 @@ def faster(
         Proven way points; continuous joints do not jump.
     timer : PathTimer
         Limits and caps.
-    motion : CertifiedMotion
+    motion : MotionProver
         Proves edges.
     rng : numpy.random.Generator
         Random numbers.
@@ -216,7 +216,7 @@ class _LocalSearch:
     _cost: float  # and all of it
 
     def __init__(
-        self, path: FloatArray, timer: PathTimer, motion: CertifiedMotion, rng: np.random.Generator
+        self, path: FloatArray, timer: PathTimer, motion: MotionProver, rng: np.random.Generator
     ) -> None:
         self._timer, self._motion = timer, motion
         self._estimate = DurationEstimate(timer)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, finite_array, number
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.robot import Robot
@@ -42,7 +42,7 @@ def time_path(
     robot: Robot,
     limits: RateLimits | None = None,
     *,
-    motion: CertifiedMotion | None = None,
+    motion: MotionProver | None = None,
     tolerance: float = BLEND_TOLERANCE,
     people: People | None = None,
     tool_speed: float | None = None,
@@ -61,7 +61,7 @@ def time_path(
     limits : RateLimits, optional
         Joint velocities and accelerations; default: `RateLimits.of(robot)`. If they limit the jerk the trajectory is
         not quite the fastest one.
-    motion : CertifiedMotion, optional
+    motion : MotionProver, optional
         What proves the blends that round the corners. Without it the robot stops in every corner.
     tolerance : float
         How far blends may be from the path [rad].
@@ -119,7 +119,7 @@ class PathTimer:
         robot: Robot,
         limits: RateLimits | None = None,
         *,
-        motion: CertifiedMotion | None = None,
+        motion: MotionProver | None = None,
         tolerance: float = BLEND_TOLERANCE,
         caps: MotionCaps | None = None,
         **named: Any,
@@ -265,7 +265,7 @@ def checked_path(path: ArrayLike, robot: Robot) -> FloatArray:
     return points
 
 
-def within_tube(caps: MotionCaps, motion: CertifiedMotion | None) -> MotionCaps:
+def within_tube(caps: MotionCaps, motion: MotionProver | None) -> MotionCaps:
     """Return what bounds the speed of a robot that may be anywhere in the tube of what is proven of its path."""
     if motion is None or not motion.separation.tube:
         return caps

@@ -14,7 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from signing import signed
 
-from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Obstacle, Pose, Scene, Sphere
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Pose, Scene, Sphere
 from safe_ompl.certificates import Pairs, certificate, verify
 from safe_ompl.certificates.claims import Danger
 from safe_ompl.certificates.issue import terms_of_field
@@ -30,7 +30,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 @cache
 def motion_of(robot, scene):
-    return CertifiedMotion(CollisionChecker(robot, scene))
+    return MotionProver(CollisionChecker(robot, scene))
 
 
 def free_path(robot, scene, seed, edges=1):

@@ -26,7 +26,7 @@ from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import Separation, ToolOrientation
 from safe_ompl.danger import CertifiedDanger
 from safe_ompl.io.schema import digest, record
-from safe_ompl.motions import Motion, check, checked
+from safe_ompl.motions import Motion, check, check_with
 from safe_ompl.view import ViewerContent
 
 TIMES = np.array([0.0, 0.8, 1.5, 2.4])
@@ -249,7 +249,7 @@ def test_what_is_not_proven_has_no_certificate(ur5, clutter, fast):
 
     found = check(spline(), ur5, clutter)
     with pytest.raises(InputError, match="limits: no certificate has a claim of 'mine'"):
-        motion_certificate(checked(spline(), found.proof.with_limits([Own()])))
+        motion_certificate(check_with(spline(), found.proof.with_limits([Own()])))
     bare = check(Motion.sampled(FINE, spline()(FINE), 0.5), ur5, clutter, limits=fast)
     assert "velocity" not in bare.claims
     assert "velocity" not in motion_certificate(bare)["motion"]

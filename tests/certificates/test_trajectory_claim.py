@@ -13,7 +13,7 @@ from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import at_most
 from safe_ompl.certificates.issue import terms_of_field
 from safe_ompl.certificates.verifier.bodies import corners
-from safe_ompl.collision import CertifiedMotion, CollisionChecker
+from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.io.schema import digest
 from safe_ompl.robot import Robot
 from safe_ompl.scene import BodyRegion
@@ -41,7 +41,7 @@ def scene(clutter):
 @pytest.fixture(scope="module")
 def made(ur5, scene):
     """Return a trajectory beside a ball that may move."""
-    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    motion = MotionProver(CollisionChecker(ur5, scene))
     with pytest.MonkeyPatch.context() as patch:  # fewer cells: what is tested takes less time
         patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
         return time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion, people=PEOPLE)
@@ -123,7 +123,7 @@ def test_a_timed_motion_is_claimed_and_verified(written, ur5, scene, made, plain
 
 
 def test_what_is_not_claimed_is_said(ur5, scene):
-    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    motion = MotionProver(CollisionChecker(ur5, scene))
     plain = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion)
     assert "stops" in verify(certificate(PATH, ur5, scene, trajectory=plain), ur5, scene).not_claimed
     assert "stops" not in verify(certificate(PATH, ur5, scene), ur5, scene).not_claimed
@@ -132,7 +132,7 @@ def test_what_is_not_claimed_is_said(ur5, scene):
 @pytest.fixture(scope="module")
 def touching(ur5, scene):
     """Return the certificate of a trajectory that may touch the ball, which is as near as nobody could stop for."""
-    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    motion = MotionProver(CollisionChecker(ur5, scene))
     allowed = People(who=("ball",), reaction_time=0.5, contact=True, regions={"head": (100, 4.4, 150)})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
@@ -363,7 +363,7 @@ def test_a_curve_through_an_obstacle_is_refused(ur5, scene):
 @pytest.fixture(scope="module")
 def smooth(ur5, scene):
     """Return the certificate of a trajectory with limits of jerk, tool and links."""
-    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    motion = MotionProver(CollisionChecker(ur5, scene))
     limits = RateLimits.of(ur5, 2.0, 4.0, 500.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import CertifiedMotion, CollisionChecker, Mesh, Obstacle, Pose, Scene, Verdict
+from safe_ompl import CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Scene, Verdict
 from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation
 from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
@@ -115,7 +115,7 @@ def test_where_a_motion_is_blocked_coal_finds_a_pair_too_near(robot_named, clutt
 
 def test_what_only_holds_a_body_blocks_nothing(ur5):
     room = Obstacle("room", Mesh(WEDGE, (9.0, 9.0, 9.0), convex=False), Pose((-3.0, 0.0, 0.0)))
-    inside, alone = (CertifiedMotion(CollisionChecker(ur5, scene)) for scene in (Scene((room,)), Scene()))
+    inside, alone = (MotionProver(CollisionChecker(ur5, scene)) for scene in (Scene((room,)), Scene()))
     asked = [(start, start + delta) for start, delta in edges(ur5, 40)]
     found = [inside.is_free(*edge) for edge in asked]
     assert found == [alone.is_free(*edge) for edge in asked]
@@ -130,7 +130,7 @@ def test_what_only_holds_a_body_blocks_nothing(ur5):
 def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, name, margin):
     robot = robot_named(name)
     checker = CollisionChecker(robot, clutter)
-    motion = CertifiedMotion(checker, separation=Separation(margin=margin))
+    motion = MotionProver(checker, separation=Separation(margin=margin))
     asked = [(start, start + delta) for start, delta in edges(robot, 60)]
     found = [motion.check(*edge).verdict for edge in asked]
     by_bounds = checker.counts.copy()
@@ -147,7 +147,7 @@ def test_nothing_that_moves_reaches_a_free_motion(ur5, clutter, monkeypatch, by_
     if not by_bounds:
         monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
     checker, free = CollisionChecker(ur5, clutter), 0
-    motion, pairs = CertifiedMotion(checker), far_pairs(ur5, clutter)
+    motion, pairs = MotionProver(checker), far_pairs(ur5, clutter)
     speeds = {obstacle.name: speed for obstacle in clutter if obstacle.name != "table"}
     reached = np.array([speeds.get(name, 0.0) for _, name in pairs.names])
     for start, delta in edges(ur5, 60):
@@ -160,7 +160,7 @@ def test_nothing_that_moves_reaches_a_free_motion(ur5, clutter, monkeypatch, by_
 
 def test_free_edges_hardly_need_coal(ur5, clutter):
     checker = CollisionChecker(ur5, clutter)
-    motion, work, free = CertifiedMotion(checker), Counts(), 0
+    motion, work, free = MotionProver(checker), Counts(), 0
     for start, delta in edges(ur5, 300):
         checker.counts.reset()
         if motion.is_free(start, start + delta):
@@ -177,7 +177,7 @@ def test_free_edges_hardly_need_coal(ur5, clutter):
 def test_edges_together_are_proven_as_one_by_one(robot_named, clutter, name, margin):
     robot = robot_named(name)
     checker = CollisionChecker(robot, clutter)
-    motion = CertifiedMotion(checker, separation=Separation(margin=margin))
+    motion = MotionProver(checker, separation=Separation(margin=margin))
     starts, ways = map(np.array, zip(*edges(robot, 200, longest=0.6), strict=True))
     ends = starts + ways
     ends[::7] = robot.upper + 1.0

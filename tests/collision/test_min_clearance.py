@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl import InputError, Obstacle, Pose, Scene, Sphere, UnknownNameError
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, Separation, Verdict
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
 ERROR = 2e-5  # [m] of coal's distances
@@ -48,7 +48,7 @@ START, END = np.array([-0.7]), np.array([0.8])  # the ball on the crank passes t
 def test_verdicts_on_clearance(robot_named, clutter, plain_check, name, seed, length, distance):
     robot = robot_named(name)
     checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
-    motion = CertifiedMotion(checker).with_min_clearance(distance, ["ball", "post"])
+    motion = MotionProver(checker).with_min_clearance(distance, ["ball", "post"])
     start, end = random_edge(robot, seed, length)
     chosen = [k for k, (_, other) in enumerate(plain.pairs) if other in ("ball", "post")]
     delta = robot.difference(start, end)
@@ -70,7 +70,7 @@ def test_verdicts_on_clearance(robot_named, clutter, plain_check, name, seed, le
 
 def test_what_never_touches_may_come_too_near(crank):
     checker = CollisionChecker(crank, balls(far=0.65))  # 50 mm beyond reach
-    motion = CertifiedMotion(checker)
+    motion = MotionProver(checker)
     assert checker.pair_names == (), "left out of the collision queries"
     assert motion.is_free(START, END)
     assert motion.with_min_clearance(0.04).is_free(START, END)
@@ -112,7 +112,7 @@ def test_few_sets_of_pairs_are_made(panda, clutter):
 
 
 def test_exempt_pairs_and_chosen_obstacles(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65, near=0.62)))
+    motion = MotionProver(CollisionChecker(crank, balls(far=0.65, near=0.62)))
     assert motion.with_min_clearance(0.04).check(START, END).pair == ("ball", "near")
     assert motion.with_min_clearance(0.04, exempt=[("ball", "near")]).is_free(START, END)
     chosen = motion.with_min_clearance(0.04, ["far"])
@@ -124,14 +124,14 @@ def test_exempt_pairs_and_chosen_obstacles(crank):
 
 def test_people_by_default(crank):
     scene = Scene((Obstacle("box", Sphere(0.05), Pose((0.62, 0, 0))), *balls(person=-0.9)))
-    motion = CertifiedMotion(CollisionChecker(crank, scene)).with_min_clearance(0.1)
+    motion = MotionProver(CollisionChecker(crank, scene)).with_min_clearance(0.1)
     assert motion.separation.min_clearance.obstacles == ("person",)
     assert motion.is_free(START, END)
 
 
 @pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf, "0.1"])
 def test_the_distance_must_be_a_length(crank, bad):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(a=0.9)))
+    motion = MotionProver(CollisionChecker(crank, balls(a=0.9)))
     with pytest.raises(InputError, match="min clearance must be a finite length"):
         motion.with_min_clearance(bad)
     with pytest.raises(InputError, match="margin must be a finite length"):
@@ -151,7 +151,7 @@ def test_a_separation_is_a_value(crank):
 
 
 def test_names_are_checked(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(a=0.9, b=0.8)))
+    motion = MotionProver(CollisionChecker(crank, balls(a=0.9, b=0.8)))
     for arguments, message in (
         ((0.1, ["c"]), "unknown obstacle 'c'; known: a, b"),
         ((0.1, None, [("bal", "a")]), "unknown link 'bal'; known: ball"),
@@ -166,7 +166,7 @@ def test_names_are_checked(crank):
             motion.with_min_clearance(*arguments)
     harmless = Scene((Obstacle("box", Sphere(0.05), Pose((0.9, 0, 0))),))
     with pytest.raises(InputError, match="no obstacle has a danger weight"):
-        CertifiedMotion(CollisionChecker(crank, harmless)).with_min_clearance(0.1)
+        MotionProver(CollisionChecker(crank, harmless)).with_min_clearance(0.1)
 
 
 # ----------------------------------------------------------------------------------------- obstacles that move
@@ -180,7 +180,7 @@ def test_verdicts_on_moving_obstacles(robot_named, clutter, plain_check, name, s
     checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
     start, end = random_edge(robot, seed, 0.4)
     delta = robot.difference(start, end)
-    found = CertifiedMotion(checker).check_moving(start, end, {"ball": speed}, (first, first + duration))
+    found = MotionProver(checker).check_moving(start, end, {"ball": speed}, (first, first + duration))
     of_ball = np.array([other == "ball" for _, other in plain.pairs])
 
     def room(t):  # how far each pair is apart if the ball comes straight on
@@ -193,7 +193,7 @@ def test_verdicts_on_moving_obstacles(robot_named, clutter, plain_check, name, s
 
 
 def test_an_obstacle_that_comes_in_time(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
+    motion = MotionProver(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
     assert motion.check_moving(START, END, {}, (0.0, 9.0)).verdict is Verdict.FREE
     assert motion.check_moving(START, END, {"walker": 0.5}, (0.0, 0.7)).verdict is Verdict.FREE
     late = motion.check_moving(START, END, {"walker": 0.5}, (0.0, 2.0))
@@ -207,14 +207,14 @@ def test_an_obstacle_that_comes_in_time(crank):
 def test_a_clearance_is_kept_from_moving_obstacles_that_begin_out_of_reach(crank):
     scene = Scene((Obstacle("walker", Sphere(0.1), Pose((2.0, 0.0, 0.0))),))
     checker = CollisionChecker(crank, scene)
-    motion = CertifiedMotion(checker).with_min_clearance(0.3, ["walker"])
+    motion = MotionProver(checker).with_min_clearance(0.3, ["walker"])
     left = checker.clearance(START).distance
     assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.31)).verdict is Verdict.FREE
     assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.29)).verdict is Verdict.BLOCKED
 
 
 def test_the_motion_among_moving_obstacles_is_checked(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))
+    motion = MotionProver(CollisionChecker(crank, balls(walker=1.0)))
     with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'; known: walker"):
         motion.check_moving(START, END, {"runner": 1.0}, (0.0, 1.0))
     for speed in (-1.0, np.nan, np.inf):
@@ -226,7 +226,7 @@ def test_the_motion_among_moving_obstacles_is_checked(crank):
 
 
 def test_all_motions_are_free_among_moving_obstacles_once_these_are_given(crank):
-    still = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
+    still = MotionProver(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
     assert still.with_moving_obstacles({"walker": 0.5}, 0.7).is_free(START, END)
     motion = still.with_moving_obstacles({"walker": 0.5}, 0.9)
     assert not motion.is_free(START, END)
@@ -242,7 +242,7 @@ def test_all_motions_are_free_among_moving_obstacles_once_these_are_given(crank)
 
 @pytest.mark.parametrize("clearance_first", [True, False])
 def test_clearance_and_moving_obstacles_add_up_in_any_order(crank, clearance_first):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65)))  # 50 mm beyond reach
+    motion = MotionProver(CollisionChecker(crank, balls(far=0.65)))  # 50 mm beyond reach
     if clearance_first:
         motion = motion.with_min_clearance(0.03)
     motion = motion.with_moving_obstacles({"far": 0.03}, 1.0)
@@ -254,7 +254,7 @@ def test_clearance_and_moving_obstacles_add_up_in_any_order(crank, clearance_fir
 
 
 def test_what_moves_during_an_edge_comes_on_top_of_what_may_have_moved(crank):
-    still = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))
+    still = MotionProver(CollisionChecker(crank, balls(walker=1.0)))
     assert still.check_moving(START, END, {"walker": 0.3}, (0.0, 1.0)).verdict is Verdict.FREE
     moved = still.with_moving_obstacles({"walker": 0.3}, 1.0)
     assert moved.is_free(START, END)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl import Box, InputError, Obstacle, PointCloud, Pose, Robot, Scene, Sphere, certificate, verify
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, MotionVerdict, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
 from safe_ompl.collision.pairs import BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
 
@@ -20,7 +20,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 @cache
 def problem(robot, scene, plain_check):
-    return CertifiedMotion(CollisionChecker(robot, scene)), plain_check(robot, scene)
+    return MotionProver(CollisionChecker(robot, scene)), plain_check(robot, scene)
 
 
 def random_edge(robot, seed, length):
@@ -52,10 +52,10 @@ def test_a_robot_is_free_within_the_hull_of_a_cloud(panda):
     start = np.array([0.0, 0.0, 0.0, -1.8, 0.0, 1.8, 0.8])
     turn = np.linspace(0.0, 2 * np.pi, 40)
     ring = panda.tip_pose(start).translation + 0.25 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-    motion = CertifiedMotion(CollisionChecker(panda, Scene((Obstacle("ring", PointCloud(0.01, points=ring)),))))
+    motion = MotionProver(CollisionChecker(panda, Scene((Obstacle("ring", PointCloud(0.01, points=ring)),))))
     assert motion.is_free(start, start + 0.02)
     ring[0] = panda.tip_pose(start + 0.01).act(np.array([0.0, 0.0, -0.1]))  # in the hand
-    motion = CertifiedMotion(CollisionChecker(panda, Scene((Obstacle("ring", PointCloud(0.01, points=ring)),))))
+    motion = MotionProver(CollisionChecker(panda, Scene((Obstacle("ring", PointCloud(0.01, points=ring)),))))
     assert not motion.is_free(start, start + 0.02)
 
 
@@ -163,7 +163,7 @@ def test_a_thin_plate_between_the_samples_of_others_is_found(spoke, plain_check)
     ],
 )
 def test_the_floor_decides_how_near_is_too_near_to_tell(crank, gap, floor, expected):
-    motion = CertifiedMotion(CollisionChecker(crank, beside(gap)), floor)
+    motion = MotionProver(CollisionChecker(crank, beside(gap)), floor)
     verdict = motion.check(np.array([-0.51]), np.array([0.5]))
     assert verdict.verdict is expected
     if expected is not Verdict.FREE:
@@ -177,7 +177,7 @@ def test_a_large_floor_asks_little(crank):
     work = []
     for floor in (1e-1, 1e-2, 1e-3, 1e-4):
         checker.counts.reset()
-        CertifiedMotion(checker, floor).check(np.array([-0.51]), np.array([0.5]))
+        MotionProver(checker, floor).check(np.array([-0.51]), np.array([0.5]))
         work.append(checker.counts.margin_queries + checker.counts.distance_queries)
     assert work == sorted(work)
     assert work[0] <= 14
@@ -185,21 +185,21 @@ def test_a_large_floor_asks_little(crank):
 
 
 def test_a_motion_of_no_length(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, beside(-0.01)))
+    motion = MotionProver(CollisionChecker(crank, beside(-0.01)))
     assert motion.check(np.array([1.0]), np.array([1.0])) == MotionVerdict(Verdict.FREE)
     blocked = motion.check(np.array([0.0]), np.array([0.0]))
     assert (blocked.verdict, blocked.pair) == (Verdict.BLOCKED, ("ball", "ball"))
 
 
 def test_a_robot_alone_in_the_world_moves_freely(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, Scene()))
+    motion = MotionProver(CollisionChecker(crank, Scene()))
     assert motion.check(np.array([-3.0]), np.array([3.0])) == MotionVerdict(Verdict.FREE)
 
 
 def test_short_edges_far_from_everything_cost_one_look(ur5):
     checker = CollisionChecker(ur5, Scene((Obstacle("ball", Sphere(0.1), Pose((0.0, 0.9, 0.9))),)))
     start = np.array([0.0, -1.5, 0.5, -0.5, 0.3, 0.0])
-    assert CertifiedMotion(checker).is_free(start, start + 0.05)
+    assert MotionProver(checker).is_free(start, start + 0.05)
     assert checker.counts == Counts(bound_queries=1)
 
 
@@ -246,7 +246,7 @@ def test_edges_over_the_half_turn(kinova, clutter, plain_check, seed):
 
 def test_an_edge_outside_the_limits_is_not_certified(robot_named):
     slider = robot_named("slider")
-    motion = CertifiedMotion(CollisionChecker(slider, Scene()))
+    motion = MotionProver(CollisionChecker(slider, Scene()))
     inside, outside = np.array([0.2, 0.0, 0.3, 0.0]), np.array([0.2, 0.0, 0.36, 0.0])
     assert motion.check(inside, inside).verdict is Verdict.FREE
     assert motion.check(inside, outside) == MotionVerdict(Verdict.BLOCKED, 1.0, ("right_slide", "its limits"))
@@ -264,11 +264,11 @@ def test_a_wall_that_is_out_of_reach_within_the_limits_only(robot_named):
     place = slider.tip_pose(outside).act(np.array([0.1, 0.02, 0.0])) - 0.3 * way
     checker = CollisionChecker(slider, Scene((Obstacle("wall", Sphere(0.3), Pose(tuple(place))),)))
     assert not any("wall" in pair for pair in checker.pair_names), "left out"
-    assert not CertifiedMotion(checker).is_free(inside, outside)
+    assert not MotionProver(checker).is_free(inside, outside)
 
 
 def test_the_tolerance_of_limits(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, Scene()))
+    motion = MotionProver(CollisionChecker(crank, Scene()))
     assert motion.is_free([0.0], crank.upper + 5e-10)
     assert not motion.is_free([0.0], crank.upper + 2e-9)
     assert not motion.is_free(crank.lower - 2e-9, [0.0])
@@ -279,7 +279,7 @@ def test_the_tolerance_of_limits(crank):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_motions_must_be_finite(crank, bad):
-    motion = CertifiedMotion(CollisionChecker(crank, Scene()))
+    motion = MotionProver(CollisionChecker(crank, Scene()))
     for edge in (([bad], [0.0]), ([0.0], [bad])):
         with pytest.raises(InputError, match="not finite"):
             motion.check(*map(np.array, edge))
@@ -291,12 +291,12 @@ def test_motions_must_be_finite(crank, bad):
 def test_the_floor_must_be_a_length(crank, floor):
     checker = CollisionChecker(crank, Scene())
     with pytest.raises(InputError, match="floor must be a positive length"):
-        CertifiedMotion(checker, floor)
-    assert "floor=0.001" in repr(CertifiedMotion(checker, 1e-3))
+        MotionProver(checker, floor)
+    assert "floor=0.001" in repr(MotionProver(checker, 1e-3))
 
 
 def test_what_proves_motions_does_not_change(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, beside(0.02)))
+    motion = MotionProver(CollisionChecker(crank, beside(0.02)))
     start, end = np.array([-0.51]), np.array([0.5])
     for name in ("checker", "floor", "separation", "margin", "limits"):
         with pytest.raises(AttributeError):
@@ -308,7 +308,7 @@ def test_what_proves_motions_does_not_change(crank):
 
 
 def test_motions_as_people_write_them(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, beside(0.02)))
+    motion = MotionProver(CollisionChecker(crank, beside(0.02)))
     for start, end in (([-0.51], [0.5]), ((-1,), (1,)), (np.float32([-0.5]), np.array([1]))):
         assert motion.is_free(start, end)
         assert motion.check(start, end) == MotionVerdict(Verdict.FREE)
@@ -325,7 +325,7 @@ def test_what_is_proven_can_be_certified(crank, monkeypatch, gap, by_bounds):
     scene, path = beside(gap), [[-0.51], [0.5]]
     if not by_bounds:
         monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
-    free = CertifiedMotion(CollisionChecker(crank, scene)).is_free(*np.array(path))
+    free = MotionProver(CollisionChecker(crank, scene)).is_free(*np.array(path))
     assert free is (gap > 2e-5)
     if free:
         verify(certificate(path, crank, scene), crank, scene)

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import CertifiedMotion, CollisionChecker, InputError, Scene, UnknownNameError
+from safe_ompl import CollisionChecker, InputError, MotionProver, Scene, UnknownNameError
 from safe_ompl.collision import Proximity, Separation
 from safe_ompl.geometry import STANDING, Box, Cylinder, Obstacle, Person, PointCloud, Pose, Sphere
 
@@ -66,7 +66,7 @@ def test_after_any_moves_answers_are_those_of_a_checker_made_anew(robot_named, s
     robot = robot_named(name)
     checker = CollisionChecker(robot, scene, movable=MOVABLE)
     wide, near = checker.pairs_within(0.1), Proximity(checker, 0.1)
-    motion = CertifiedMotion(checker, separation=Separation(margin=0.02))
+    motion = MotionProver(checker, separation=Separation(margin=0.02))
     touched = free = 0
     for _ in range(MOVES // 3):
         scene = scene.moved(random_places(rng))
@@ -91,7 +91,7 @@ def test_after_any_moves_answers_are_those_of_a_checker_made_anew(robot_named, s
         found, expected = near.witnesses(Q), Proximity(anew, 0.1).witnesses(Q)
         np.testing.assert_array_equal(found.offsets, expected.offsets)
         np.testing.assert_array_equal(found.points, expected.points)
-        proof = CertifiedMotion(anew, separation=Separation(margin=0.02))
+        proof = MotionProver(anew, separation=Separation(margin=0.02))
         for q in Q[:2]:
             end = np.clip(q + rng.normal(0.0, 0.1, robot.n), robot.lower, robot.upper)
             verdict = motion.check(q, end)

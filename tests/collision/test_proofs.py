@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl import CertifiedDanger, DangerField, Obstacle, PointCloud, Scene, certificate, verify
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, Verdict
 from safe_ompl.geometry import Box, Capsule, Cylinder, Pose, Sphere
 
 ERROR = 2e-5  # [m] of coal's distances
@@ -48,10 +48,10 @@ def test_proofs_in_all_kinds_of_scenes(robot_named, plain_check, name, scene, se
     of_obstacles = np.array([other in scene.names for _, other in plain.pairs])
     apart = np.array([plain.distances(q) for q in edge])
 
-    if CertifiedMotion(checker).is_free(start, end):
+    if MotionProver(checker).is_free(start, end):
         assert apart.min() > -ERROR
         assert verify(certificate([start, end], robot, scene), robot, scene).edges == 1
-    motion = CertifiedMotion(checker).with_margin(margin)
+    motion = MotionProver(checker).with_margin(margin)
     found = motion.check(start, end)
     if found.verdict is Verdict.FREE:
         assert apart[:, of_obstacles].min() > margin - ERROR

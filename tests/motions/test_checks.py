@@ -12,13 +12,13 @@ from scipy.interpolate import CubicSpline
 
 from safe_ompl import (
     Box,
-    CertifiedMotion,
     CollisionChecker,
     Constraints,
     DangerField,
     DangerLimit,
     InputError,
     Motion,
+    MotionProver,
     Obstacle,
     People,
     Pose,
@@ -29,7 +29,7 @@ from safe_ompl import (
     TipBounds,
     Verdict,
 )
-from safe_ompl.motions import check, checked, repaired, widest_tube
+from safe_ompl.motions import check, check_with, repair_with, widest_tube
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -48,11 +48,11 @@ def spline(robot, seed, knots=6, spread=0.5):
 @pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm", "slider"])
 def test_no_proven_motion_touches_and_what_is_refused_is_there(robot_named, clutter, name):
     robot = robot_named(name)
-    proof = CertifiedMotion(CollisionChecker(robot, clutter))
+    proof = MotionProver(CollisionChecker(robot, clutter))
     verdicts = set()
     for seed in range(25):
         motion = Motion.of(spline(robot, seed)).for_robot(robot)
-        found = checked(motion, proof)
+        found = check_with(motion, proof)
         touching = [t for t in np.linspace(0, 5, 800) if proof.checker.touches(motion.at(t))]
         verdicts.add(bool(found))
         assert not (found and touching)
@@ -70,7 +70,7 @@ def test_no_proven_motion_touches_and_what_is_refused_is_there(robot_named, clut
 @settings(max_examples=25)
 def test_straight_motions_are_proven_alike_as_edges_and_as_curves(panda, clutter, seed):
     rng = np.random.default_rng(seed)
-    proof = CertifiedMotion(CollisionChecker(panda, clutter))
+    proof = MotionProver(CollisionChecker(panda, clutter))
     start = rng.uniform(panda.lower, panda.upper)
     end = np.clip(start + rng.normal(scale=0.3, size=7), panda.lower, panda.upper)
     edge = proof.check(start, end)
@@ -225,8 +225,8 @@ def test_repaired_motions_are_proven_near_and_of_the_same_form(panda, seed, degr
         ]
     )
     given = pushed_into(panda, scene, seed, degree).for_robot(panda)
-    proof = CertifiedMotion(CollisionChecker(panda, scene))
-    found = repaired(given, proof)
+    proof = MotionProver(CollisionChecker(panda, scene))
+    found = repair_with(given, proof)
     assert found, found.how
     motion = found.motion
     dense = np.linspace(*motion.times[[0, -1]], 4000)
@@ -246,17 +246,17 @@ def test_repaired_motions_are_proven_near_and_of_the_same_form(panda, seed, degr
 
 
 def test_what_need_not_or_cannot_be_repaired_stays_as_it_is(crank, post):
-    proof = CertifiedMotion(CollisionChecker(crank, post))
+    proof = MotionProver(CollisionChecker(crank, post))
     free = Motion.hermite([0, 1], [[0.0], [0.5]], [[0.0], [0.0]])
-    assert repaired(free, proof).how == "unchanged"
+    assert repair_with(free, proof).how == "unchanged"
     ends_in_it = Motion.hermite([0, 1], [[0.0], [0.95]], [[0.0], [0.0]])
-    assert "end" in repaired(ends_in_it, proof).how
+    assert "end" in repair_with(ends_in_it, proof).how
     through = Motion.hermite([0, 1], [[0.0], [2.0]], [[0.0], [0.0]])  # one joint cannot go round
-    found = repaired(through, proof, connect=lambda start, end: None)
+    found = repair_with(through, proof, connect=lambda start, end: None)
     assert not found
     assert "no way round" in found.how
     dips = Motion.hermite([0, 1, 2], [[0.0], [0.82], [0.0]], [[0.0], [0.0], [0.0]])
-    found = repaired(dips, proof)
+    found = repair_with(dips, proof)
     assert found.how == "moved"
     assert found.deviation == pytest.approx(0.82 - TOUCH, abs=0.02)
 
@@ -267,35 +267,35 @@ def test_a_way_round_is_followed_where_pushing_fails(panda):
     start = np.array([-0.8, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])
     end = start * [-1, 1, 1, 1, 1, 1, 1]
     over = np.array([0.0, -0.7, 0.0, -1.2, 0.0, 1.6, 0.8])
-    proof = CertifiedMotion(CollisionChecker(panda, wall))
+    proof = MotionProver(CollisionChecker(panda, wall))
     given = Motion.hermite([0, 2], [start, end], [np.zeros(7), np.zeros(7)], [np.zeros(7), np.zeros(7)])
     lift = start + np.array([0, -1.0, 0, 0.8, 0, -0.7, 0])
     way = np.array([start, lift, over, lift * [-1, 1, 1, 1, 1, 1, 1], end])
     assert all(proof.is_free(a, b) for a, b in pairwise(way))
-    found = repaired(
+    found = repair_with(
         given, proof, connect=lambda a, b: way if np.allclose(a, start) and np.allclose(b, end) else None
     )
     assert found, found.how
-    assert checked(found.motion, proof)
+    assert check_with(found.motion, proof)
 
 
 def test_a_motion_is_slowed_where_only_its_rates_or_stops_need_it(crank, post):
     """Its way stays; a jump of the velocity stays one at any pace."""
     motion = Motion.hermite([1, 2], [[0.0], [0.6]], [[0.0], [0.0]])
     limits = RateLimits.of(crank, velocity=0.5, acceleration=100.0)
-    proof = CertifiedMotion(CollisionChecker(crank, post))
-    found = repaired(motion, proof, limits)
+    proof = MotionProver(CollisionChecker(crank, post))
+    found = repair_with(motion, proof, limits)
     assert found, found
     assert (found.how, found.changed, found.slower) == ("slowed", (), pytest.approx(1.8))  # 0.9 rad/s at most
     np.testing.assert_allclose(found.motion.at([1.0, 1.9, 2.8]), motion.at([1.0, 1.5, 2.0]), atol=1e-12)
     people = People(who=("post",), speed=0.35, reaction_time=0.25)
     limits = RateLimits.of(crank, velocity=5.0, acceleration=4.0)
-    late = repaired(motion, proof, limits, people=people)
+    late = repair_with(motion, proof, limits, people=people)
     assert late.slower > 1.5
-    assert repaired(motion, proof, limits).how == "unchanged"
+    assert repair_with(motion, proof, limits).how == "unchanged"
     assert late.check.people == people
     assert not check(
         replace(late.motion, times=late.motion.times / 1.03), crank, post, limits=limits, people=people
     )
     through = Motion.hermite([0, 1, 2], [[0.0], [0.3], [0.2]])
-    assert "jump" in repaired(through, proof, limits).how
+    assert "jump" in repair_with(through, proof, limits).how

@@ -18,7 +18,7 @@ from safe_ompl import (
     time_path,
 )
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
+from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.motions import check
 from safe_ompl.scene import find_scenario
 from safe_ompl.trajectories import contact_speed, robot_mass
@@ -132,7 +132,7 @@ def test_a_motion_that_waits_may_stop_where_it_waits(panda):
 
 def test_our_own_trajectories_are_proven_as_motions_of_others(panda, shelf, limits, spline):
     path = spline(1.0)(np.linspace(0, 1, 4))
-    proof = CertifiedMotion(CollisionChecker(panda, shelf))
+    proof = MotionProver(CollisionChecker(panda, shelf))
     timed = time_path(path, panda, limits, motion=proof, people=People(speed=0.8))
     found = check(as_motion(timed), panda, shelf, limits=limits, people=People(speed=0.8))
     assert found, found

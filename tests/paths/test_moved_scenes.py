@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Scene, StaleSceneError
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Scene, StaleSceneError
 from safe_ompl.geometry import Obstacle, Pose, Sphere
 from safe_ompl.paths import PathReport, Simplifier
 
@@ -63,8 +63,8 @@ def test_a_report_is_of_the_scene_in_which_its_path_was_validated(models, path):
 
 
 def test_a_motion_follows(models, path):
-    motion = CertifiedMotion(models[0])
+    motion = MotionProver(models[0])
     move(models)
-    anew = CertifiedMotion(CollisionChecker(models[0].robot, MOVED))
+    anew = MotionProver(CollisionChecker(models[0].robot, MOVED))
     verdicts = [m.check(*ends).verdict for ends in pairwise(path) for m in (motion, anew)]
     assert verdicts[::2] == verdicts[1::2]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crank import Field, balls, distance, report
 
-from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, InputError, PathReport, Scene, Verdict
+from safe_ompl import CollisionChecker, DangerField, InputError, MotionProver, PathReport, Scene, Verdict
 from safe_ompl.paths import PROFILE_POINTS
 
 # ----------------------------------------------------------------------------------------------------------- validity
@@ -42,8 +42,8 @@ def test_the_validator_can_be_chosen(crank):
     scene = balls(0.4 - 2e-4)  # passes at 0.2 mm, inside the crank's reach
     checker = CollisionChecker(crank, scene)
     path = np.array([[-1.01], [1.0]])
-    assert PathReport.of(path, checker, motion=CertifiedMotion(checker, 1e-5)).certified
-    assert not PathReport.of(path, checker, motion=CertifiedMotion(checker, 0.05)).certified
+    assert PathReport.of(path, checker, motion=MotionProver(checker, 1e-5)).certified
+    assert not PathReport.of(path, checker, motion=MotionProver(checker, 0.05)).certified
 
 
 def test_a_path_of_one_way_point(crank):

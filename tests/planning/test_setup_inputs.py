@@ -8,7 +8,7 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl import CertifiedMotion, SafeRRTConnect, SafeSetup, Scene, planner_data
+from safe_ompl import MotionProver, SafeRRTConnect, SafeSetup, Scene, planner_data
 from safe_ompl.common import CollisionError, InputError, UnknownNameError
 from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
 from safe_ompl.planning.ompl import ScratchState, StateBridge, WorkspaceGoal
@@ -168,7 +168,7 @@ def test_a_wider_space_does_not_widen_the_limits(slider):
     assert space.satisfiesBounds(end)
     assert not si.isValid(end)
     assert not si.checkMotion(start, end)
-    assert not CertifiedMotion(setup.checker).is_free(middle, beyond)
+    assert not MotionProver(setup.checker).is_free(middle, beyond)
 
 
 @pytest.fixture(scope="session")

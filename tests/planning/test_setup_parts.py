@@ -6,13 +6,13 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl import DangerField, DangerLimit, SafeSetup, make_planner
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
+from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.common import CollisionError, InputError, UnknownNameError
 from safe_ompl.planning.ompl import CollisionFreeValidity, Constraints, WorkspaceGoal, joint_space
 from safe_ompl.planning.optimise import Simplification, Timing, stopping
 from safe_ompl.planning.planners import termination
 from safe_ompl.planning.problem import Problem, Wiring
-from safe_ompl.planning.safe_setup import Run, simplification_time
+from safe_ompl.planning.safe_setup import PlanningRun, simplification_time
 from safe_ompl.scene import MotionLimits
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
@@ -101,13 +101,13 @@ def test_of_a_place_and_configurations_a_planner_gets_what_it_plans_to(plain, wi
 
 def test_a_simplifier_is_kept_as_long_as_the_checker(ur5, scene):
     checker, field = CollisionChecker(ur5, scene), DangerField.of_scene(ur5, scene)
-    kept, motion = Simplification(field), CertifiedMotion(checker)
+    kept, motion = Simplification(field), MotionProver(checker)
     first = kept.set(motion, {"spacing": 0.2})
     assert kept.by(motion) is first
     stricter = motion.with_margin(0.01)
     assert kept.by(stricter).motion is stricter
     assert kept.by(stricter).cost is first.cost
-    other = kept.by(CertifiedMotion(CollisionChecker(ur5, scene)))
+    other = kept.by(MotionProver(CollisionChecker(ur5, scene)))
     assert other.cost is not first.cost
     assert other.spacing == 0.2
     with pytest.raises(InputError, match="without danger"):
@@ -115,7 +115,7 @@ def test_a_simplifier_is_kept_as_long_as_the_checker(ur5, scene):
 
 
 def test_a_timer_is_kept_as_long_as_the_motion(ur5, scene):
-    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    motion = MotionProver(CollisionChecker(ur5, scene))
     timing = Timing(None, MotionLimits(velocity=0.5, acceleration=1.0))
     timer = timing.timer(motion)
     assert timing.timer(motion) is timer
@@ -128,13 +128,13 @@ def test_a_run_keeps_to_the_limit_of_its_planner(ur5, scene):
     setup = SafeSetup(ur5, scene)
     setup.setConfigurations(START, GOAL)
     planner = make_planner("SafeRRTConnect", setup.getSpaceInformation(), {"max_danger": 1e3})
-    run = Run(setup, *setup.prepare(planner, 3), seed=3)
+    run = PlanningRun(setup, *setup.prepare(planner, 3), seed=3)
     before = setup.getConstraints()
     with run.under_own_limit():
-        (limit,) = setup.certified_motion.limits
+        (limit,) = setup.motion_prover.limits
         assert (type(limit), limit.limit) == (DangerLimit, 1e3)
         assert setup.getConstraints() is before, "states are the planner's to check"
-    assert setup.certified_motion.limits == ()
+    assert setup.motion_prover.limits == ()
     result = run.validated(run.planned(20.0), report=False, begin=0.0)
     np.testing.assert_array_equal(result.path, setup.plan(seed=3, parameters={"max_danger": 1e3}).path)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import Box, CertifiedMotion, CollisionChecker, InputError, Obstacle, Pose, Robot, Scene
+from safe_ompl import Box, CollisionChecker, InputError, MotionProver, Obstacle, Pose, Robot, Scene
 from safe_ompl.robot import Mimic, robot_hash
 from safe_ompl.robot.joint_tables import Coupling, resolved
 
@@ -106,7 +106,7 @@ def bars():
 
 
 def test_no_motion_that_is_proven_free_collides(robot, bars, plain_check, rng):
-    proof, plain, free = CertifiedMotion(CollisionChecker(robot, bars)), plain_check(robot, bars), 0
+    proof, plain, free = MotionProver(CollisionChecker(robot, bars)), plain_check(robot, bars), 0
     for _ in range(300):
         start, end = spread(robot, rng, 2)
         end = start + rng.uniform(0.02, 0.5) * (end - start)

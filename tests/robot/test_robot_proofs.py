@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl import CertificateError, CertifiedMotion, CollisionChecker, Robot, Scene
+from safe_ompl import CertificateError, CollisionChecker, MotionProver, Robot, Scene
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.issue import terms_of_field
 from safe_ompl.danger import CertifiedDanger, DangerField
@@ -48,7 +48,7 @@ def robot(request, panda, ur5, data_folder):
 @pytest.fixture(scope="module")
 def free_edges(robot):
     """Three short motions that are proven free."""
-    rng, proof, found = np.random.default_rng(1), CertifiedMotion(CollisionChecker(robot, SCENE)), []
+    rng, proof, found = np.random.default_rng(1), MotionProver(CollisionChecker(robot, SCENE)), []
     while len(found) < 3:
         start, end = rng.uniform(robot.lower, robot.upper, (2, robot.n))
         end = start + 0.15 * (end - start)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import CertifiedMotion, CollisionChecker, InputError, Robot, Scenario, Scene, UnknownNameError
+from safe_ompl import CollisionChecker, InputError, MotionProver, Robot, Scenario, Scene, UnknownNameError
 from safe_ompl.robot import RobotSpec
 from safe_ompl.scene import find_scenario, list_scenarios
 from safe_ompl.scene.scenario import Goal
@@ -270,7 +270,7 @@ def test_shipped_scenarios_are_sound_and_worth_planning(name):
         assert min(tips) < scenario.goal.tolerance
 
     if name in HAZARD:
-        assert not CertifiedMotion(checker).is_free(start, goals[0])
+        assert not MotionProver(checker).is_free(start, goals[0])
         to_hazard = np.array([obstacle == HAZARD[name] for _, obstacle in checker.distance_names])
         at_ends = [checker.distances(q)[to_hazard].min() for q in (start, goals[0])]
         way = start + np.linspace(0, 1, 60)[:, None] * robot.difference(start, goals[0])

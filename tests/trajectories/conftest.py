@@ -2,7 +2,7 @@
 
 import pytest
 
-from safe_ompl import CertifiedMotion, CollisionChecker, RateLimits, Scenario
+from safe_ompl import CollisionChecker, MotionProver, RateLimits, Scenario
 from safe_ompl.scene import find_scenario
 
 
@@ -13,7 +13,7 @@ def shelf():
 
 @pytest.fixture(scope="session")
 def shelf_motion(shelf, panda):
-    return CertifiedMotion(CollisionChecker(panda, shelf.scene))
+    return MotionProver(CollisionChecker(panda, shelf.scene))
 
 
 @pytest.fixture(scope="session")

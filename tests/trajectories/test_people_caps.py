@@ -22,7 +22,7 @@ from safe_ompl import (
     time_path,
 )
 from safe_ompl.certificates.issue import trajectory_claim
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
+from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.geometry import LIMBS
 from safe_ompl.people import CalibratedReach
 from safe_ompl.scene import BodyRegion, find_scenario
@@ -116,7 +116,7 @@ def test_a_reach_that_is_a_speed_gives_the_trajectory_of_that_speed(
 
 def test_nobody_is_reached_beside_another_robot(ur5):
     scenario = Scenario.load(find_scenario("ur5_handover"))
-    motion = CertifiedMotion(CollisionChecker(ur5, scenario.scene))
+    motion = MotionProver(CollisionChecker(ur5, scenario.scene))
     start, goal = scenario.start_configuration(ur5), scenario.goal_configurations(ur5)[0]
     path = [start, [0.6, -1.9, 2.2, -2.0, -1.57, 0], [-0.8, -1.9, 2.2, -2.0, -1.57, 0], goal]
     people = People(speed=0.8, reaction_time=0.05)
@@ -296,7 +296,7 @@ def test_in_a_tube_people_are_nearer_by_what_the_joints_may_be_off(panda):
     scene = Scene([Obstacle("person", Person(height=1.75), Pose((1.1, 0.0, -0.75)), weight=1.0)])
     start = np.array([-0.8, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])
     path = np.array([start, start * [-1, 1, 1, 1, 1, 1, 1]])
-    motion = CertifiedMotion(CollisionChecker(panda, scene))
+    motion = MotionProver(CollisionChecker(panda, scene))
     tube = Separation(tube=(0.01,) * 7)
     swing = tube.swing(motion.checker)
     assert 0.005 < swing < 0.06

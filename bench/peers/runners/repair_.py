@@ -11,8 +11,8 @@ from ompl import util as ou
 from protocol import Waypoints, serve
 from safe_ompl_ import scene_of
 
-from safe_ompl import CertifiedMotion, CollisionChecker, Motion, Robot, SafeSetup
-from safe_ompl.motions import checked, repaired
+from safe_ompl import CollisionChecker, Motion, MotionProver, Robot, SafeSetup
+from safe_ompl.motions import check_with, repair_with
 
 
 class Repair:
@@ -26,18 +26,18 @@ class Repair:
 
     def build(self, problem: dict[str, Any]) -> None:
         self._scene, self._given = scene_of(problem), problem["given"]
-        self._proof = CertifiedMotion(CollisionChecker(self._robot, self._scene))
+        self._proof = MotionProver(CollisionChecker(self._robot, self._scene))
 
     def plan(self, seed: int, seconds: float) -> Waypoints | None:
         return self._given  # another planner's path: its time is added by the bench
 
     def smooth(self, path: Waypoints) -> Waypoints:
         motion, begin = Motion.through(np.array(path)), process_time()
-        proven = bool(checked(motion, self._proof))
+        proven = bool(check_with(motion, self._proof))
         self.remarks = {"proven": proven, "proof": process_time() - begin}
         if proven:
             return path
-        found = repaired(motion, self._proof, connect=self._connect)
+        found = repair_with(motion, self._proof, connect=self._connect)
         self.remarks |= {"how": found.how, "repaired": bool(found), "deviation": found.deviation}
         self.remarks["tool_deviation"] = found.tool_deviation
         return found.motion.knots.tolist()

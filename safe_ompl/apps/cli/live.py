@@ -39,7 +39,7 @@ from safe_ompl.apps.cli.output import (
     write_json,
 )
 from safe_ompl.apps.cli.view import check_page
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile, ticks_header
@@ -210,7 +210,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         found.speeds,
         people=people,
         options=ReplanningOptions(reach, tick=options.tick),
-        motion=setup.certified_motion,
+        motion=setup.motion_prover,
     )
     return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
 
@@ -261,7 +261,7 @@ def _drive(
     return 0
 
 
-def timed_way(way: FloatArray, robot: Robot, motion: CertifiedMotion, scenario: Scenario) -> Trajectory:
+def timed_way(way: FloatArray, robot: Robot, motion: MotionProver, scenario: Scenario) -> Trajectory:
     """Return the trajectory along way points under the scenario's limits."""
     limits = scenario.motion
     return time_path(

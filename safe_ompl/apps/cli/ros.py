@@ -242,7 +242,7 @@ def cell_of(
         how: dict[str, Any] = {
             "people": people,
             "options": control.replanning,
-            "motion": setup.certified_motion,
+            "motion": setup.motion_prover,
         }
         if options.shield:
             own = scenario.motion
@@ -253,7 +253,7 @@ def cell_of(
         way = planned(setup).path
         assert way is not None
         replanner = Replanner(*beside, **how)
-        replanner.start(timed_way(way, robot, setup.certified_motion, scenario))
+        replanner.start(timed_way(way, robot, setup.motion_prover, scenario))
         return replanner
 
     def request(

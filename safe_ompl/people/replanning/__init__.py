@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.replanning.detours import Detours, PeopleNow, Roadmap
+    from safe_ompl.people.replanning.detours import DetourRoadmap, Detours, PeopleNow
     from safe_ompl.people.replanning.guarded_path import (
         Command,
         Doing,
         GuardedPath,
-        Margin,
+        MotionMargin,
         PathLimits,
         RobotBodies,
         StopMotion,
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Command",
+    "DetourRoadmap",
     "Detours",
     "Doing",
     "GuardedPath",
-    "Margin",
+    "MotionMargin",
     "PathLimits",
     "PeopleNow",
     "Replanner",
     "ReplanningOptions",
-    "Roadmap",
     "RobotBodies",
     "Shield",
     "ShieldCommand",

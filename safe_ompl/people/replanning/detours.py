@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guarded_path import Command, GuardedPath, PathLimits, RobotBodies
@@ -78,7 +78,7 @@ class Budget:
         return True
 
 
-class Roadmap:
+class DetourRoadmap:
     """Milestones around the paths of a robot, and what is known of the edges between them.
 
     An edge is proven free of still obstacles once, when it is first needed; the proof holds for ever. An estimate of
@@ -88,7 +88,7 @@ class Roadmap:
 
     def __init__(
         self,
-        motion: CertifiedMotion,
+        motion: MotionProver,
         bodies: RobotBodies,
         limits: PathLimits,
         milestones: int = 150,
@@ -109,7 +109,7 @@ class Roadmap:
 
     def __repr__(self) -> str:
         free = sum(self._free.values())
-        return f"Roadmap({len(self.milestones)} milestones, {free} of {len(self._free)} edges free)"
+        return f"DetourRoadmap({len(self.milestones)} milestones, {free} of {len(self._free)} edges free)"
 
     def keep_to(self, limits: PathLimits) -> None:
         """Have paths keep other limits from now on: proofs are kept, times are estimated anew."""
@@ -291,13 +291,11 @@ class Roadmap:
 class Detours:
     """Searches paths that are quicker beside people as they are now, on a roadmap of a `seed`, and keep limits."""
 
-    def __init__(
-        self, motion: CertifiedMotion, bodies: RobotBodies, limits: PathLimits, seed: int = 0
-    ) -> None:
+    def __init__(self, motion: MotionProver, bodies: RobotBodies, limits: PathLimits, seed: int = 0) -> None:
         self._motion, self._bodies, self._limits = motion, bodies, limits
         # A path that nobody can slow down before a time [s].
         self._undisturbed: tuple[GuardedPath | None, float] = (None, 0.0)
-        self.roadmap = Roadmap(motion, bodies, limits, seed=seed)
+        self.roadmap = DetourRoadmap(motion, bodies, limits, seed=seed)
 
     def keep_to(self, limits: PathLimits) -> None:
         """Have detours keep other limits from now on."""

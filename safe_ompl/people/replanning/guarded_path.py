@@ -64,7 +64,7 @@ class Doing(str, Enum):
     DONE = "done"
 
 
-class Margin(NamedTuple):
+class MotionMargin(NamedTuple):
     """The smallest margin between a motion of the robot and what moves around it."""
 
     margin: float  # Lower bound of distance − growth − required clearance [m]; +inf if nobody is there
@@ -129,7 +129,7 @@ class Command:
         The motion and the stop.
     doing : Doing
         What the robot does.
-    left : Margin
+    left : MotionMargin
         The smallest margin along the motion. Where that is the rest of an earlier stop, or the robot stands: the margin
         of the motion that could not be proven.
     reason : str
@@ -143,7 +143,7 @@ class Command:
     path: GuardedPath
     motion: StopMotion
     doing: Doing
-    left: Margin
+    left: MotionMargin
     reason: str = ""
     rule: str = ""
 
@@ -397,7 +397,7 @@ class GuardedPath:
         *,
         exact: bool = False,
         receding: BoolArray | None = None,
-    ) -> Margin:
+    ) -> MotionMargin:
         """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
 
         It begins `since` the measurement of the sets [s], ≥ 0, and must leave the clearance [m]. An exact margin is
@@ -417,13 +417,13 @@ class GuardedPath:
         borne = Borne(fastest, most)
         margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *around)
         if body < 0:
-            return Margin(np.inf)
+            return MotionMargin(np.inf)
         rule = SEPARATION
         if contact is not None and contact.bears[who] > 0:
             at = motion.cells[window], body, who
             most, free = self._borne(contact, motion.cells)
             rule = CLAMPING if most[at] < free[at] else CONTACT
-        return Margin(float(margin), self.bodies.links[body], sets.names[who], rule)
+        return MotionMargin(float(margin), self.bodies.links[body], sets.names[who], rule)
 
     @cached_property
     def _contacts(self) -> dict[ContactLimits, tuple[FloatArray, FloatArray]]:

@@ -11,15 +11,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import CertifiedMotion, CollisionChecker
+from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import InputError, number, positive, whole_number
-from safe_ompl.people import CalibratedReach, ReachModel, Surroundings, Tracker, Violation
+from safe_ompl.people import CalibratedReach, ReachModel, ReachViolation, Surroundings, Tracker
 from safe_ompl.people.replanning.detours import Detours, PeopleNow
 from safe_ompl.people.replanning.guarded_path import (
     Command,
     Doing,
     GuardedPath,
-    Margin,
+    MotionMargin,
     PathLimits,
     RobotBodies,
     own_caps,
@@ -103,7 +103,7 @@ class Replanner:
         at speeds that they bear. Its `reaction_time` is not used: the delay is known at every tick.
     options : ReplanningOptions, optional
         Reach model, time between commands, when somebody is lost, detours.
-    motion : CertifiedMotion, optional
+    motion : MotionProver, optional
         Proves motions among still obstacles, with limits such as of danger or clearance; trajectories and detours keep
         them. Its scene is `scene` without what moves. Default: trajectories and detours must be free of collisions.
     **former
@@ -126,7 +126,7 @@ class Replanner:
         *,
         people: People | None = None,
         options: ReplanningOptions | None = None,
-        motion: CertifiedMotion | None = None,
+        motion: MotionProver | None = None,
         **former: Any,
     ) -> None:
         options = ReplanningOptions() if options is None else options
@@ -204,7 +204,7 @@ class Replanner:
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
-    ) -> list[Violation]:
+    ) -> list[ReachViolation]:
         """Take what sensors saw, and return who moved farther than promised; while anyone did, the robot stops.
 
         Parameters
@@ -311,7 +311,7 @@ class Guard:
     ----------
     surroundings : Surroundings
         All people and objects that move.
-    motion : CertifiedMotion
+    motion : MotionProver
         Proves motions among still obstacles.
     bodies : RobotBodies
         Of the robot.
@@ -329,7 +329,7 @@ class Guard:
         objects: Mapping[str, float] | None,
         people: People | None,
         options: ReplanningOptions,
-        motion: CertifiedMotion | None,
+        motion: MotionProver | None,
     ) -> None:
         people = People() if people is None else people
         self.tick, self.lost_after = float(options.tick), float(options.lost_after)
@@ -338,7 +338,7 @@ class Guard:
             reach = CalibratedReach.load(people.reach)
         self.surroundings = Surroundings(scene, trackers, objects or {}, people, reach)
         still = self.surroundings.still
-        self.motion = CertifiedMotion(CollisionChecker(robot, still)) if motion is None else motion
+        self.motion = MotionProver(CollisionChecker(robot, still)) if motion is None else motion
         _check_motion(self.motion, robot, still)
         # A robot that is elsewhere in its tube is nearer to people.
         nearer = self.motion.separation.swing(self.motion.checker)
@@ -348,12 +348,12 @@ class Guard:
         self.contact = contact_limits(robot, self.surroundings, people) if people.contact else None
         self.bodies = RobotBodies(robot)
         self.last: Command | None = None
-        self._margin = Margin(np.inf)  # of the motion that was tried last
+        self._margin = MotionMargin(np.inf)  # of the motion that was tried last
         self._violated = False
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
-    ) -> list[Violation]:
+    ) -> list[ReachViolation]:
         """Take what sensors saw; see `Replanner.update`."""
         violations = self.surroundings.update(people, objects, time)
         if violations and not self._violated:
@@ -375,7 +375,7 @@ class Guard:
         measured = self.surroundings.time
         if speed == 0 and s >= path.length - _SAME:
             rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
-            return Command(time, measured, path, rest, Doing.DONE, Margin(np.inf))
+            return Command(time, measured, path, rest, Doing.DONE, MotionMargin(np.inf))
         if not self.surroundings.known:
             return None
         trouble = self.surroundings.trouble(time, self.lost_after)
@@ -467,7 +467,7 @@ def contact_limits(robot: Robot, surroundings: Surroundings, people: People) -> 
     return ContactLimits(robot, surroundings.still, people, limbs, heights, always_clamped=always)
 
 
-def _check_motion(motion: CertifiedMotion, robot: Robot, still: Scene) -> None:
+def _check_motion(motion: MotionProver, robot: Robot, still: Scene) -> None:
     """Raise InputError unless a motion is of this robot among exactly the still obstacles."""
     checker = motion.checker
     if checker.robot.joint_names != robot.joint_names:
@@ -477,7 +477,7 @@ def _check_motion(motion: CertifiedMotion, robot: Robot, still: Scene) -> None:
         raise InputError(f"{name!r} is {where}: give it the scene of what stands still", "motion")
 
 
-def _prove(curve: BlendedCurve, motion: CertifiedMotion) -> None:
+def _prove(curve: BlendedCurve, motion: MotionProver) -> None:
     """Raise InputError unless all of a curve is proven free of still obstacles."""
     blends = BlendProof(motion)
     for k, piece in enumerate(curve.pieces):

@@ -21,7 +21,7 @@ from itertools import product
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.geometry.kernels import CellFrames, separating_axes
 from safe_ompl.people import ReachSets
@@ -102,7 +102,7 @@ def _ahead(
 class Retreats:
     """Searches motions that recede from people, free of what stands still."""
 
-    def __init__(self, motion: CertifiedMotion, bodies: RobotBodies, limits: PathLimits) -> None:
+    def __init__(self, motion: MotionProver, bodies: RobotBodies, limits: PathLimits) -> None:
         self._motion, self._bodies, self._limits = motion, bodies, limits
 
     def search(self, path: GuardedPath, s: float, sets: ReachSets) -> GuardedPath | None:

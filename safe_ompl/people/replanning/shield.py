@@ -7,7 +7,7 @@ curve with ṡ ≤ 1: never faster than proposed, and at ṡ = 1 in the proposed
 
 What is executed is always the motion until the next tick and a stop on the same curve, both proven:
 
-* The curve is proven free of what stands still piece by piece (`CertifiedMotion.check_curve`), in a window that holds
+* The curve is proven free of what stands still piece by piece (`MotionProver.check_curve`), in a window that holds
   every stop, and it is cut where the proof ends. ṡ is 0 there, so that no motion leaves what is proven.
 * In each cell of the curve |q′|b + |q″|ṡ² is within the accelerations, with b the braking along the curve. ṡ is below
   1 where else less than the window would be left for a stop: accelerations that are too large cost time, not proof.
@@ -27,11 +27,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import CertifiedMotion, MotionVerdict, Verdict
+from safe_ompl.collision import MotionProver, MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
 from safe_ompl.geometry import Pose
 from safe_ompl.io import ticks_header
-from safe_ompl.people import KEYPOINTS, ReachSets, Tracker, Violation
+from safe_ompl.people import KEYPOINTS, ReachSets, ReachViolation, Tracker
 from safe_ompl.people.replanning.guarded_path import Command, Doing, GuardedPath, PathLimits
 from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
 from safe_ompl.people.replanning.replanner import Guard, ReplanningOptions
@@ -88,7 +88,7 @@ class Shield:
         Reach model, time between commands, when somebody is lost.
     limits : PathLimits, optional
         Of joints, tool and links. Default: those of the robot's joints.
-    motion : CertifiedMotion, optional
+    motion : MotionProver, optional
         Proves motions among still obstacles, as for the `Replanner`. If it has a tube (`Separation.tube`), all that is
         said holds for every robot whose joints are that near to the command at any time, beside people, too.
 
@@ -111,7 +111,7 @@ class Shield:
         people: People | None = None,
         options: ReplanningOptions | None = None,
         limits: PathLimits | None = None,
-        motion: CertifiedMotion | None = None,
+        motion: MotionProver | None = None,
     ) -> None:
         options = ReplanningOptions() if options is None else options
         self._guard = guard = Guard(robot, scene, trackers, objects, people, options, motion)
@@ -161,7 +161,7 @@ class Shield:
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
-    ) -> list[Violation]:
+    ) -> list[ReachViolation]:
         """Take what sensors saw, and return who moved farther than promised; see `Replanner.update`."""
         return self._guard.update(people, objects, time)
 

@@ -20,7 +20,7 @@ REFUSES = "its own answer"  # what a witness names beside the check
 
 
 class UserCheck(ABC):
-    """A check of motions that is the user's own: a `MotionLimit` for `CertifiedMotion.limits`.
+    """A check of motions that is the user's own: a `MotionLimit` for `MotionProver.limits`.
 
     Reports call it `name`. `resolution` is the distance [rad or m] in joint space between the samples that it is asked
     about; None: it is asked about whole motions.

@@ -17,9 +17,9 @@ from ompl import base as ob
 from safe_ompl.collision import (
     FLOOR,
     TOUCHING_ONLY,
-    CertifiedMotion,
     CollisionChecker,
     MotionLimit,
+    MotionProver,
     Separation,
     ToolLimit,
 )
@@ -62,7 +62,7 @@ class Constraints:
 
     @property
     def limits(self) -> tuple[MotionLimit, ...]:
-        """All but the separation, in the order in which `CertifiedMotion` proves or asks."""
+        """All but the separation, in the order in which `MotionProver` proves or asks."""
         danger = () if self.danger is None else (self.danger,)
         return (*self.user, *self.tool, *danger)
 
@@ -88,7 +88,7 @@ class Constraints:
         return replace(self, separation=separation, from_dangerous=from_dangerous)
 
     def with_moving_obstacles(self, speeds: Mapping[str, float], time: float) -> Constraints:
-        """Return the same among obstacles that move; arguments as `CertifiedMotion.with_moving_obstacles`."""
+        """Return the same among obstacles that move; arguments as `MotionProver.with_moving_obstacles`."""
         return replace(self, separation=replace(self.separation, speeds=speeds, time=time))
 
     def with_tube(self, widths: tuple[float, ...]) -> Constraints:
@@ -272,7 +272,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
 
 @with_former_setters
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
-    """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.CertifiedMotion`).
+    """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.MotionProver`).
 
     Any OMPL planner that asks `si.checkMotion` plans certified paths with it. The coordinates of the space must be the
     robot's joints (see `joint_space`). An edge with less clearance than about the `floor` [m] stays undecided, and
@@ -298,7 +298,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         return self._motion.checker
 
     @property
-    def motion(self) -> CertifiedMotion:
+    def motion(self) -> MotionProver:
         """What proves motions now; `setConstraints` puts another one in its place."""
         return self._motion
 
@@ -310,7 +310,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         """Set what motions must keep to; with a checker also another scene of the same robot; errors as the class."""
         borrowed = constraints.borrowed()
         separation, limits = borrowed.separation, borrowed.limits
-        self._motion = CertifiedMotion(
+        self._motion = MotionProver(
             checker or self.checker, self._floor, separation=separation, limits=limits
         )
         self._constraints = borrowed

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import MotionCheck
 from safe_ompl.view.plots.page import ALARM, DPI, Page
@@ -64,7 +64,7 @@ def plot_check(
     return page.figure
 
 
-def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: CertifiedMotion) -> None:
+def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionProver) -> None:
     """Draw the distances of the pairs with least to spare, to obstacles and between links, and what they must keep."""
     checker = proof.checker
     distances = 1e3 * np.array([checker.pair_distances(q) for q in Q])

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_ompl import Box, Capsule, CertifiedMotion, CollisionChecker, DangerField, Obstacle, Pose, Sphere
+from safe_ompl import Box, Capsule, CollisionChecker, DangerField, MotionProver, Obstacle, Pose, Sphere
 from safe_ompl.paths import Simplifier, unrolled
 from safe_ompl.paths.cost import ObstacleCost
 from safe_ompl.paths.edges import EdgeProofs, shortcut
@@ -162,7 +162,7 @@ def test_a_joint_that_turns_too_far_goes_the_short_way(kinova):
     found = simplifier.simplify(path, never)
     assert length(kinova, found) == pytest.approx(2 * np.pi - 4.4, rel=1e-6)
     assert np.linalg.norm(np.diff(found, axis=0), axis=1).sum() == pytest.approx(2 * np.pi - 4.4, rel=1e-6)
-    assert all(CertifiedMotion(checker).is_free(a, b) for a, b in pairwise(found))
+    assert all(MotionProver(checker).is_free(a, b) for a, b in pairwise(found))
     np.testing.assert_allclose(kinova.difference(found[-1], path[-1]), 0.0, atol=1e-12)
 
 

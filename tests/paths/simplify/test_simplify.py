@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ompl import util as ou
 
-from safe_ompl import CertifiedMotion, CollisionChecker, InputError, SafeSetup, Scene
+from safe_ompl import CollisionChecker, InputError, MotionProver, SafeSetup, Scene
 from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
 from safe_ompl.paths import PathReport, Simplifier, simplify_danger
 from safe_ompl.paths.cost import ObstacleCost, PathCost
@@ -72,7 +72,7 @@ def test_paths_become_much_cheaper(setup, simplified):
 
 
 def test_every_path_on_the_way_is_proven_cheaper_than_the_given_one_and_short_enough(setup, simplified):
-    motion, cost = CertifiedMotion(setup.checker), setup.simplifier.cost
+    motion, cost = MotionProver(setup.checker), setup.simplifier.cost
     for path, better, steps in simplified:
         assert steps
         np.testing.assert_array_equal(steps[-1][0], better)
@@ -174,14 +174,14 @@ def test_a_goal_that_is_free_on_its_set_may_move(setup, ur5, raw):
     assert np.abs(free[-1] - GOAL).max() > 0.05
     assert goal.place.distance(free[-1]) < goal.tolerance
     assert setup.simplifier.cost.of(free) < setup.simplifier.cost.of(fixed)
-    assert all(CertifiedMotion(setup.checker).is_free(a, b) for a, b in pairwise(free))
+    assert all(MotionProver(setup.checker).is_free(a, b) for a, b in pairwise(free))
 
 
 def test_shortcuts_are_the_cheapest_proven_chain(setup, raw):
     cost, proof = setup.simplifier.cost, EdgeProofs(setup.simplifier.motion)
     for path in raw:
         found = shortcut(path, cost, proof, lambda: False)
-        assert all(CertifiedMotion(setup.checker).is_free(a, b) for a, b in pairwise(found))
+        assert all(MotionProver(setup.checker).is_free(a, b) for a, b in pairwise(found))
         assert {tuple(q) for q in found} <= {tuple(q) for q in path}
         assert cost.of(found) <= 1.02 * cost.of(path), "edges are sampled coarsely"
 
@@ -308,7 +308,7 @@ def test_a_better_path_comes_after_few_questions(setup, raw):
 def test_stopped_anywhere_the_path_is_proven_and_no_dearer(setup, raw, asked):
     questions = iter(range(asked))
     found = simplify(setup, raw[1], time=60.0, stop=lambda: next(questions, None) is None)
-    motion, cost = CertifiedMotion(setup.checker), setup.simplifier.cost
+    motion, cost = MotionProver(setup.checker), setup.simplifier.cost
     assert all(motion.is_free(a, b) for a, b in pairwise(found))
     assert cost.of(found) <= cost.of(raw[1]) * (1 + 1e-9)
 

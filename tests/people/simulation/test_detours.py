@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl import CertifiedMotion, CollisionChecker, InputError, RateLimits, Replanner, Scene, time_path
+from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, time_path
 from safe_ompl.geometry import Box, Obstacle, Pose
-from safe_ompl.people.replanning import Doing, GuardedPath, PathLimits, PeopleNow, Roadmap, RobotBodies
+from safe_ompl.people.replanning import DetourRoadmap, Doing, GuardedPath, PathLimits, PeopleNow, RobotBodies
 from safe_ompl.people.replanning.detours import Budget
 
 FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
@@ -65,7 +65,7 @@ def test_nothing_is_looked_for_where_the_way_is_clear(replanner_for, to_and_fro)
 def roadmap(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
     limits = PathLimits(RateLimits.of(panda, acceleration=10.0))
-    found = Roadmap(replanner.motion, RobotBodies(panda), limits)
+    found = DetourRoadmap(replanner.motion, RobotBodies(panda), limits)
     way = to_and_fro(replanner)[0]
     found.cover(way.curve)
     return found, replanner, way
@@ -226,7 +226,7 @@ def test_no_other_way_is_taken_where_a_cap_holds_on_its_own_curve_only(
 def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro):
     post = Obstacle("post", Box((0.05, 0.05, 0.6)), Pose((0.75, 0.0, 0.9)))
     scene = Scene((*table, post))
-    still = CertifiedMotion(CollisionChecker(panda, scene.without("ball")))
+    still = MotionProver(CollisionChecker(panda, scene.without("ball")))
     motion = still.with_min_clearance(0.1, ["post"])
     replanner = Replanner(panda, scene, {}, {"ball": 0.1}, motion=motion)
     commands = driven(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
@@ -238,8 +238,8 @@ def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro):
     ]
     assert not any(nearest)
     with pytest.raises(InputError, match=r"motion: 'ball' is in its scene, but it moves"):
-        Replanner(panda, table, {}, {"ball": 0.1}, motion=CertifiedMotion(CollisionChecker(panda, table)))
-    empty = CertifiedMotion(CollisionChecker(panda, scene.without("ball", "post")))
+        Replanner(panda, table, {}, {"ball": 0.1}, motion=MotionProver(CollisionChecker(panda, table)))
+    empty = MotionProver(CollisionChecker(panda, scene.without("ball", "post")))
     with pytest.raises(InputError, match=r"motion: 'post' is not in its scene"):
         Replanner(panda, scene, {}, {"ball": 0.1}, motion=empty)
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from safe_ompl import (
-    CertifiedMotion,
     CollisionChecker,
     InputError,
     Motion,
+    MotionProver,
     People,
     Pose,
     RateLimits,
@@ -36,7 +36,7 @@ def shield_for(panda, table):
     def make(tube=0.0, speed=1.6, still=True, **people):
         limits = RateLimits.of(panda, acceleration=[15, 7.5, 10, 12.5, 15, 20, 20])
         checker = CollisionChecker(panda, table.without("ball"))
-        proof = CertifiedMotion(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
+        proof = MotionProver(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
         shield = Shield(
             panda,
             table,
@@ -380,7 +380,7 @@ def test_what_cannot_be_is_refused(shield_for, panda, table):
     assert commands[-1].doing is Doing.MOVING
     with pytest.raises(InputError, match="start where the robot stands first"):
         Shield(panda, table, {}).command(0.0)
-    wide = CertifiedMotion(CollisionChecker(panda, table), separation=Separation(tube=(0.01,) * 7))
+    wide = MotionProver(CollisionChecker(panda, table), separation=Separation(tube=(0.01,) * 7))
     fast = PathLimits(RateLimits.of(panda), tool_speed=1.0)
     with pytest.raises(InputError, match="tube: bounds positions"):
         Shield(panda, table, {}, limits=fast, motion=wide)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl import CertifiedMotion, CollisionChecker, DurationObjective, InputError, PathTimer, RateLimits
+from safe_ompl import CollisionChecker, DurationObjective, InputError, MotionProver, PathTimer, RateLimits
 from safe_ompl.planning.ompl import StateBridge, joint_space
 from safe_ompl.scene import People, Scenario, find_scenario
 
@@ -20,7 +20,7 @@ def shelf():
 def made(panda, shelf):
     """Return objectives without and with people, and a function that makes states."""
     si = ob.SpaceInformation(joint_space(panda))
-    motion = CertifiedMotion(CollisionChecker(panda, shelf.scene))
+    motion = MotionProver(CollisionChecker(panda, shelf.scene))
     limits = RateLimits.of(panda, acceleration=[15, 7.5, 10, 12.5, 15, 20, 20])
     timers = PathTimer(panda, limits), PathTimer(panda, limits, motion=motion, people=People())
     bridge = StateBridge(si.getStateSpace())

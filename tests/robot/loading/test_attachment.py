@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import CertifiedMotion, CollisionChecker, InputError, Scene, UnknownNameError
+from safe_ompl import CollisionChecker, InputError, MotionProver, Scene, UnknownNameError
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, PointCloud, Pose, Sphere
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.robot.loading import Attachment
@@ -56,7 +56,7 @@ def test_it_goes_where_the_link_goes(panda, rng):
 @pytest.mark.parametrize("kind", sorted(SHAPES))
 def test_no_motion_that_is_proven_free_collides(panda, clutter, plain_check, rng, kind):
     robot = panda.with_attached("load", SHAPES[kind], pose=(0.0, 0.0, 0.15))
-    proof, plain, free = CertifiedMotion(CollisionChecker(robot, clutter)), plain_check(robot, clutter), 0
+    proof, plain, free = MotionProver(CollisionChecker(robot, clutter)), plain_check(robot, clutter), 0
     for start, end in random_edges(robot, rng, 120):
         if proof.is_free(start, end):
             free += 1
@@ -65,7 +65,7 @@ def test_no_motion_that_is_proven_free_collides(panda, clutter, plain_check, rng
 
 
 def test_an_object_makes_motions_collide_that_were_free(panda, holding, clutter, rng):
-    alone, loaded = (CertifiedMotion(CollisionChecker(robot, clutter)) for robot in (panda, holding))
+    alone, loaded = (MotionProver(CollisionChecker(robot, clutter)) for robot in (panda, holding))
     verdicts = [(alone.is_free(*edge), loaded.is_free(*edge)) for edge in random_edges(panda, rng, 150)]
     assert (True, False) in verdicts
     assert (False, True) not in verdicts

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, InputError, Scene, UnknownNameError
+from safe_ompl import CollisionChecker, DangerField, InputError, MotionProver, Scene, UnknownNameError
 from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
 from safe_ompl.robot import Robot, robot_hash
 
@@ -34,7 +34,7 @@ def random_edges(robot, rng, count, scale=0.4):
 
 
 def assert_no_free_motion_collides(robot, scene, plain_check, rng, count, least):
-    proof, plain, free = CertifiedMotion(CollisionChecker(robot, scene)), plain_check(robot, scene), 0
+    proof, plain, free = MotionProver(CollisionChecker(robot, scene)), plain_check(robot, scene), 0
     for start, end in random_edges(robot, rng, count):
         if proof.is_free(start, end):
             free += 1

@@ -7,7 +7,7 @@ from math import inf, isfinite, sqrt
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion, PairSet
+from safe_ompl.collision import MotionProver, PairSet
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.parts.problem import DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Trees
@@ -34,7 +34,7 @@ class ClearanceCache:
         self._source: tuple[PairSet, int, float] | None = None
         self._bounds: dict[bytes, float] = {}
 
-    def keeps(self, motion: CertifiedMotion, q: FloatArray, margin: float) -> bool:
+    def keeps(self, motion: MotionProver, q: FloatArray, margin: float) -> bool:
         """Return whether the robot is proven to keep a margin [m] from obstacles at `q: (n,)`."""
         bound = self._bound(motion.checker.pairs, q, margin)
         return bound >= margin if isfinite(bound) else motion.is_free(q, q, margin)
@@ -111,7 +111,7 @@ class Margin:
 
     def _keeps(self, q: FloatArray, margin: float) -> bool:
         """Return whether the robot is proven to keep a margin [m] from obstacles at `q: (n,)`."""
-        motion = self._problem.certified_motion
+        motion = self._problem.motion_prover
         return motion is not None and self._clearances.keeps(motion, q, margin)
 
     def _take(self, level: float) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerLimit
 from safe_ompl.planning.ompl import CertifiedMotionValidator, ScratchState, StateBridge, StateCost
@@ -52,10 +52,10 @@ class PlanningProblem:
     def motion_is_free(self, start: FloatArray, end: FloatArray, margin: float = 0.0) -> bool:
         """Return whether the motion between two configurations (n,) is free, and keeps to the limit.
 
-        With a margin [m], also whether it keeps that distance from obstacles, where a `CertifiedMotion` can prove it.
-        A `CertifiedMotion` is asked directly: the detour by OMPL's states would cost a sixth of a check.
+        With a margin [m], also whether it keeps that distance from obstacles, where a `MotionProver` can prove it.
+        A `MotionProver` is asked directly: the detour by OMPL's states would cost a sixth of a check.
         """
-        motion = self.certified_motion
+        motion = self.motion_prover
         if motion is not None:
             within = self.bridge.holds(start) and self.bridge.holds(end)
             free = within and motion.is_free(start, end, margin)
@@ -64,7 +64,7 @@ class PlanningProblem:
         return free and (self.limit is None or self.limit.allows_motion(start, end))
 
     @property
-    def certified_motion(self) -> CertifiedMotion | None:
+    def motion_prover(self) -> MotionProver | None:
         """What proves motions; None where the problem's motion validator is another one."""
         validator = self._si.getMotionValidator()
         return validator.motion if type(validator) is CertifiedMotionValidator else None

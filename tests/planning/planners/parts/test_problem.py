@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_ompl import Box, CertifiedMotion, CollisionChecker, Obstacle, Pose, Robot, SafeSetup, Scene
+from safe_ompl import Box, CollisionChecker, MotionProver, Obstacle, Pose, Robot, SafeSetup, Scene
 from safe_ompl.planning.planners.parts.clearance import ClearanceCache
 from safe_ompl.planning.planners.parts.problem import PlanningProblem
 
@@ -38,7 +38,7 @@ def test_motions_are_free_that_the_motion_validator_calls_free():
 @pytest.fixture
 def motion():
     scene = Scene((Obstacle("box", Box((0.1, 0.1, 0.4)), Pose((0.45, 0.0, 0.3))),))
-    return CertifiedMotion(CollisionChecker(Robot.from_example("ur5"), scene, movable=("box",)))
+    return MotionProver(CollisionChecker(Robot.from_example("ur5"), scene, movable=("box",)))
 
 
 def free_configurations(motion, count):
