@@ -11,7 +11,7 @@ from sys import modules
 from warnings import warn
 
 RENAMED = {  # former names, which work for one version more
-    "MotionProver": "MotionProver",
+    "CertifiedMotion": "MotionProver",
     "Exhibit": "ViewerContent",
     "View": "BrowserView",
     "save_film": "save_animation",

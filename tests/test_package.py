@@ -58,8 +58,8 @@ def test_documented_modules_are_found_under_their_former_names(former, name):
 
 
 def test_a_former_public_name_warns_and_works():
-    with pytest.warns(DeprecationWarning, match="safe_ompl.MotionProver is now MotionProver"):
-        assert safe_ompl.MotionProver is safe_ompl.MotionProver
+    with pytest.warns(DeprecationWarning, match="safe_ompl.CertifiedMotion is now MotionProver"):
+        assert safe_ompl.CertifiedMotion is safe_ompl.MotionProver
 
 
 # ----------------------------------------------------------------- documents that are nested too deeply are refused
