@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         Hulls,
         Sets,
         cell_gaps,
+        chords_ahead,
         gaps,
         separating_axes,
     )
@@ -40,6 +41,7 @@ __all__ = [
     "Shapes",
     "begin_axis",
     "cell_gaps",
+    "chords_ahead",
     "distance_bounds",
     "extreme_vertices",
     "from_box",

@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 
 _STEPS = 60
 _COARSE = 1e-3  # [m] so near to the largest distance come those along separating axes
 _CLOSE = 1e-5  # [m] nearer bounds than this are not looked for
+_ROUNDING = 1e-9  # [m]
 
 
 @part
@@ -246,6 +247,39 @@ def separating_axes(
             if sqrt((axes[g, s] ** 2).sum()) - extent - radius < far:
                 apart[g, s] = hull_gap(hull, points, axes[g, s], inf, _COARSE, False)
     return axes, apart
+
+
+@compiled
+def chords_ahead(
+    hulls: Hulls, frames: CellFrames, axes: FloatArray, apart: FloatArray, bends: FloatArray
+) -> BoolArray:
+    """Return which bodies (G, S) are apart from sets and come no nearer to them along `separating_axes`.
+
+    The robot goes from the first cell to the second. A vertex that is start ≥ 0 ahead of the foremost one and then
+    end ≥ 0, but for rounding, comes no nearer if √start + √end ≥ √bend, with `bends: (G,)` [m].
+    """
+    found = np.zeros(apart.shape, dtype=np.bool_)
+    heights = np.empty((2, len(hulls.vertices)))
+    for g in range(len(apart)):
+        hull = hulls.vertices[hulls.first_vertex[g] : hulls.first_vertex[g + 1]]
+        for s in range(apart.shape[1]):
+            if 0.0 < apart[g, s] < inf:
+                least, u = [inf, inf], axes[g, s]
+                for k in range(2):
+                    R, o = frames.rotations[k, hulls.carriers[g]], frames.origins[k, hulls.carriers[g]]
+                    at = o[0] * u[0] + o[1] * u[1] + o[2] * u[2]
+                    x = R[0, 0] * u[0] + R[1, 0] * u[1] + R[2, 0] * u[2]
+                    y = R[0, 1] * u[0] + R[1, 1] * u[1] + R[2, 1] * u[2]
+                    z = R[0, 2] * u[0] + R[1, 2] * u[1] + R[2, 2] * u[2]
+                    for v in range(len(hull)):
+                        heights[k, v] = at + hull[v, 0] * x + hull[v, 1] * y + hull[v, 2] * z
+                        least[k] = min(least[k], heights[k, v])
+                recedes, v = least[1] - least[0] + _ROUNDING >= 0.0, 0
+                while recedes and v < len(hull):
+                    start, end = heights[0, v] - least[0], heights[1, v] - least[0] + _ROUNDING
+                    recedes, v = sqrt(start) + sqrt(end) >= sqrt(bends[g]), v + 1
+                found[g, s] = recedes
+    return found
 
 
 @compiled

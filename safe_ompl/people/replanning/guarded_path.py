@@ -221,13 +221,11 @@ class RobotBodies:
         """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
         return self._joints.frames(Q)[:2]
 
-    def vertices(self, body: int | None, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return the vertices (B, V, 3) of a body, or of all, in the world [m], in these frames of the joints."""
-        first = self.arrays.first_vertex
-        which = slice(None) if body is None else slice(first[body], first[body + 1])
-        joints = np.repeat(self.arrays.carriers, np.diff(first))[which]
-        turned = np.einsum("bvxy,vy->bvx", frames[0][:, joints], self.arrays.vertices[which])
-        return np.asarray(turned + frames[1][:, joints])
+    def vertices(self, body: int, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
+        joint, (first, last) = self.arrays.carriers[body], self.arrays.first_vertex[body : body + 2]
+        turned = np.einsum("bxy,vy->bvx", frames[0][:, joint], self.arrays.vertices[first:last])
+        return np.asarray(turned + frames[1][:, joint, None])
 
     @cached_property
     def turning(self) -> BoolArray:
@@ -411,9 +409,10 @@ class GuardedPath:
         fastest = np.maximum(motion.squares[:-1], motion.squares[1:])
         most = _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0]
         if receding is not None:
-            most = most.copy() if len(most) else np.full((len(self.brakes), *receding.shape), -1.0)
-            rows = np.unique(motion.cells)
-            most[rows] = np.maximum(most[rows], np.where(receding, self._slow[rows][:, :, None], -1.0))
+            rows = np.unique(motion.cells)  # the others are not read
+            known = most[rows] if len(most) else -1.0
+            most = np.empty((len(self.brakes), *receding.shape))
+            most[rows] = np.maximum(known, np.where(receding, self._slow[rows][:, :, None], -1.0))
         borne = Borne(fastest, most)
         margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *around)
         if body < 0:

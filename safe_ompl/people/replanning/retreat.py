@@ -23,7 +23,7 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.geometry.kernels import CellFrames, separating_axes
+from safe_ompl.geometry.kernels import CellFrames, chords_ahead, separating_axes
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, StopMotion
 from safe_ompl.trajectories import BlendedCurve, Piece
@@ -34,7 +34,6 @@ _LENGTHS = (0.6, 0.3, 0.15)  # [rad] of retreats that are tried
 _NUDGE = 1e-4  # [rad]
 _STILL = 3  # so many of the first joints may stay still: links near the base cannot get away
 _ROUNDS = 40  # of the search for a direction
-_ROUNDING = 1e-9  # [m]
 _FAR = 0.35  # [m] who is farther away need not be looked at
 _LEAST = 0.02  # [m/rad] distances must grow by this at least
 
@@ -52,17 +51,12 @@ class Receding:
 
     def __init__(self, path: GuardedPath, s: float, sets: ReachSets) -> None:
         self._path, self._s, self._sets = path, s, sets
-        self._frames = path.bodies.frames(path.curve.at(np.array([s])).q)
-        self._axes, self._apart = _ahead(path.bodies, self._frames, sets)
-        first = path.bodies.arrays.first_vertex
-        self._first, self._of = first[:-1], np.repeat(np.arange(len(first) - 1), np.diff(first))
-        start = self._heights(self._frames)
-        self._least = np.minimum.reduceat(start, self._first)[self._of]
-        self._start = np.sqrt(start - self._least)
+        frames = path.bodies.frames(path.curve.at(np.array([s])).q)
+        self._axes, self._apart = _ahead(path.bodies, frames, sets)
         self._always = np.zeros((len(path.bodies.links), len(sets.names)), dtype=bool)
         for g in np.flatnonzero(path.bodies.turning).tolist():
             near = np.flatnonzero((self._apart[g] > 0.0) & (self._apart[g] < np.inf))
-            lost = path.bodies.swept(g, self._frames, self._axes[g, near])
+            lost = path.bodies.swept(g, frames, self._axes[g, near])
             self._always[g, sets.owners[near[self._apart[g, near] > lost]]] = True
 
     def along(self, motion: StopMotion) -> BoolArray:
@@ -71,20 +65,12 @@ class Receding:
         found, corners = self._always.copy(), path.edges[path.stops]
         if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
             return found
-        then = path.bodies.frames(path.curve.at(np.array([last])).q)
+        frames = path.bodies.frames(path.curve.at(np.array([self._s, last])).q)
         bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
-        end = self._heights(then) - self._least + _ROUNDING
-        grows = self._start + np.sqrt(np.maximum(end, 0.0)) >= np.sqrt(bends)[self._of, None]
-        all_grow = np.logical_and.reduceat(grows & (end >= 0.0), self._first)
-        body, which = np.nonzero(all_grow & (self._apart > 0.0) & (self._apart < np.inf))
+        cells = CellFrames(*frames, np.zeros((0, 0)))
+        body, which = np.nonzero(chords_ahead(path.bodies.arrays, cells, self._axes, self._apart, bends))
         found[body, self._sets.owners[which]] = True
         return found
-
-    def _heights(self, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return the heights (V, S) of all vertices of the bodies along the directions [m]."""
-        return np.asarray(
-            np.einsum("vsx,vx->vs", self._axes[self._of], self._path.bodies.vertices(None, frames)[0])
-        )
 
 
 def _ahead(

@@ -513,6 +513,7 @@ def rehearse_and_drive(shield):
     rehearse(argparse.Namespace(**{**vars(OPTIONS), "shield": shield}), drive.controller.options)
     before = kernels()
     assert before
+    assert shield or {"separating_axes", "chords_ahead"} <= {name for name, _ in before}  # of retreats
     if not shield:
         drive.go()
     for k in range(40):
