@@ -22,7 +22,6 @@ _MANY = 400  # points that are worth grouping
 _GROUP = 48  # points in a group
 _BLOCK = 32  # groups in a block
 _LEVELS = 12  # halvings of each side of the points' box in the curve that goes through them
-_NO_BALLS: Any = np.empty(0, BALL)
 
 Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
 AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
@@ -85,7 +84,7 @@ class DangerPoints:
     def _ungrouped(self, points: FloatArray) -> Points:
         turned = columns(points)
         weights = np.ones(turned.shape[2]) if self.weights is None else self.weights
-        return Points(turned, (self._k1 * weights)[None], _NO_BALLS)
+        return Points(turned, (self._k1 * weights)[None], None)
 
 
 def _checked_points(points: ArrayLike) -> FloatArray:

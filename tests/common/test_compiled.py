@@ -16,6 +16,7 @@ import pytest
 from numba import njit
 from numba.core import event
 from numba.core.errors import NumbaError
+from numba.core.types import none
 
 import safe_ompl
 from safe_ompl import DangerField
@@ -68,8 +69,10 @@ def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
             one.terms_above(Q, 0.0)
         fields[0].link_fields(robot.keypoints_batch(Q))
         fields[0].field(Q[0], points.T[:, :3])
-    used = (danger.dangers, field.fields, field.link_fields, field.link_distances, joints.keypoints)
+    used = (field.fields, field.link_fields, field.link_distances, joints.keypoints)
     assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
+    without_balls = [arguments for arguments in danger.dangers.signatures if arguments[2].types[2] == none]
+    assert len(without_balls) == 1, "other tests may have asked for points in balls"
 
 
 def test_compiles_without_keeping_anything_where_nothing_can_be_written(monkeypatch):

@@ -42,7 +42,7 @@ _FAR = 0.1  # part of the tolerance that blocks may use up
 
 
 class Points(NamedTuple):
-    """Danger points: columns (3, M + N), the points and the centres of N balls; charges k₁w (M,); the balls (N,)."""
+    """Danger points: columns (3, M + N), points and the centres of N balls; charges k₁w (M,); balls (N,), or None."""
 
     columns: FloatArray
     charges: FloatArray
@@ -100,9 +100,9 @@ def _look(skeleton: Skeleton, points: Points, begin: int, end: int, kind: int, r
 
 @part
 def most_points(balls: Any) -> int:
-    """Return how many points the largest group has; 0 without groups."""
+    """Return how many points the largest group has."""
     most = 0
-    for g in range(balls[0].begin if len(balls) > 0 else 0, len(balls)):
+    for g in range(balls[0].begin, len(balls)):
         most = max(most, balls[g].number)
     return most
 
