@@ -258,7 +258,7 @@ def _figure(result: Mapping[str, Any], folder: Path) -> str:
     words = "no path to judge"
     if worst:
         distance = 1e3 * worst["distance"]
-        how = f"{-distance:.2g} mm inside" if distance <= 0 else f"{distance:.2g} mm from"
+        how = f"{-distance:.3g} mm inside" if distance <= 0 else f"{distance:.3g} mm from"
         words = f"{worst['link']} {how} {worst['other']}; {worst['problem']}, seed {worst['seed']}"
         words += "" if worst["time"] is None else f", at {worst['time']:.2f} s"
     image = ""
