@@ -108,7 +108,7 @@ def figure(runs: dict[str, list[Run]], file: Path) -> None:
 
     solved = {name: [run for run in answers if run["solved"]] for name, answers in runs.items()}
     shown = {name: answers for name, answers in solved.items() if answers}
-    fig, axes = plt.subplots(1, 2, figsize=(12, 4.8), layout="constrained", sharex=True)
+    fig, axes = plt.subplots(1, 2, figsize=(14, 4.8), layout="constrained", sharex=True)
     labels = {
         "mean clearance [mm]": "mean clearance [mm]: more is safer",
         "mean danger": "mean danger: less is safer",
@@ -126,7 +126,7 @@ def figure(runs: dict[str, list[Run]], file: Path) -> None:
             ink = color if inside == "white" else "white"
             axis.annotate(str(number), (x, y), ha="center", va="center", fontsize=9, color=ink)
             handles.append(mark)
-        axis.set(xscale="log", xlabel="building + planning + smoothing, median CPU time [ms]", ylabel=label)
+        axis.set(xscale="log", xlabel="building + planning + smoothing, median [ms of CPU]", ylabel=label)
         axis.grid(alpha=0.25, which="both")
         axis.margins(0.1)
     title = "Open marks: paths that\ntouched something"
