@@ -133,7 +133,7 @@ class LiveController:
         self._cloud: CloudView | None = None
         self._proven_cloud: CloudView | None = None
         self._strangers: tuple[float, str] = (-np.inf, "")
-        self._replanner: Replanner | Shield | None = None
+        self._pilot: Replanner | Shield | None = None
         self._driving = False
         self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
         self.command: Command | None = None
@@ -181,7 +181,7 @@ class LiveController:
         """Take points (M, 3) in the world [m]; those of the robot and of tracked people are left out."""
         if self._joints is None or abs(time - self._joints.time) > self.options.joints_late:
             raise InputError("comes without joint states of its time: the robot's own points are not known")
-        around = None if self._replanner is None else self._replanner.surroundings
+        around = None if self._pilot is None else self._pilot.surroundings
         self._cloud = CloudView.seen(
             points, self.options.cloud_radius, self.cell.robot, self._joints.q, around
         )
@@ -194,12 +194,12 @@ class LiveController:
 
     def propose(self, motion: Motion | FloatArray, start: float | None = None) -> None:
         """Take what the shield is to follow: a motion from a time [s] or the next tick on, or velocities (n,)."""
-        if not self._driving or not isinstance(self._replanner, Shield):
+        if not self._driving or not isinstance(self._pilot, Shield):
             raise InputError(f"is not followed: {self._why}")
         if isinstance(motion, Motion):
-            self._replanner.propose(motion, start=start)
+            self._pilot.propose(motion, start=start)
         else:
-            self._replanner.propose_velocity(motion)
+            self._pilot.propose_velocity(motion)
 
     def request(self, names: Sequence[str], position: Sequence[float]) -> None:
         """Plan a whole trajectory from where the robot stands, for `answer`; a request before it is forgotten."""
@@ -261,8 +261,8 @@ class LiveController:
 
     def think(self, units: int = 60) -> None:
         """Search a detour in the time that is left until the next tick; see `Replanner.think`."""
-        if self._driving and isinstance(self._replanner, Replanner):
-            self._replanner.think(units)
+        if self._driving and isinstance(self._pilot, Replanner):
+            self._pilot.think(units)
 
     @property
     def driving(self) -> bool:
@@ -299,10 +299,10 @@ class LiveController:
         return np.asarray(np.abs(self.cell.robot.difference(one, other)))
 
     def _drive(self) -> None:
-        """Tell the replanner what was seen, and ask for the next command."""
-        assert self._replanner is not None
-        self._inform(self._replanner)
-        command = self._replanner.command(self._now + self.options.latency)
+        """Tell the replanner or the shield what was seen, and ask for the next command."""
+        assert self._pilot is not None
+        self._inform(self._pilot)
+        command = self._pilot.command(self._now + self.options.latency)
         if command is not self.command:
             late, new = self._clock() - command.time, command.time >= self._now
             if new and late > 0:  # the one before holds, and is what the next plan begins after
@@ -313,14 +313,14 @@ class LiveController:
         if command.doing is Doing.DONE and not self.cell.shielded:
             self._goal, self._driving, self._why = None, False, _ARRIVED
 
-    def _inform(self, replanner: Replanner | Shield) -> None:
+    def _inform(self, pilot: Replanner | Shield) -> None:
         due = self._sightings.due(self._now)
         if due is None:
             return
         time, seen = due
         people = {name: points for name, points in seen.items() if name in self.cell.trackers}
         try:
-            replanner.update(people, {name: seen[name] for name in seen if name not in people}, time)
+            pilot.update(people, {name: seen[name] for name in seen if name not in people}, time)
         except InputError as error:  # of a person nothing is known but a hand: not seen yet
             _log.warning("%s", error)
 
@@ -355,7 +355,7 @@ class LiveController:
             return
         planning, self._planning = self._planning, None
         try:
-            self._replanner = planning.result()
+            self._pilot = planning.result()
         except SafeOmplError as error:
             self._goal, self._why = None, f"no way to the goal: {error}"
             return
@@ -429,9 +429,9 @@ class LiveController:
         people: dict[str, Any] = {}
         objects: dict[str, Any] = {}
         solids: list[Solid] = []
-        if self._replanner is None:
+        if self._pilot is None:
             return people, objects, solids
-        around = self._replanner.surroundings
+        around = self._pilot.surroundings
         for name, person in around.people.items():
             if person.keypoints is not None:
                 people[name] = dict(zip(KEYPOINTS, person.keypoints.tolist(), strict=True))

@@ -261,6 +261,7 @@ def _each_danger(
     gradients: FloatArray,
     out: FloatArray,
 ) -> None:
+    """Write what `dangers` returns: within a part Numba does not count who holds an array, once for each row."""
     for b in range(len(values)):
         own = points.columns[b if len(points.columns) > 1 else 0]
         charge = points.charges[b if len(points.charges) > 1 else 0]

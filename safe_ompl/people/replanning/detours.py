@@ -134,12 +134,19 @@ class DetourRoadmap:
             q = np.clip(q, self._robot.lower, self._robot.upper)
             if not self._motion.checker.touches(q):
                 samples.append(q)
-        self.milestones = np.concatenate([self.milestones, samples])
-        self._tips = np.array([self._robot.tip_pose(q).translation for q in self.milestones])
+        self._add(samples)
         self._near = [[] for _ in self.milestones]
         for k, q in enumerate(self.milestones):
             for other in self._nearest(q, _NEIGHBOURS):
                 self._join(k, other)
+
+    def _add(self, samples: list[FloatArray]) -> None:
+        """Add milestones, each (n,)."""
+        self.milestones = np.concatenate([self.milestones, samples])
+        self._tips = np.concatenate([self._tips, [self._tip(q) for q in samples]])
+
+    def _tip(self, q: FloatArray) -> FloatArray:
+        return np.asarray(self._robot.tip_pose(q).translation)
 
     def _join(self, a: int, b: int) -> None:
         for one, two in ((a, b), (b, a)):
@@ -162,7 +169,7 @@ class DetourRoadmap:
 
     def _full_times(self, q: FloatArray) -> FloatArray:
         """Return how long (N,) motions to all milestones take with nobody near, at least [s]."""
-        ways = np.linalg.norm(self._tips - self._robot.tip_pose(q).translation, axis=1)
+        ways = np.linalg.norm(self._tips - self._tip(q), axis=1)
         cap = min(self.limits.tool_speed or np.inf, self.limits.link_speed or np.inf)
         return np.asarray(np.maximum(self._joint_times(q), ways / cap))
 
@@ -238,12 +245,11 @@ class DetourRoadmap:
         k = self._passing.get(which)
         if k is None:
             k = self._passing[which] = len(self.milestones)
-            self.milestones = np.concatenate([self.milestones, q[None]])
-            self._tips = np.array([self._robot.tip_pose(q).translation for q in self.milestones])
+            self._add([q])
             self._near.append([])
         else:
             self.milestones[k] = q
-            self._tips[k] = self._robot.tip_pose(q).translation
+            self._tips[k] = self._tip(q)
             for other in self._near[k]:
                 self._near[other].remove(k)
             self._near[k] = []
