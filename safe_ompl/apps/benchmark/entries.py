@@ -7,7 +7,7 @@ An entry names it by the name and the SHA-256 of that file.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -156,11 +156,11 @@ class Answer:
         row |= {"times": dict(self.times), "solved": self.motion is not None, "error": self.failed or None}
         if self.motion is None:
             return row
-        row |= self.problem.judge.verdict(self.motion).as_dict()
+        row |= asdict(self.problem.judge.verdict(self.motion))
         outside = row.pop("outside")
         beside = self.problem.beside
         if beside is not None:
-            drive = judged_drive(self.problem.robot, beside, self.motion).as_dict()
+            drive = asdict(judged_drive(self.problem.robot, beside, self.motion))
             places = [row["worst"], *filter(None, [drive.pop("worst")])]
             row |= {**drive, "worst": min(places, key=lambda place: place["distance"])}
             row["touching"] |= drive["contacts_while_moving"] > 0

@@ -7,8 +7,7 @@ out. Beside recorded people there is a sample every 5 ms, without exception.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -56,10 +55,6 @@ class Verdict:
     length: float  # [rad]
     outside: str  # Which joint leaves its limits, if one does
     worst: Worst
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return all attributes as plain data."""
-        return asdict(self)
 
 
 class PlainGeometry:
@@ -273,10 +268,6 @@ class DriveVerdict:
     tasks: int  # How many goals were reached, in turn
     speed: float  # The largest speed of a joint, over its limit
     worst: Worst | None  # While it moves
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return all attributes as plain data."""
-        return asdict(self)
 
 
 def judged_drive(robot: Robot, beside: Beside, motion: Motion) -> DriveVerdict:
