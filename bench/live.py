@@ -106,10 +106,10 @@ def simulation(
     limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
     path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
-    ways = [time_path(way, robot, limits, motion=replanner.motion) for way in (path, path[::-1])]
+    ways = [time_path(way, robot, limits, motion=replanner.prover) for way in (path, path[::-1])]
     one = Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, monitored=monitored)
     if monitored:
-        one.monitor = TouchJudge(robot, replanner.still, people, tracker.body.height)
+        one.monitor = TouchJudge(robot, replanner.surroundings.still, people, tracker.body.height)
     return one
 
 
