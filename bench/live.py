@@ -29,7 +29,7 @@ from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from bench._touches import TouchJudge
 from safe_ompl import People, Pose, RateLimits, Scenario, time_path
 from safe_ompl.people import CalibratedReach
-from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
+from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Simulation
 from safe_ompl.people.skeletons import Recording, TrackedBody, facing, list_clips
