@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily
-from safe_ompl.former import know_former_modules
 from safe_ompl.version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -82,5 +81,3 @@ if TYPE_CHECKING:
     from safe_ompl.view import view as view
 
 __getattr__, __dir__ = lazily(__name__, __file__)
-
-know_former_modules()

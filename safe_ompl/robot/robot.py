@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -355,13 +354,6 @@ class Robot(ForwardKinematics):
     @cached_property
     def _bodies_copy(self) -> GuardedCopy:
         return GuardedCopy(self.shared.collision_model, independent, f"{self.name}: collision_model")
-
-    def __getattr__(self, name: str) -> Any:
-        """Find what was moved to `bounds` under its former name, for one version more."""
-        if name.startswith("_") or not hasattr(DisplacementBounds, name):
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        warnings.warn(f"Robot.{name} is now Robot.bounds.{name}", DeprecationWarning, stacklevel=2)
-        return getattr(self.bounds, name)
 
     def named(self, q: ArrayLike | str) -> dict[str, float]:
         """Return `q: (n,)`, or the state of the SRDF that it names, as a mapping from joint name to value [rad or m].

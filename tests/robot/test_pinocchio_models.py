@@ -85,14 +85,6 @@ def test_arrays_are_read_only(robot):
             array[...] = 0
 
 
-def test_bounds_are_found_under_their_former_names_with_a_warning(robot):
-    with pytest.warns(DeprecationWarning, match="bounds.displacement_radii"):
-        radii = robot.displacement_radii
-    assert radii is robot.bounds.displacement_radii
-    with pytest.raises(AttributeError, match="no attribute 'radius'"):
-        robot.radius  # noqa: B018
-
-
 def test_shared_models_are_those_of_the_proofs(robot):
     assert robot.shared.collision_model == robot.collision_model
     assert robot.shared.model == robot.model

@@ -5,8 +5,7 @@ Both plug-ins read the same `Constraints`, and motions are proven.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, TypeVar
@@ -177,35 +176,6 @@ class ConfigurationCheck:
         return next((f": {tool.objection(q)}" for tool in self._tool if not tool.allows(q)), None)
 
 
-_SETTERS: dict[str, Callable[..., tuple[Constraints, CollisionChecker]]] = {
-    "setMinClearance": lambda c, checker, *a, **k: (c.with_min_clearance(checker, *a, **k), checker),
-    "setMovingObstacles": lambda c, checker, *a, **k: (c.with_moving_obstacles(*a, **k), checker),
-    "setSeparation": lambda c, checker, separation: (replace(c, separation=separation), checker),
-    "setDangerLimit": lambda c, checker, limit: (replace(c, danger=limit), checker),
-    "setToolLimits": lambda c, checker, limits: (replace(c, tool=tuple(limits)), checker),
-    "setUserChecks": lambda c, checker, checks: (replace(c, user=tuple(checks)), checker),
-    "setChecker": lambda c, _, checker, separation: (replace(c, separation=separation), checker),
-}
-
-
-def with_former_setters(plugin: Any) -> Any:
-    """Give a class that has `setConstraints` the setters that it had before, each of which warns."""
-
-    def setter(name: str) -> Callable[..., None]:
-        def call(self: Any, *args: Any, **kwargs: Any) -> None:
-            warnings.warn(f"{name} will go: call setConstraints", DeprecationWarning, stacklevel=2)
-            self.setConstraints(*_SETTERS[name](self.getConstraints(), self.checker, *args, **kwargs))
-
-        call.__name__, call.__doc__ = name, "Deprecated: call `setConstraints`."
-        return call
-
-    for name in _SETTERS:
-        setattr(plugin, name, setter(name))
-    plugin.getSeparation = lambda self: self.getConstraints().separation
-    return plugin
-
-
-@with_former_setters
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
 
@@ -270,7 +240,6 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         return self.checker.clearance(self._bridge.read(state)).distance
 
 
-@with_former_setters
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.MotionProver`).
 
