@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -36,7 +35,6 @@ from safe_ompl.robot.loading.packages import find_example, robots_folder
 from safe_ompl.robot.loading.parts import GuardedCopy, RobotParts, independent
 from safe_ompl.robot.loading.sources import ModelsBlueprint, UrdfBlueprint, check_models, owned
 from safe_ompl.robot.loading.urdf import existing_file
-from safe_ompl.robot.reach import JointChain
 
 
 class Robot(ForwardKinematics):
@@ -341,11 +339,6 @@ class Robot(ForwardKinematics):
     def visual_model(self) -> pin.GeometryModel:
         """A copy of the visual geometry; of the collision bodies where the visual meshes are missing."""
         return self.shared.read_visual() or independent(self.shared.collision_model)
-
-    @property
-    def chain(self) -> JointChain:
-        """A copy of the joints as displacement bounds need them."""
-        return copy.deepcopy(self.shared.chain)
 
     @cached_property
     def _model_copy(self) -> GuardedCopy:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, TypeVar
 
-import numpy as np
 from ompl import base as ob
 
 from safe_ompl.collision import (
@@ -151,12 +150,10 @@ class ConfigurationCheck:
 
     def objection(self, q: FloatArray) -> str | None:
         """Return why `q: (n,)` is not allowed, in words that follow the name of a configuration; None where it is."""
-        robot, separation, limit = self.checker.robot, self.constraints.separation, self._danger
-        for i in np.flatnonzero(~robot.within_limits(q)):
-            return (
-                f": joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits "
-                f"[{robot.lower[i]:g}, {robot.upper[i]:g}]"
-            )
+        separation, limit = self.constraints.separation, self._danger
+        beyond = self.checker.robot.beyond_limits(q)
+        if beyond is not None:
+            return f": {beyond}"
         pair = self.checker.colliding_pair(q)
         if pair is not None:
             return f" is in collision: {pair[0]!r} touches {pair[1]!r}"
