@@ -65,6 +65,10 @@ class Robot(ForwardKinematics):
         Joints that are held, with their values [rad or m].
     links_without_collision : tuple of str
         Moving links that have visual but no collision shapes: nothing is proven of them.
+    attached : tuple of Attachment
+        The objects that it holds.
+    accelerations : dict of str to float
+        Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`.
     """
 
     def __init__(self, blueprint: Blueprint, parts: RobotParts | None = None) -> None:
@@ -72,6 +76,8 @@ class Robot(ForwardKinematics):
         super().__init__(blueprint.assemble() if parts is None else parts)
         self.name: str = self.shared.name
         self.held_joints = dict(self.shared.held)
+        self.attached = self.shared.attached
+        self.accelerations = dict(self.shared.accelerations)
         self.links_without_collision = self.shared.links_without_collision
 
     @classmethod
@@ -302,21 +308,15 @@ class Robot(ForwardKinematics):
                 raise UnknownNameError("joint", name, self.joint_names, "accelerations")
             number(f"acceleration limit of joint {name!r}", limit, above=0.0)
         chosen = {name: float(limit) for name, limit in limits.items()}
-        return type(self)(WithAccelerations(self.blueprint, chosen), self.shared)
-
-    @property
-    def accelerations(self) -> dict[str, float]:
-        """Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`."""
-        return self.blueprint.accelerations()
+        blueprint = WithAccelerations(self.blueprint, chosen)
+        return type(self)(blueprint, blueprint.applied(self.shared))
 
     def without_attached(self, name: str) -> Robot:
         """Return the same robot without the object called `name`; raise UnknownNameError if it holds none."""
+        known = [item.name for item in self.attached]
+        if name not in known:
+            raise UnknownNameError("attached object", name, known)
         return type(self)(self.blueprint.without(name))
-
-    @property
-    def attached(self) -> tuple[Attachment, ...]:
-        """The objects that it holds."""
-        return self.blueprint.attached()
 
     @cached_property
     def bounds(self) -> DisplacementBounds:

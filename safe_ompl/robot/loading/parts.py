@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,9 @@ from safe_ompl.robot.joint_tables import Mimic
 from safe_ompl.robot.loading.collision import warn_of_unchecked
 from safe_ompl.robot.loading.reduction import joint_limits
 from safe_ompl.robot.reach import JointChain
+
+if TYPE_CHECKING:
+    from safe_ompl.robot.loading.blueprint import Attachment
 
 _log = logging.getLogger(__name__)
 
@@ -43,6 +46,10 @@ class RobotParts:
         Joints of the model that follow planned ones; joints that are held, with their values [rad or m].
     bare_links : tuple of str
         Links, moving or not, that have visual but no collision shapes.
+    attached : tuple of Attachment
+        Objects that the robot holds, the last one last.
+    accelerations : mapping
+        Limits that are known, by joint [rad/s² or m/s²].
     """
 
     name: str
@@ -55,6 +62,8 @@ class RobotParts:
     mimics: Mapping[str, Mimic] = field(default_factory=dict)
     held: Mapping[str, float] = field(default_factory=dict)
     bare_links: tuple[str, ...] = ()
+    attached: tuple[Attachment, ...] = ()
+    accelerations: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def links_without_collision(self) -> tuple[str, ...]:
@@ -127,6 +136,9 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
     def prefixed(names: Callable[[RobotParts], tuple[str, ...]], order: list[str]) -> tuple[str, ...]:
         return tuple(f"{prefix}_{name}" for prefix in order for name in names(robots[prefix]))
 
+    def by_joint(values: Callable[[RobotParts], Mapping[str, float]]) -> dict[str, float]:
+        return {f"{p}_{joint}": x for p, parts in robots.items() for joint, x in values(parts).items()}
+
     order = list(robots)
     return RobotParts(
         name,
@@ -141,8 +153,14 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
             for p, parts in robots.items()
             for joint, mimic in parts.mimics.items()
         },
-        {f"{p}_{joint}": value for p, parts in robots.items() for joint, value in parts.held.items()},
+        by_joint(lambda parts: parts.held),
         prefixed(lambda parts: parts.bare_links, order),
+        tuple(
+            replace(item, name=f"{p}_{item.name}", link=f"{p}_{item.link}")
+            for p, parts in robots.items()
+            for item in parts.attached
+        ),
+        by_joint(lambda parts: parts.accelerations),
     )
 
 
