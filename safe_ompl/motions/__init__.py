@@ -8,13 +8,12 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.motions.checks import MotionCheck as MotionCheck
-    from safe_ompl.motions.checks import Violation as Violation
     from safe_ompl.motions.checks import check as check
     from safe_ompl.motions.checks import check_with as check_with
     from safe_ompl.motions.checks import widest_tube as widest_tube
     from safe_ompl.motions.motion import Motion as Motion
     from safe_ompl.motions.rates import Extremes as Extremes
-    from safe_ompl.motions.rates import RateViolation as RateViolation
+    from safe_ompl.motions.rates import Violation as Violation
     from safe_ompl.motions.rates import extremes as extremes
     from safe_ompl.motions.rates import rate_violations as rate_violations
     from safe_ompl.motions.repair import Repair as Repair

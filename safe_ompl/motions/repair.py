@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from safe_ompl.collision import CollisionChecker, MotionProver, Verdict, fresh_data
 from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
-from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, check_with
+from safe_ompl.motions.checks import MotionCheck, PieceProof, check_with, piece_proofs
 from safe_ompl.motions.motion import Motion
 from safe_ompl.paths import unrolled
 from safe_ompl.planning.ompl import joint_space
@@ -222,7 +222,7 @@ class Displacement:
 
     def __init__(self, motion: Motion, proof: MotionProver) -> None:
         self._proof, self._gaps = proof, Gaps(proof.checker)
-        self.bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
+        self.bad = [piece.number for piece in piece_proofs(motion, proof) if not piece.proven()]
         self._given = motion
 
     def moved(self) -> Motion | None:
@@ -272,7 +272,7 @@ class Displacement:
         places: dict[tuple[int, float], None] = {}  # where something was too near, in the order found
         moved, waiting = motion, set(range(motion.pieces))
         for attempt, spare in enumerate(np.repeat(_SPARE, _ATTEMPTS).tolist()[:attempts]):
-            pieces = list(PieceProofs(moved, self._proof))
+            pieces = list(piece_proofs(moved, self._proof))
             verdicts = {k: pieces[k].verdict() for k in sorted(waiting)}
             bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
             if not bad:
