@@ -16,9 +16,8 @@ def lazily(package: str, file: str) -> Door:
     """Return `__getattr__` and `__dir__` of a package whose names are imported when they are first asked for (PEP 562).
 
     Where a name comes from is read from the block `if TYPE_CHECKING:` of the package's own source, which type checkers
-    and readers see, so that there is no second list of modules; nor one of names, as they are `__all__` where a package
-    says nothing else. ``import Name as Name`` there says to type checkers that the name is public. A name that is a
-    module of the package stays a module.
+    and readers see; ``import Name as Name`` says there that the name is public. These names become the package's
+    `__all__`, so that there is no second list. A name that is a module of the package stays a module.
 
     Parameters
     ----------
@@ -28,7 +27,7 @@ def lazily(package: str, file: str) -> Door:
         The package's `__file__`.
     """
     sources = _sources(Path(file).read_text(encoding="utf-8"))
-    vars(modules[package]).setdefault("__all__", sorted(sources))
+    vars(modules[package])["__all__"] = sorted(sources)
     return partial(_import, package, sources), partial(_names, package, sources)
 
 

@@ -147,22 +147,13 @@ class Robot(ForwardKinematics):
 
     @classmethod
     def from_example(
-        cls,
-        name: str,
-        *,
-        tip: str | None = None,
-        locked: Mapping[str, float] | None = None,
-        hulls: bool = True,
-        base: PoseLike | None = None,
-        mobile_base: Ranges | None = None,
-        collision: CollisionSource = "required",
-        group: str | None = None,
-        locked_state: str | None = None,
+        cls, name: str, *, tip: str | None = None, locked: Mapping[str, float] | None = None, **options: Any
     ) -> Robot:
         """Build a robot of example-robot-data by its key in `safe_ompl.robot.loading.EXAMPLES`: "panda", "ur5".
 
-        The rest is as in `from_urdf`, by default that of the table of examples. Raises UnknownNameError if there is
-        none.
+        Tip and locked joints are by default those of the table of examples; other options are `hulls`, `base`,
+        `mobile_base`, `collision`, `group` and `locked_state` of `from_urdf`. Raises UnknownNameError if there is no
+        such robot.
         """
         example = find_example(name)
         folder = robots_folder()
@@ -170,15 +161,10 @@ class Robot(ForwardKinematics):
             folder / example.urdf,
             folder / example.srdf if example.srdf else None,
             (folder.parents[1],),
-            tip or (example.tip if group is None else None),
+            tip or (example.tip if options.get("group") is None else None),
             example.locked if locked is None else locked,
-            hulls=hulls,
             name=name,
-            base=base,
-            mobile_base=mobile_base,
-            collision=collision,
-            group=group,
-            locked_state=locked_state,
+            **options,
         )
 
     @classmethod

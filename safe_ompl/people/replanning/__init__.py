@@ -7,34 +7,19 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.replanning.detours import DetourRoadmap, Detours, PeopleNow
-    from safe_ompl.people.replanning.guarded_path import (
-        Command,
-        Doing,
-        GuardedPath,
-        MotionMargin,
-        PathLimits,
-        RobotBodies,
-        StopMotion,
-    )
-    from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
-    from safe_ompl.people.replanning.shield import Shield, ShieldCommand
-
-__all__ = [
-    "Command",
-    "DetourRoadmap",
-    "Detours",
-    "Doing",
-    "GuardedPath",
-    "MotionMargin",
-    "PathLimits",
-    "PeopleNow",
-    "Replanner",
-    "ReplanningOptions",
-    "RobotBodies",
-    "Shield",
-    "ShieldCommand",
-    "StopMotion",
-]
+    from safe_ompl.people.replanning.detours import DetourRoadmap as DetourRoadmap
+    from safe_ompl.people.replanning.detours import Detours as Detours
+    from safe_ompl.people.replanning.detours import PeopleNow as PeopleNow
+    from safe_ompl.people.replanning.guarded_path import Command as Command
+    from safe_ompl.people.replanning.guarded_path import Doing as Doing
+    from safe_ompl.people.replanning.guarded_path import GuardedPath as GuardedPath
+    from safe_ompl.people.replanning.guarded_path import MotionMargin as MotionMargin
+    from safe_ompl.people.replanning.guarded_path import PathLimits as PathLimits
+    from safe_ompl.people.replanning.guarded_path import RobotBodies as RobotBodies
+    from safe_ompl.people.replanning.guarded_path import StopMotion as StopMotion
+    from safe_ompl.people.replanning.replanner import Replanner as Replanner
+    from safe_ompl.people.replanning.replanner import ReplanningOptions as ReplanningOptions
+    from safe_ompl.people.replanning.shield import Shield as Shield
+    from safe_ompl.people.replanning.shield import ShieldCommand as ShieldCommand
 
 __getattr__, __dir__ = lazily(__name__, __file__)
