@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -148,8 +149,14 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         A CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
         that the scene does not have.
         """
+        with self._undone_if_refused():
+            self.wiring.put(constraints)
+
+    @contextmanager
+    def _undone_if_refused(self) -> Iterator[None]:
+        """Check the start and the goals under what constraints are set within; go back where these refuse them."""
         before = self.wiring.constraints
-        self.wiring.put(constraints)
+        yield
         try:
             self.problem.check()
         except BaseException:
@@ -278,13 +285,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         arrives unchanged; None: there is none any more. An InputError if it is nothing of the kind, a CollisionError if
         it refuses the start or all goals that are set: then the checker stays what it was.
         """
-        before = self.wiring.constraints
-        self.wiring.put_user_checker(checker)
-        try:
-            self.problem.check()
-        except BaseException:
-            self.wiring.put(before)
-            raise
+        with self._undone_if_refused():
+            self.wiring.put_user_checker(checker)
 
     def setSamplingResolution(self, distance: float) -> None:
         """Set the distance [rad or m] > 0 between the samples of motions that the user's checker is asked about."""

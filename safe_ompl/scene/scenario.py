@@ -290,17 +290,14 @@ class Scenario:
             "goal": self.goal.to_mapping(),
             "danger": self.danger,
             "planners": self.planners,
-            **({"limits": self.limits.to_mapping()} if self.limits != PathLimits() else {}),
-            **({"motion": self.motion.to_mapping()} if self.motion != MotionLimits() else {}),
-            **({"people": self.people.to_mapping(folder)} if self.people is not None else {}),
+            "limits": self.limits.to_mapping() or None,
+            "motion": self.motion.to_mapping() or None,
+            "people": None if self.people is None else self.people.to_mapping(folder),
             "time": self.time,
-            **(
-                {"frames": {name: pose.to_mapping() for name, pose in self.frames.items()}}
-                if self.frames
-                else {}
-            ),
+            "frames": {name: pose.to_mapping() for name, pose in self.frames.items()} or None,
         }
-        Path(path).write_text(document.dump_document(data), encoding="utf-8")
+        given = {key: value for key, value in data.items() if value is not None}
+        Path(path).write_text(document.dump_document(given), encoding="utf-8")
 
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""

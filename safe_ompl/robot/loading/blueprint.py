@@ -73,10 +73,7 @@ class Attachment:
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
-        data = {"link": self.link, **Obstacle(self.name, self.shape, self.pose, 0.0).to_mapping()}
-        fields = data[self.shape.kind]
-        if "file" in fields:
-            fields["file"] = document.file_name(fields["file"], folder)
+        data = {"link": self.link, **Obstacle(self.name, self.shape, self.pose, 0.0).to_mapping(folder)}
         if self.touch_links:
             data["touch_links"] = list(self.touch_links)
         return {**data, "danger": True} if self.danger else data
@@ -348,13 +345,8 @@ def mobile_ranges(value: Any) -> tuple[tuple[float, float], tuple[float, float]]
         raise InputError(
             f"must be the limits in x and in y, ((x0, x1), (y0, y1)), not {value!r}", "mobile_base"
         )
-    found = []
-    for interval in intervals:
-        low, high = document.numbers("mobile_base", interval, 2)
-        if not low < high:
-            raise InputError(f"[{low:g}, {high:g}] is no interval [m]", "mobile_base")
-        found.append((low, high))
-    return found[0], found[1]
+    x, y = (document.interval("mobile_base", interval) for interval in intervals)
+    return x, y
 
 
 def check_prefixes(prefixes: Iterable[str]) -> None:
