@@ -245,20 +245,8 @@ def widest_tube(
 class PieceProof:
     """The proof of one piece of a motion, and of parts of it.
 
-    Parameters
-    ----------
-    number : int
-        Which piece it is.
-    curve : ndarray, shape (d + 1, n)
-        Its coefficients.
-    span : (float, float)
-        [s] Its times.
-    proof : MotionProver
-        What is to be proven; with the allowance of the piece in its tube.
-    speeds : mapping of str to float
-        Of obstacles that move from the start of the motion on.
-    begin : float
-        [s] The start of the motion.
+    Piece `number` has the coefficients `curve: (d + 1, n)` and the times `span` [s]; `proof` has the allowance of the
+    piece in its tube. Obstacles move with their `speeds` [m/s] from `begin` [s] on, the start of the motion.
     """
 
     def __init__(
@@ -314,17 +302,7 @@ class PieceProof:
 def piece_proofs(
     motion: Motion, proof: MotionProver, speeds: Mapping[str, float] | None = None
 ) -> Iterator[PieceProof]:
-    """Yield the proofs of the pieces of a motion, one after another.
-
-    Parameters
-    ----------
-    motion : Motion
-        Its joints in the order of the robot's.
-    proof : MotionProver
-        What is to be proven.
-    speeds : mapping of str to float, optional
-        Of obstacles that move.
-    """
+    """Yield the proofs of the pieces of a motion, its joints in the order of the robot's; `speeds` as for `check`."""
     separation, allowance = proof.separation, motion.allowance
     if motion.slack is None:  # rounding alone: the same for all pieces
         allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)

@@ -21,15 +21,10 @@ _WITHIN = 1e-9  # [rad or m] by which a position may be outside its limits, as f
 
 
 class Extremes(NamedTuple):
-    """Bounds of a derivative on every piece, each (K, n).
+    """Bounds of a derivative on every piece, each (K, n): no value is below `low` or above `high`.
 
-    Attributes
-    ----------
-    low, high : ndarray
-        No value is outside; both are within 1e-9 of what is taken, relative to the largest control point, but for
-        slack and rounding.
-    low_at, high_at : ndarray
-        When they are taken [s].
+    Both are within 1e-9 of what is taken, relative to the largest control point, but for slack and rounding; it is
+    taken at the times `low_at` and `high_at` [s].
     """
 
     low: FloatArray
@@ -96,16 +91,8 @@ def extremes(
 ) -> Extremes:
     """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities.
 
-    A derivative of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion.
-    order : int
-        ≥ 0.
-    low, high : float or ndarray of shape (n,), optional
-        Bounds that are not below `low`, or not above `high`, need not be near to what is taken. Default: all are near.
+    A derivative of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ. Bounds that are not below `low`,
+    or not above `high`, numbers or (n,), need not be near to what is taken; by default all are.
     """
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
@@ -137,31 +124,13 @@ def rate_violations(
 ) -> list[Violation]:
     """Return where a motion exceeds limits of joints; none are proven not to be exceeded anywhere.
 
-    Of each joint and each run of pieces on which it exceeds a limit the worst is named. Positions may be 1e-9 rad or m
-    outside, rates 1e-6 of their limit above it. Motions that are no function of time, and bare samples, have no rates:
-    of them positions are looked at.
+    They come by time; of each joint and each run of pieces on which it exceeds a limit the worst is named. Positions,
+    those of continuous joints aside, may be 1e-9 rad or m outside, rates 1e-6 of their limit above it. Rates are looked
+    at where there are `limits`, and the motion is a function of time and no bare samples; `kinds` are which of them:
+    "velocity", "acceleration", "jerk", by default all that are limited. With accelerations, velocities must not jump
+    between pieces, and with jerks, neither must accelerations.
 
-    Parameters
-    ----------
-    motion : Motion
-        The motion.
-    robot : Robot
-        Whose positions are limited; continuous joints are not.
-    limits : RateLimits, optional
-        Default: rates are not looked at.
-    kinds : sequence of str, optional
-        Which rates: "velocity", "acceleration", "jerk". Default: all that are limited. Where accelerations are looked
-        at, velocities must not jump between pieces, and where jerks are, neither must accelerations.
-
-    Returns
-    -------
-    list of Violation
-        By time.
-
-    Raises
-    ------
-    InputError
-        If the motion or the limits are not this robot's, or have no limit of a kind.
+    Raises InputError if the motion or the limits are not this robot's, or have no limit of a kind.
     """
     motion = motion.for_robot(robot)
     found = list(_outside(motion, robot))

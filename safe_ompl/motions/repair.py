@@ -129,24 +129,11 @@ def repair_with(
     connect: Connect | None = None,
     people: People | None = None,
 ) -> Repair:
-    """Return the motion with as little changed as a proof needs.
+    """Return the motion with as little changed as a proof needs; as it was given, with the reason, where none is near.
 
-    Parameters
-    ----------
-    motion : Motion
-        The motion; its ends stay, and so do its degree, how smooth it is at its knots, and its times, but for one
-        factor where rates exceed limits, or stops are too late.
-    proof : MotionProver
-        What is to be proven.
-    limits, people
-        As `check`.
-    connect : callable, optional
-        Finds proven paths between two configurations, where moving pieces aside does not succeed.
-
-    Returns
-    -------
-    Repair
-        True if it is proven; the motion as it was given, with the reason, where nothing near it is.
+    Its ends stay, and so do its degree, how smooth it is at its knots, and its times, but for one factor where rates
+    exceed `limits`, or stops are too late for `people` (both as for `check`). Where moving pieces aside does not
+    succeed, `connect` finds proven paths between two configurations.
     """
     robot = proof.checker.robot
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
@@ -205,20 +192,7 @@ def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
 
 
 class Displacement:
-    """Moves a motion by B-splines until it is proven.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion.
-    proof : MotionProver
-        What is to be proven.
-
-    Attributes
-    ----------
-    bad : list of int
-        The pieces that are not proven.
-    """
+    """Moves a motion by B-splines until it is proven; `bad` are the pieces that are not."""
 
     def __init__(self, motion: Motion, proof: MotionProver) -> None:
         self._proof, self._gaps = proof, Gaps(proof.checker)
@@ -322,13 +296,7 @@ class Displacement:
 
 
 class Gaps:
-    """Distances of pairs of bodies, negative where they overlap, with their gradients.
-
-    Parameters
-    ----------
-    checker : CollisionChecker
-        Robot and scene.
-    """
+    """Distances of pairs of bodies, negative where they overlap, with their gradients."""
 
     def __init__(self, checker: CollisionChecker) -> None:
         self._robot = checker.robot
@@ -338,14 +306,7 @@ class Gaps:
     def missing(self, Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
         """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small.
 
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-            Joint values.
-        proof : MotionProver
-            Says what pairs must keep.
-        spare : ndarray, shape (B,)
-            [m] How much more they should keep.
+        The proof says what pairs must keep; they should keep `spare: (B,)` [m] more.
         """
         robot, required = self._robot, proof.required
         pairs, wanted = required.pairs, required.at_start + spare[:, None]

@@ -241,12 +241,8 @@ class JointLimits:
         """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.
 
         None is a proof that no joint does: control points of a polynomial's Bernstein form hold it, and the nearer the
-        shorter the interval. A joint that comes within rounding of leaving is taken to leave.
-
-        Parameters
-        ----------
-        curve : sequence of ndarray (n,)
-            c_0 … c_d.
+        shorter the interval. A joint that comes within rounding of leaving is taken to leave. The `curve` is c_0 … c_d,
+        each (n,).
         """
         low, high = self._bounds[:, :, None]
         waiting = [(0.0, 1.0, polynomials.bernstein(np.array(curve)[None])[0].T)]
