@@ -35,9 +35,7 @@ Connect = Callable[[FloatArray, FloatArray], "FloatArray | None"]
 # Pieces that are not proven, and those beside them, are divided into spans no longer than this [rad or m], and this
 # many displacements are attempted. Short spans come first: they change less of the motion, but cannot move it as far.
 _SPANS = ((0.06, 6), (0.2, 16))
-_PLACES = tuple(
-    k / 4 for k in range(5)
-)  # fractions of a piece that is not proven, at which distances are looked at
+_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)  # fractions of a piece not proven, at which distances are looked at
 # [m] What distances should exceed the required ones by, in turn, and how many attempts are made with each.
 _SPARE = (5e-4, 1e-3, 2e-3, 4e-3)
 _ATTEMPTS = 4
@@ -53,17 +51,9 @@ _ENOUGH = 1e-5  # [m or rad] by which a constraint may be violated
 _SOFT = 1e-4  # relative: regularisation, for constraints that contradict each other
 _BAND = 0.01  # [m] Distances that exceed what they should be by less are constraints, too.
 _FARTHEST = 0.03  # [m] by which a distance is to grow in one attempt at most: gradients hold near by only
-_SLOWER = {
-    "velocity": 1,
-    "acceleration": 2,
-    "jerk": 3,
-    "separation": 0,
-}  # kinds that time lowers; rates by its power
-_SLOWEST, _SLOW_STEP, _SLOW_ENOUGH = (
-    20.0,
-    1.3,
-    1.02,
-)  # factors of time: the largest, that of a trial, and of a search
+# Kinds that time lowers, rates by its power; and factors of time: the largest, that of a trial, and of a search.
+_SLOWER = {"velocity": 1, "acceleration": 2, "jerk": 3, "separation": 0}
+_SLOWEST, _SLOW_STEP, _SLOW_ENOUGH = 20.0, 1.3, 1.02
 _STEP = 0.3  # [rad or m] by which any B-spline moves a joint in one attempt at most
 
 

@@ -34,16 +34,8 @@ class ForwardKinematics:
     """Joints of a robot and where they bring its key points and its tip.
 
     The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n. Both
-    are the same where nothing mimics.
-
-    Attributes
-    ----------
-    skeleton : Skeleton
-        Key points and link segments.
-    joint_prismatic : ndarray of bool, shape (m,)
-        Which of the joints of Pinocchio's model slide.
-    joint_keypoint_support : ndarray of bool, shape (K, m)
-        Which of the joints of Pinocchio's model move each key point.
+    are the same where nothing mimics. The `skeleton` has the key points and link segments; `joint_prismatic: (m,)` says
+    which joints of the model slide, and `joint_keypoint_support: (K, m)` which of them move each key point.
     """
 
     def __init__(self, parts: RobotParts) -> None:

@@ -133,16 +133,10 @@ _ZERO_LENGTH = 1e-6  # [m]; joints at the same place, as on a spherical wrist
 class Skeleton:
     """K key points of a robot and the segments between them (paper §3, eq. 2).
 
-    Attributes
-    ----------
-    joints, offsets : ndarray, shape (K,) and (K, 3)
-        For each key point the index of the Pinocchio joint that carries it (0: the fixed base), and its position in the
-        frame of that joint [m]. The last one is the robot's tip.
-    segments, names : ndarray, shape (L, 2), and tuple of str
-        Proximal and distal key point of each link segment, and the frame at its distal end. Segments of zero length,
-        and those that no joint moves, are left out.
-    frames : tuple of int
-        For each key point the frame that it is the origin of.
+    Each key point is carried by one of Pinocchio's `joints: (K,)`, 0 the fixed base, with its position in the frame of
+    that joint in `offsets: (K, 3)` [m], and is the origin of one of `frames: (K,)`; the last one is the robot's tip. Of
+    each link segment `segments: (L, 2)` has the proximal and the distal key point, and `names: (L,)` the frame at its
+    distal end; those of zero length, and those that no joint moves, are left out.
     """
 
     joints: IntArray

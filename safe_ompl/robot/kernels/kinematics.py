@@ -27,9 +27,7 @@ JOINT = np.dtype(
     ],
     align=True,
 )
-KEYPOINT = np.dtype(
-    [("offset", np.float64, (3,)), ("joint", np.int64)], align=True
-)  # in the frame of its joint
+KEYPOINT = np.dtype([("offset", np.float64, (3,)), ("joint", np.int64)], align=True)  # in its joint's frame
 
 
 @part

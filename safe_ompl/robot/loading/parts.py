@@ -31,25 +31,13 @@ _NO_LIMIT = np.full(1, np.inf)
 class RobotParts:
     """Models of the joints that are not locked, and what Pinocchio does not keep. Nobody changes them.
 
-    Attributes
-    ----------
-    name, source : str
-        Name for reports, and the file that the robot comes from, or its name: for errors.
-    model, collision_model : pin.Model, pin.GeometryModel
-        Planned joints and those that mimic them; bodies, and the pairs of them that are checked against each other.
-    read_visual : callable
-        Returns the visual geometry; None where there is none.
-    link_ends, tips : tuple of str
-        Joints, locked ones included, that are key points of the skeleton; frames at the ends of arms, the robot's tip
-        first.
-    mimics, held : mapping
-        Joints of the model that follow planned ones; joints that are held, with their values [rad or m].
-    bare_links : tuple of str
-        Links, moving or not, that have visual but no collision shapes.
-    attached : tuple of Attachment
-        Objects that the robot holds, the last one last.
-    accelerations : mapping
-        Limits that are known, by joint [rad/s² or m/s²].
+    `name` is for reports, and `source` for errors: the file that the robot comes from, or its name. The `model` has the
+    planned joints and those that follow them (`mimics`), the `collision_model` bodies and the pairs of them that are
+    checked; `read_visual` returns the visual geometry, or None. `link_ends` are joints, locked ones included, that are
+    key points of the skeleton, and `tips` frames at the ends of arms, the robot's tip first. `held` has the joints that
+    are held, with their values, and `accelerations` limits that are known, by joint [rad or m, /s²]; `bare_links` are
+    links, moving or not, that have visual but no collision shapes; `attached` is what the robot holds, the last one
+    last.
     """
 
     name: str
