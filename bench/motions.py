@@ -37,7 +37,7 @@ from safe_ompl.apps.benchmark.judge import TOLERANCE
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation, Verdict
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import check_with, repair_with, widest_tube
-from safe_ompl.motions.checks import PieceProofs
+from safe_ompl.motions.checks import piece_proofs
 from safe_ompl.planning.from_scenario import setup_problem, setup_scenario
 from safe_ompl.robot.loading.packages import robots_folder
 from safe_ompl.scene import Scenario, find_scenario
@@ -184,7 +184,7 @@ def print_pieces(options: argparse.Namespace) -> None:
     ]
     for _, proof, _ in chosen:  # kernels are compiled before the first piece
         next(
-            iter(PieceProofs(random_piece(proof.checker.robot, np.random.default_rng(0)).motion, proof))
+            iter(piece_proofs(random_piece(proof.checker.robot, np.random.default_rng(0)).motion, proof))
         ).verdict()
     found: dict[str, Counter[str]] = {}
     for k in range(options.first, options.first + options.number):
@@ -196,7 +196,7 @@ def print_pieces(options: argparse.Namespace) -> None:
             (piece, _), kind = near_piece(proof.checker.robot, plain, rng), f"{name}, near"
         counts = found.setdefault(kind, Counter())
         before, begin = proof.checker.counts.copy(), process_time()
-        verdict = next(iter(PieceProofs(piece.motion, proof))).verdict()
+        verdict = next(iter(piece_proofs(piece.motion, proof))).verdict()
         counts["time"] += int(1e9 * (process_time() - begin))
         work = proof.checker.counts - before
         counts["bounds"] += work.bound_queries
@@ -290,9 +290,9 @@ def print_times(options: argparse.Namespace) -> None:
             found: dict[bool, list[tuple[float, ...]]] = {True: [], False: []}
             contradicted = 0
             for motion in (next(made) for _ in range(options.splines)):
-                list(PieceProofs(motion, proof))  # what proves it within its rounding
+                list(piece_proofs(motion, proof))  # what proves it within its rounding
                 before, begin = proof.checker.counts.copy(), process_time()
-                proven = all(piece.proven() for piece in PieceProofs(motion, proof))
+                proven = all(piece.proven() for piece in piece_proofs(motion, proof))
                 milliseconds = 1e3 * (process_time() - begin)
                 work = proof.checker.counts - before
                 queries = work.margin_queries + work.collision_queries
@@ -346,7 +346,7 @@ def print_tubes(options: argparse.Namespace) -> None:
             tube = rng.uniform(0.0, 10.0 ** rng.uniform(-3.5, -1.3), robot.n)
             separation = Separation(tube=tuple(tube.tolist()))
             proof = MotionProver(checker, separation=separation)
-            if not next(iter(PieceProofs(motion, proof))).proven():
+            if not next(iter(piece_proofs(motion, proof))).proven():
                 continue
             proven += 1
             t = np.linspace(motion.times[0], motion.times[-1], 9)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily
-from safe_ompl.former import know_former_modules
 from safe_ompl.version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -127,5 +126,3 @@ __all__ = [
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)
-
-know_former_modules()

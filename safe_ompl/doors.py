@@ -8,14 +8,6 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from sys import modules
-from warnings import warn
-
-RENAMED = {  # former names, which work for one version more
-    "CertifiedMotion": "MotionProver",
-    "Exhibit": "ViewerContent",
-    "View": "BrowserView",
-    "save_film": "save_animation",
-}
 
 Door = tuple[Callable[[str], object], Callable[[], list[str]]]
 
@@ -45,11 +37,7 @@ def _sources(text: str) -> dict[str, str]:
 
 
 def _import(package: str, sources: dict[str, str], name: str) -> object:
-    """Import `name` of a package, and keep it there; a former name warns."""
-    now = RENAMED.get(name)
-    if now in sources:
-        warn(f"{package}.{name} is now {now}", DeprecationWarning, stacklevel=2)
-        return _import(package, sources, now)
+    """Import `name` of a package, and keep it there."""
     if name not in sources:
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
     source, inner = sources[name], f"{package}.{name}"

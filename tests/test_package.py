@@ -1,6 +1,5 @@
 """What `import safe_ompl` offers, and what it leaves for later."""
 
-import importlib
 import subprocess
 import sys
 
@@ -9,8 +8,6 @@ import pytest
 import safe_ompl
 from safe_ompl import InputError
 from safe_ompl.common.documents import reading
-from safe_ompl.doors import RENAMED
-from safe_ompl.former import FORMER
 from safe_ompl.io import read_json, read_ticks
 from safe_ompl.scene import MbmFile
 
@@ -35,31 +32,6 @@ def test_rooms_that_planning_does_without_come_later():
         "assert 'safe_ompl.people.replanning' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-@pytest.mark.parametrize(
-    ("former", "name"),
-    [
-        ("safe_ompl.plugins.states", "StateBridge"),
-        ("safe_ompl.exchange.timed_motion", "TimedMotion"),
-        ("safe_ompl.live.replanner", "Replanner"),
-        ("safe_ompl.pictures.plots", "plot_speeds"),
-        ("safe_ompl.pictures.render", "render_path"),
-        ("safe_ompl.viewer", "save_page"),
-        ("safe_ompl.viewer", "Exhibit"),
-    ],
-)
-def test_documented_modules_are_found_under_their_former_names(former, name):
-    for module in [module for module in sys.modules if module in FORMER]:
-        del sys.modules[module]
-    with pytest.warns(DeprecationWarning, match="is now safe_ompl"):
-        found = importlib.import_module(former)
-    assert getattr(found, name) is getattr(importlib.import_module(FORMER[former]), RENAMED.get(name, name))
-
-
-def test_a_former_public_name_warns_and_works():
-    with pytest.warns(DeprecationWarning, match="safe_ompl.CertifiedMotion is now MotionProver"):
-        assert safe_ompl.CertifiedMotion is safe_ompl.MotionProver
 
 
 # ----------------------------------------------------------------- documents that are nested too deeply are refused

@@ -37,7 +37,7 @@ FLOORS = (  # rooms; each imports from those before it only
     "apps.exchange",
     "apps",
 )
-EVERYWHERE = ("safe_ompl.version", "safe_ompl.doors", "safe_ompl.former")
+EVERYWHERE = ("safe_ompl.version", "safe_ompl.doors")
 
 
 class Import(NamedTuple):

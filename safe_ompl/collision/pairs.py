@@ -205,7 +205,7 @@ class PairTable:
 
     def _measure_from_axes(self, parts: Sequence[ObstaclePart], hulls: Sequence[Hull]) -> None:
         rows = [part.index for part in parts]
-        self.obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(hulls)
+        self.obstacle_radii[rows] = self.robot.shared.chain.axis_distances(hulls)
 
 
 def _balls(hulls: Sequence[Hull]) -> tuple[FloatArray, FloatArray]:

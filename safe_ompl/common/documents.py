@@ -16,7 +16,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -31,6 +31,7 @@ else:
     _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
 _DEEPEST = 100  # levels of lists and mappings in one another
 _Section = TypeVar("_Section")
+_Kind = TypeVar("_Kind", bound="Section")
 
 
 @contextmanager
@@ -91,6 +92,29 @@ def _default(field: Field[Any]) -> Any:
     return field.default if field.default_factory is MISSING else field.default_factory()
 
 
+@dataclass(frozen=True)
+class Section:
+    """A section of a document, whose keys are the fields of a dataclass; raises InputError that starts with the key."""
+
+    @classmethod
+    def from_mapping(cls: type[_Kind], data: Mapping[str, Any]) -> _Kind:
+        """Read the section from a document."""
+        check_fields(cls, data)
+        return cls(**data)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what `from_mapping` reads: what is not the default."""
+        return {key: _plain(value) for key, value in changed_fields(self).items()}
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "to_mapping"):
+        return value.to_mapping()
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
 def text(key: str, value: Any) -> str:
     """Return `value` as text that is not empty."""
     return inputs.text(f"{key}:", value)
@@ -143,6 +167,14 @@ def numbers(
     if count is not None and len(items) != count:
         raise InputError(f"must be {count} numbers, got {len(items)}: {inputs.shown(items)}", key)
     return tuple(number(key, item, above=above, at_most=at_most) for item in items)
+
+
+def interval(key: str, value: Any) -> tuple[float, float]:
+    """Return `value` as two finite floats, the second one larger than the first."""
+    low, high = numbers(key, value, 2)
+    if not low < high:
+        raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
+    return low, high
 
 
 def numbers_by_name(

@@ -94,10 +94,8 @@ def text(name: str, value: Any) -> str:
 def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
     """Return `value` as a new float array of the given shape (None: any length), free of NaN and infinity.
 
-    Raises
-    ------
-    InputError
-        If it is not numeric, has another shape, or holds NaN or infinity; the message starts with `name`.
+    Raises InputError, whose message starts with `name`, if it is not numeric, has another shape, or holds NaN or
+    infinity.
     """
     array = float_array(value, shape, name)
     if not np.isfinite(array).all():

@@ -38,17 +38,10 @@ def bernstein(coefficients: FloatArray) -> FloatArray:
 
 
 def powers(control_points: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients of polynomials in Bernstein form, and a bound (K, n) of the sum of their errors.
+    """Return the coefficients of polynomials with Bernstein's (K, d + 1, n), and a bound (K, n) of their errors' sum.
 
-    c_0 is b_0 as it stands, and the others come from b_i − b_0. The entries of T have Σ|T_ki| = 3^d, and a sum of
-    d + 1 products of rounded differences errs by (d + 3) ε of what it adds up.
-
-    Parameters
-    ----------
-    control_points : ndarray, shape (K, d + 1, n)
-        Bernstein coefficients.
-    error : ndarray, shape (K, n)
-        How far each b_i − b_0 may be from what is meant.
+    c_0 is b_0 as it stands, and the others come from b_i − b_0, which may be off by `error: (K, n)` each. The entries
+    of T have Σ|T_ki| = 3^d, and a sum of d + 1 products of rounded differences errs by (d + 3) ε of what it adds up.
     """
     degree = control_points.shape[1] - 1
     steps = control_points - control_points[:, :1]
@@ -62,12 +55,8 @@ def hermite(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients (K, d + 1, n) of Hermite pieces, and a bound (K, n) of the sum of their errors.
 
-    Parameters
-    ----------
-    spans : ndarray, shape (K,)
-        Durations.
-    positions, velocities, accelerations : ndarray, shape (K, 2, n)
-        At both ends of each piece; the degree is 1, 3 or 5 by how many are given.
+    They last `spans: (K,)`; positions, velocities and accelerations (K, 2, n) are those at both ends of each piece, and
+    the degree is 1, 3 or 5 by how many are given.
     """
     start, step = positions[:, 0], positions[:, 1] - positions[:, 0]
     points = [np.zeros_like(step), step]
@@ -89,17 +78,10 @@ def hermite(
 def spline(knots: FloatArray, held: FloatArray, degree: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times (K + 1,) and coefficients (K, d + 1, n) of a B-spline, and a bound (K, n) of their errors' sum.
 
-    The i-th Bernstein coefficient on [a, b] is the blossom at d − i times a and i times b. De Boor's scheme with one
-    of the arguments on each level finds it; between neighbouring knots all of its steps are convex combinations.
-
-    Parameters
-    ----------
-    knots : ndarray, shape (N + d + 1,)
-        Not decreasing; the spline is defined from knot d to knot N, which differ.
-    held : ndarray, shape (N, n)
-        Its coefficients.
-    degree : int
-        d ≥ 1.
+    The knots (N + d + 1,) do not decrease; it is defined from knot d to knot N, which differ, has the degree d ≥ 1 and
+    the control points `held: (N, n)`. The i-th Bernstein coefficient on [a, b] is the blossom at d − i times a and i
+    times b. De Boor's scheme with one of the arguments on each level finds it; between neighbouring knots all of its
+    steps are convex combinations.
     """
     at = np.arange(degree, len(held))
     at = at[knots[at + 1] > knots[at]]
@@ -124,14 +106,8 @@ def spline(knots: FloatArray, held: FloatArray, degree: int) -> tuple[FloatArray
 def integrated(state: FloatArray, spans: FloatArray, pushes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients (K, m + 1, n) of phases of constant m-th derivative, and a bound (K, n) of their errors.
 
-    Parameters
-    ----------
-    state : ndarray, shape (m, n)
-        Position and derivatives at the start.
-    spans : ndarray, shape (K,)
-        Durations > 0.
-    pushes : ndarray, shape (K, n)
-        The m-th derivatives.
+    The phases last `spans: (K,)` > 0, with m-th derivatives `pushes: (K, n)`; `state: (m, n)` has position and
+    derivatives at the start.
     """
     size = len(state) + 1
     coefficients = np.zeros((len(spans), size, state.shape[1]))
@@ -168,16 +144,9 @@ def _binomials(size: int) -> FloatArray:
 
 
 class Peaks(NamedTuple):
-    """Maxima of P polynomials on the unit interval, each (P,).
+    """Maxima of P polynomials on the unit interval, each (P,): a `bound` that no value exceeds, and a value `taken`.
 
-    Attributes
-    ----------
-    bound : ndarray
-        What no value exceeds.
-    taken : ndarray
-        A value that is taken; no more than 1e-9 of the largest coefficient below the bound.
-    at : ndarray
-        Where in [0, 1].
+    That is no more than 1e-9 of the largest coefficient below the bound; it is taken `at` a place in [0, 1].
     """
 
     bound: FloatArray

@@ -140,7 +140,8 @@ class _Revolved(Shape):
     radius: float
 
     def __post_init__(self) -> None:
-        self._set("radius", document.number("radius", self.radius, above=0.0, at_most=LONGEST))
+        for key, value in list(vars(self).items()):  # the radius, and perhaps a length
+            self._set(key, document.number(key, value, above=0.0, at_most=LONGEST))
 
     @abstractmethod
     def profile(self, arc_step: float, line_step: float) -> FloatArray:
@@ -178,18 +179,7 @@ class Sphere(_Revolved):
 
 
 @dataclass(frozen=True)
-class _Long(_Revolved):
-    """A solid of revolution with a length."""
-
-    length: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._set("length", document.number("length", self.length, above=0.0, at_most=LONGEST))
-
-
-@dataclass(frozen=True)
-class Cylinder(_Long):
+class Cylinder(_Revolved):
     """A cylinder along z, centred at its origin.
 
     Parameters
@@ -201,6 +191,7 @@ class Cylinder(_Long):
     """
 
     kind: ClassVar[str] = "cylinder"
+    length: float
 
     def parts(self) -> list[Part]:
         return [Part("", coal.Cylinder(self.radius, self.length), pin.SE3.Identity())]
@@ -210,7 +201,7 @@ class Cylinder(_Long):
 
 
 @dataclass(frozen=True)
-class Capsule(_Long):
+class Capsule(_Revolved):
     """A capsule along z, centred at its origin: a cylinder with a half ball on each end.
 
     Parameters
@@ -222,6 +213,7 @@ class Capsule(_Long):
     """
 
     kind: ClassVar[str] = "capsule"
+    length: float
 
     def parts(self) -> list[Part]:
         return [Part("", coal.Capsule(self.radius, self.length), pin.SE3.Identity())]

@@ -125,9 +125,12 @@ class Obstacle:
             shape = SHAPES[kind].from_mapping(fields, folder, pose)
         return cls(document.require(data, "name"), shape, pose, data.get("weight"), data.get("color"))
 
-    def to_mapping(self) -> dict[str, Any]:
-        """Return what `from_mapping` reads; files are `Path` objects."""
-        data = {"name": self.name, self.shape.kind: self.shape.to_mapping(), **self.pose.to_mapping()}
+    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
+        """Return what `from_mapping` reads; files are named relative to `folder`, or in full if there is none."""
+        shape = self.shape.to_mapping()
+        if "file" in shape:
+            shape["file"] = document.file_name(shape["file"], folder)
+        data = {"name": self.name, self.shape.kind: shape, **self.pose.to_mapping()}
         if self.weight != self.shape.default_weight:
             data["weight"] = self.weight
         if self.color is not None:

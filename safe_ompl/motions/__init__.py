@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.motions.checks import MotionCheck, Violation, check, check_with, widest_tube
+    from safe_ompl.motions.checks import MotionCheck, check, check_with, widest_tube
     from safe_ompl.motions.motion import Motion
-    from safe_ompl.motions.rates import Extremes, RateViolation, extremes, rate_violations
+    from safe_ompl.motions.rates import Extremes, Violation, extremes, rate_violations
     from safe_ompl.motions.repair import Repair, repair_with
     from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
 
@@ -19,7 +19,6 @@ __all__ = [
     "MeasuredTube",
     "Motion",
     "MotionCheck",
-    "RateViolation",
     "Repair",
     "Violation",
     "check",

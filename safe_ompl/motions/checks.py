@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import repeat
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -22,7 +21,7 @@ from safe_ompl.collision import (
 from safe_ompl.common import FloatArray, InputError, finite_array, polynomials
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
-from safe_ompl.motions.rates import RateViolation, rate_violations
+from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations
 from safe_ompl.motions.stops import stops_of
 from safe_ompl.motions.tube import tube_of
 from safe_ompl.planning.ompl import Constraints, joint_space
@@ -32,60 +31,6 @@ from safe_ompl.trajectories import RateLimits, Stops
 
 _FINEST = 2.0**-7  # of a piece: the shortest stretch that is reported as not proven
 _TOUCHING = 1e-6  # [m] A smaller required distance allows for rounding, and is not called a clearance.
-_UNITS = {"collision": (1e3, "mm"), "clearance": (1e3, "mm"), "separation": (1e3, "mm")}
-
-
-@dataclass(frozen=True)
-class Violation:
-    """A stretch of a motion that is not proven.
-
-    Attributes
-    ----------
-    kind : str
-        "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
-        "position", "velocity", "acceleration" or "jerk"; "separation": a stop that begins there is too late.
-    first, last : float
-        [s] All of the stretch is between them.
-    at : float
-        [s] Where it is worst, of the places looked at.
-    names : tuple of str
-        The pair that touches or is too near, or the joint; the link and who comes to it.
-    value, limit : float or None
-        What is found there, and the bound that it exceeds or falls below: distance [m] and the distance required,
-        danger, or the rate of a joint. Of stops the distance that is left to people, negative by how much farther they
-        may have come, and their clearance.
-    decided : bool
-        False: no violation is found, but no proof either.
-    unit : str
-        Of value and limit, other than of distances.
-    """
-
-    kind: str
-    first: float
-    last: float
-    at: float
-    names: tuple[str, ...]
-    value: float | None = None
-    limit: float | None = None
-    decided: bool = True
-    unit: str = ""
-
-    @property
-    def quantities(self) -> tuple[str, str]:
-        """Value and limit with their unit, distances in mm; empty where there is none."""
-        scale, unit = _UNITS.get(self.kind, (1.0, self.unit))
-        value, limit = (
-            "" if given is None else f"{scale * given:.4g}{' ' * bool(unit)}{unit}"
-            for given in (self.value, self.limit)
-        )
-        return value, limit
-
-    def __str__(self) -> str:
-        value, limit = self.quantities
-        names = " and ".join(map(repr, self.names))
-        found, bound = f", {value}" * bool(value), f" (limit {limit})" * bool(limit)
-        kind = self.kind if self.decided else f"{self.kind} undecided"
-        return f"{kind} at {self.at:.4g} s{': ' * bool(names)}{names}{found}{bound}"
 
 
 class MotionCheck(NamedTuple):
@@ -213,10 +158,10 @@ def check_with(
     if speeds and not motion.timed:
         raise InputError("has no times, and obstacles that move need them", "motion")
     stops = None if people is None else stops_of(motion, proof, limits, people)
-    found = list(map(_rate, rate_violations(motion, robot, limits)))
+    found = rate_violations(motion, robot, limits)
     outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
-    for piece in PieceProofs(motion, proof, speeds):
+    for piece in piece_proofs(motion, proof, speeds):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
         known = what == "its limits" and joint in outside  # pairs and radii hold within the limits only
@@ -276,7 +221,7 @@ def widest_tube(
     def proven(width: float) -> bool:
         tube = tuple((width * shape).tolist())
         within = proof.with_separation(replace(proof.separation, tube=tube))
-        pieces = list(PieceProofs(motion, within))
+        pieces = list(piece_proofs(motion, within))
         for k in order:
             if not pieces[k].proven():
                 order.insert(0, order.pop(order.index(k)))
@@ -300,20 +245,8 @@ def widest_tube(
 class PieceProof:
     """The proof of one piece of a motion, and of parts of it.
 
-    Parameters
-    ----------
-    number : int
-        Which piece it is.
-    curve : ndarray, shape (d + 1, n)
-        Its coefficients.
-    span : (float, float)
-        [s] Its times.
-    proof : MotionProver
-        What is to be proven; with the allowance of the piece in its tube.
-    speeds : mapping of str to float
-        Of obstacles that move from the start of the motion on.
-    begin : float
-        [s] The start of the motion.
+    Piece `number` has the coefficients `curve: (d + 1, n)` and the times `span` [s]; `proof` has the allowance of the
+    piece in its tube. Obstacles move with their `speeds` [m/s] from `begin` [s] on, the start of the motion.
     """
 
     def __init__(
@@ -366,47 +299,20 @@ class PieceProof:
         return Violation(kind, self.time(low), self.time(high), self.time(u), names, value, bound, decided)
 
 
-class PieceProofs:
-    """The proofs of the pieces of a motion, one after another.
-
-    Parameters
-    ----------
-    motion : Motion
-        Its joints in the order of the robot's.
-    proof : MotionProver
-        What is to be proven.
-    speeds : mapping of str to float, optional
-        Of obstacles that move.
-    """
-
-    def __init__(
-        self, motion: Motion, proof: MotionProver, speeds: Mapping[str, float] | None = None
-    ) -> None:
-        self._motion, self._proof, self._speeds = motion, proof, dict(speeds or {})
-
-    def __iter__(self) -> Iterator[PieceProof]:
-        motion, widened = self._motion, self._widened()
-        for k, (curve, proof) in enumerate(zip(motion.coefficients, widened, strict=True)):
-            span = float(motion.times[k]), float(motion.times[k + 1])
-            yield PieceProof(k, curve, span, proof, self._speeds, float(motion.times[0]))
-
-    def _widened(self) -> Iterator[MotionProver]:
-        """Yield for each piece what proves it within its allowance."""
-        allowance = self._motion.allowance
-        tube = np.array(self._proof.separation.tube or np.zeros(self._motion.n))
-        if self._motion.slack is None:  # rounding alone: the same for all pieces
-            yield from repeat(self._within(tube + allowance.max(axis=0)), self._motion.pieces)
-            return
-        known: dict[bytes, MotionProver] = {}
-        for row in allowance:
-            if row.tobytes() not in known:
-                known[row.tobytes()] = self._within(tube + row)
-            yield known[row.tobytes()]
-
-    def _within(self, widths: FloatArray) -> MotionProver:
-        """Return what proves the same within a tube of these widths (n,)."""
-        tube = tuple(widths.tolist())
-        return self._proof.with_separation(replace(self._proof.separation, tube=tube))
+def piece_proofs(
+    motion: Motion, proof: MotionProver, speeds: Mapping[str, float] | None = None
+) -> Iterator[PieceProof]:
+    """Yield the proofs of the pieces of a motion, its joints in the order of the robot's; `speeds` as for `check`."""
+    separation, allowance = proof.separation, motion.allowance
+    if motion.slack is None:  # rounding alone: the same for all pieces
+        allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
+    within: dict[bytes, MotionProver] = {}
+    for k, row in enumerate(np.array(separation.tube or np.zeros(motion.n)) + allowance):
+        if row.tobytes() not in within:
+            within[row.tobytes()] = proof.with_separation(replace(separation, tube=tuple(row.tolist())))
+        span = float(motion.times[k]), float(motion.times[k + 1])
+        prover, begin = within[row.tobytes()], float(motion.times[0])
+        yield PieceProof(k, motion.coefficients[k], span, prover, dict(speeds or {}), begin)
 
 
 def _proof(robot: Robot, scene: Scene, wanted: Constraints) -> MotionProver:
@@ -420,7 +326,7 @@ def _joined(stretches: list[Violation]) -> Iterator[Violation]:
         if violation.value is None or violation.limit is None:
             return -np.inf
         beyond = violation.value - violation.limit
-        return -beyond if violation.kind in _UNITS else beyond
+        return -beyond if violation.kind in DISTANCES else beyond
 
     groups: list[list[Violation]] = []
     for found in stretches:
@@ -470,11 +376,6 @@ def _late(stops: Stops, people: People) -> Iterator[Violation]:
         yield Violation(
             "separation", edges[j], edges[j + 1], edges[j], names, value, people.clearance, decided
         )
-
-
-def _rate(found: RateViolation) -> Violation:
-    at = found.time
-    return Violation(found.kind, at, at, at, (found.joint,), found.value, found.limit, True, found.unit)
 
 
 def _claims(proof: MotionProver) -> Iterator[str]:

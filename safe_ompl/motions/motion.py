@@ -17,22 +17,11 @@ from safe_ompl.common import (
     documents,
     finite_array,
     float_array,
-    number,
     polynomials,
     shown,
     whole_number,
 )
-from safe_ompl.motions.inputs import (
-    DEGREE,
-    columns,
-    increasing,
-    named,
-    of_degree,
-    path_states,
-    rate_rows,
-    slack_between,
-    vectors,
-)
+from safe_ompl.motions import forms
 from safe_ompl.robot import Robot
 
 JUMP = 1e-6  # [rad or m] allowed between pieces; proofs add it to a piece's `allowance`
@@ -80,7 +69,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         coefficients = finite_array(self.coefficients, (None, None, None), "coefficients")
-        pieces, size, n = of_degree(coefficients).shape
+        pieces, size, n = forms.of_degree(coefficients).shape
         if not (pieces and size and n):
             raise InputError(
                 f"must have pieces, powers and joints, got shape {coefficients.shape}", "coefficients"
@@ -97,19 +86,18 @@ class Motion:
                     raise InputError(f"must not be negative, got {array.min():g}", name)
                 _freeze(self, name, array)
         if self.joint_names is not None:
-            object.__setattr__(self, "joint_names", named(self.joint_names, n))
+            object.__setattr__(self, "joint_names", forms.named(self.joint_names, n))
         _freeze(self, "times", times)
         _freeze(self, "coefficients", coefficients)
         jumps = self._jumps
         if (jumps > JUMP).any():
-            piece, joint = np.unravel_index(jumps.argmax(), jumps.shape)
+            piece, k = np.unravel_index(jumps.argmax(), jumps.shape)
+            joint = f"column {k}" if self.joint_names is None else f"joint {self.joint_names[k]!r}"
             raise InputError(
-                f"{self._joint(int(joint))} jumps by {jumps.max():.3g} at {times[piece + 1]:.6g}"
+                f"{joint} jumps by {jumps.max():.3g} at {times[piece + 1]:.6g}"
                 f"{' s' if self.timed else ''}; pieces must begin where the one before ends",
                 "motion",
             )
-
-    # -------------------------------------------------------------------------------------- values and copies
 
     @property
     def n(self) -> int:
@@ -158,21 +146,12 @@ class Motion:
     def at(self, time: float | ArrayLike) -> FloatArray:
         """Return the configuration (n,) at a time [s], or (T, n) at times (T,); it rests before and after.
 
-        Raises
-        ------
-        InputError
-            If a time is not a number.
+        Raises InputError if a time is not a number.
         """
         return self.derivative(time, 0)
 
     def derivative(self, time: float | ArrayLike, order: int = 1) -> FloatArray:
-        """Return the derivative by time of an order, as `at`; 0 before and after, at knots that of the later piece.
-
-        Raises
-        ------
-        InputError
-            If a time is not a number.
-        """
+        """Return the derivative by time of an order, as `at`; 0 before and after, at knots that of the later piece."""
         order = whole_number("order", order, at_least=0)
         given = float_array(time, (None,) if np.ndim(time) else (), "time")
         if np.isnan(given).any():
@@ -198,34 +177,6 @@ class Motion:
         found: FloatArray = self.coefficients[:, order:] * factors[:, None] / spans**order
         return found
 
-    def restricted(self, first: float, last: float) -> Motion:
-        """Return the part of the motion from one time to another [s].
-
-        Raises
-        ------
-        InputError
-            If the times are outside of the motion, or not in this order.
-        """
-        begin, end = float(self.times[0]), float(self.times[-1])
-        first = number("first time", first, at_least=begin, at_most=end)
-        last = number("last time", last, above=first, at_most=end)
-        low = int(np.searchsorted(self.times, first, side="right")) - 1
-        high = int(np.searchsorted(self.times, last, side="left"))
-        times, coefficients = self.times[low : high + 1].copy(), self.coefficients[low:high].copy()
-        rounding = np.zeros((self.pieces, self.n)) if self.rounding is None else self.rounding
-        rounding = rounding[low:high].copy()
-        shares = (np.array([first, last]) - times[[0, -2]]) / (times[[1, -1]] - times[[0, -2]])
-        cuts = {0: (shares[0], shares[1])} if high - low == 1 else {0: (shares[0], 1.0), -1: (0.0, shares[1])}
-        for piece, (left, right) in cuts.items():
-            if (left, right) != (0.0, 1.0):
-                rounding[piece] += (
-                    4 * (self.degree + 1) * polynomials.EPS * np.abs(coefficients[piece]).sum(axis=0)
-                )
-                coefficients[piece] = polynomials.restricted(coefficients[piece], left, right)
-        times[[0, -1]] = first, last
-        slack = None if self.slack is None else self.slack[low:high]
-        return replace(self, times=times, coefficients=coefficients, slack=slack, rounding=rounding)
-
     def for_robot(self, robot: Robot, degrees: bool = False) -> Motion:
         """Return the same motion with its columns in the order of the robot's joints.
 
@@ -242,11 +193,11 @@ class Motion:
             If joints are missing or there are more; without names, if the number of columns differs. If a joint that
             has limits moves beyond 4π rad, which degrees look like.
         """
-        order = columns(self.joint_names, self.n, robot)
+        order = forms.columns(self.joint_names, self.n, robot)
         units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
         coefficients = self.coefficients[:, :, order] * units
         slack, rounding = (
-            None if part is None else part[:, order] * units for part in (self.slack, self.rounding)
+            None if rest is None else rest[:, order] * units for rest in (self.slack, self.rounding)
         )
         limited = ~(robot.prismatic | robot.continuous)
         ends = coefficients[-1].sum(axis=0)
@@ -259,11 +210,10 @@ class Motion:
                 "motion",
             )
         if degrees:
-            rounding = (0.0 if rounding is None else rounding) + 2 * polynomials.EPS * np.abs(
-                coefficients
-            ).sum(axis=1)
+            error = 2 * polynomials.EPS * np.abs(coefficients).sum(axis=1)
+            rounding = error if rounding is None else rounding + error
         if self.short_way and robot.continuous.any():
-            coefficients, rounding = _unwound(coefficients, rounding, robot)
+            coefficients, rounding = forms.unwound(coefficients, rounding, robot)
         return Motion(
             self.times, coefficients, robot.joint_names, slack, self.timed, rounding, short_way=False
         )
@@ -273,8 +223,6 @@ class Motion:
         slack = "" if self.slack is None else f", slack {self.slack.max():.3g}"
         return f"Motion({self.pieces} pieces of degree {self.degree}, {self.n} joints{lasts}{slack})"
 
-    # ---------------------------------------------------------------------------------------- constructors
-
     @classmethod
     def through(
         cls, points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None
@@ -283,26 +231,13 @@ class Motion:
 
         Without `times` (N,) [s] it is a path.
         """
-        held = finite_array(points, (None, None), "way points")
-        if times is None and len(held) == 1:
-            held = np.repeat(held, 2, axis=0)  # a path that stays
-        if len(held) < 2:
-            raise InputError(f"must be two at least, got {len(held)}", "way points")
-        at = np.arange(float(len(held))) if times is None else increasing(times, len(held), "times")
-        return cls._straight(at, held, names, timed=times is not None, short_way=True)
+        pieces = forms.straight(times, points, "way points")
+        return cls._made(pieces, names, timed=times is not None, short_way=True)
 
     @classmethod
-    def _straight(
-        cls, at: FloatArray, held: FloatArray, names: Sequence[str] | None, **options: Any
-    ) -> Motion:
-        ends = np.stack([held[:-1], held[1:]], axis=1)
-        return cls._made(at, *polynomials.hermite(np.diff(at), ends, None, None), names, **options)
-
-    @classmethod
-    def _made(
-        cls, times: FloatArray, coefficients: FloatArray, rounding: FloatArray, names: Any, **options: Any
-    ) -> Motion:
-        return cls(times, coefficients, names, rounding=rounding, **options)
+    def _made(cls, pieces: forms.Pieces, names: Sequence[str] | None, **options: Any) -> Motion:
+        times, coefficients, rounding = pieces
+        return cls(times, coefficients, names, rounding=rounding, **options)  # type: ignore[arg-type]
 
     @classmethod
     def hermite(
@@ -332,35 +267,14 @@ class Motion:
         InputError
             As the class, or if a point has accelerations but no velocities, which the controller does not interpolate.
         """
-        at = increasing(times, None, "times")
-        held = finite_array(positions, (len(at), None), "positions")
-        rates, has_rates = rate_rows(velocities, held.shape, "velocities")
-        bends, has_bends = rate_rows(accelerations, held.shape, "accelerations")
-        if (has_bends & ~has_rates).any():
-            point = int(np.flatnonzero(has_bends & ~has_rates)[0])
-            raise InputError(f"point {point} has accelerations, but no velocities", "motion")
-        cubic, quintic = has_rates[:-1] & has_rates[1:], has_bends[:-1] & has_bends[1:]
-        degrees = np.where(cubic, np.where(quintic, 5, 3), 1)
-        coefficients = np.zeros((len(at) - 1, int(degrees.max()) + 1, held.shape[1]))
-        rounding = np.zeros_like(coefficients[:, 0])
-        for degree in set(degrees.tolist()):
-            which = np.flatnonzero(degrees == degree)
-            ends = which[:, None] + [0, 1]
-            v, a = rates[ends] if degree > 1 else None, bends[ends] if degree > 3 else None
-            made = polynomials.hermite(at[which + 1] - at[which], held[ends], v, a)
-            coefficients[which, : degree + 1], rounding[which] = made
-        return cls._made(at, coefficients, rounding, names)
+        return cls._made(forms.hermite(times, positions, velocities, accelerations), names)
 
     @classmethod
     def bezier(
         cls, control_points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None
     ) -> Motion:
         """Return Bézier curves of control points (K, d + 1, n) one after another; without `times` (K + 1,), a path."""
-        points = of_degree(finite_array(control_points, (None, None, None), "control points"))
-        count = len(points) + 1
-        at = np.arange(float(count)) if times is None else increasing(times, count, "times")
-        made = polynomials.powers(points, np.zeros_like(points[:, 0]))
-        return cls._made(at, *made, names, timed=times is not None)
+        return cls._made(forms.bezier(control_points, times), names, timed=times is not None)
 
     @classmethod
     def bspline(
@@ -379,23 +293,9 @@ class Motion:
         names : sequence of str, optional
             The joints.
 
-        Raises
-        ------
-        InputError
-            As the class, or if the knots are none of such a spline.
+        Raises InputError as the class, or if the knots are none of such a spline.
         """
-        degree = whole_number("degree of the B-spline", degree, at_least=1, at_most=DEGREE)
-        held = finite_array(coefficients, (None, None), "control points")
-        at = finite_array(knots, (None,), "knots")
-        if len(at) != len(held) + degree + 1 or len(held) <= degree:
-            raise InputError(
-                f"must be {degree + 1} more than control points, and these {degree + 1} at least, got "
-                f"{len(at)} knots and {len(held)} control points",
-                "knots",
-            )
-        if (np.diff(at) < 0).any() or not at[len(held)] > at[degree]:
-            raise InputError(f"must not decrease, and span some time, got {shown(at.tolist())}", "knots")
-        return cls._made(*polynomials.spline(at, held, degree), names)
+        return cls._made(forms.bspline(knots, coefficients, degree), names)
 
     @classmethod
     def profile(
@@ -429,22 +329,16 @@ class Motion:
         InputError
             As the class, or if a duration is negative, or both or none of accelerations and jerks are given.
         """
-        q = finite_array(start, (None,), "start")
-        if (accelerations is None) == (jerks is None):
-            raise InputError("needs either accelerations or jerks", "profile")
         if acceleration is not None and jerks is None:
             raise InputError("is for phases of constant jerk", "acceleration")
-        spans = finite_array(durations, (None,), "durations")
-        if (spans < 0).any():
-            raise InputError(f"must not be negative, got {spans.min():g}", "durations")
-        kind, phases = ("accelerations", accelerations) if jerks is None else ("jerks", jerks)
-        pushes = finite_array(phases, (len(spans), len(q)), kind)  # type: ignore[arg-type]
-        rates = (("velocity", velocity), ("acceleration", acceleration))[: 1 if jerks is None else 2]
-        zero = np.zeros(len(q))
-        state = [q, *(zero if rate is None else finite_array(rate, q.shape, name) for name, rate in rates)]
-        moving = spans > 0
-        made = polynomials.integrated(np.array(state), spans[moving], pushes[moving])
-        return cls._made(np.append(0.0, np.cumsum(spans[moving])), *made, names)
+        if jerks is None and accelerations is not None:
+            pieces = forms.phases(start, durations, "accelerations", accelerations, {"velocity": velocity})
+        elif jerks is not None and accelerations is None:
+            rates = {"velocity": velocity, "acceleration": acceleration}
+            pieces = forms.phases(start, durations, "jerks", jerks, rates)
+        else:
+            raise InputError("needs either accelerations or jerks", "profile")
+        return cls._made(pieces, names)
 
     @classmethod
     def sampled(
@@ -470,14 +364,10 @@ class Motion:
         names : sequence of str, optional
             The joints.
 
-        Raises
-        ------
-        InputError
-            As the class, or if samples are farther apart than that velocity allows.
+        Raises InputError as the class, or if samples are farther apart than that velocity allows.
         """
-        at = increasing(times, None, "times")
-        held = finite_array(positions, (len(at), None), "positions")
-        return cls._straight(at, held, names, slack=slack_between(at, held, max_velocity))
+        pieces, slack = forms.sampled(times, positions, max_velocity)
+        return cls._made(pieces, names, slack=slack)
 
     @classmethod
     def of(cls, thing: Any, names: Sequence[str] | None = None, space: Any = None) -> Motion:
@@ -493,28 +383,27 @@ class Motion:
         space : ob.StateSpace, optional
             The space of a `PathGeometric`, which does not know it: that of a robot is `joint_space(robot)`.
 
-        Raises
-        ------
-        InputError
-            If it is none of these, or as the class.
+        Raises InputError if it is none of these, or as the class.
         """
         kinds = {kind.__name__ for kind in type(thing).__mro__}
         if isinstance(thing, Motion):
             return thing if names is None else replace(thing, joint_names=tuple(names))
-        if kinds & {"PPoly", "BPoly"}:
-            return cls._of_pieces(thing, "BPoly" in kinds, names)
+        if "BPoly" in kinds:
+            return cls.bezier(np.swapaxes(forms.vectors(thing, 3), 0, 1), thing.x, names)
+        if "PPoly" in kinds:
+            return cls._made(forms.powers_from_left(thing), names)
         if "BSpline" in kinds:
             knots, degree = np.asarray(thing.t), int(thing.k)
-            return cls.bspline(knots, vectors(thing, 2)[: len(knots) - degree - 1], degree, names)
+            return cls.bspline(knots, forms.vectors(thing, 2)[: len(knots) - degree - 1], degree, names)
         if hasattr(thing, "getSolutionPath"):
             thing, space = thing.getSolutionPath(), thing.getStateSpace()
         if hasattr(thing, "getStateCount"):
-            return cls.through(path_states(thing, space), names=names)
+            return cls.through(forms.path_states(thing, space), names=names)
         if hasattr(thing, "joint_names") and (hasattr(thing, "path") or hasattr(thing, "points")):
             path = thing.path if hasattr(thing, "path") else thing.points
             if path is None:
                 raise InputError(f"{thing!r} has no path", "motion")
-            return cls.through(path, names=thing.joint_names)
+            thing, names = path, thing.joint_names
         if isinstance(thing, (np.ndarray, list, tuple)):
             return cls.through(thing, names=names)
         proven = "; a Trajectory is proven when it is made" if "Trajectory" in kinds else ""
@@ -523,26 +412,6 @@ class Motion:
             f"OMPL's PathGeometric, got {shown(thing)}{proven}",
             "motion",
         )
-
-    @classmethod
-    def _of_pieces(cls, thing: Any, is_bernstein: bool, names: Sequence[str] | None) -> Motion:
-        """Return SciPy's piecewise polynomials: of (t − x_j), highest power first, or of Bernstein."""
-        pieces = finite_array(np.swapaxes(vectors(thing, 3), 0, 1), (None, None, None), "coefficients")
-        if is_bernstein:
-            return cls.bezier(pieces, thing.x, names)
-        times = increasing(thing.x, len(pieces) + 1, "times")
-        zeros = int(
-            (np.cumsum(np.abs(pieces[:, :-1]).sum(axis=(0, 2))) == 0).sum()
-        )  # powers that no piece has
-        rising = of_degree(pieces[:, zeros:][:, ::-1])
-        orders = np.arange(float(rising.shape[1]))
-        coefficients = rising * (np.diff(times)[:, None] ** orders)[..., None]
-        rounding = polynomials.EPS * np.einsum(
-            "k,jkn->jn", np.where(orders > 0, orders + 3, 0.0), np.abs(coefficients)
-        )
-        return cls._made(times, coefficients, rounding, names)
-
-    # ------------------------------------------------------------------------------------------------ files
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain data that `from_mapping` reads back exactly."""
@@ -553,13 +422,7 @@ class Motion:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Motion:
-        """Read a motion from plain data.
-
-        Raises
-        ------
-        InputError
-            If a key is missing, or as the class.
-        """
+        """Read a motion from plain data; raise InputError if a key is missing, or as the class."""
         names = data.get("joint_names")
         return cls(
             documents.require(data, "times"),
@@ -571,27 +434,11 @@ class Motion:
             documents.flag("short_way", data.get("short_way", False)),
         )
 
-    # ------------------------------------------------------------------------------------------------ internals
-
     @cached_property
     def _jumps(self) -> FloatArray:
-        """Return how far (K − 1, n) each piece begins from where the one before ends."""
+        """How far (K − 1, n) each piece begins from where the one before ends."""
         jumps: FloatArray = np.abs(self.coefficients[1:, 0] - self.coefficients[:-1].sum(axis=1))
         return jumps
-
-    def _joint(self, column: int) -> str:
-        return f"column {column}" if self.joint_names is None else f"joint {self.joint_names[column]!r}"
-
-
-def _unwound(
-    coefficients: FloatArray, rounding: FloatArray | None, robot: Robot
-) -> tuple[FloatArray, FloatArray]:
-    """Return straight pieces (K, 2, n) on which continuous joints go the short way, as `robot.difference` does."""
-    turns = 2 * np.pi * np.round(coefficients[:, 1] / (2 * np.pi)) * robot.continuous
-    before = np.vstack([np.zeros(robot.n), np.cumsum(turns, axis=0)[:-1]])
-    unwound = coefficients - np.stack([before, turns], axis=1)
-    error = 2 * polynomials.EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
-    return unwound, error if rounding is None else rounding + error
 
 
 def _freeze(motion: Motion, name: str, array: FloatArray) -> None:

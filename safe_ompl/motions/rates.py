@@ -1,8 +1,9 @@
-"""Proven extremes of positions, velocities, accelerations and jerks of a motion, and where they exceed limits."""
+"""Proven extremes of positions, velocities, accelerations and jerks of a motion; what violates limits."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from math import perm
 from typing import NamedTuple
 
@@ -15,19 +16,15 @@ from safe_ompl.trajectories import RATE_TOLERANCE, RateLimits
 
 _KINDS = ("position", "velocity", "acceleration", "jerk")
 _UNITS = ("", "/s", "/s²", "/s³")
+DISTANCES = ("collision", "clearance", "separation")
 _WITHIN = 1e-9  # [rad or m] by which a position may be outside its limits, as for `Robot.within_limits`
 
 
 class Extremes(NamedTuple):
-    """Bounds of a derivative on every piece, each (K, n).
+    """Bounds of a derivative on every piece, each (K, n): no value is below `low` or above `high`.
 
-    Attributes
-    ----------
-    low, high : ndarray
-        No value is outside; both are within 1e-9 of what is taken, relative to the largest control point, but for
-        slack and rounding.
-    low_at, high_at : ndarray
-        When they are taken [s].
+    Both are within 1e-9 of what is taken, relative to the largest control point, but for slack and rounding; it is
+    taken at the times `low_at` and `high_at` [s].
     """
 
     low: FloatArray
@@ -36,36 +33,57 @@ class Extremes(NamedTuple):
     high_at: FloatArray
 
 
-class RateViolation(NamedTuple):
-    """The worst of a stretch in which a joint exceeds a limit.
+@dataclass(frozen=True)
+class Violation:
+    """A stretch of a motion that is not proven.
 
     Attributes
     ----------
-    time : float
-        When [s], or the path's parameter.
-    joint : str
-        Its name.
     kind : str
-        "position", "velocity", "acceleration", "jerk"; "velocity jump" and "acceleration jump", of which the next
-        derivative is infinite.
-    value : float
-        What is reached [rad or m, by s, s² or s³].
-    limit : float
-        What is allowed.
+        "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
+        "position", "velocity", "acceleration" or "jerk"; "separation": a stop that begins there is too late.
+    first, last : float
+        [s] All of the stretch is between them.
+    at : float
+        [s] Where it is worst, of the places looked at.
+    names : tuple of str
+        The pair that touches or is too near, or the joint; the link and who comes to it.
+    value, limit : float or None
+        What is found there, and the bound that it exceeds or falls below: distance [m] and the distance required,
+        danger, or the rate of a joint. Of stops the distance that is left to people, negative by how much farther they
+        may have come, and their clearance.
+    decided : bool
+        False: no violation is found, but no proof either.
     unit : str
-        Of both.
+        Of value and limit, other than of distances.
     """
 
-    time: float
-    joint: str
     kind: str
-    value: float
-    limit: float
-    unit: str
+    first: float
+    last: float
+    at: float
+    names: tuple[str, ...]
+    value: float | None = None
+    limit: float | None = None
+    decided: bool = True
+    unit: str = ""
+
+    @property
+    def quantities(self) -> tuple[str, str]:
+        """Value and limit with their unit, distances in mm; empty where there is none."""
+        scale, unit = (1e3, "mm") if self.kind in DISTANCES else (1.0, self.unit)
+        value, limit = (
+            "" if given is None else f"{scale * given:.4g}{' ' * bool(unit)}{unit}"
+            for given in (self.value, self.limit)
+        )
+        return value, limit
 
     def __str__(self) -> str:
-        limit = "" if self.kind.endswith("jump") else f", limit {self.limit:.6g}"
-        return f"at {self.time:.6g}: joint {self.joint!r}, {self.kind} {self.value:.6g} {self.unit}{limit}"
+        value, limit = self.quantities
+        names = " and ".join(map(repr, self.names))
+        found, bound = f", {value}" * bool(value), f" (limit {limit})" * bool(limit)
+        kind = self.kind if self.decided else f"{self.kind} undecided"
+        return f"{kind} at {self.at:.4g} s{': ' * bool(names)}{names}{found}{bound}"
 
 
 def extremes(
@@ -73,16 +91,8 @@ def extremes(
 ) -> Extremes:
     """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities.
 
-    A derivative of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion.
-    order : int
-        ≥ 0.
-    low, high : float or ndarray of shape (n,), optional
-        Bounds that are not below `low`, or not above `high`, need not be near to what is taken. Default: all are near.
+    A derivative of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ. Bounds that are not below `low`,
+    or not above `high`, numbers or (n,), need not be near to what is taken; by default all are.
     """
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
@@ -111,34 +121,16 @@ def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArr
 
 def rate_violations(
     motion: Motion, robot: Robot, limits: RateLimits | None = None, kinds: Sequence[str] | None = None
-) -> list[RateViolation]:
+) -> list[Violation]:
     """Return where a motion exceeds limits of joints; none are proven not to be exceeded anywhere.
 
-    Of each joint and each run of pieces on which it exceeds a limit the worst is named. Positions may be 1e-9 rad or m
-    outside, rates 1e-6 of their limit above it. Motions that are no function of time, and bare samples, have no rates:
-    of them positions are looked at.
+    They come by time; of each joint and each run of pieces on which it exceeds a limit the worst is named. Positions,
+    those of continuous joints aside, may be 1e-9 rad or m outside, rates 1e-6 of their limit above it. Rates are looked
+    at where there are `limits`, and the motion is a function of time and no bare samples; `kinds` are which of them:
+    "velocity", "acceleration", "jerk", by default all that are limited. With accelerations, velocities must not jump
+    between pieces, and with jerks, neither must accelerations.
 
-    Parameters
-    ----------
-    motion : Motion
-        The motion.
-    robot : Robot
-        Whose positions are limited; continuous joints are not.
-    limits : RateLimits, optional
-        Default: rates are not looked at.
-    kinds : sequence of str, optional
-        Which rates: "velocity", "acceleration", "jerk". Default: all that are limited. Where accelerations are looked
-        at, velocities must not jump between pieces, and where jerks are, neither must accelerations.
-
-    Returns
-    -------
-    list of RateViolation
-        By time.
-
-    Raises
-    ------
-    InputError
-        If the motion or the limits are not this robot's, or have no limit of a kind.
+    Raises InputError if the motion or the limits are not this robot's, or have no limit of a kind.
     """
     motion = motion.for_robot(robot)
     found = list(_outside(motion, robot))
@@ -161,10 +153,10 @@ def rate_violations(
             if order > 1:
                 below = getattr(limits, _KINDS[order - 1])
                 found += _jumps(motion, robot, order - 1, RATE_TOLERANCE * below)
-    return sorted(found)
+    return sorted(found, key=lambda violation: (violation.at, violation.names, violation.kind))
 
 
-def _outside(motion: Motion, robot: Robot) -> Iterator[RateViolation]:
+def _outside(motion: Motion, robot: Robot) -> Iterator[Violation]:
     """Yield where positions are outside limits."""
     low, high, low_at, high_at = extremes(motion, 0, robot.lower, robot.upper)
     free = np.where(robot.continuous, np.inf, _WITHIN)
@@ -172,7 +164,7 @@ def _outside(motion: Motion, robot: Robot) -> Iterator[RateViolation]:
     yield from _worst(robot, 0, "position", high_at, high, high - robot.upper - free, robot.upper)
 
 
-def _jumps(motion: Motion, robot: Robot, order: int, tolerance: FloatArray) -> Iterator[RateViolation]:
+def _jumps(motion: Motion, robot: Robot, order: int, tolerance: FloatArray) -> Iterator[Violation]:
     """Yield where a derivative jumps between pieces by more than a tolerance (n,)."""
     held = motion.derivative_coefficients(order)
     steps = held[1:, 0] - held[:-1].sum(axis=1)
@@ -192,7 +184,7 @@ def _worst(
     values: FloatArray,
     excess: FloatArray,
     limits: FloatArray,
-) -> Iterator[RateViolation]:
+) -> Iterator[Violation]:
     """Yield of each joint and each run of rows with an excess > 0 the one of the largest; arrays are (K, n)."""
     for joint in np.flatnonzero((excess > 0).any(axis=0)).tolist():
         rows = np.flatnonzero(excess[:, joint] > 0)
@@ -200,11 +192,6 @@ def _worst(
             high = excess[run, joint].max() - 1e-9 * np.abs(values[run, joint]).max()
             worst = run[(excess[run, joint] >= high).argmax()]  # the first of equals
             unit = ("m" if robot.prismatic[joint] else "rad") + _UNITS[order]
-            yield RateViolation(
-                float(times[worst, joint]),
-                robot.joint_names[joint],
-                kind,
-                float(values[worst, joint]),
-                float(limits[joint]),
-                unit,
-            )
+            at, name = float(times[worst, joint]), robot.joint_names[joint]
+            value, limit = float(values[worst, joint]), float(limits[joint])
+            yield Violation(kind, at, at, at, (name,), value, limit, True, unit)

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from safe_ompl.collision import CollisionChecker, MotionProver, Verdict, fresh_data
 from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
-from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, check_with
+from safe_ompl.motions.checks import MotionCheck, PieceProof, check_with, piece_proofs
 from safe_ompl.motions.motion import Motion
 from safe_ompl.paths import unrolled
 from safe_ompl.planning.ompl import joint_space
@@ -35,9 +35,7 @@ Connect = Callable[[FloatArray, FloatArray], "FloatArray | None"]
 # Pieces that are not proven, and those beside them, are divided into spans no longer than this [rad or m], and this
 # many displacements are attempted. Short spans come first: they change less of the motion, but cannot move it as far.
 _SPANS = ((0.06, 6), (0.2, 16))
-_PLACES = tuple(
-    k / 4 for k in range(5)
-)  # fractions of a piece that is not proven, at which distances are looked at
+_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)  # fractions of a piece not proven, at which distances are looked at
 # [m] What distances should exceed the required ones by, in turn, and how many attempts are made with each.
 _SPARE = (5e-4, 1e-3, 2e-3, 4e-3)
 _ATTEMPTS = 4
@@ -53,17 +51,9 @@ _ENOUGH = 1e-5  # [m or rad] by which a constraint may be violated
 _SOFT = 1e-4  # relative: regularisation, for constraints that contradict each other
 _BAND = 0.01  # [m] Distances that exceed what they should be by less are constraints, too.
 _FARTHEST = 0.03  # [m] by which a distance is to grow in one attempt at most: gradients hold near by only
-_SLOWER = {
-    "velocity": 1,
-    "acceleration": 2,
-    "jerk": 3,
-    "separation": 0,
-}  # kinds that time lowers; rates by its power
-_SLOWEST, _SLOW_STEP, _SLOW_ENOUGH = (
-    20.0,
-    1.3,
-    1.02,
-)  # factors of time: the largest, that of a trial, and of a search
+# Kinds that time lowers, rates by its power; and factors of time: the largest, that of a trial, and of a search.
+_SLOWER = {"velocity": 1, "acceleration": 2, "jerk": 3, "separation": 0}
+_SLOWEST, _SLOW_STEP, _SLOW_ENOUGH = 20.0, 1.3, 1.02
 _STEP = 0.3  # [rad or m] by which any B-spline moves a joint in one attempt at most
 
 
@@ -129,24 +119,11 @@ def repair_with(
     connect: Connect | None = None,
     people: People | None = None,
 ) -> Repair:
-    """Return the motion with as little changed as a proof needs.
+    """Return the motion with as little changed as a proof needs; as it was given, with the reason, where none is near.
 
-    Parameters
-    ----------
-    motion : Motion
-        The motion; its ends stay, and so do its degree, how smooth it is at its knots, and its times, but for one
-        factor where rates exceed limits, or stops are too late.
-    proof : MotionProver
-        What is to be proven.
-    limits, people
-        As `check`.
-    connect : callable, optional
-        Finds proven paths between two configurations, where moving pieces aside does not succeed.
-
-    Returns
-    -------
-    Repair
-        True if it is proven; the motion as it was given, with the reason, where nothing near it is.
+    Its ends stay, and so do its degree, how smooth it is at its knots, and its times, but for one factor where rates
+    exceed `limits`, or stops are too late for `people` (both as for `check`). Where moving pieces aside does not
+    succeed, `connect` finds proven paths between two configurations.
     """
     robot = proof.checker.robot
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
@@ -205,24 +182,11 @@ def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
 
 
 class Displacement:
-    """Moves a motion by B-splines until it is proven.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion.
-    proof : MotionProver
-        What is to be proven.
-
-    Attributes
-    ----------
-    bad : list of int
-        The pieces that are not proven.
-    """
+    """Moves a motion by B-splines until it is proven; `bad` are the pieces that are not."""
 
     def __init__(self, motion: Motion, proof: MotionProver) -> None:
         self._proof, self._gaps = proof, Gaps(proof.checker)
-        self.bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
+        self.bad = [piece.number for piece in piece_proofs(motion, proof) if not piece.proven()]
         self._given = motion
 
     def moved(self) -> Motion | None:
@@ -272,7 +236,7 @@ class Displacement:
         places: dict[tuple[int, float], None] = {}  # where something was too near, in the order found
         moved, waiting = motion, set(range(motion.pieces))
         for attempt, spare in enumerate(np.repeat(_SPARE, _ATTEMPTS).tolist()[:attempts]):
-            pieces = list(PieceProofs(moved, self._proof))
+            pieces = list(piece_proofs(moved, self._proof))
             verdicts = {k: pieces[k].verdict() for k in sorted(waiting)}
             bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
             if not bad:
@@ -322,13 +286,7 @@ class Displacement:
 
 
 class Gaps:
-    """Distances of pairs of bodies, negative where they overlap, with their gradients.
-
-    Parameters
-    ----------
-    checker : CollisionChecker
-        Robot and scene.
-    """
+    """Distances of pairs of bodies, negative where they overlap, with their gradients."""
 
     def __init__(self, checker: CollisionChecker) -> None:
         self._robot = checker.robot
@@ -338,14 +296,7 @@ class Gaps:
     def missing(self, Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
         """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small.
 
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-            Joint values.
-        proof : MotionProver
-            Says what pairs must keep.
-        spare : ndarray, shape (B,)
-            [m] How much more they should keep.
+        The proof says what pairs must keep; they should keep `spare: (B,)` [m] more.
         """
         robot, required = self._robot, proof.required
         pairs, wanted = required.pairs, required.at_start + spare[:, None]

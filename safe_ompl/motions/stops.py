@@ -28,15 +28,7 @@ from safe_ompl.trajectories import (
 
 
 class MotionCurve:
-    """A motion as a curve whose parameter is its time [s].
-
-    Parameters
-    ----------
-    motion : Motion
-        In time, without slack.
-    limits : RateLimits
-        Of its joints.
-    """
+    """A motion in time, without slack, as a curve whose parameter is its time [s]; `limits` are those of its joints."""
 
     def __init__(self, motion: Motion, limits: RateLimits) -> None:
         self._motion = motion
@@ -98,11 +90,8 @@ class MotionCurve:
 def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, people: People) -> Stops:
     """Return how a motion, its joints in the order of the robot's, stops beside people within a proof's tube.
 
-    Raises
-    ------
-    InputError
-        If it has no times, or is of bare samples; if it does not end at rest; if there are no limits, or they limit
-        the jerk; if people are not in the scene, or may be touched within a tube.
+    Raises InputError if it has no times, or is of bare samples; if it does not end at rest; if there are no limits, or
+    they limit the jerk; if people are not in the scene, or may be touched within a tube.
     """
     if not motion.rated:
         why = "bare samples have no rates" if motion.timed else "it has no times"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number
+from safe_ompl.common import FloatArray, InputError, finite_array, number
 from safe_ompl.motions.motion import Motion
 from safe_ompl.robot import Robot
 
@@ -19,22 +19,11 @@ FACTOR = 1.5
 def tube_of(given: ArrayLike | Mapping[str, float], robot: Robot, key: str = "tube") -> tuple[float, ...]:
     """Return the n widths of a tube [rad or m], of one number, of n, or of numbers by the names of all joints.
 
-    Raises
-    ------
-    InputError
-        If a joint is missing, or a width is negative or not finite; the message starts with the key.
-    UnknownNameError
-        If the robot has no joint of a name.
+    Raises InputError, whose message starts with the key, if a joint is missing, or a width is negative or not finite;
+    UnknownNameError if the robot has no joint of a name.
     """
-    names = robot.joint_names
     if isinstance(given, Mapping):
-        for name in given:
-            if name not in names:
-                raise UnknownNameError("joint", name, names, key)
-        missing = [name for name in names if name not in given]
-        if missing:
-            raise InputError(f"must have a width for every joint, {', '.join(missing)} missing", key)
-        given = [number(f"{key} of joint {name!r}", given[name]) for name in names]
+        given = robot.configuration(given, key)
     widths = np.full(robot.n, number(key, given)) if np.ndim(given) == 0 else given
     found = finite_array(widths, (robot.n,), key)
     if (found < 0).any():

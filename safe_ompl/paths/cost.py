@@ -112,10 +112,7 @@ class DangerDensity:
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
     """Return the median danger over valid configurations, the scale of robot and scene; 1 if nothing is dangerous."""
-    robot, rng = (
-        checker.robot,
-        np.random.default_rng(0),
-    )  # always the same: the scale belongs to robot and scene
+    robot, rng = checker.robot, np.random.default_rng(0)  # the same scale at any time
     samples = rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
     valid = samples[[not checker.in_collision(q) for q in samples]]
     return float(np.median(field.values(valid if len(valid) else samples))) or 1.0

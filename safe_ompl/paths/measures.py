@@ -29,9 +29,7 @@ class Curve:
         return np.stack(columns, axis=1)
 
 
-_FINE = (
-    0.25  # [rad] Segments near obstacles are divided until they are shorter: finer ones descend more slowly.
-)
+_FINE = 0.25  # [rad] Segments near obstacles are divided until they are shorter: finer ones descend slowly.
 _HALVINGS = 3
 
 

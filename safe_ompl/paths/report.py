@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, ToolLimit, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array
@@ -20,6 +20,8 @@ from safe_ompl.paths.measures import (
     sampled_places,
 )
 from safe_ompl.planning.ompl import UserCheck
+
+_Measured = TypeVar("_Measured")
 
 
 @dataclass(frozen=True)
@@ -138,24 +140,19 @@ class PathReport:
 
     The validation is not put off: `certified` and `refused` are known from the beginning. What is computed later
     belongs to the path, the robot, the scene and the field as they were: these do not change. `length` is Euclidean, in
-    joint space [rad]; of `links_without_collision` nothing is known, as they have no collision geometry.
+    joint space [rad]; of `links_without_collision` nothing is known, as they have no collision geometry; `time` [s] is
+    how long it took to compute danger and clearance, as far as they were looked at.
     """
 
+    _examination: _Examination
+
     def __init__(
-        self,
-        length: float,
-        danger: DangerReport | None,
-        clearance: ClearanceReport,
-        certified: bool,
-        refused: tuple[int, MotionVerdict] | None = None,
-        *,
-        validation: Validation | None = None,
-        links_without_collision: Sequence[str] = (),
+        self, length: float, danger: DangerReport | None, clearance: ClearanceReport, certified: bool
     ) -> None:
-        self.length = length
-        self.validation = validation or Validation(certified, refused)
-        self.links_without_collision = tuple(links_without_collision)
-        self._parts: _Known | _Examination = _Known(danger, clearance)
+        self.length, self.time = length, 0.0
+        self.validation = Validation(certified)
+        self.links_without_collision: tuple[str, ...] = ()
+        self.danger, self.clearance = danger, clearance
 
     @classmethod
     def of(
@@ -175,21 +172,27 @@ class PathReport:
         if not len(path):
             raise InputError("path must have a configuration at least, got none")
         report = cls.__new__(cls)
-        report._parts = examination = _Examination(path, checker, field)
-        report.length = examination.curve.length
+        report._examination = examination = _Examination(path, checker, field)
+        report.length, report.time = examination.curve.length, 0.0
         report.validation = validate(path, motion or MotionProver(checker))
         report.links_without_collision = robot.links_without_collision
         return report
 
-    @property
+    @cached_property
     def danger(self) -> DangerReport | None:
         """Danger along the path; None where no danger field is given."""
-        return self._parts.danger
+        return self._timed(self._examination.danger)
 
-    @property
+    @cached_property
     def clearance(self) -> ClearanceReport:
         """Distances to obstacles along the path."""
-        return self._parts.clearance
+        return self._timed(self._examination.clearance)
+
+    def _timed(self, measure: Callable[[], _Measured]) -> _Measured:
+        begin = perf_counter()
+        found = measure()
+        self.time += perf_counter() - begin
+        return found
 
     @property
     def certified(self) -> bool:
@@ -206,14 +209,10 @@ class PathReport:
         """The user's own checks: who accepted the path, and how closely it was sampled."""
         return self.validation.checks
 
-    @property
-    def time(self) -> float:
-        """How long it took to compute danger and clearance [s], as far as they were looked at."""
-        return self._parts.time
-
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels to other processes: the numbers, not what they come from."""
-        return {**vars(self), "_parts": _Known(self.danger, self.clearance, self.time)}
+        numbers = {"danger": self.danger, "clearance": self.clearance}
+        return {key: value for key, value in vars(self).items() if key != "_examination"} | numbers
 
     def __repr__(self) -> str:
         return f"PathReport({self.length:.3g} rad, {self.validation})"
@@ -238,21 +237,11 @@ class PathReport:
         }
 
 
-@dataclass
-class _Known:
-    """What is known already."""
-
-    danger: DangerReport | None
-    clearance: ClearanceReport
-    time: float = 0.0
-
-
 class _Examination:
-    """What is found out when it is asked for, once."""
+    """What is found out when it is asked for."""
 
     def __init__(self, path: FloatArray, checker: CollisionChecker, field: DangerField | None) -> None:
         self.curve = Curve(checker.robot, path)
-        self.time = 0.0
         self._path, self._given_checker, self._given_field = path, checker, field
         self._scene, self._revision = checker.scene, checker.revision
         self._points = None if field is None else (field.points, field.weights, field.revision)
@@ -282,19 +271,9 @@ class _Examination:
     def _samples(self) -> FloatArray:
         return self.curve.at(self._places)
 
-    @cached_property
     def danger(self) -> DangerReport | None:
         field = self._field
-        if field is None:
-            return None
-        begin = perf_counter()
-        found = danger_along(self._path, field, self._places, self._samples)
-        self.time += perf_counter() - begin
-        return found
+        return None if field is None else danger_along(self._path, field, self._places, self._samples)
 
-    @cached_property
     def clearance(self) -> ClearanceReport:
-        begin = perf_counter()
-        found = clearance_along(self.curve, self._checker, self._places, self._samples)
-        self.time += perf_counter() - begin
-        return found
+        return clearance_along(self.curve, self._checker, self._places, self._samples)

@@ -1,9 +1,9 @@
-"""What makes paths better: simplification, the timer of trajectories, and anytime search for the best path."""
+"""What makes paths better: anytime search for the best path, and for the fastest one."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import current_thread, main_thread
@@ -13,12 +13,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.collision import MotionProver
-from safe_ompl.common import FloatArray, InputError, clock, positive
-from safe_ompl.danger import DangerField
+from safe_ompl.common import FloatArray, clock, positive
 from safe_ompl.paths import Simplifier, Stop, timed, unrolled
-from safe_ompl.scene import MotionLimits, People
-from safe_ompl.trajectories import MotionCaps, PathTimer, RateLimits, duration_of, faster
+from safe_ompl.trajectories import PathTimer, duration_of, faster
 
 Cost: TypeAlias = Literal["danger", "duration"]
 COSTS: tuple[Cost, ...] = ("danger", "duration")
@@ -33,64 +30,6 @@ _WEIGHTS = (0.0, 1.0)  # of danger, for shorter paths than the simplifier's own
 _PROMISING = 1.5  # a new path that takes longer than this times the fastest one is left as it is
 
 Search = Callable[[int, float], FloatArray | None]
-
-
-class Simplification:
-    """Keeps the options of a danger-aware simplification, and a `Simplifier` for the scene as it is."""
-
-    def __init__(self, field: DangerField | None) -> None:
-        self._field = field
-        self._options: Mapping[str, Any] = {}
-        self._simplifier: Simplifier | None = None
-
-    def set(self, motion: MotionProver, options: Mapping[str, Any]) -> Simplifier:
-        """Take other options of `Simplifier`, and return one that proves edges by a motion.
-
-        An InputError if an option is out of range, or there is no danger.
-        """
-        if self._field is None:
-            raise InputError(
-                "danger-aware simplification needs a danger field; this setup plans without danger"
-            )
-        self._simplifier = Simplifier(motion.checker, self._field, motion, **options)
-        self._options = options
-        return self._simplifier
-
-    def by(self, motion: MotionProver) -> Simplifier:
-        """Return a simplifier that proves edges by a motion; errors as `set`."""
-        known = self._simplifier
-        if known is None or known.checker is not motion.checker:
-            return self.set(motion, self._options)
-        if known.motion is not motion:
-            self._simplifier = known = known.proving_by(motion)
-        return known
-
-
-class Timing:
-    """What trajectories keep to, and the timer that follows from it."""
-
-    def __init__(
-        self, field: DangerField | None, limits: MotionLimits | None = None, people: People | None = None
-    ) -> None:
-        self._field, self._limits, self._people = field, limits or MotionLimits(), people
-        self._timer: PathTimer | None = None
-        self._made_for: tuple[Any, ...] = ()  # the motion, and the scene that its checker was in then
-
-    def timer(self, motion: MotionProver) -> PathTimer:
-        """Return what times paths that a motion proves.
-
-        An InputError if limits are missing, people are not in the scene, or a danger is limited but none is planned
-        with.
-        """
-        made_for = motion, motion.checker.scene
-        if self._timer is None or any(a is not b for a, b in zip(self._made_for, made_for, strict=True)):
-            robot, limits = motion.checker.robot, self._limits
-            danger = None if limits.max_danger is None or self._field is None else self._field.moving
-            rates = RateLimits.of(robot, limits.velocity, limits.acceleration, limits.jerk)
-            caps = MotionCaps(self._people, limits.tool_speed, limits.link_speed, danger, limits.max_danger)
-            self._timer = PathTimer(robot, rates, motion=motion, caps=caps)
-            self._made_for = made_for
-        return self._timer
 
 
 class Interrupts:

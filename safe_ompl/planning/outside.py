@@ -24,15 +24,9 @@ _LONGEST = 2.0  # [s] for one way round
 class OutsidePlanner(SafePlanner):
     """Plans with a function that is the user's own, such as one that calls another package.
 
-    Its paths are proven, or repaired; a path that cannot be repaired is asked for anew, unless it is the same again.
-
-    Parameters
-    ----------
-    setup : SafeSetup
-        Proves and repairs.
-    function : callable
-        Takes the start (n,) and the goals (G, n), and returns a path (N, n) from the start to one of the goals, or None
-        where it finds none.
+    The function takes the start (n,) and the goals (G, n), and returns a path (N, n) from the start to one of the
+    goals, or None where it finds none. The setup proves its paths, or repairs them; a path that cannot be repaired is
+    asked for anew, unless it is the same again.
     """
 
     def __init__(self, setup: Any, function: Outside) -> None:
@@ -82,14 +76,9 @@ class OutsidePlanner(SafePlanner):
 def connecting(
     setup: Any, ptc: Callable[[], bool] | float
 ) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
-    """Return what finds proven paths between two configurations for repairs, under the constraints of a setup.
+    """Return what finds proven paths between two configurations for repairs, under the constraints of a `SafeSetup`.
 
-    Parameters
-    ----------
-    setup : SafeSetup
-        Its robot, scene, danger and constraints count; its problem stays as it is.
-    ptc : callable or float
-        When to give up, or for how long to try in all [s].
+    The setup's problem stays as it is. `ptc` says when to give up, or for how long to try in all [s].
     """
     own: list[Any] = []
     end = clock() + ptc if isinstance(ptc, float) else None

@@ -20,8 +20,6 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     PlanningError,
-    UnknownNameError,
-    finite_array,
     positive,
 )
 from safe_ompl.common import documents as document
@@ -190,7 +188,7 @@ class Problem:
         given = several(goals)
         free = self._checked_goals(given)
         self.set_start(start)
-        self.goals = [configuration_of(self._robot, goal, "goal") for goal in given]
+        self.goals = [self._robot.configuration(goal, "goal configuration") for goal in given]
         self._goal_states = self._states_of(free)
         self._setup.setGoal(self._goal_states)
 
@@ -211,12 +209,12 @@ class Problem:
     def checked(self, value: Any, name: str) -> FloatArray:
         """Return a configuration (n,) from numbers or from a mapping by joint name, if it is allowed.
 
-        An InputError as `configuration_of`, or outside the limits; a CollisionError if the check of configurations
+        An InputError as `Robot.configuration`, or outside the limits; a CollisionError if the check of configurations
         objects.
         """
         self._wiring.adopt()
         robot, check = self._robot, self._wiring.check
-        q = configuration_of(robot, value, name)
+        q = robot.configuration(value, f"{name} configuration")
         objection = check.objection(q)
         if objection is not None:
             raise (CollisionError if check.within_limits(q) else InputError)(name + objection)
@@ -358,22 +356,6 @@ class Problem:
             more = "" if len(refused) == 1 else f"; and {len(refused) - 1} more"
             _log.warning("%d of %d goals do not count: %s%s", len(refused), len(goals), refused[0], more)
         return free
-
-
-def configuration_of(robot: Robot, value: Any, name: str) -> FloatArray:
-    """Return a configuration (n,) [rad or m] from numbers or from a mapping by joint name, as `Robot.named` gives.
-
-    UnknownNameError for a joint that the robot does not have; InputError if one is missing or has no number.
-    """
-    if isinstance(value, Mapping):
-        for joint in value:
-            if joint not in robot.joint_names:
-                raise UnknownNameError("joint", joint, robot.joint_names, f"{name} configuration")
-        missing = [joint for joint in robot.joint_names if joint not in value]
-        if missing:
-            raise InputError(f"no value for {', '.join(map(repr, missing))}", f"{name} configuration")
-        value = [value[joint] for joint in robot.joint_names]
-    return finite_array(value, (robot.n,), f"{name} configuration")
 
 
 def several(goals: Any) -> list[Any]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,11 +37,10 @@ from safe_ompl.planning.ompl import (
     WorkspaceGoal,
     joint_space,
 )
-from safe_ompl.planning.optimise import Timing
 from safe_ompl.planning.problem import Problem, Wiring, danger_field
 from safe_ompl.robot import GoalRegion, Robot
 from safe_ompl.scene import MotionLimits, People, Scene
-from safe_ompl.trajectories import PathTimer
+from safe_ompl.trajectories import MotionCaps, PathTimer, RateLimits
 
 _log = logging.getLogger(__name__)
 
@@ -77,6 +76,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.problem = Problem(self, self.wiring)
         if self.field is not None:
             self.setOptimizationObjective(DangerObjective(si, self.field))
+        self._timed_for: tuple[Any, ...] = ()  # the motion prover and the scene that the timer was made for
+        self.setMotionLimits()
 
     def __repr__(self) -> str:  # OMPL's own would ask thousands of queries
         return f"{type(self).__name__}({self.robot!r}, {self.scene!r})"
@@ -148,8 +149,14 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         A CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
         that the scene does not have.
         """
+        with self._undone_if_refused():
+            self.wiring.put(constraints)
+
+    @contextmanager
+    def _undone_if_refused(self) -> Iterator[None]:
+        """Check the start and the goals under what constraints are set within; go back where these refuse them."""
         before = self.wiring.constraints
-        self.wiring.put(constraints)
+        yield
         try:
             self.problem.check()
         except BaseException:
@@ -278,13 +285,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         arrives unchanged; None: there is none any more. An InputError if it is nothing of the kind, a CollisionError if
         it refuses the start or all goals that are set: then the checker stays what it was.
         """
-        before = self.wiring.constraints
-        self.wiring.put_user_checker(checker)
-        try:
-            self.problem.check()
-        except BaseException:
-            self.wiring.put(before)
-            raise
+        with self._undone_if_refused():
+            self.wiring.put_user_checker(checker)
 
     def setSamplingResolution(self, distance: float) -> None:
         """Set the distance [rad or m] > 0 between the samples of motions that the user's checker is asked about."""
@@ -344,18 +346,26 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
     # -------------------------------------------------------------------------------------------------- timing
 
-    @cached_property
-    def _timing(self) -> Timing:
-        return Timing(self.field)
-
     def setMotionLimits(self, motion: MotionLimits | None = None, people: People | None = None) -> None:
         """Say what trajectories keep to, for `plan(cost="duration")`: motion of joints, tool and links; and people."""
-        self._timing = Timing(self.field, motion, people)
+        self._motion_limits, self._people = motion or MotionLimits(), people
+        self._timer: PathTimer | None = None
 
     @property
     def timer(self) -> PathTimer:
-        """What times paths within the limits that `setMotionLimits` set; errors as `Timing.timer`."""
-        return self._timing.timer(self.motion_prover)
+        """What times paths within the limits that `setMotionLimits` set.
+
+        An InputError if limits are missing, people are not in the scene, or a danger is limited but none is planned
+        with.
+        """
+        made_for, limits = (self.motion_prover, self.scene), self._motion_limits
+        if self._timer is None or any(a is not b for a, b in zip(self._timed_for, made_for, strict=True)):
+            danger = None if limits.max_danger is None or self.field is None else self.field.moving
+            rates = RateLimits.of(self.robot, limits.velocity, limits.acceleration, limits.jerk)
+            caps = MotionCaps(self._people, limits.tool_speed, limits.link_speed, danger, limits.max_danger)
+            self._timer = PathTimer(self.robot, rates, motion=self.motion_prover, caps=caps)
+            self._timed_for = made_for
+        return self._timer
 
     # ------------------------------------------------------------------------------------- paths and solutions
 

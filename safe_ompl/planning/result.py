@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -167,15 +166,6 @@ class PlanResult:
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels to other processes: a robot would be built anew with every result."""
         return {**vars(self), "robot": None, "scene": None, "danger": None, "motion": None}
-
-    def view(self, *, port: int = 8080, browser: bool = True) -> None:
-        """Show the path in the browser; deprecated: call `safe_ompl.view(result)`, which has the same options."""
-        warnings.warn(
-            "result.view() is deprecated: call safe_ompl.view(result)", DeprecationWarning, stacklevel=2
-        )
-        import safe_ompl  # the package itself: results know nothing of the room that shows them
-
-        safe_ompl.view(self, port=port, browser=browser)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
-from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -25,7 +24,6 @@ from safe_ompl.planning.optimise import (
     FastestPath,
     Interrupts,
     Optimisation,
-    Simplification,
     optimise,
     stopping,
 )
@@ -78,10 +76,8 @@ class SafeSetup(ProblemSetup):
     """
 
     _simplification_time = 0.0
-
-    @cached_property
-    def _simplification(self) -> Simplification:
-        return Simplification(self.field)
+    _simplifier: Simplifier | None = None
+    _simplification: Mapping[str, Any] = {}
 
     # -------------------------------------------------------------------------------------------- planning
 
@@ -257,11 +253,22 @@ class SafeSetup(ProblemSetup):
     @property
     def simplifier(self) -> Simplifier:
         """What makes paths cheaper; raises InputError if this setup plans without danger."""
-        return self._simplification.by(self.motion_prover)
+        known, motion = self._simplifier, self.motion_prover
+        if known is None or known.checker is not motion.checker:
+            return self.setSimplification(**self._simplification)
+        if known.motion is not motion:
+            self._simplifier = known = known.proving_by(motion)
+        return known
 
-    def setSimplification(self, **options: Any) -> None:
-        """Set options of the danger-aware simplification; names and errors as `Simplifier`."""
-        self._simplification.set(self.motion_prover, options)
+    def setSimplification(self, **options: Any) -> Simplifier:
+        """Set options of the danger-aware simplification; names and errors as `Simplifier`, and of `simplifier`."""
+        if self.field is None:
+            raise InputError(
+                "danger-aware simplification needs a danger field; this setup plans without danger"
+            )
+        self._simplifier = Simplifier(self.checker, self.field, self.motion_prover, **options)
+        self._simplification = options
+        return self._simplifier
 
     def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
         """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.

@@ -34,16 +34,8 @@ class ForwardKinematics:
     """Joints of a robot and where they bring its key points and its tip.
 
     The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n. Both
-    are the same where nothing mimics.
-
-    Attributes
-    ----------
-    skeleton : Skeleton
-        Key points and link segments.
-    joint_prismatic : ndarray of bool, shape (m,)
-        Which of the joints of Pinocchio's model slide.
-    joint_keypoint_support : ndarray of bool, shape (K, m)
-        Which of the joints of Pinocchio's model move each key point.
+    are the same where nothing mimics. The `skeleton` has the key points and link segments; `joint_prismatic: (m,)` says
+    which joints of the model slide, and `joint_keypoint_support: (K, m)` which of them move each key point.
     """
 
     def __init__(self, parts: RobotParts) -> None:
@@ -77,8 +69,7 @@ class ForwardKinematics:
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
         self.skeleton = skeleton
-        tree = self._chain.parents, self._chain.placements, self._chain.axes, self._sliding
-        self.kinematics = KinematicTree(*tree, skeleton.joints, skeleton.offsets)
+        self.kinematics = KinematicTree(self._chain, skeleton.joints, skeleton.offsets)
         self._tables = self.kinematics.joints, self.kinematics.keypoints
         self.joint_prismatic: BoolArray = self._sliding
         self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
@@ -87,20 +78,23 @@ class ForwardKinematics:
         for array in (self.lower, self.upper, self.segments, *flags):
             array.setflags(write=False)
 
-    def configuration(self, value: ArrayLike | Mapping[str, float]) -> FloatArray:
+    def configuration(
+        self, value: ArrayLike | Mapping[str, float], name: str = "configuration"
+    ) -> FloatArray:
         """Return `value` as a configuration (n,): an array-like, or a mapping of every joint's name to its value.
 
-        Raises InputError if the shape is wrong, a number is not finite, or joints are missing or unknown.
+        Raises InputError, which starts with the name, if the shape is wrong, a number is not finite, or a joint is
+        missing; UnknownNameError for a joint that the robot does not have.
         """
         if isinstance(value, Mapping):
-            for name in value:
-                if name not in self.joint_names:
-                    raise UnknownNameError("joint", name, self.joint_names)
-            missing = [name for name in self.joint_names if name not in value]
+            for joint in value:
+                if joint not in self.joint_names:
+                    raise UnknownNameError("joint", joint, self.joint_names, name)
+            missing = [joint for joint in self.joint_names if joint not in value]
             if missing:
-                raise InputError(f"configuration lacks the joints {', '.join(missing)}")
-            value = [value[name] for name in self.joint_names]
-        return finite_array(value, (self.n,), "configuration")
+                raise InputError(f"no value for {', '.join(map(repr, missing))}", name)
+            value = [value[joint] for joint in self.joint_names]
+        return finite_array(value, (self.n,), name)
 
     def _checked(self, q: ArrayLike | Mapping[str, float]) -> FloatArray:
         """Return `configuration(q)`, at a tenth of the cost where `q` is a configuration already."""
@@ -142,6 +136,13 @@ class ForwardKinematics:
         inside: BoolArray = (values >= self.lower - tolerance) & (values <= self.upper + tolerance)
         return inside | (self.continuous & np.isfinite(values)) if self._wraps else inside
 
+    def beyond_limits(self, q: FloatArray) -> str | None:
+        """Return which joint is outside its limits at `q: (n,)`, with its value and these; None if none is."""
+        for i in np.flatnonzero(~self.within_limits(q)):
+            limits = f"[{self.lower[i]:g}, {self.upper[i]:g}]"
+            return f"joint {self.joint_names[i]!r} = {q[i]:g} is outside its limits {limits}"
+        return None
+
     def named(self, q: ArrayLike | str) -> dict[str, float]:
         """Return `q: (n,)` as a mapping from joint name to value."""
         return dict(zip(self.joint_names, self.configuration(q).tolist(), strict=True))
@@ -161,11 +162,9 @@ class ForwardKinematics:
 
     def keypoint_jacobians(self, q: ArrayLike) -> FloatArray:
         """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
-        values = self.coupling.values(self._checked(q)[None])
-        rows = np.zeros(len(self.skeleton.joints), dtype=np.intp)
-        joints, offsets = self.skeleton.joints, self.skeleton.offsets
-        _, columns = self.kinematics.point_jacobians(values, rows, joints, offsets)
-        return self.coupling.columns(np.swapaxes(columns, 1, 2))
+        size = 3 * len(self.skeleton.joints)
+        units = np.eye(size).reshape(size, -1, 3)
+        return self.pull_back(np.tile(self._checked(q), (size, 1)), units).reshape(-1, 3, self.n)
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return x [m], dx/dt and d²x/dt², (B, K, 3) each, of the key points at `Q: (B, n)` at steady rates of joints.
@@ -174,19 +173,6 @@ class ForwardKinematics:
         """
         values, rates = plain(self.model_values(Q)), plain(self.coupling.motions(delta))
         return kernel.keypoint_motions(*self._tables, values, rates)
-
-    def body_points(
-        self, Q: FloatArray, rows: IntArray, joints: IntArray, points: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return where points of bodies are, (C, 3) [m] in the world frame, and what moves them, (C, n, 3).
-
-        Point c is `points[c]` in the frame of the joint with Pinocchio's number `joints[c]`, at `Q[rows[c]]`. Its
-        velocity per unit of each joint's rate is the Jacobian, transposed.
-        """
-        places, columns = self.kinematics.point_jacobians(self.model_values(Q), rows, joints, points)
-        if self.coupling.trivial:
-            return places, columns
-        return places, np.swapaxes(self.coupling.columns(np.swapaxes(columns, 1, 2)), 1, 2)
 
     def tip_pose(self, q: ArrayLike) -> pin.SE3:
         """Return the pose of the tip frame at `q: (n,)` in the world frame."""
@@ -247,12 +233,8 @@ class JointLimits:
         """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.
 
         None is a proof that no joint does: control points of a polynomial's Bernstein form hold it, and the nearer the
-        shorter the interval. A joint that comes within rounding of leaving is taken to leave.
-
-        Parameters
-        ----------
-        curve : sequence of ndarray (n,)
-            c_0 … c_d.
+        shorter the interval. A joint that comes within rounding of leaving is taken to leave. The `curve` is c_0 … c_d,
+        each (n,).
         """
         low, high = self._bounds[:, :, None]
         waiting = [(0.0, 1.0, polynomials.bernstein(np.array(curve)[None])[0].T)]

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
+from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.robot.kernels import kinematics as kernel
+from safe_ompl.robot.reach import JointChain
 
 _FLOAT = np.dtype(np.float64)
 
@@ -19,27 +20,17 @@ class KinematicTree:
     """Forward kinematics of the m joints of a robot and of K key points that they carry.
 
     Joints and key points are tables for kernels, see `safe_ompl.robot.kernels.kinematics`; nobody writes to them.
-    Parents and `carriers: (K,)` are Pinocchio's numbers of joints: 0 is the base, joint i has the number i + 1.
-    `placements` are those of the joints in the frames of their parents, at zero, `axes: (m, 3)` unit vectors in their
-    own frames, `slides: (m,)` says which slide; `offsets: (K, 3)` are the key points in the frames of their carriers
-    [m].
+    Key points are at `offsets: (K, 3)` [m] in the frames of their `carriers: (K,)`, Pinocchio's numbers of joints: 0 is
+    the base, joint i has the number i + 1.
     """
 
-    def __init__(
-        self,
-        parents: Sequence[int],
-        placements: Sequence[pin.SE3],
-        axes: FloatArray,
-        slides: BoolArray,
-        carriers: IntArray,
-        offsets: FloatArray,
-    ) -> None:
-        self.joints = np.zeros(len(parents), kernel.JOINT)
-        self.joints["rotation"] = [placement.rotation for placement in placements]
-        self.joints["translation"] = [placement.translation for placement in placements]
-        self.joints["axis"] = axes
-        self.joints["parent"] = parents
-        self.joints["slides"] = slides
+    def __init__(self, chain: JointChain, carriers: IntArray, offsets: FloatArray) -> None:
+        self.joints = np.zeros(len(chain.parents), kernel.JOINT)
+        self.joints["rotation"] = [placement.rotation for placement in chain.placements]
+        self.joints["translation"] = [placement.translation for placement in chain.placements]
+        self.joints["axis"] = chain.axes
+        self.joints["parent"] = chain.parents
+        self.joints["slides"] = chain.prismatic
         self.keypoints = np.zeros(len(carriers), kernel.KEYPOINT)
         self.keypoints["offset"] = offsets
         self.keypoints["joint"] = carriers
@@ -48,14 +39,6 @@ class KinematicTree:
         """Return rotations (B, m, 3, 3), origins and axes (B, m, 3) of the joints in the world at `values: (B, m)`."""
         return kernel.joint_frames(self.joints, plain(values))
 
-    def point_jacobians(
-        self, values: FloatArray, rows: IntArray, carriers: IntArray, points: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return places (C, 3) and transposed Jacobians (C, m, 3) of points of bodies at `values[rows]: (C, m)`."""
-        return kernel.point_jacobians(
-            self.joints, plain(values), _plain_numbers(rows), _plain_numbers(carriers), plain(points)
-        )
-
 
 def plain(array: Any) -> FloatArray:
     """Return `array` as the one kind of array that kernels are compiled for, itself where it is one."""
@@ -63,10 +46,6 @@ def plain(array: Any) -> FloatArray:
     if array.dtype is _FLOAT and flags.c_contiguous and flags.writeable:
         return array  # type: ignore[no-any-return]
     return np.require(array, np.float64, ["C", "W"])
-
-
-def _plain_numbers(array: Any) -> IntArray:
-    return np.require(array, np.intp, ["C", "W"])
 
 
 @dataclass(frozen=True)
@@ -154,16 +133,10 @@ _ZERO_LENGTH = 1e-6  # [m]; joints at the same place, as on a spherical wrist
 class Skeleton:
     """K key points of a robot and the segments between them (paper §3, eq. 2).
 
-    Attributes
-    ----------
-    joints, offsets : ndarray, shape (K,) and (K, 3)
-        For each key point the index of the Pinocchio joint that carries it (0: the fixed base), and its position in the
-        frame of that joint [m]. The last one is the robot's tip.
-    segments, names : ndarray, shape (L, 2), and tuple of str
-        Proximal and distal key point of each link segment, and the frame at its distal end. Segments of zero length,
-        and those that no joint moves, are left out.
-    frames : tuple of int
-        For each key point the frame that it is the origin of.
+    Each key point is carried by one of Pinocchio's `joints: (K,)`, 0 the fixed base, with its position in the frame of
+    that joint in `offsets: (K, 3)` [m], and is the origin of one of `frames: (K,)`; the last one is the robot's tip. Of
+    each link segment `segments: (L, 2)` has the proximal and the distal key point, and `names: (L,)` the frame at its
+    distal end; those of zero length, and those that no joint moves, are left out.
     """
 
     joints: IntArray

@@ -110,41 +110,6 @@ Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body 
 
 
 @dataclass(frozen=True)
-class AxisReaches:
-    """Where the axes of n joints can be in the world: cylinders about centers that hold the joints' origins.
-
-    The axes `fixed: (n,)` stay where they are: through the center along the axis. `prismatic: (n,)` says which joints
-    slide.
-    """
-
-    centers: FloatArray
-    axes: FloatArray
-    radii: FloatArray
-    half_lengths: FloatArray
-    fixed: BoolArray
-    prismatic: BoolArray
-
-    def distances(self, bodies: Sequence[Hull]) -> FloatArray:
-        """Return how far G bodies that stand still in the world are from each joint's axis [m], at most, (G, n).
-
-        Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
-        distance, that of its farthest point at any configuration, times |Δ|: another bound of how far link and body
-        approach each other. It is infinite for prismatic joints.
-        """
-        if not bodies:
-            return np.zeros((0, len(self.radii)))
-        arms = np.concatenate([body.points for body in bodies])[:, None] - self.centers
-        along = np.einsum("pjx,jx->pj", arms, self.axes)
-        lateral = np.linalg.norm(arms - along[..., None] * self.axes, axis=2)
-        reached = np.hypot(lateral + self.radii, np.abs(along) + self.half_lengths)
-        starts = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
-        farthest = np.maximum.reduceat(np.where(self.fixed, lateral, reached), starts)
-        distances: FloatArray = farthest + np.array([body.radius for body in bodies])[:, None]
-        distances[:, self.prismatic] = np.inf
-        return distances
-
-
-@dataclass(frozen=True)
 class JointChain:
     """Joints of a robot as the displacement bound needs them (n joints; joint i is Pinocchio's joint i+1).
 
@@ -204,24 +169,43 @@ class JointChain:
         i, region = regions[-1]
         return region.moved(self.placements[i])
 
+    def axis_distances(self, bodies: Sequence[Hull]) -> FloatArray:
+        """Return how far G bodies that stand still in the world are from each joint's axis [m], at most, (G, n).
+
+        Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
+        distance, that of its farthest point at any configuration, times |Δ|: another bound of how far link and body
+        approach each other. It is infinite for prismatic joints.
+        """
+        if not bodies:
+            return np.zeros((0, len(self.parents)))
+        centers, axes, radii, half_lengths = self._axis_reaches
+        arms = np.concatenate([body.points for body in bodies])[:, None] - centers
+        along = np.einsum("pjx,jx->pj", arms, axes)
+        lateral = np.linalg.norm(arms - along[..., None] * axes, axis=2)
+        reached = np.hypot(lateral + radii, np.abs(along) + half_lengths)
+        starts = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
+        fixed = np.array(self.parents) == 0  # axes that stay where they are: they go on along the center's
+        farthest = np.maximum.reduceat(np.where(fixed, lateral, reached), starts)
+        distances: FloatArray = farthest + np.array([body.radius for body in bodies])[:, None]
+        distances[:, self.prismatic] = np.inf
+        return distances
+
     @cached_property
-    def axis_reaches(self) -> AxisReaches:
-        """Where the axes of the joints can be in the world."""
-        regions = []
+    def _axis_reaches(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Cylinders in the world that hold the joints' origins: centers, axes (n, 3), radii, half lengths (n,)."""
+        found = []
         for parent, placement, axis in zip(self.parents, self.placements, self.axes, strict=True):
-            if parent == 0:  # the axis stays where it is
-                regions.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
+            if parent == 0:
+                found.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
             else:
-                regions.append(self.reach(self.regions(parent, Hull(placement.translation[None], 0.0))))
-        fixed = np.array([parent == 0 for parent in self.parents], dtype=bool)
-        return AxisReaches(
-            np.array([region.center for region in regions]).reshape(-1, 3),
-            np.array([region.axis for region in regions]).reshape(-1, 3),
-            np.array([region.radius for region in regions]),
-            np.array([region.half_length for region in regions]),
-            fixed,
-            self.prismatic,
+                found.append(self.reach(self.regions(parent, Hull(placement.translation[None], 0.0))))
+        centers, axes = (
+            np.array([getattr(r, key) for r in found]).reshape(-1, 3) for key in ("center", "axis")
         )
+        radii, half_lengths = (
+            np.array([getattr(r, key) for r in found]) for key in ("radius", "half_length")
+        )
+        return centers, axes, radii, half_lengths
 
     def regions(self, joint: int, body: Hull) -> Regions:
         """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame.

@@ -28,7 +28,7 @@ _SETTLED = 1e-9  # [rad] by which a sweep that ends the search changes an angle
 
 
 @dataclass(frozen=True)
-class GoalRegion:
+class GoalRegion(document.Section):
     """Where the tip may be: its position and its orientation within bounds, in a frame of the region's own.
 
     Bounds are two numbers, or one where there is no choice. The position is given by x, y and z, or by radius and z:
@@ -89,14 +89,8 @@ class GoalRegion:
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> GoalRegion:
         """Read a region from a document: `frame` with position and orientation, and bounds."""
-        document.check_fields(cls, data)
         frame = document.mapping("frame", data.get("frame", {}), _POSE_KEYS)
-        return cls(**{**data, "frame": document.section("frame", frame, Pose.from_mapping)})
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return what `from_mapping` reads."""
-        given = document.changed_fields(self)
-        return {k: v.to_mapping() if isinstance(v, Pose) else list(v) for k, v in given.items()}
+        return super().from_mapping({**data, "frame": document.section("frame", frame, Pose.from_mapping)})
 
     @property
     def turns(self) -> bool:

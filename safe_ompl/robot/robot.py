@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -37,7 +35,6 @@ from safe_ompl.robot.loading.packages import find_example, robots_folder
 from safe_ompl.robot.loading.parts import GuardedCopy, RobotParts, independent
 from safe_ompl.robot.loading.sources import ModelsBlueprint, UrdfBlueprint, check_models, owned
 from safe_ompl.robot.loading.urdf import existing_file
-from safe_ompl.robot.reach import JointChain
 
 
 class Robot(ForwardKinematics):
@@ -68,6 +65,10 @@ class Robot(ForwardKinematics):
         Joints that are held, with their values [rad or m].
     links_without_collision : tuple of str
         Moving links that have visual but no collision shapes: nothing is proven of them.
+    attached : tuple of Attachment
+        The objects that it holds.
+    accelerations : dict of str to float
+        Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`.
     """
 
     def __init__(self, blueprint: Blueprint, parts: RobotParts | None = None) -> None:
@@ -75,6 +76,8 @@ class Robot(ForwardKinematics):
         super().__init__(blueprint.assemble() if parts is None else parts)
         self.name: str = self.shared.name
         self.held_joints = dict(self.shared.held)
+        self.attached = self.shared.attached
+        self.accelerations = dict(self.shared.accelerations)
         self.links_without_collision = self.shared.links_without_collision
 
     @classmethod
@@ -144,22 +147,13 @@ class Robot(ForwardKinematics):
 
     @classmethod
     def from_example(
-        cls,
-        name: str,
-        *,
-        tip: str | None = None,
-        locked: Mapping[str, float] | None = None,
-        hulls: bool = True,
-        base: PoseLike | None = None,
-        mobile_base: Ranges | None = None,
-        collision: CollisionSource = "required",
-        group: str | None = None,
-        locked_state: str | None = None,
+        cls, name: str, *, tip: str | None = None, locked: Mapping[str, float] | None = None, **options: Any
     ) -> Robot:
         """Build a robot of example-robot-data by its key in `safe_ompl.robot.loading.EXAMPLES`: "panda", "ur5".
 
-        The rest is as in `from_urdf`, by default that of the table of examples. Raises UnknownNameError if there is
-        none.
+        Tip and locked joints are by default those of the table of examples; other options are `hulls`, `base`,
+        `mobile_base`, `collision`, `group` and `locked_state` of `from_urdf`. Raises UnknownNameError if there is no
+        such robot.
         """
         example = find_example(name)
         folder = robots_folder()
@@ -167,15 +161,10 @@ class Robot(ForwardKinematics):
             folder / example.urdf,
             folder / example.srdf if example.srdf else None,
             (folder.parents[1],),
-            tip or (example.tip if group is None else None),
+            tip or (example.tip if options.get("group") is None else None),
             example.locked if locked is None else locked,
-            hulls=hulls,
             name=name,
-            base=base,
-            mobile_base=mobile_base,
-            collision=collision,
-            group=group,
-            locked_state=locked_state,
+            **options,
         )
 
     @classmethod
@@ -305,21 +294,15 @@ class Robot(ForwardKinematics):
                 raise UnknownNameError("joint", name, self.joint_names, "accelerations")
             number(f"acceleration limit of joint {name!r}", limit, above=0.0)
         chosen = {name: float(limit) for name, limit in limits.items()}
-        return type(self)(WithAccelerations(self.blueprint, chosen), self.shared)
-
-    @property
-    def accelerations(self) -> dict[str, float]:
-        """Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`."""
-        return self.blueprint.accelerations()
+        blueprint = WithAccelerations(self.blueprint, chosen)
+        return type(self)(blueprint, blueprint.applied(self.shared))
 
     def without_attached(self, name: str) -> Robot:
         """Return the same robot without the object called `name`; raise UnknownNameError if it holds none."""
+        known = [item.name for item in self.attached]
+        if name not in known:
+            raise UnknownNameError("attached object", name, known)
         return type(self)(self.blueprint.without(name))
-
-    @property
-    def attached(self) -> tuple[Attachment, ...]:
-        """The objects that it holds."""
-        return self.blueprint.attached()
 
     @cached_property
     def bounds(self) -> DisplacementBounds:
@@ -343,11 +326,6 @@ class Robot(ForwardKinematics):
         """A copy of the visual geometry; of the collision bodies where the visual meshes are missing."""
         return self.shared.read_visual() or independent(self.shared.collision_model)
 
-    @property
-    def chain(self) -> JointChain:
-        """A copy of the joints as displacement bounds need them."""
-        return copy.deepcopy(self.shared.chain)
-
     @cached_property
     def _model_copy(self) -> GuardedCopy:
         return GuardedCopy(self.shared.model, pin.Model.copy, f"{self.name}: model")
@@ -355,13 +333,6 @@ class Robot(ForwardKinematics):
     @cached_property
     def _bodies_copy(self) -> GuardedCopy:
         return GuardedCopy(self.shared.collision_model, independent, f"{self.name}: collision_model")
-
-    def __getattr__(self, name: str) -> Any:
-        """Find what was moved to `bounds` under its former name, for one version more."""
-        if name.startswith("_") or not hasattr(DisplacementBounds, name):
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        warnings.warn(f"Robot.{name} is now Robot.bounds.{name}", DeprecationWarning, stacklevel=2)
-        return getattr(self.bounds, name)
 
     def named(self, q: ArrayLike | str) -> dict[str, float]:
         """Return `q: (n,)`, or the state of the SRDF that it names, as a mapping from joint name to value [rad or m].

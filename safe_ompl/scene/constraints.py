@@ -5,33 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import inf, pi
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
 
 ByJoint: TypeAlias = float | Mapping[str, float] | tuple[float, ...]
-SectionT = TypeVar("SectionT", bound="Section")
 _UP = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Section:
-    """A section of a document, whose keys are the fields of a dataclass; raises InputError that starts with the key."""
-
-    @classmethod
-    def from_mapping(cls: type[SectionT], data: Mapping[str, Any]) -> SectionT:
-        """Read the section from a document."""
-        document.check_fields(cls, data)
-        return cls(**data)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return what `from_mapping` reads: what is not the default."""
-        return {key: _plain(value) for key, value in document.changed_fields(self).items()}
-
-
-@dataclass(frozen=True)
-class ToolConstraint(Section):
+class ToolConstraint(document.Section):
     """An axis of the tool that stays within an angle of a direction.
 
     Parameters
@@ -56,7 +40,7 @@ class ToolConstraint(Section):
 
 
 @dataclass(frozen=True)
-class TipBox(Section):
+class TipBox(document.Section):
     """Bounds of the tip's position in the world, least and largest coordinate [m]; what is not given is not bounded."""
 
     x: tuple[float, ...] | None = None
@@ -68,10 +52,7 @@ class TipBox(Section):
         if not given:
             raise InputError("missing: give bounds of x, y or z", "x")
         for key in given:
-            low, high = document.numbers(key, getattr(self, key), 2)
-            if low >= high:
-                raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
-            object.__setattr__(self, key, (low, high))
+            object.__setattr__(self, key, document.interval(key, getattr(self, key)))
 
     @property
     def corners(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -81,7 +62,7 @@ class TipBox(Section):
 
 
 @dataclass(frozen=True)
-class MovingObstacles(Section):
+class MovingObstacles(document.Section):
     """Obstacles whose place is not certain: each may go anywhere, no faster than its speed.
 
     Parameters
@@ -104,7 +85,7 @@ class MovingObstacles(Section):
 
 
 @dataclass(frozen=True)
-class PathLimits(Section):
+class PathLimits(document.Section):
     """Hard limits of paths, proven along whole motions.
 
     Parameters
@@ -149,7 +130,11 @@ class PathLimits(Section):
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> PathLimits:
         """Read limits from a document, with the sections in them; errors as `Section.from_mapping`."""
-        kinds: dict[str, type[Section]] = {"tool": ToolConstraint, "tip": TipBox, "moving": MovingObstacles}
+        kinds: dict[str, type[document.Section]] = {
+            "tool": ToolConstraint,
+            "tip": TipBox,
+            "moving": MovingObstacles,
+        }
         read = dict(data)
         for key in kinds.keys() & data.keys():
             read[key] = document.section(key, data[key], kinds[key].from_mapping)
@@ -157,7 +142,7 @@ class PathLimits(Section):
 
 
 @dataclass(frozen=True)
-class MotionLimits(Section):
+class MotionLimits(document.Section):
     """Limits of trajectories.
 
     Parameters
@@ -193,14 +178,6 @@ def _direction(key: str, value: Any) -> tuple[float, ...]:
     if not any(numbers):
         raise InputError("must be a vector that is not zero", key)
     return numbers
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Section):
-        return value.to_mapping()
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 
 def _pair(value: Any) -> tuple[str, str]:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS, Person
-from safe_ompl.scene.constraints import Section
 from safe_ompl.scene.scene import Scene
 
 _OF_LIMB = {
@@ -54,7 +53,7 @@ CONTACT_TABLE: dict[str, BodyRegion] = {
 
 
 @dataclass(frozen=True)
-class People(Section):
+class People(document.Section):
     """People beside a robot, and the assumptions about them that trajectories rest on.
 
     What is proven holds *if* no limb moves faster than its speed.

@@ -148,32 +148,14 @@ def configuration_for(robot: Robot, key: str, given: Configuration) -> FloatArra
     The `key` is what it is called, for errors: InputError, if it has not one value for every joint, or a value is
     outside the joint's limits; UnknownNameError, if it names a joint that the robot does not have (or that is locked).
     """
-    joints = robot.joint_names
-    if isinstance(given, Mapping):
-        q = _by_name(joints, key, given)
-    elif len(given) != len(joints):
-        names = ", ".join(joints)
-        raise InputError(
-            f"has {len(given)} values, but the robot has {len(joints)} joints to move: {names}", key
-        )
-    else:
-        q = np.array(given, dtype=np.float64)
-    for i in np.flatnonzero(~robot.within_limits(q)):
-        raise InputError(
-            f"joint {joints[i]!r} = {q[i]:g} is outside its limits [{robot.lower[i]:g}, {robot.upper[i]:g}]",
-            key,
-        )
+    if not isinstance(given, Mapping) and len(given) != robot.n:
+        names = ", ".join(robot.joint_names)
+        raise InputError(f"has {len(given)} values, but the robot has {robot.n} joints to move: {names}", key)
+    q = robot.configuration(given, key)
+    beyond = robot.beyond_limits(q)
+    if beyond is not None:
+        raise InputError(beyond, key)
     return q
-
-
-def _by_name(joints: tuple[str, ...], key: str, given: Mapping[str, float]) -> FloatArray:
-    for name in given:
-        if name not in joints:
-            raise UnknownNameError("joint", name, joints, key)
-    missing = [name for name in joints if name not in given]
-    if missing:
-        raise InputError(f"no value for the joint {' and '.join(map(repr, missing))}", key)
-    return np.array([given[name] for name in joints], dtype=np.float64)
 
 
 def _numbered(key: str, items: Any) -> Iterator[tuple[str, Any]]:
@@ -308,17 +290,14 @@ class Scenario:
             "goal": self.goal.to_mapping(),
             "danger": self.danger,
             "planners": self.planners,
-            **({"limits": self.limits.to_mapping()} if self.limits != PathLimits() else {}),
-            **({"motion": self.motion.to_mapping()} if self.motion != MotionLimits() else {}),
-            **({"people": self.people.to_mapping(folder)} if self.people is not None else {}),
+            "limits": self.limits.to_mapping() or None,
+            "motion": self.motion.to_mapping() or None,
+            "people": None if self.people is None else self.people.to_mapping(folder),
             "time": self.time,
-            **(
-                {"frames": {name: pose.to_mapping() for name, pose in self.frames.items()}}
-                if self.frames
-                else {}
-            ),
+            "frames": {name: pose.to_mapping() for name, pose in self.frames.items()} or None,
         }
-        Path(path).write_text(document.dump_document(data), encoding="utf-8")
+        given = {key: value for key, value in data.items() if value is not None}
+        Path(path).write_text(document.dump_document(given), encoding="utf-8")
 
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""

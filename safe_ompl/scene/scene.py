@@ -93,11 +93,7 @@ class Scene:
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
-        obstacles = [obstacle.to_mapping() for obstacle in self.obstacles]
-        for data in obstacles:
-            for value in data.values():
-                if isinstance(value, dict) and "file" in value:
-                    value["file"] = document.file_name(value["file"], folder)
+        obstacles = [obstacle.to_mapping(folder) for obstacle in self.obstacles]
         return {"spacing": self.spacing, "obstacles": obstacles}
 
     def save(self, path: str | Path) -> None:

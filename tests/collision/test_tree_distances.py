@@ -3,6 +3,7 @@
 import coal
 import numpy as np
 import pytest
+from oracles.pinocchio_points import body_points
 
 from safe_ompl import Box, CollisionChecker, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import PairDistances
@@ -112,7 +113,7 @@ def test_nearest_points_are_given_of_the_link_first(checker, path, side):
     names = [pairs.names[k][1] for k in np.flatnonzero(pairs.meets_obstacle)]
     seen, Q = 0, path[::side]
     found = distances.near(Q, 0.5)
-    places, _ = checker.robot.body_points(Q, found.rows, distances.joints[found.pairs], found.points)
+    places, _ = body_points(checker.robot, Q, found.rows, distances.joints[found.pairs], found.points)
     for pair, distance, on_link, normal, offset in zip(
         found.pairs, found.distances, places, found.normals, found.offsets, strict=True
     ):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from oracles.pinocchio_points import body_points
 
 from safe_ompl import CollisionChecker, InputError, Scene
 from safe_ompl.collision import Proximity
@@ -25,9 +26,9 @@ def near(panda, clutter):
 
 def distances_of(witnesses, Q):
     """Return distances (C,) and their gradients (C, n) by the witnesses."""
-    places, jacobians = witnesses.robot.body_points(Q, witnesses.rows, witnesses.joints, witnesses.points)
+    places, jacobians = body_points(witnesses.robot, Q, witnesses.rows, witnesses.joints, witnesses.points)
     distances = np.einsum("ci,ci->c", places, witnesses.normals) - witnesses.offsets
-    return distances, np.einsum("cni,ci->cn", jacobians, witnesses.normals)
+    return distances, np.einsum("cin,ci->cn", jacobians, witnesses.normals)
 
 
 def test_the_nearest_witness_is_as_far_as_coal_says(near):

@@ -12,6 +12,7 @@ from safe_ompl.common import Counts
 from safe_ompl.danger.link_field import WEIGHTINGS, Segments, field
 from safe_ompl.danger.points import AGGREGATES
 from safe_ompl.robot.joint_tables import Coupling, KinematicTree
+from safe_ompl.robot.reach import JointChain
 
 
 class PlanarArm:
@@ -25,14 +26,16 @@ class PlanarArm:
         self.prismatic[-1] = slides
         self.joint_prismatic = self.prismatic
         self.coupling = Coupling.of([f"joint{k}" for k in range(self.n)], {})
-        self.kinematics = KinematicTree(
-            range(self.n),
+        chain = JointChain(
+            list(range(self.n)),
             [pin.SE3(np.eye(3), np.array([at, 0.0, 0.0])) for at in (0.0, *lengths[:-1])],
             np.where(self.prismatic[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]),
             self.prismatic,
-            np.arange(self.n + 1),
-            np.array([[length, 0.0, 0.0] for length in (0.0, *lengths)]),
+            np.full(self.n, -1.0),
+            np.full(self.n, 1.0),
         )
+        offsets = np.array([[length, 0.0, 0.0] for length in (0.0, *lengths)])
+        self.kinematics = KinematicTree(chain, np.arange(self.n + 1), offsets)
 
     def __repr__(self):
         return f"PlanarArm({self.lengths.tolist()})"

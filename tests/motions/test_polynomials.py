@@ -145,21 +145,6 @@ def test_pieces_beside_a_point_without_rates_are_of_lower_degree():
 
 
 @given(st.integers(0, 10**6))
-def test_a_part_is_the_same_motion(seed):
-    t, q, v, a, _ = splines(seed)
-    motion = Motion.hermite(t, q, v, a)
-    first, last = np.sort(np.random.default_rng(seed).choice(np.append(t, np.linspace(t[0], t[-1], 50)), 2))
-    if first < last:
-        part = motion.restricted(first, last)
-        assert (part.times[0], part.times[-1]) == (first, last)
-        at = np.linspace(first, last, 50)
-        np.testing.assert_allclose(part.at(at), motion.at(at), rtol=0, atol=part.allowance.max() + 1e-14)
-        np.testing.assert_allclose(
-            part.derivative(at[1:-1]), motion.derivative(at[1:-1]), rtol=1e-8, atol=1e-8
-        )
-
-
-@given(st.integers(0, 10**6))
 def test_profiles_have_the_accelerations_and_jerks_that_they_were_made_of(seed):
     rng = np.random.default_rng(seed)
     spans, pushes = rng.choice([0.0, 0.3, 1.1], 6), rng.normal(size=(6, N))
@@ -330,7 +315,6 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
         (lambda: Motion.hermite(T, Q, 3.0), r"velocities must have shape \(3, 2\), got \(\)"),
         (lambda: Motion.hermite(T, Q, names="ab"), "joint names: must be a list, got str 'ab'"),
         (lambda: Motion.of(interpolate.KroghInterpolator(T, Q)), "motion: must be a Motion, SciPy's"),
-        (lambda: Motion.through(Q, T).restricted(1.0, 0.5), r"last time must be a finite number in \(1, 2\]"),
         (lambda: Motion.through(Q, T).at(np.nan), "time must be a number of seconds, got nan"),
     ],
 )

@@ -70,16 +70,16 @@ def trapezoid(push, span=0.5):
 def test_limits_that_are_just_kept_are_kept(ur5, limits):
     assert rate_violations(trapezoid(2.0), ur5, limits, ("velocity", "acceleration")) == []
     found = rate_violations(trapezoid(2.0), ur5, limits)
-    assert [(v.kind, v.time, v.value) for v in found] == [
+    assert [(v.kind, v.at, v.value) for v in found] == [
         ("acceleration jump", 0.5, -2.0)  # the second one, at 1 s, is as large and of the same stretch
     ]
     found = rate_violations(trapezoid(2.0 + 1e-5), ur5, limits, ("velocity", "acceleration"))
-    assert [(v.kind, v.time) for v in found] == [
+    assert [(v.kind, v.at) for v in found] == [
         ("acceleration", 0.0),
         ("velocity", pytest.approx(0.5)),
         ("acceleration", 1.0),
     ]
-    assert str(found[1]) == "at 0.5: joint 'shoulder_pan_joint', velocity 1.00001 rad/s, limit 1"
+    assert str(found[1]) == "velocity at 0.5 s: 'shoulder_pan_joint', 1 rad/s (limit 1 rad/s)"
 
 
 def test_every_stretch_has_its_worst_time(ur5, limits):
@@ -89,24 +89,24 @@ def test_every_stretch_has_its_worst_time(ur5, limits):
     q[6, 1] = -1.5
     low = ur5.with_limits({ur5.joint_names[1]: (-1.0, 1.0)})
     found = rate_violations(Motion.hermite(t, q, np.zeros((9, 6))), low, limits, ("velocity",))
-    kinds = [(v.kind, round(v.time, 6), round(v.value, 6)) for v in found]
+    kinds = [(v.kind, round(v.at, 6), round(v.value, 6)) for v in found]
     assert kinds[0] == ("velocity", 1.5, -2.1)
     assert [entry for entry in kinds if entry[0] == "position"] == [
         ("position", 2, -1.4),
         ("position", 6, -1.5),
     ]
-    assert all(v.joint == "shoulder_lift_joint" for v in found)
+    assert all(v.names[0] == "shoulder_lift_joint" for v in found)
 
 
 def test_velocities_of_way_points_jump(ur5, limits):
     motion = Motion.through(np.cumsum(np.eye(6)[[0, 0, 1]], axis=0) * 0.5, [0.0, 1.0, 2.0])
     assert rate_violations(motion, ur5, limits, ("velocity",)) == []
     found = rate_violations(motion, ur5, limits, ("acceleration",))
-    assert {(v.kind, v.joint, v.time, v.value) for v in found} == {
+    assert {(v.kind, v.names[0], v.at, v.value) for v in found} == {
         ("velocity jump", "shoulder_pan_joint", 1.0, -0.5),
         ("velocity jump", "shoulder_lift_joint", 1.0, 0.5),
     }
-    assert str(found[0]).endswith("velocity jump 0.5 rad/s")
+    assert str(found[0]) == "velocity jump at 1 s: 'shoulder_lift_joint', 0.5 rad/s (limit 0 rad/s)"
 
 
 def test_continuous_joints_have_no_limits_and_paths_no_rates(kinova, ur5, limits):

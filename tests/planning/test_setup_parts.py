@@ -1,15 +1,15 @@
-"""The parts of SafeSetup, each alone: wiring, problem, simplification, timing, and a run."""
+"""The parts of SafeSetup, each alone: wiring, problem, and a run."""
 
 import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl import DangerField, DangerLimit, SafeSetup, make_planner
-from safe_ompl.collision import CollisionChecker, MotionProver, Separation
+from safe_ompl import DangerLimit, SafeSetup, make_planner
+from safe_ompl.collision import CollisionChecker, Separation
 from safe_ompl.common import CollisionError, InputError, UnknownNameError
 from safe_ompl.planning.ompl import CollisionFreeValidity, Constraints, WorkspaceGoal, joint_space
-from safe_ompl.planning.optimise import Simplification, Timing, stopping
+from safe_ompl.planning.optimise import stopping
 from safe_ompl.planning.planners import termination
 from safe_ompl.planning.problem import Problem, Wiring
 from safe_ompl.planning.safe_setup import PlanningRun, simplification_time
@@ -100,28 +100,29 @@ def test_of_a_place_and_configurations_a_planner_gets_what_it_plans_to(plain, wi
 
 
 def test_a_simplifier_is_kept_as_long_as_the_checker(ur5, scene):
-    checker, field = CollisionChecker(ur5, scene), DangerField.of_scene(ur5, scene)
-    kept, motion = Simplification(field), MotionProver(checker)
-    first = kept.set(motion, {"spacing": 0.2})
-    assert kept.by(motion) is first
-    stricter = motion.with_margin(0.01)
-    assert kept.by(stricter).motion is stricter
-    assert kept.by(stricter).cost is first.cost
-    other = kept.by(MotionProver(CollisionChecker(ur5, scene)))
+    setup = SafeSetup(ur5, scene)
+    setup.setSimplification(spacing=0.2)
+    first = setup.simplifier
+    assert setup.simplifier is first
+    setup.setMinClearance(0.01)
+    assert setup.simplifier.motion is setup.motion_prover is not first.motion
+    assert setup.simplifier.cost is first.cost
+    setup.setScene(scene.without(scene.names[-1]))
+    other = setup.simplifier
     assert other.cost is not first.cost
     assert other.spacing == 0.2
     with pytest.raises(InputError, match="without danger"):
-        Simplification(None).by(motion)
+        SafeSetup(ur5, scene, danger=None).simplifier  # noqa: B018
 
 
 def test_a_timer_is_kept_as_long_as_the_motion(ur5, scene):
-    motion = MotionProver(CollisionChecker(ur5, scene))
-    timing = Timing(None, MotionLimits(velocity=0.5, acceleration=1.0))
-    timer = timing.timer(motion)
-    assert timing.timer(motion) is timer
+    setup = SafeSetup(ur5, scene)
+    setup.setMotionLimits(MotionLimits(velocity=0.5, acceleration=1.0))
+    timer = setup.timer
+    assert setup.timer is timer
     assert timer.limits.velocity.tolist() == [0.5] * 6
-    stricter = motion.with_margin(0.01)
-    assert timing.timer(stricter).motion is stricter
+    setup.setMinClearance(0.01)
+    assert setup.timer.motion is setup.motion_prover
 
 
 def test_a_run_keeps_to_the_limit_of_its_planner(ur5, scene):

@@ -76,16 +76,6 @@ def test_chains_of_mimics():
     np.testing.assert_allclose(coupling.radii(np.array([1.0, 1.0, 1.0])), [9.0])
 
 
-def test_points_of_bodies_against_finite_differences(robot, rng):
-    q, step = spread(robot, rng, 1), 1e-6
-    joints = np.arange(1, robot.model.njoints)
-    points, rows = rng.normal(size=(len(joints), 3)), np.zeros(len(joints), dtype=np.intp)
-    _, jacobians = robot.body_points(q, rows, joints, points)
-    for i, h in enumerate(step * np.eye(robot.n)):
-        after, before = (robot.body_points(q + s * h, rows, joints, points)[0] for s in (1, -1))
-        np.testing.assert_allclose(jacobians[:, i], (after - before) / (2 * step), atol=1e-7)
-
-
 def test_a_body_and_one_that_mimics_its_motion_approach_each_other(gripper, plain_check):
     checker, plain = CollisionChecker(gripper, Scene()), plain_check(gripper, Scene())
     fingers = checker.pair_names.index(("finger_1", "finger_2"))

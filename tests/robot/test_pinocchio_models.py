@@ -69,13 +69,6 @@ def test_models_handed_out_unchanged_are_not_copied_again(robot, caplog):
     assert "was changed" not in caplog.text
 
 
-def test_the_chain_is_a_copy(robot):
-    robot.chain.axes[:] = 0.0
-    robot.chain.placements[0].translation[:] = 7.0
-    assert np.abs(robot.chain.axes).max() == pytest.approx(1.0)
-    assert np.abs(robot.chain.placements[0].translation).max() < 1.0
-
-
 def test_arrays_are_read_only(robot):
     own = ("lower", "upper", "continuous", "prismatic", "segments", "joint_keypoint_support")
     radii = ("displacement_radii", "joint_radii", "keypoint_radii", "joint_keypoint_radii", "arm_rates")
@@ -83,14 +76,6 @@ def test_arrays_are_read_only(robot):
     for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
-
-
-def test_bounds_are_found_under_their_former_names_with_a_warning(robot):
-    with pytest.warns(DeprecationWarning, match="bounds.displacement_radii"):
-        radii = robot.displacement_radii
-    assert radii is robot.bounds.displacement_radii
-    with pytest.raises(AttributeError, match="no attribute 'radius'"):
-        robot.radius  # noqa: B018
 
 
 def test_shared_models_are_those_of_the_proofs(robot):

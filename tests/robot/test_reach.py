@@ -283,7 +283,7 @@ def test_no_body_leaves_its_reach(robot_named, body_points, name, seed):
     q = np.choose(at_limits, [robot.lower, rng.uniform(robot.lower, robot.upper), robot.upper])
     for joint, hull, points in zip(bodies.joints, bodies.hulls, bodies.at(q), strict=True):
         if joint:
-            assert contains(reach(robot.chain, joint, hull), points)
+            assert contains(reach(robot.shared.chain, joint, hull), points)
 
 
 @pytest.mark.parametrize("name", SIMPLE)
@@ -293,17 +293,17 @@ def test_no_obstacle_is_farther_from_an_axis_than_said(robot_named, name, seed, 
     robot = robot_named(name)
     rng = np.random.default_rng(seed)
     obstacle = Hull(rng.normal(size=(4, 3)), radius)
-    (farthest,) = robot.chain.axis_reaches.distances([obstacle])
+    (farthest,) = robot.shared.chain.axis_distances([obstacle])
     assert np.isinf(farthest[robot.prismatic]).all()
     data = robot.model.createData()
     q = rng.uniform(robot.lower, robot.upper)
     pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
     for i in np.flatnonzero(~robot.prismatic):
         joint = data.oMi[int(i) + 1]
-        across = np.cross(obstacle.points - joint.translation, joint.rotation @ robot.chain.axes[i])
+        across = np.cross(obstacle.points - joint.translation, joint.rotation @ robot.shared.chain.axes[i])
         actual = np.linalg.norm(across, axis=1).max() + radius
         assert actual <= farthest[i] + ROUNDING
-        if robot.chain.parents[i] == 0:
+        if robot.shared.chain.parents[i] == 0:
             assert actual == pytest.approx(farthest[i])
 
 

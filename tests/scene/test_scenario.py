@@ -195,7 +195,7 @@ def test_configurations_by_order_or_by_name(folder, arm):
             UnknownNameError,
             "start: unknown joint 'elbow'; known: joint1",
         ),
-        (("[0, 0, 0]", "{joint1: 0}"), InputError, "start: no value for the joint 'joint2' and 'joint3'"),
+        (("[0, 0, 0]", "{joint1: 0}"), InputError, "start: no value for 'joint2', 'joint3'"),
         (
             ("[0, 0, 0]", "[0, 3, 0]"),
             InputError,

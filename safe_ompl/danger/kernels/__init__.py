@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from safe_ompl.danger.kernels.danger import dangers
     from safe_ompl.danger.kernels.kinetostatic import CellMotions, cell_bounds
 
-__all__ = ["CellMotions", "cell_bounds", "dangers"]
+__all__ = [
+    "CellMotions",
+    "cell_bounds",
+    "dangers",
+]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

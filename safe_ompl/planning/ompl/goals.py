@@ -231,8 +231,8 @@ class RegionGoal(WorkspaceGoal):
     """The configurations whose tip is in a region: its position and its orientation within bounds.
 
     All that holds of a `WorkspaceGoal` holds of it. Solutions are those of the inverse kinematics for poses drawn at
-    random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside. An InputError if the
-    region is none, or the tolerance is not positive.
+    random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside. `field` and `seed` are
+    options, too. An InputError if the region is none, or the tolerance is not positive.
     """
 
     def __init__(
@@ -242,14 +242,13 @@ class RegionGoal(WorkspaceGoal):
         region: GoalRegion,
         *,
         tolerance: float = REGION_TOLERANCE,
-        field: DangerField | None = None,
-        seed: int | None = None,
+        **options: Any,
     ) -> None:
         if not isinstance(region, GoalRegion):
             raise InputError(f"region must be a GoalRegion, got {shown(region)}")
         self.region = region
         self._inside = RegionPlace(robot, region)
-        super().__init__(si, robot, self._inside, tolerance=tolerance, field=field, seed=seed)
+        super().__init__(si, robot, self._inside, tolerance=tolerance, **options)
 
     def __repr__(self) -> str:
         return f"RegionGoal({self.region!r}, tolerance={self.tolerance:g}, seed={self.getSeed()})"

@@ -144,9 +144,8 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
                 starts.use(planner.getProblemDefinition())
                 while starts.haveMoreStartStates():
                     self._starts.add(self._bridge.view(starts.nextStart()).tobytes())
-                self._longest = planner.getRange() * (
-                    1.0 + 1e-6
-                )  # the nearest node is asked for at the range itself
+                # The nearest node is asked for at the range itself.
+                self._longest = planner.getRange() * (1.0 + 1e-6)
             yield
         finally:
             self._longest, self._starts = math.inf, set()

@@ -5,13 +5,11 @@ Both plug-ins read the same `Constraints`, and motions are proven.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, TypeVar
 
-import numpy as np
 from ompl import base as ob
 
 from safe_ompl.collision import (
@@ -152,12 +150,10 @@ class ConfigurationCheck:
 
     def objection(self, q: FloatArray) -> str | None:
         """Return why `q: (n,)` is not allowed, in words that follow the name of a configuration; None where it is."""
-        robot, separation, limit = self.checker.robot, self.constraints.separation, self._danger
-        for i in np.flatnonzero(~robot.within_limits(q)):
-            return (
-                f": joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits "
-                f"[{robot.lower[i]:g}, {robot.upper[i]:g}]"
-            )
+        separation, limit = self.constraints.separation, self._danger
+        beyond = self.checker.robot.beyond_limits(q)
+        if beyond is not None:
+            return f": {beyond}"
         pair = self.checker.colliding_pair(q)
         if pair is not None:
             return f" is in collision: {pair[0]!r} touches {pair[1]!r}"
@@ -177,35 +173,6 @@ class ConfigurationCheck:
         return next((f": {tool.objection(q)}" for tool in self._tool if not tool.allows(q)), None)
 
 
-_SETTERS: dict[str, Callable[..., tuple[Constraints, CollisionChecker]]] = {
-    "setMinClearance": lambda c, checker, *a, **k: (c.with_min_clearance(checker, *a, **k), checker),
-    "setMovingObstacles": lambda c, checker, *a, **k: (c.with_moving_obstacles(*a, **k), checker),
-    "setSeparation": lambda c, checker, separation: (replace(c, separation=separation), checker),
-    "setDangerLimit": lambda c, checker, limit: (replace(c, danger=limit), checker),
-    "setToolLimits": lambda c, checker, limits: (replace(c, tool=tuple(limits)), checker),
-    "setUserChecks": lambda c, checker, checks: (replace(c, user=tuple(checks)), checker),
-    "setChecker": lambda c, _, checker, separation: (replace(c, separation=separation), checker),
-}
-
-
-def with_former_setters(plugin: Any) -> Any:
-    """Give a class that has `setConstraints` the setters that it had before, each of which warns."""
-
-    def setter(name: str) -> Callable[..., None]:
-        def call(self: Any, *args: Any, **kwargs: Any) -> None:
-            warnings.warn(f"{name} will go: call setConstraints", DeprecationWarning, stacklevel=2)
-            self.setConstraints(*_SETTERS[name](self.getConstraints(), self.checker, *args, **kwargs))
-
-        call.__name__, call.__doc__ = name, "Deprecated: call `setConstraints`."
-        return call
-
-    for name in _SETTERS:
-        setattr(plugin, name, setter(name))
-    plugin.getSeparation = lambda self: self.getConstraints().separation
-    return plugin
-
-
-@with_former_setters
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
 
@@ -270,7 +237,6 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         return self.checker.clearance(self._bridge.read(state)).distance
 
 
-@with_former_setters
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.MotionProver`).
 

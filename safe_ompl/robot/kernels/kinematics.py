@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, compiled, part
 
 JOINT = np.dtype(
     [
@@ -27,9 +27,7 @@ JOINT = np.dtype(
     ],
     align=True,
 )
-KEYPOINT = np.dtype(
-    [("offset", np.float64, (3,)), ("joint", np.int64)], align=True
-)  # in the frame of its joint
+KEYPOINT = np.dtype([("offset", np.float64, (3,)), ("joint", np.int64)], align=True)  # in its joint's frame
 
 
 @part
@@ -163,36 +161,6 @@ def pull_back(joints: Any, keys: Any, values: FloatArray, forces: FloatArray) ->
         place_keypoints(keys, rotation, origin, places)
         pull(joints, keys, frames, places, forces[b], out[b])
     return out
-
-
-@compiled
-def point_jacobians(
-    joints: Any, values: FloatArray, rows: IntArray, carriers: IntArray, points: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return places (C, 3) and transposed Jacobians (C, m, 3) of points of bodies.
-
-    Point c, (C, 3) in the frame of the joint with Pinocchio's number carriers[c], at `values[rows[c]]`. Joint i moves
-    it by z_i × (x − o_i), or by z_i where it slides.
-    """
-    places, columns = np.empty(points.shape), np.zeros((len(points), len(joints), 3))
-    rotation, origin, axis = joint_frames(joints, values)
-    for c in range(len(points)):
-        b, i = rows[c], carriers[c] - 1
-        place, p = places[c], points[c]
-        for x in range(3):
-            if i < 0:
-                place[x] = p[x]
-            else:
-                frame = rotation[b, i]
-                place[x] = origin[b, i, x] + frame[x, 0] * p[0] + frame[x, 1] * p[1] + frame[x, 2] * p[2]
-        while i >= 0:
-            at, along, column = origin[b, i], axis[b, i], columns[c, i]
-            for x in range(3):
-                y, z = (x + 1) % 3, (x + 2) % 3
-                turning = along[y] * (place[z] - at[z]) - along[z] * (place[y] - at[y])
-                column[x] = along[x] if joints[i].slides else turning
-            i = joints[i].parent - 1
-    return places, columns
 
 
 @compiled

@@ -73,10 +73,7 @@ class Attachment:
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
-        data = {"link": self.link, **Obstacle(self.name, self.shape, self.pose, 0.0).to_mapping()}
-        fields = data[self.shape.kind]
-        if "file" in fields:
-            fields["file"] = document.file_name(fields["file"], folder)
+        data = {"link": self.link, **Obstacle(self.name, self.shape, self.pose, 0.0).to_mapping(folder)}
         if self.touch_links:
             data["touch_links"] = list(self.touch_links)
         return {**data, "danger": True} if self.danger else data
@@ -109,7 +106,10 @@ class Attachment:
             drawn = parts.read_visual()
             return None if drawn is None else self._added(drawn, parts.model, frame)
 
-        return replace(parts, model=model, collision_model=collision_model, read_visual=visual, tips=tips)
+        held = (*parts.attached, self)
+        return replace(
+            parts, model=model, collision_model=collision_model, read_visual=visual, tips=tips, attached=held
+        )
 
     def _added(self, geometry: pin.GeometryModel, model: pin.Model, frame: int) -> pin.GeometryModel:
         """Return a copy of `geometry` with the parts of the object, named as those of a link."""
@@ -208,17 +208,9 @@ class Blueprint(ABC):
         """Return a named state of the robot's SRDF by joint [rad or m]; raise InputError if there is none."""
         raise InputError(f"no state {name!r}: states come with an SRDF")
 
-    def attached(self) -> tuple[Attachment, ...]:
-        """Return the objects that the robot holds, the last one last."""
-        return ()
-
-    def accelerations(self) -> dict[str, float]:
-        """Return the acceleration limits that are known, by joint [rad/s² or m/s²]."""
-        return {}
-
     def without(self, name: str) -> Blueprint:
-        """Return the blueprint of the same robot without an object; raise UnknownNameError if it holds none."""
-        raise UnknownNameError("attached object", name, ())
+        """Return the blueprint of the same robot without an object that it holds."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -239,12 +231,6 @@ class _Change(Blueprint):
 
     def state(self, name: str) -> dict[str, float]:
         return self.of.state(name)
-
-    def attached(self) -> tuple[Attachment, ...]:
-        return self.of.attached()
-
-    def accelerations(self) -> dict[str, float]:
-        return self.of.accelerations()
 
     def without(self, name: str) -> Blueprint:
         return replace(self, of=self.of.without(name))
@@ -287,18 +273,8 @@ class Attached(_Change):
     def applied(self, parts: RobotParts) -> RobotParts:
         return self.attachment.fixed_to(parts)
 
-    def attached(self) -> tuple[Attachment, ...]:
-        """Return this object after those before."""
-        return (*self.of.attached(), self.attachment)
-
     def without(self, name: str) -> Blueprint:
-        """Leave this object out, or one before it."""
-        if name == self.attachment.name:
-            return self.of
-        known = [item.name for item in self.attached()]
-        if name not in known:
-            raise UnknownNameError("attached object", name, known)
-        return super().without(name)
+        return self.of if name == self.attachment.name else super().without(name)
 
 
 @dataclass(frozen=True)
@@ -308,12 +284,7 @@ class WithAccelerations(_Change):
     limits: Mapping[str, float]
 
     def applied(self, parts: RobotParts) -> RobotParts:
-        """Change nothing: no model of Pinocchio's holds accelerations."""
-        return parts
-
-    def accelerations(self) -> dict[str, float]:
-        """Return these, and the others that were known before."""
-        return {**self.of.accelerations(), **self.limits}
+        return replace(parts, accelerations={**parts.accelerations, **self.limits})
 
 
 @dataclass(frozen=True)
@@ -343,31 +314,12 @@ class Combined(Blueprint):
             raise refused
         return found
 
-    def attached(self) -> tuple[Attachment, ...]:
-        """Return the objects of all robots, under the names that they have here."""
-        return tuple(
-            replace(item, name=f"{prefix}_{item.name}", link=f"{prefix}_{item.link}")
-            for prefix, blueprint in self.robots.items()
-            for item in blueprint.attached()
-        )
-
-    def accelerations(self) -> dict[str, float]:
-        """Return those of all robots, under the names that joints have here."""
-        return {
-            f"{prefix}_{joint}": limit
-            for prefix, blueprint in self.robots.items()
-            for joint, limit in blueprint.accelerations().items()
-        }
-
     def without(self, name: str) -> Blueprint:
         """Take the object from the robot with the prefix of its name."""
-        known = [item.name for item in self.attached()]
-        if name not in known:
-            raise UnknownNameError("attached object", name, known)
-        robots = dict(self.robots)
-        for prefix, blueprint in self.robots.items():
-            if name.removeprefix(f"{prefix}_") in [item.name for item in blueprint.attached()]:
-                robots[prefix] = blueprint.without(name.removeprefix(f"{prefix}_"))
+        robots = {
+            prefix: robot.without(name.removeprefix(f"{prefix}_")) if name.startswith(f"{prefix}_") else robot
+            for prefix, robot in self.robots.items()
+        }
         return replace(self, robots=robots)
 
     def with_limits(self, limits: RangeByJoint) -> Blueprint:
@@ -393,13 +345,8 @@ def mobile_ranges(value: Any) -> tuple[tuple[float, float], tuple[float, float]]
         raise InputError(
             f"must be the limits in x and in y, ((x0, x1), (y0, y1)), not {value!r}", "mobile_base"
         )
-    found = []
-    for interval in intervals:
-        low, high = document.numbers("mobile_base", interval, 2)
-        if not low < high:
-            raise InputError(f"[{low:g}, {high:g}] is no interval [m]", "mobile_base")
-        found.append((low, high))
-    return found[0], found[1]
+    x, y = (document.interval("mobile_base", interval) for interval in intervals)
+    return x, y
 
 
 def check_prefixes(prefixes: Iterable[str]) -> None:

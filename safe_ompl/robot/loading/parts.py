@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,9 @@ from safe_ompl.robot.joint_tables import Mimic
 from safe_ompl.robot.loading.collision import warn_of_unchecked
 from safe_ompl.robot.loading.reduction import joint_limits
 from safe_ompl.robot.reach import JointChain
+
+if TYPE_CHECKING:
+    from safe_ompl.robot.loading.blueprint import Attachment
 
 _log = logging.getLogger(__name__)
 
@@ -28,21 +31,13 @@ _NO_LIMIT = np.full(1, np.inf)
 class RobotParts:
     """Models of the joints that are not locked, and what Pinocchio does not keep. Nobody changes them.
 
-    Attributes
-    ----------
-    name, source : str
-        Name for reports, and the file that the robot comes from, or its name: for errors.
-    model, collision_model : pin.Model, pin.GeometryModel
-        Planned joints and those that mimic them; bodies, and the pairs of them that are checked against each other.
-    read_visual : callable
-        Returns the visual geometry; None where there is none.
-    link_ends, tips : tuple of str
-        Joints, locked ones included, that are key points of the skeleton; frames at the ends of arms, the robot's tip
-        first.
-    mimics, held : mapping
-        Joints of the model that follow planned ones; joints that are held, with their values [rad or m].
-    bare_links : tuple of str
-        Links, moving or not, that have visual but no collision shapes.
+    `name` is for reports, and `source` for errors: the file that the robot comes from, or its name. The `model` has the
+    planned joints and those that follow them (`mimics`), the `collision_model` bodies and the pairs of them that are
+    checked; `read_visual` returns the visual geometry, or None. `link_ends` are joints, locked ones included, that are
+    key points of the skeleton, and `tips` frames at the ends of arms, the robot's tip first. `held` has the joints that
+    are held, with their values, and `accelerations` limits that are known, by joint [rad or m, /s²]; `bare_links` are
+    links, moving or not, that have visual but no collision shapes; `attached` is what the robot holds, the last one
+    last.
     """
 
     name: str
@@ -55,6 +50,8 @@ class RobotParts:
     mimics: Mapping[str, Mimic] = field(default_factory=dict)
     held: Mapping[str, float] = field(default_factory=dict)
     bare_links: tuple[str, ...] = ()
+    attached: tuple[Attachment, ...] = ()
+    accelerations: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def links_without_collision(self) -> tuple[str, ...]:
@@ -127,6 +124,9 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
     def prefixed(names: Callable[[RobotParts], tuple[str, ...]], order: list[str]) -> tuple[str, ...]:
         return tuple(f"{prefix}_{name}" for prefix in order for name in names(robots[prefix]))
 
+    def by_joint(values: Callable[[RobotParts], Mapping[str, float]]) -> dict[str, float]:
+        return {f"{p}_{joint}": x for p, parts in robots.items() for joint, x in values(parts).items()}
+
     order = list(robots)
     return RobotParts(
         name,
@@ -141,8 +141,14 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
             for p, parts in robots.items()
             for joint, mimic in parts.mimics.items()
         },
-        {f"{p}_{joint}": value for p, parts in robots.items() for joint, value in parts.held.items()},
+        by_joint(lambda parts: parts.held),
         prefixed(lambda parts: parts.bare_links, order),
+        tuple(
+            replace(item, name=f"{p}_{item.name}", link=f"{p}_{item.link}")
+            for p, parts in robots.items()
+            for item in parts.attached
+        ),
+        by_joint(lambda parts: parts.accelerations),
     )
 
 

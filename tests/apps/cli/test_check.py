@@ -421,7 +421,7 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
         (("--plot", "a.jpg"), "--plot: 'a.jpg' must end in .png"),
         (("--tube", "wide"), "argument --tube: must be a positive number, not 'wide'"),
         (("--tube", "-1"), "argument --tube: must be a positive number, not '-1'"),
-        (("--tube", "joint1=0.1"), "--tube: must have a width for every joint, joint2, joint3 missing"),
+        (("--tube", "joint1=0.1"), "--tube: no value for 'joint2', 'joint3'"),
         (("--tube", "elbow=0.1"), "--tube: unknown joint 'elbow'; known: joint1, joint2, joint3"),
         (("--tube", "joint1=0.1,joint1=0.2"), "argument --tube: 'joint1' is given twice"),
         (("--max-velocity", "3"), "--max-velocity: free.json: is for samples in time, without velocities"),

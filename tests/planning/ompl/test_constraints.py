@@ -15,7 +15,7 @@ from safe_ompl import (
     ToolOrientation,
     Verdict,
 )
-from safe_ompl.collision import TOUCHING_ONLY, Separation
+from safe_ompl.collision import Separation
 from safe_ompl.common import UnknownNameError
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle, Pose, Sphere
@@ -133,30 +133,3 @@ def test_the_validator_does_not_keep_the_users_checks_alive(setting):
     del constraints
     with pytest.raises(ReferenceError, match="is gone"):
         setting.validator.motion.check(START, START)
-
-
-def test_former_setters_warn_and_set_constraints(setting):
-    limit = DangerLimit(setting.field, 2.0)
-    tool = TipBounds(setting.robot, [-1, -1, 0], [1, 1, 1])
-    other = CollisionChecker(setting.robot, setting.scene)
-    for plugin in (setting.validity, setting.validator):
-        for name, arguments in [
-            ("setMinClearance", (0.05,)),
-            ("setMovingObstacles", ({"ball": 0.1}, 1.0)),
-            ("setDangerLimit", (limit,)),
-            ("setToolLimits", ([tool],)),
-            ("setUserChecks", ([setting.elbow_up],)),
-        ]:
-            with pytest.warns(DeprecationWarning, match=f"{name} will go: call setConstraints"):
-                getattr(plugin, name)(*arguments)
-        found = plugin.getConstraints()
-        assert (found.danger, found.tool, len(found.user)) == (limit, (tool,), 1)
-        assert plugin.getSeparation().min_clearance.distance == 0.05
-        assert plugin.getSeparation().speeds == {"ball": 0.1}
-        with pytest.warns(DeprecationWarning, match="setChecker"):
-            plugin.setChecker(other, TOUCHING_ONLY)
-        assert plugin.checker is other
-        with pytest.warns(DeprecationWarning, match="setSeparation"):
-            plugin.setSeparation(Separation(margin=0.01))
-        assert plugin.getSeparation().margin == 0.01
-    assert setting.validator.motion.margin == 0.01

@@ -162,7 +162,7 @@ def test_a_mobile_base_somewhere_else(mobile):
     ("ranges", "message"),
     [
         (((-1, 1),), "mobile_base: must be the limits in x and in y"),
-        (((-1, 1), (1, 1)), r"mobile_base: \[1, 1\] is no interval"),
+        (((-1, 1), (1, 1)), r"mobile_base: must be the least and the largest value, got \[1, 1\]"),
         (((-1, np.inf), (0, 1)), "mobile_base: must be a finite number"),
     ],
 )

@@ -93,8 +93,7 @@ def test_results_are_shown_from_the_package_and_still_by_themselves(result, monk
 
     monkeypatch.setattr("safe_ompl.view.browser.view.BrowserView", Browser)
     safe_ompl.view([result, dataclasses.replace(result, planner="PRM")], port=8081)
-    with pytest.warns(DeprecationWarning, match=r"call safe_ompl\.view\(result\)"):
-        result.view(browser=False)
+    safe_ompl.view(result, browser=False)
     assert shown == [(["SafeRRTConnect", "PRM"], 8081), True, (["SafeRRTConnect"], 8080), False]
 
 

@@ -1,0 +1,247 @@
+"""Forms in which motions come, as polynomials on the unit interval: way points, Hermite, Bézier, B-splines, phases."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import (
+    BoolArray,
+    FloatArray,
+    InputError,
+    documents,
+    finite_array,
+    polynomials,
+    shown,
+    whole_number,
+)
+from safe_ompl.planning.ompl import StateBridge
+from safe_ompl.robot import Robot
+
+_LEAST = 1e-9  # [s] between times; of less, powers have no digits
+_DEGREE = 15  # powers lose a factor of 3 in precision per degree: 1e7 at 15
+
+Pieces: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Times (K + 1,), coefficients c_0 … c_d (K, d + 1, n), and a bound (K, n) of the sum of their errors."""
+
+
+def straight(times: ArrayLike | None, points: ArrayLike, name: str) -> Pieces:
+    """Return the lines through points (N, n), without times (N,) at 0, 1, …; one point alone is a path that stays."""
+    held = finite_array(points, (None, None), name)
+    if times is None and len(held) == 1:
+        held = np.repeat(held, 2, axis=0)
+    if len(held) < 2:
+        raise InputError(f"must be two at least, got {len(held)}", name)
+    at = _times(times, len(held))
+    ends = np.stack([held[:-1], held[1:]], axis=1)
+    return at, *polynomials.hermite(np.diff(at), ends, None, None)
+
+
+def hermite(times: ArrayLike, positions: ArrayLike, velocities: Any, accelerations: Any) -> Pieces:
+    """Return Hermite pieces; arguments and errors as `Motion.hermite`."""
+    at = _increasing(times, None, "times")
+    held = finite_array(positions, (len(at), None), "positions")
+    rates, has_rates = _rate_rows(velocities, held.shape, "velocities")
+    bends, has_bends = _rate_rows(accelerations, held.shape, "accelerations")
+    if (has_bends & ~has_rates).any():
+        point = int(np.flatnonzero(has_bends & ~has_rates)[0])
+        raise InputError(f"point {point} has accelerations, but no velocities", "motion")
+    cubic, quintic = has_rates[:-1] & has_rates[1:], has_bends[:-1] & has_bends[1:]
+    degrees = np.where(cubic, np.where(quintic, 5, 3), 1)
+    coefficients = np.zeros((len(at) - 1, int(degrees.max()) + 1, held.shape[1]))
+    rounding = np.zeros_like(coefficients[:, 0])
+    for degree in set(degrees.tolist()):
+        which = np.flatnonzero(degrees == degree)
+        ends = which[:, None] + [0, 1]
+        v, a = rates[ends] if degree > 1 else None, bends[ends] if degree > 3 else None
+        made = polynomials.hermite(at[which + 1] - at[which], held[ends], v, a)
+        coefficients[which, : degree + 1], rounding[which] = made
+    return at, coefficients, rounding
+
+
+def bezier(control_points: ArrayLike, times: ArrayLike | None) -> Pieces:
+    """Return Bézier curves; arguments as `Motion.bezier`."""
+    points = of_degree(finite_array(control_points, (None, None, None), "control points"))
+    return _times(times, len(points) + 1), *polynomials.powers(points, np.zeros_like(points[:, 0]))
+
+
+def bspline(knots: ArrayLike, coefficients: ArrayLike, degree: int) -> Pieces:
+    """Return a B-spline; arguments and errors as `Motion.bspline`."""
+    degree = whole_number("degree of the B-spline", degree, at_least=1, at_most=_DEGREE)
+    held = finite_array(coefficients, (None, None), "control points")
+    at = finite_array(knots, (None,), "knots")
+    if len(at) != len(held) + degree + 1 or len(held) <= degree:
+        raise InputError(
+            f"must be {degree + 1} more than control points, and these {degree + 1} at least, got "
+            f"{len(at)} knots and {len(held)} control points",
+            "knots",
+        )
+    if (np.diff(at) < 0).any() or not at[len(held)] > at[degree]:
+        raise InputError(f"must not decrease, and span some time, got {shown(at.tolist())}", "knots")
+    return polynomials.spline(at, held, degree)
+
+
+def phases(
+    start: ArrayLike, durations: ArrayLike, kind: str, pushes: ArrayLike, rates: dict[str, ArrayLike | None]
+) -> Pieces:
+    """Return phases of constant pushes of a kind, "accelerations" or "jerks", and with `rates` (n,) at the start."""
+    q = finite_array(start, (None,), "start")
+    spans = finite_array(durations, (None,), "durations")
+    if (spans < 0).any():
+        raise InputError(f"must not be negative, got {spans.min():g}", "durations")
+    held = finite_array(pushes, (len(spans), len(q)), kind)
+    given = (np.zeros(len(q)) if r is None else finite_array(r, q.shape, name) for name, r in rates.items())
+    state, moving = np.array([q, *given]), spans > 0
+    made = polynomials.integrated(state, spans[moving], held[moving])
+    return np.append(0.0, np.cumsum(spans[moving])), *made
+
+
+def powers_from_left(thing: Any) -> Pieces:
+    """Return SciPy's piecewise polynomials of (t − x_j), highest power first."""
+    pieces = np.swapaxes(vectors(thing, 3), 0, 1)
+    pieces = finite_array(pieces, (None, None, None), "coefficients")
+    times = _increasing(thing.x, len(pieces) + 1, "times")
+    unused = np.cumsum(np.abs(pieces[:, :-1]).sum(axis=(0, 2))) == 0  # powers that no piece has
+    rising = of_degree(pieces[:, int(unused.sum()) :][:, ::-1])
+    orders = np.arange(float(rising.shape[1]))
+    coefficients = rising * (np.diff(times)[:, None] ** orders)[..., None]
+    weights = np.where(orders > 0, orders + 3, 0.0)
+    return times, coefficients, polynomials.EPS * np.einsum("k,jkn->jn", weights, np.abs(coefficients))
+
+
+def unwound(
+    coefficients: FloatArray, rounding: FloatArray | None, robot: Robot
+) -> tuple[FloatArray, FloatArray]:
+    """Return straight pieces (K, 2, n) on which continuous joints go the short way, as `robot.difference` does."""
+    turns = 2 * np.pi * np.round(coefficients[:, 1] / (2 * np.pi)) * robot.continuous
+    before = np.vstack([np.zeros(robot.n), np.cumsum(turns, axis=0)[:-1]])
+    found = coefficients - np.stack([before, turns], axis=1)
+    error = 2 * polynomials.EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
+    return found, error if rounding is None else rounding + error
+
+
+def _times(given: ArrayLike | None, count: int) -> FloatArray:
+    return np.arange(float(count)) if given is None else _increasing(given, count, "times")
+
+
+def _increasing(times: ArrayLike, count: int | None, name: str) -> FloatArray:
+    """Return times that increase by a nanosecond at least, `count` of them if that is given."""
+    found = finite_array(times, (None,), name)
+    if count is not None and len(found) != count:
+        raise InputError(f"must be {count}, got {len(found)}", name)
+    if len(found) < 2:
+        raise InputError(f"must be two at least, got {len(found)}", name)
+    steps = np.diff(found)
+    if not (steps >= _LEAST).all():
+        k = int((steps < _LEAST).argmax())
+        least = ", by 1e-9 at least" * bool(steps[k] > 0)
+        raise InputError(
+            f"must increase{least}, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", name
+        )
+    return found
+
+
+def _rate_rows(values: Any, shape: tuple[int, int], name: str) -> tuple[FloatArray, BoolArray]:
+    """Return rates (N, n), and which points have any; rows of points that have none are 0."""
+    if values is None:
+        return np.zeros(shape), np.zeros(shape[0], dtype=bool)
+    if (
+        isinstance(values, np.ndarray)
+        or not hasattr(values, "__len__")
+        or len(values) != shape[0]
+        or all(row is not None for row in values)
+    ):
+        return finite_array(values, shape, name), np.ones(shape[0], dtype=bool)
+    rows, there = np.zeros(shape), np.array([row is not None for row in values])
+    for k in np.flatnonzero(there):
+        rows[k] = finite_array(values[k], shape[1:], f"{name} of point {k}")
+    return rows, there
+
+
+def of_degree(pieces: FloatArray) -> FloatArray:
+    """Return coefficients (K, d + 1, n) if the degree is not too high."""
+    if pieces.shape[1] > _DEGREE + 1:
+        raise InputError(
+            f"must have a degree of {_DEGREE} at most, beyond which powers lose digits, got {pieces.shape[1] - 1}",
+            "motion",
+        )
+    return pieces
+
+
+def vectors(thing: Any, dimensions: int) -> Any:
+    """Return the coefficients of SciPy's `thing`, which must be those of vectors (n,)."""
+    held = np.asarray(thing.c)
+    if held.ndim != dimensions:
+        raise InputError(
+            f"must have values of shape (n,), got {held.shape[dimensions - 1 :]}", type(thing).__name__
+        )
+    return held
+
+
+def named(names: Iterable[str], n: int) -> tuple[str, ...]:
+    """Return the names of n joints, which must differ."""
+    found = tuple(documents.text("joint name", name) for name in documents.sequence("joint names", names))
+    if len(set(found)) < len(found):
+        raise InputError(f"must differ, got {', '.join(found)}", "joint names")
+    if len(found) != n:
+        raise InputError(
+            f"must be {n}, one for each column, got {len(found)}: {', '.join(found)}", "joint names"
+        )
+    return found
+
+
+def path_states(path: Any, space: Any) -> FloatArray:
+    """Return the configurations (N, n) of OMPL's `PathGeometric`."""
+    count = path.getStateCount()
+    if not count:
+        raise InputError("has no states", "PathGeometric")
+    if space is None:
+        raise InputError("does not know its state space: give space, or the SimpleSetup", "PathGeometric")
+    bridge = StateBridge(space)
+    return np.array([bridge.read(path.getState(i)) for i in range(count)])
+
+
+def columns(names: tuple[str, ...] | None, n: int, robot: Robot) -> list[int]:
+    """Return which of n columns each joint of a robot has: by name, or in its own order."""
+    if names is None:
+        if n != robot.n:
+            raise InputError(
+                f"must have {robot.n} columns, for {', '.join(robot.joint_names)}, got {n}", "motion"
+            )
+        return list(range(n))
+    missing = [name for name in robot.joint_names if name not in names]
+    surplus = [name for name in names if name not in robot.joint_names]
+    if missing or surplus:
+        said = [f"lacks the joints {', '.join(missing)}"] * bool(missing)
+        said += [f"has joints that the robot has not: {', '.join(surplus)}"] * bool(surplus)
+        raise InputError("; ".join(said), "motion")
+    return [names.index(name) for name in robot.joint_names]
+
+
+def sampled(
+    times: ArrayLike, positions: ArrayLike, max_velocity: float | ArrayLike
+) -> tuple[Pieces, FloatArray]:
+    """Return the lines through samples (N, n), and how far (N − 1, n) joints no faster than a velocity may be away."""
+    pieces, held = straight(times, positions, "positions"), np.asarray(positions, dtype=np.float64)
+    n = held.shape[1]
+    v = finite_array(
+        np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity, (n,), "largest velocity"
+    )
+    if (v <= 0).any():
+        raise InputError(f"must be positive, got {v.min():g}", "largest velocity")
+    at = pieces[0]
+    spans = np.diff(at)[:, None]
+    means = np.abs(np.diff(held, axis=0)) / spans
+    if (means > v * (1 + 1e-9)).any():
+        sample, joint = np.unravel_index((means / v).argmax(), means.shape)
+        raise InputError(
+            f"column {joint} moves at {means[sample, joint]:.4g} after {at[sample]:.6g} s, faster than the "
+            f"largest velocity {v[joint]:.4g}",
+            "samples",
+        )
+    v = np.maximum(v, means)
+    slack: FloatArray = (v - means) * (v + means) * spans / (2 * v) + 8 * polynomials.EPS * v * spans
+    return pieces, slack
