@@ -95,19 +95,6 @@ def render_path(
     return draw(drawn, renderer, shown, ghosts)
 
 
-def choose_camera(
-    robot: Robot,
-    scene: Scene,
-    paths: Mapping[str, FloatArray],
-    *,
-    size: tuple[int, int] = (900, 700),
-    azimuth: float | None = None,
-    elevation: float | None = None,
-) -> Camera:
-    """Return the camera that shows all paths, (N, n) each, best in a picture of `size` [px], as `best_view`."""
-    return best_view(DrawnScene(robot, scene, list(paths.values())), size, azimuth, elevation)
-
-
 def moments(count: int, closest: float | None) -> FloatArray:
     """Return `count` fractions of a path, evenly spaced but for the one that gives way to `closest`."""
     even = np.linspace(0.0, 1.0, count + 2)[1:-1]
