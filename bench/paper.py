@@ -34,7 +34,7 @@ from _paper.sweep import sweep
 from ompl import util as ou
 
 from safe_ompl.apps.benchmark.log import save_database, write_log
-from safe_ompl.apps.cli.options import count, names
+from safe_ompl.apps.cli.arguments import count, names
 from safe_ompl.apps.cli.output import error_console, progress_bar
 from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.planning.result import PlanResult

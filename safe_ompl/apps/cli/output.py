@@ -40,7 +40,7 @@ EXTRAS = {
 _WIDTH = 120  # of tables that go to a file or pipe
 
 
-def output_console() -> Console:
+def console() -> Console:
     """Return where tables go: standard output; what its encoding lacks becomes a question mark."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
