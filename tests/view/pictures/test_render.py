@@ -326,19 +326,8 @@ def test_the_planned_path_is_a_thinner_line_than_the_simplified_one(planar):
 
 def test_a_ghost_tints_the_picture(planar):
     scene = Scene()
-    plain, ghostly = (
-        render_path(planar, scene, PATH, size=SMALL, ghosts=count, danger_points=True) for count in (0, 2)
-    )
+    plain, ghostly = (render_path(planar, scene, PATH, size=SMALL, ghosts=count) for count in (0, 2))
     assert 0.01 < (np.abs(plain.astype(int) - ghostly).max(axis=2) > 10).mean() < 0.4
-
-
-def test_danger_points_are_red(planar, scene):
-    drawn, plain = (
-        render_path(planar, scene, PATH, size=(240, 180), ghosts=0, danger_points=shown)
-        for shown in (True, False)
-    )
-    redder = drawn[..., 0].astype(int) - drawn[..., 1] > plain[..., 0].astype(int) - plain[..., 1] + 30
-    assert redder.any()
 
 
 def test_the_same_picture_comes_out_twice(planar, scene):
