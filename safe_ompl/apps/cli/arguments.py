@@ -52,13 +52,15 @@ def option(
 ) -> None:
     """Add an option to a parser or a group of it; `form` is how its help shows it, such as `-o, --out FILE`.
 
-    An option without a value is a switch; a form that begins with no dash is a positional argument. The help says the
-    default, unless `words` do. `more` are further arguments of `add_argument`.
+    An option without a value is a switch, one whose default is an empty list may be repeated; a form that begins with
+    no dash is a positional argument. The help says the default, unless `words` do. `more` are further arguments of
+    `add_argument`.
     """
     *others, last = form.split(", ")
     name, _, metavar = last.partition(" ")
     if metavar:
         more |= {"metavar": metavar, "type": read, "default": default}
+        more |= {"action": "append"} if default == [] else {}
     else:
         more["action"] = "store_true"
     told = "default" in words or isinstance(default, bool)
@@ -83,14 +85,7 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
     """Add planner, parameters, time limit, seed and simplification."""
     option(parser, "--planner NAME", "", default="SafeRRTConnect")
-    option(
-        parser,
-        "--param KEY=VALUE",
-        "parameter of the planner, such as alpha=2 (repeatable)",
-        parameter,
-        [],
-        action="append",
-    )
+    option(parser, "--param KEY=VALUE", "parameter of the planner: alpha=2 (repeatable)", parameter, [])
     add_run_options(parser, usual_time)
 
 
@@ -134,14 +129,7 @@ def add_urdf_options(parser: argparse._ActionsContainer) -> None:
     option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
     add_package_dirs(parser)
     option(parser, "--tip FRAME", "frame at the end of the arm")
-    option(
-        parser,
-        "--lock JOINT=VALUE",
-        "hold a joint still [rad or m] (repeatable)",
-        joint_value,
-        [],
-        action="append",
-    )
+    option(parser, "--lock JOINT=VALUE", "hold a joint still [rad or m] (repeatable)", joint_value, [])
     option(parser, "--group NAME", "group of the SRDF whose joints move; the others are held")
     option(parser, "--locked-state NAME", "state of the SRDF in which joints are held (default: zero)")
     add_collision_option(parser)
@@ -159,14 +147,7 @@ def add_collision_option(parser: argparse._ActionsContainer) -> None:
 
 def add_package_dirs(parser: argparse._ActionsContainer) -> None:
     """Add folders of packages that URDFs name; every command that loads a robot or a saved file has the option."""
-    option(
-        parser,
-        "--package-dir DIR",
-        "folder that holds packages which a URDF names (repeatable)",
-        _folder,
-        [],
-        action="append",
-    )
+    option(parser, "--package-dir DIR", "holds packages that a URDF names (repeatable)", _folder, [])
 
 
 def _folder(text: str) -> Path:
@@ -222,12 +203,7 @@ def add_limit_options(parser: argparse.ArgumentParser) -> None:
     """Add the limits that every path must keep."""
     group = parser.add_argument_group("limits, proven along whole motions")
     option(group, "--max-danger X", "largest danger of any configuration", limit)
-    option(
-        group,
-        "--min-clearance D",
-        "keep D metres from people and from all obstacles with a danger weight",
-        limit,
-    )
+    option(group, "--min-clearance D", "keep D metres from people and all that has a danger weight", limit)
     option(
         group,
         "--keep-upright DEG",

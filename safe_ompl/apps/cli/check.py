@@ -64,7 +64,7 @@ def add_commands(commands: Any) -> None:
     option(
         parser,
         "--limits",
-        "check velocities and accelerations, and jerks if limited: the scenario's, or the URDF's",
+        "check rates: the scenario's limits of velocity, acceleration and jerk, or the URDF's",
     )
     option(
         parser,
@@ -82,7 +82,7 @@ def add_commands(commands: Any) -> None:
     option(
         parser,
         "--widest-tube",
-        "also find the widest tube that is proven: all joints alike, or in proportion to --tube",
+        "also find the widest proven tube: of equal widths, or in proportion to --tube",
     )
     option(
         parser,
@@ -117,13 +117,7 @@ def add_commands(commands: Any) -> None:
         option(parser, f"--{what}-topic NAME", f"topic of the {what} positions in a recording")
     option(parser, "--commanded FILE", "or two motions, as `check` reads them: this one, and")
     option(parser, "--measured FILE", "this one; they are interpolated at each other's times")
-    option(
-        parser,
-        "--factor F",
-        "what the tube is wider by than the largest error, >= 1",
-        arguments.limit,
-        FACTOR,
-    )
+    option(parser, "--factor F", "tube over largest error, >= 1", arguments.limit, FACTOR)
     option(parser, "--degrees", "joints that turn are in degrees; needs the robot")
     option(parser, "--scenario SCENARIO", "with this robot: whole turns are no error")
     arguments.add_robot_options(parser, instead_of="the scenario's")
@@ -141,9 +135,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         check_view_options(options)
     message = False
     if options.repair is not None:
-        if Path(options.repair).suffix.lower() not in WRITABLE:
-            raise InputError(f"{options.repair!r} must end in {', '.join(WRITABLE)}", "--repair")
-        output.check_writable(options.repair, "--repair")
+        output.check_writable(options.repair, "--repair", *WRITABLE)
         message = Path(options.file).suffix.lower() == ".json" and "format" not in read_json(options.file)
     output.check_distinct(options, "json", "certificate", "repair", "plot", "html", "animation")
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)

@@ -33,12 +33,7 @@ def add_commands(commands: Any) -> None:
         "the table, the report and the picture of the paths say what they were before.",
     )
     arguments.add_scenario(parser)
-    option(
-        parser,
-        "--planners A,B,...",
-        "default: OMPL's RRTConnect and all planners of this package",
-        arguments.names,
-    )
+    option(parser, "--planners A,B,...", "default: OMPL's RRTConnect and all of ours", arguments.names)
     option(parser, "--runs N", "runs of each planner", arguments.count, _RUNS)
     arguments.add_run_options(parser, usual_time="the scenario's", simplify=True)
     parser.add_argument(
@@ -49,11 +44,7 @@ def add_commands(commands: Any) -> None:
     )
     option(parser, "--processes N", "runs at the same time; times are cleanest with one", arguments.count, 1)
     option(parser, "--out DIR", "folder for report and pictures (default: compare-SCENARIO)", Path)
-    option(
-        parser,
-        "--timed",
-        "also compare the durations of the paths, within the limits and beside the people of the scenario",
-    )
+    option(parser, "--timed", "also compare durations, within the scenario's limits and beside its people")
     arguments.add_package_dirs(parser)
 
 

@@ -35,13 +35,7 @@ def add_commands(commands: Any) -> None:
     )
     option(parser, "file FILE", "the problems")
     option(parser, "--families A,B,...", "default: all", arguments.names)
-    option(
-        parser,
-        "--problems 0:50",
-        "which of each family, counted from 0; default: all",
-        arguments.positions,
-        slice(None),
-    )
+    option(parser, "--problems 0:50", "which of each family; default: all", arguments.positions, slice(None))
     arguments.add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
     option(parser, "--json FILE", "default: standard output", default=output.STANDARD_OUTPUT)
     arguments.add_robot_options(parser, instead_of="the file's")

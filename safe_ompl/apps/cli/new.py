@@ -82,11 +82,9 @@ def _prepare_srdf(options: argparse.Namespace) -> Callable[[], int]:
 
 def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
     """Read the robot, choose its arm, and return the job."""
-    if Path(options.output).suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(f"{options.output!r} must end in .yaml", "--output")
     if Path(options.output).exists():
         raise InputError(f"{options.output!r} is there already: give another file", "--output")
-    output.check_writable(options.output, "--output")
+    output.check_writable(options.output, "--output", ".yaml", ".yml")
     document.file("URDF", options.urdf, (".urdf", ".xml", ".xacro"))
     spec, robot = with_arm(arguments.given_robot(options, lambda: RobotSpec(urdf=Path(options.urdf))))
     return New(spec, robot, Path(options.output))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from rich.table import Table
@@ -13,7 +12,6 @@ from rich.text import Text
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.common import InputError
 from safe_ompl.people import CalibratedReach, Calibration, Recording, calibrate, list_clips
 
 
@@ -35,13 +33,7 @@ def add_commands(commands: Any) -> None:
     option(parser, "recordings RECORDINGS", "files of recordings (.npz); all clips are used", nargs="+")
     option(parser, "--level SHARE", "share of the units that keep to it", arguments.share, required=True)
     option(parser, "-o, --out FILE", "the reach file (.yaml)", required=True)
-    option(
-        parser,
-        "--gate V",
-        "key points that are faster are glitches and not seen [m/s]",
-        arguments.limit,
-        Calibration.gate,
-    )
+    option(parser, "--gate V", "faster key points are glitches [m/s]", arguments.limit, Calibration.gate)
     option(
         parser,
         "--horizons S",
@@ -53,7 +45,7 @@ def add_commands(commands: Any) -> None:
     option(
         parser,
         "--fit SHARE",
-        "share of the recordings that the shapes come from",
+        "share of the recordings that give the shapes",
         arguments.share,
         Calibration.fit,
     )
@@ -63,9 +55,7 @@ def add_commands(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the recordings, and return the job."""
-    if Path(options.out).suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(f"{options.out!r} must end in .yaml or .yml", "--out")
-    output.check_writable(options.out, "--out")
+    output.check_writable(options.out, "--out", ".yaml", ".yml")
     keys = ("level", "gate", "fit", "seed", "block")
     how = Calibration(horizons=tuple(options.horizons), **{key: getattr(options, key) for key in keys})
     recordings = [Recording.load(file, clip) for file in options.recordings for clip in list_clips(file)]

@@ -28,23 +28,14 @@ def add_commands(commands: Any) -> None:
     parser = arguments.add_parser(commands, "plan", prepare, "plan one path and report on it")
     arguments.add_scenario(parser)
     arguments.add_planner_options(parser, usual_time="the scenario's")
-    option(
-        parser,
-        "--optimise SECONDS",
-        "plan, simplify, restart and refine for this time, and return the best path",
-        arguments.seconds,
-    )
+    option(parser, "--optimise SECONDS", "the best path that this time allows, refined", arguments.seconds)
     parser.add_argument(
         "--cost",
         choices=COSTS,
         default="danger",
         help="what --simplify and --optimise reduce: danger and length, or the duration beside people",
     )
-    option(
-        parser,
-        "--json FILE",
-        "write the result as JSON, for `safe-ompl view`; - is standard output, without the table",
-    )
+    option(parser, "--json FILE", "write the result as JSON, for `safe-ompl view`; -: print it, and no table")
     option(parser, "--plot FILE", "draw the path, its danger and its clearance (.png)")
     option(parser, "--certificate FILE", "write the path with its proof, for `safe-ompl verify` (.json)")
     add_timed_options(parser)

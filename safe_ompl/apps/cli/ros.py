@@ -57,10 +57,7 @@ def add_commands(commands: Any) -> None:
     )
     arguments.add_scenario(parser)
     option(
-        parser,
-        "--people NAME[,…]",
-        f"people that are tracked, or {_NOBODY}; default: those of the scenario",
-        arguments.names,
+        parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names
     )
     option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
     add_reach(parser)
@@ -79,14 +76,8 @@ def add_commands(commands: Any) -> None:
         "--robot-description TOPIC",
         "take the URDF from this topic, such as /robot_description, and all else of the robot from the scenario",
     )
-    option(
-        parser,
-        "--shield",
-        "follow what is proposed on the topic `proposal`, as far as it is proven, instead of goals",
-    )
-    option(
-        parser, "--follow ACTION", "send whole trajectories to this control_msgs/FollowJointTrajectory, too"
-    )
+    option(parser, "--shield", "follow what comes on the topic `proposal`, as far as it is proven; no goals")
+    option(parser, "--follow ACTION", "also send trajectories to this control_msgs/FollowJointTrajectory")
     add_mcap(parser)
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)

@@ -36,12 +36,7 @@ def add_commands(commands: Any) -> None:
         "Without one robot and scene are the file's own, which the answer says. The exit status is 0 if it holds.",
     )
     option(parser, "file FILE", "the certificate")
-    option(
-        parser,
-        "scenario SCENARIO",
-        "what it must be about; default: the robot and the scene that the file carries",
-        nargs="?",
-    )
+    option(parser, "scenario SCENARIO", "what it must be about; default: what the file carries", nargs="?")
     arguments.add_robot_options(
         parser, instead_of="the scenario's (without a scenario: where the carried one's files are)"
     )

@@ -61,9 +61,7 @@ def add_commands(commands: Any) -> None:
 def add_view_options(parser: argparse._ActionsContainer) -> None:
     """Add the files that a view is written to, and how it is served."""
     option(parser, "--html FILE", "write one file that opens offline, with a play bar (.html)")
-    option(
-        parser, "--slice Z", "with --html: a slice of the danger field at this height [m]", arguments.finite
-    )
+    option(parser, "--slice Z", "with --html: a slice of the field at this height [m]", arguments.finite)
     option(parser, "--animation FILE", "write the motions side by side as one moving picture (.webp or .gif)")
     option(parser, "--port N", "port; the next free one if it is taken", arguments.port, 8080)
     option(parser, "--no-browser", "do not open the browser, only say the address")
@@ -112,12 +110,9 @@ def check_view_options(options: argparse.Namespace) -> None:
 
 def check_page(file: str | None) -> None:
     """Raise InputError if a page is to be written to a file and cannot be."""
-    if file is None:
-        return
-    output.need_extra("viewer")
-    if Path(file).suffix.lower() != ".html":
-        raise InputError(f"{file!r} must end in .html", "--html")
-    output.check_writable(file, "--html")
+    if file is not None:
+        output.need_extra("viewer")
+        output.check_writable(file, "--html", ".html")
 
 
 def show(content: ViewerContent, options: argparse.Namespace) -> int:

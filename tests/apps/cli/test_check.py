@@ -412,7 +412,7 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--repair", "out.txt"), "--repair: 'out.txt' must end in .json, .csv, .yaml, .yml"),
+        (("--repair", "out.txt"), "--repair: 'out.txt' must end in .json or .csv or .yaml or .yml"),
         (("--repair", "no/out.csv"), "--repair: cannot write 'no/out.csv' (No such file or directory)"),
         (
             ("--repair", "a.json", "--json", "a.json"),
