@@ -97,10 +97,10 @@ def pose(position: ArrayLike, quaternion_xyzw: ArrayLike = (0.0, 0.0, 0.0, 1.0))
     return {"position": vector(position), "orientation": {"x": x, "y": y, "z": z, "w": w}}
 
 
-def colour(values: Sequence[float], alpha: float = 1.0) -> Message:
-    """Return red, green and blue in [0, 1] as `std_msgs/ColorRGBA`."""
+def colour(values: Sequence[float]) -> Message:
+    """Return red, green and blue in [0, 1] as an opaque `std_msgs/ColorRGBA`."""
     red, green, blue = (float(value) for value in values)
-    return {"r": red, "g": green, "b": blue, "a": alpha}
+    return {"r": red, "g": green, "b": blue, "a": 1.0}
 
 
 # ---------------------------------------------------------------------------------------------------- messages

@@ -97,11 +97,11 @@ def received_text(node: Any, topic: str, seconds: float) -> str:
     return str(messages.decoded(TEXT, found[0]).data)
 
 
-def _quality(*, reliable: bool = True, latched: bool = False, depth: int = 1) -> Any:
-    """Return a QoS profile: keep the last messages; latched: late subscribers get them, too."""
+def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
+    """Return a QoS profile: keep the last message; latched: late subscribers get them, too."""
     qos = import_module("rclpy.qos")
     return qos.QoSProfile(
-        depth=depth,
+        depth=1,
         reliability=qos.ReliabilityPolicy.RELIABLE if reliable else qos.ReliabilityPolicy.BEST_EFFORT,
         durability=qos.DurabilityPolicy.TRANSIENT_LOCAL if latched else qos.DurabilityPolicy.VOLATILE,
     )

@@ -243,7 +243,6 @@ def render_comparison(
     file: str | Path,
     *,
     panel: tuple[int, int] | None = None,
-    camera: Camera | None = None,
     ghosts: int = GHOSTS,
 ) -> None:
     """Draw the paths of several planners, one panel each, and save the picture as a PNG file; see `render_path`.
@@ -268,7 +267,7 @@ def render_comparison(
     shown = {name: path if isinstance(path, DrawnPath) else DrawnPath(path) for name, path in paths.items()}
     size = panel or {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(len(paths), (620, 520))
     drawn = DrawnScene(robot, scene, [path.path for path in shown.values()])
-    renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
+    renderer = Renderer(drawn.floor, best_view(drawn, size), size)
     images = [
         draw(drawn, renderer, replace(path, accent=path.accent or styles[name].colour), ghosts)
         for name, path in shown.items()

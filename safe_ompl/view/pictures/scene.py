@@ -135,13 +135,13 @@ class DrawnScene:
         return [ColouredSurface(Surface.from_triangles(vertices + place, faces), _PEDESTAL)]
 
 
-def resampled(robot: Robot, path: FloatArray, count: int = _PATH_SAMPLES) -> FloatArray:
-    """Return `count` configurations (count, n) at equal steps along `path: (N, n)`, or raise InputError."""
+def resampled(robot: Robot, path: FloatArray) -> FloatArray:
+    """Return configurations (S, n) at equal steps along `path: (N, n)`, or raise InputError."""
     path = finite_array(path, (None, robot.n), "path")
     if not len(path):
         raise InputError("path must have at least one configuration, got none")
     curve = Curve(robot, path)
-    return curve.at(np.linspace(0.0, curve.length, count))
+    return curve.at(np.linspace(0.0, curve.length, _PATH_SAMPLES))
 
 
 def _lowest(thing: ColouredSurface) -> float:

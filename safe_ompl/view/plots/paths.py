@@ -148,7 +148,6 @@ def plot_motion(
     *,
     danger: MotionDanger | None = None,
     title: str | None = None,
-    dpi: int = DPI,
 ) -> Any:
     """Draw a trajectory.
 
@@ -167,7 +166,7 @@ def plot_motion(
     """
     jerk = trajectory.limits.jerk
     rows = 3 + (jerk is not None) + (danger is not None)
-    with Page(file, 7.5, 0.6 + 2.2 * rows + 0.8, dpi) as page:
+    with Page(file, 7.5, 0.6 + 2.2 * rows + 0.8) as page:
         upper, *lower = page.figure.subplots(rows, 1, height_ratios=[1.5] + [1.0] * (rows - 1))
         page.set_title(f"{trajectory.duration:.2f} s" if title is None else title)
         times = np.linspace(0.0, trajectory.duration, _SAMPLES)

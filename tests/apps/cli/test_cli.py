@@ -97,14 +97,8 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def run(folder, capfd):
-    """Return a function that runs the command line and returns status, standard output and standard error."""
-
-    def call(*arguments):
-        capfd.readouterr()
-        status = main([str(argument) for argument in arguments])
-        return (status, *capfd.readouterr())
-
+def run(folder, call):
+    """Return a function that runs the command line in the folder, see `call`."""
     return call
 
 
