@@ -24,7 +24,7 @@ from ompl import base as ob
 from ompl import util as ou
 
 from safe_ompl import Robot, SafeSetup
-from safe_ompl.apps.cli.options import names
+from safe_ompl.apps.cli.arguments import names
 from safe_ompl.planning.from_scenario import setup_problem, setup_scenario
 from safe_ompl.scene.mbm import MbmFile
 from safe_ompl.scene.scenario import Scenario, find_scenario, list_scenarios

@@ -29,7 +29,7 @@ from ompl import util as ou
 
 from safe_ompl import SafeSetup
 from safe_ompl.apps.benchmark import checksum
-from safe_ompl.apps.cli.options import names
+from safe_ompl.apps.cli.arguments import names
 from safe_ompl.collision.motion import MotionProver
 
 PAIRS = {

@@ -13,6 +13,7 @@ from pathlib import Path
 from time import sleep
 
 import numpy as np
+from _paper.planar import plot_bubbles, plot_field
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
@@ -42,9 +43,9 @@ from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.scene.scenario import find_scenario
 from safe_ompl.view.browser.view import save_page
 from safe_ompl.view.content import ViewerContent, read_recording
-from safe_ompl.view.pictures.path import DrawnPath, choose_camera, render_comparison, render_path, save_png
+from safe_ompl.view.pictures.path import DrawnPath, render_comparison, render_path, save_png
+from safe_ompl.view.pictures.scene import DrawnScene, best_view
 from safe_ompl.view.plots.paths import plot_speeds
-from safe_ompl.view.plots.planar import plot_bubbles, plot_field
 from safe_ompl.view.plots.planners import plot_profiles
 
 ROOT = Path(__file__).parents[1]
@@ -177,8 +178,8 @@ def draw_moments(ticks: str) -> None:
     scenes = [Scene((*still, *movers.people_at(motion.times[k]))) for k in shown]
     panel = (420, 400)
     everyone = Scene((*still, *movers.people_at(motion.times[shown[2]])))
-    camera = choose_camera(
-        content.robot, everyone, {"live": motion.configurations[shown]}, size=panel, azimuth=2.5
+    camera = best_view(
+        DrawnScene(content.robot, everyone, [motion.configurations[shown]]), panel, azimuth=2.5
     )
     images = [
         render_path(content.robot, scene, motion.configurations[[k, k]], size=panel, ghosts=0, camera=camera)

@@ -23,6 +23,7 @@ from pathlib import Path
 from _paper.effort import Hardness
 from _paper.evidence import Evidence
 from _paper.figures import draw_ideas, draw_study
+from _paper.logs import write_log
 from _paper.random_scenes import SCENES, RandomStudy, random_scenarios, scene_campaigns
 from _paper.report import write_report
 from _paper.runs import TIME, campaigns, do_runs, open_store, study_folder, study_scenario
@@ -33,8 +34,8 @@ from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs
 from _paper.sweep import sweep
 from ompl import util as ou
 
-from safe_ompl.apps.benchmark.log import save_database, write_log
-from safe_ompl.apps.cli.options import count, names
+from safe_ompl.apps.benchmark.log import save_database
+from safe_ompl.apps.cli.arguments import count, names
 from safe_ompl.apps.cli.output import error_console, progress_bar
 from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.planning.result import PlanResult

@@ -35,7 +35,7 @@ from _timing import print_table
 from _worth_problems import NAMED, WorthProblem, WorthSetups, problems
 from ompl import util as ou
 
-from safe_ompl.apps.cli.options import names
+from safe_ompl.apps.cli.arguments import names
 from safe_ompl.common import compilation as compiled
 from safe_ompl.trajectories.local_changes import duration_of
 from safe_ompl.trajectories.timing import CELLS

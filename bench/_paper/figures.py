@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from _paper.evidence import Evidence
+from _paper.planar import plot_bubbles, plot_cspace_path, plot_field
 from safe_ompl.apps.cli.compare import draw_comparison
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.view.pictures.path import render_path, save_png
-from safe_ompl.view.plots.planar import plot_bubbles, plot_cspace_path, plot_field
+from safe_ompl.view import DrawnPath, render_path, save_png
 from safe_ompl.view.style import planner_styles
 
 _IN_CSPACE = ("ClassicRRTConnect", "SafeRRTConnect")
@@ -66,8 +66,7 @@ def _draw_cspace(setup: SafeSetup, file: Path) -> None:
     right = render_path(
         setup.robot,
         setup.scene,
-        paths[safe],
+        DrawnPath(paths[safe], accent=planner_styles([safe])[safe].colour),
         size=(len(left), len(left)),
-        accent=planner_styles([safe])[safe].colour,
     )
     save_png(np.hstack([left, right]), file)

@@ -111,10 +111,7 @@ class JointPath:
 def read_table(file: str | Path) -> tuple[tuple[str, ...], FloatArray]:
     """Return the first line of a CSV file (m names), and the numbers below it (N, m).
 
-    Raises
-    ------
-    InputError
-        If it cannot be read; names the line.
+    Raises InputError if it cannot be read; names the line.
     """
     try:
         with Path(file).open(newline="", encoding="utf-8-sig") as stream:  # as spreadsheets write it

@@ -87,11 +87,6 @@ def check_form(content: Any) -> None:
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise InputError(f"this is not a {FORMAT}")
     version = content.get("version")
-    if version == 1 and not isinstance(version, bool):
-        raise InputError(
-            "version 1 of the format does not say what it claims nothing of, and carries no scene: "
-            "write it anew with `safe-ompl plan --certificate`"
-        )
     if version != VERSION or isinstance(version, (bool, float)):
         raise InputError(f"version {shown(version)} of the format is not known, {VERSION} is")
 

@@ -243,11 +243,6 @@ def test_links_without_collision_geometry_are_named(written, ur5, clutter, monke
         verify(signed(content), ur5, clutter)
 
 
-def test_the_first_version_is_refused_in_a_clear_line(written):
-    with pytest.raises(InputError, match=r"version 1 of the format .* write it anew with `safe-ompl plan"):
-        verify({**written, "version": 1})
-
-
 # ---------------------------------------------------------------------------------------------- hostile documents
 
 

@@ -6,7 +6,7 @@ import io
 import platform
 import re
 import socket
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -19,9 +19,8 @@ from typing import Any, TextIO
 import numpy as np
 from ompl import tools as ot
 
-from safe_ompl.apps.benchmark.measures import Value, run_measures
+from safe_ompl.apps.benchmark.measures import Value
 from safe_ompl.common import InputError
-from safe_ompl.planning import PlanResult
 
 # In the order of ob.PlannerStatus, in its words; its own logs call the last three "Unknown status".
 STATUSES = (
@@ -100,40 +99,6 @@ class Experiment:
         line("1 enum type")
         line("|".join(("status", *STATUSES)))
         line(f"{len(self.planners)} planners")
-
-
-def write_log(
-    results: Iterable[PlanResult],
-    file: str | PathLike[str],
-    *,
-    settings: Mapping[str, Mapping[str, Value]] | None = None,
-    **about: Any,
-) -> None:
-    """Write the results of runs of any planners, in any order, as a benchmark log.
-
-    Parameters
-    ----------
-    settings : mapping of str to mapping, optional
-        Parameters of the planners, by the planner's name.
-    **about
-        Attributes of the `Experiment`, such as its name and `time_limit` [s].
-    """
-    by_planner: dict[str, PlannerRuns] = {}
-    seeds = []
-    for result in results:
-        own = (settings or {}).get(result.planner, {})
-        planner = by_planner.setdefault(result.planner, PlannerRuns(result.planner, own))
-        planner.runs.append(run_measures(result))
-        seeds.append(result.seed)
-    planners = list(by_planner.values())
-    Experiment(
-        about.pop("name", "safe_ompl"),
-        planners,
-        run_count=max((len(planner.runs) for planner in planners), default=0),
-        seed=min(seeds, default=0),
-        duration=sum(float(run["time"] or 0) for planner in planners for run in planner.runs),
-        **about,
-    ).save(file)
 
 
 def save_database(logs: Sequence[str | PathLike[str]], database: str | PathLike[str]) -> None:

@@ -36,10 +36,7 @@ def rounds(
 ) -> list[Run]:
     """Return the runs of a comparison but those `done`, in their order: the planners take turns, once with each seed.
 
-    Raises
-    ------
-    InputError
-        No planner, one named twice, or a number of runs below 1.
+    Raises InputError for no planner, one named twice, or a number of runs below 1.
     """
     if not planners:
         raise InputError("at least one planner is needed")
@@ -67,12 +64,8 @@ def do_tasks(
     """Do tasks, and yield each with its outcome as they come.
 
     One process is this one, more are forked; or a `client`, a cluster of dask.distributed or the address of its
-    scheduler, does the tasks, with a pickled copy of the job for each worker.
-
-    Raises
-    ------
-    InputError
-        A number of processes below 1.
+    scheduler, does the tasks, with a pickled copy of the job for each worker. Raises InputError for a number of
+    processes below 1.
     """
     processes = whole_number("processes", processes, at_least=1)
     if client is not None:

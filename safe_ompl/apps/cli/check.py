@@ -13,30 +13,8 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from safe_ompl.apps.cli.options import (
-    add_limit_options,
-    add_parser,
-    add_robot_options,
-    by_joint,
-    given_robot,
-    is_bag,
-    limit,
-    load_scenario,
-    scenario_robot,
-    with_limits,
-)
-from safe_ompl.apps.cli.output import (
-    STANDARD_OUTPUT,
-    check_distinct,
-    check_drawable,
-    check_writable,
-    error_console,
-    need_extra,
-    opened,
-    output_console,
-    plain_table,
-    write_json,
-)
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.view import add_view_options, check_view_options, show
 from safe_ompl.certificates import motion_certificate
 from safe_ompl.common import FloatArray, InputError
@@ -63,7 +41,7 @@ _SHOWN = ("view", "html", "animation")
 
 def add_commands(commands: Any) -> None:
     """Add `check` and `tube` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "check",
         prepare,
@@ -74,60 +52,53 @@ def add_commands(commands: Any) -> None:
         "(.npz), trajectory_msgs/JointTrajectory and moveit_msgs/RobotTrajectory (.json, .yaml), and files of ours. "
         "The exit status is 0 if it is proven, or with --repair if what is written is.",
     )
-    parser.add_argument("file", metavar="FILE", help="the motion")
-    parser.add_argument(
-        "--scenario",
-        required=True,
-        metavar="SCENARIO",
-        help="its robot, scene and limits: a name or YAML file",
+    option(parser, "file FILE", "the motion")
+    option(parser, "--scenario SCENARIO", "its robot, scene and limits: a name or YAML file", required=True)
+    option(parser, "--degrees", "joints of FILE that turn are in degrees")
+    option(
+        parser,
+        "--max-velocity V|JOINT=V[,…]",
+        "FILE holds bare samples, and no joint is faster between them [rad/s or m/s]",
+        arguments.by_joint,
     )
-    parser.add_argument("--degrees", action="store_true", help="joints of FILE that turn are in degrees")
-    parser.add_argument(
-        "--max-velocity",
-        type=by_joint,
-        metavar="V|JOINT=V[,…]",
-        help="FILE holds bare samples, and no joint is faster between them [rad/s or m/s]",
-    )
-    parser.add_argument(
+    option(
+        parser,
         "--limits",
-        action="store_true",
-        help="check velocities and accelerations, and jerks if limited: the scenario's, or the URDF's",
+        "check rates: the scenario's limits of velocity, acceleration and jerk, or the URDF's",
     )
-    parser.add_argument(
+    option(
+        parser,
         "--no-people",
-        action="store_true",
-        help="leave out the scenario's people: what is proven is said of still obstacles. With people, velocities and "
+        "leave out the scenario's people: what is proven is said of still obstacles. With people, velocities and "
         "accelerations are checked in any case: stops keep to them",
     )
-    parser.add_argument(
-        "--tube",
-        type=by_joint,
-        metavar="W|JOINT=W[,…]",
-        help="prove it of every motion whose joints are so near to this one [rad or m]; default: limits.tube of the "
+    option(
+        parser,
+        "--tube W|JOINT=W[,…]",
+        "prove it of every motion whose joints are so near to this one [rad or m]; default: limits.tube of the "
         "scenario; see `safe-ompl tube`",
+        arguments.by_joint,
     )
-    parser.add_argument(
+    option(
+        parser,
         "--widest-tube",
-        action="store_true",
-        help="also find the widest tube that is proven: all joints alike, or in proportion to --tube",
+        "also find the widest proven tube: of equal widths, or in proportion to --tube",
     )
-    parser.add_argument(
-        "--repair",
-        metavar="OUT",
-        help="write the motion, proven, with as little changed as that needs: "
+    option(
+        parser,
+        "--repair OUT",
+        "write the motion, proven, with as little changed as that needs: "
         "our own form (.json; a message if FILE is one), a table (.csv), or a JointTrajectory (.yaml)",
     )
-    parser.add_argument(
-        "--certificate", metavar="FILE", help="write it with its claims, for `safe-ompl verify` (.json)"
-    )
-    parser.add_argument("--json", metavar="FILE", help="write what was found as JSON; - is standard output")
-    parser.add_argument("--plot", metavar="FILE", help="draw joints, limits and distances (.png)")
+    option(parser, "--certificate FILE", "write it with its claims, for `safe-ompl verify` (.json)")
+    option(parser, "--json FILE", "write what was found as JSON; - is standard output")
+    option(parser, "--plot FILE", "draw joints, limits and distances (.png)")
     group = parser.add_argument_group("in three dimensions")
-    group.add_argument("--view", action="store_true", help="show it in the browser")
+    option(group, "--view", "show it in the browser")
     add_view_options(group)
-    add_limit_options(parser)
-    add_robot_options(parser, instead_of="the scenario's")
-    parser = add_parser(
+    arguments.add_limit_options(parser)
+    arguments.add_robot_options(parser, instead_of="the scenario's")
+    parser = arguments.add_parser(
         commands,
         "tube",
         prepare_tube,
@@ -135,35 +106,21 @@ def add_commands(commands: Any) -> None:
         "Measure the tube that `check --tube` takes, from logs of commanded and measured positions at equal times: the "
         "largest error of each joint, and a bound of how much larger it is between samples, times a factor.",
     )
-    parser.add_argument(
-        "logs",
-        metavar="LOG",
-        nargs="*",
-        help="tables (.csv) or arrays (.npz) with time, <joint>_commanded and <joint>_measured; recordings of ROS 2 "
+    option(
+        parser,
+        "logs LOG",
+        "tables (.csv) or arrays (.npz) with time, <joint>_commanded and <joint>_measured; recordings of ROS 2 "
         "(.mcap, or a bag) with a controller's state, or with a JointTrajectory and a JointState",
+        nargs="*",
     )
     for what in ("commanded", "measured"):
-        parser.add_argument(
-            f"--{what}-topic", metavar="NAME", help=f"topic of the {what} positions in a recording"
-        )
-    parser.add_argument(
-        "--commanded", metavar="FILE", help="or two motions, as `check` reads them: this one, and"
-    )
-    parser.add_argument(
-        "--measured", metavar="FILE", help="this one; they are interpolated at each other's times"
-    )
-    parser.add_argument(
-        "--factor",
-        type=limit,
-        default=FACTOR,
-        metavar="F",
-        help="what the tube is wider by than the largest error, >= 1 (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--degrees", action="store_true", help="joints that turn are in degrees; needs the robot"
-    )
-    parser.add_argument("--scenario", metavar="SCENARIO", help="with this robot: whole turns are no error")
-    add_robot_options(parser, instead_of="the scenario's")
+        option(parser, f"--{what}-topic NAME", f"topic of the {what} positions in a recording")
+    option(parser, "--commanded FILE", "or two motions, as `check` reads them: this one, and")
+    option(parser, "--measured FILE", "this one; they are interpolated at each other's times")
+    option(parser, "--factor F", "tube over largest error, >= 1", arguments.limit, FACTOR)
+    option(parser, "--degrees", "joints that turn are in degrees; needs the robot")
+    option(parser, "--scenario SCENARIO", "with this robot: whole turns are no error")
+    arguments.add_robot_options(parser, instead_of="the scenario's")
 
 
 # ------------------------------------------------------------------------------------------------------- check
@@ -171,20 +128,18 @@ def add_commands(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the motion and the scenario, and return the job."""
-    check_writable(options.json, "--json")
-    check_writable(options.certificate, "--certificate")
-    check_drawable(options.plot, "--plot")
+    output.check_writable(options.json, "--json")
+    output.check_writable(options.certificate, "--certificate")
+    output.check_drawable(options.plot, "--plot")
     if any(getattr(options, key) for key in _SHOWN):
         check_view_options(options)
     message = False
     if options.repair is not None:
-        if Path(options.repair).suffix.lower() not in WRITABLE:
-            raise InputError(f"{options.repair!r} must end in {', '.join(WRITABLE)}", "--repair")
-        check_writable(options.repair, "--repair")
+        output.check_writable(options.repair, "--repair", *WRITABLE)
         message = Path(options.file).suffix.lower() == ".json" and "format" not in read_json(options.file)
-    check_distinct(options, "json", "certificate", "repair", "plot", "html", "animation")
-    scenario = with_limits(load_scenario(options.scenario), options)
-    _, robot = scenario_robot(options, scenario)
+    output.check_distinct(options, "json", "certificate", "repair", "plot", "html", "animation")
+    scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)
+    _, robot = arguments.scenario_robot(options, scenario)
     given = scenario.limits.tube if options.tube is None else options.tube
     source = f"{scenario.file}: limits.tube" if options.tube is None else "--tube"
     tube = () if given is None else tube_of(given, robot, source)
@@ -277,23 +232,25 @@ def _check(
         repair = setup.repair(motion, limits, people, time=scenario.time)
         said = {key: value for key, value in vars(repair).items() if key not in ("motion", "check")}
         record["repair"] = {"proven": bool(repair), **said}
-    if options.json != STANDARD_OUTPUT:
+    if options.json != output.STANDARD_OUTPUT:
         title = f"{options.file} · {scenario.name} · {robot.name}"
-        output_console().print(check_table(title, found, widest, without))
+        output.console().print(check_table(title, found, widest, without))
     written = found
     if repair is not None:
         written = repair.check
         if repair:
             written = _write(repair, options, setup, limits, message)
-        error_console().print(_described(repair, written, options.repair))
+        output.error_console().print(_described(repair, written, options.repair))
     if options.json:
-        write_json(options.json, record)
+        output.write_json(options.json, record)
     if options.certificate and not written:
-        error_console().print(f"safe-ompl: it is not proven: nothing is written to {options.certificate}")
+        output.error_console().print(
+            f"safe-ompl: it is not proven: nothing is written to {options.certificate}"
+        )
     elif options.certificate:
         name = document.file_name(scenario.file.resolve(), Path(options.certificate).parent)  # type: ignore[union-attr]
         spacing = scenario.danger.get("spacing")
-        write_json(
+        output.write_json(
             options.certificate, motion_certificate(written, spacing=spacing, source={"scenario": name})
         )
     if options.plot:
@@ -317,7 +274,7 @@ def _write(
             read = _sampled(read.for_robot(setup.robot), options, setup.robot)
     found = repair.check if read is repair.motion else setup.check(read, limits, repair.check.people)
     if found:
-        with opened(options.repair) as stream:
+        with output.opened(options.repair) as stream:
             stream.write(text)
     return found
 
@@ -352,13 +309,15 @@ def check_table(title: str, found: MotionCheck, widest: FloatArray | None, witho
     facts += [("people", without)] * bool(without)
     if found:
         facts.insert(0, ("proven", ", ".join(found.claims)))
-        table = plain_table("", "", title=title)
+        table = output.plain_table("", "", title=title)
         table.show_header = False
         for key, fact in facts:
             table.add_row(Text(key, "dim"), Text(fact))
         return table
     unit = "\ns" if found.motion.timed else "\nway point"
-    table = plain_table("not proven", f"from–to{unit}", f"worst{unit}", "what", "value", "limit", title=title)
+    table = output.plain_table(
+        "not proven", f"from–to{unit}", f"worst{unit}", "what", "value", "limit", title=title
+    )
     for k in (1, 2):
         table.columns[k].no_wrap = True
     for violation in found.violations:
@@ -396,9 +355,9 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
         raise InputError("are for recordings: give one", "--commanded-topic and --measured-topic")
     robot = None
     if options.scenario is not None:
-        _, robot = scenario_robot(options, load_scenario(options.scenario))
+        _, robot = arguments.scenario_robot(options, arguments.load_scenario(options.scenario))
     elif options.robot is not None or options.urdf is not None:
-        robot = given_robot(options, lambda: None).build()  # type: ignore[arg-type,return-value]
+        robot = arguments.given_robot(options, lambda: None).build()  # type: ignore[arg-type,return-value]
     if options.degrees and robot is None:
         raise InputError("needs the robot, which knows the joints that turn: give --scenario", "--degrees")
     found: dict[str, MeasuredTube] = {}
@@ -422,8 +381,8 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
 def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
     """Return the commanded and the measured motion of a log, whatever its form."""
     topics = options.commanded_topic, options.measured_topic
-    if is_bag(log):
-        need_extra("mcap", log)
+    if arguments.is_bag(log):
+        output.need_extra("mcap", log)
         from safe_ompl.apps.exchange import read_joint_log  # needs the extra
 
         return read_joint_log(log, *topics)
@@ -435,7 +394,7 @@ def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
 def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
     """Print the widest tube of some logs, by joint, and how it is given to `check` and in a scenario."""
     samples = sum(tube.samples for tube in found.values())
-    table = plain_table(
+    table = output.plain_table(
         "joint", "largest error", "between samples", "at\ns", "tube", title=f"{samples} samples"
     )
     if len(found) > 1:
@@ -455,11 +414,11 @@ def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
         ]
         table.add_row(*row, *([log] if len(found) > 1 else []))
     table.caption = Text(f"tube: {factor:g} × (largest error + what may be between samples) [rad or m]")
-    output_console().print(table)
+    output.console().print(table)
     by_name = ",".join(f"{name}={width:g}" for name, width in widths.items())
     entry = ", ".join(f"{name}: {width:g}" for name, width in widths.items())
     for line in (f"--tube {by_name}", f"limits: {{tube: {{{entry}}}}}"):
-        output_console().print(line, markup=False, soft_wrap=True)
+        output.console().print(line, markup=False, soft_wrap=True)
     return 0
 
 

@@ -11,25 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl.apps.benchmark import Campaign, Summary, default_planners, summarize
-from safe_ompl.apps.cli.options import (
-    add_package_dirs,
-    add_parser,
-    add_run_options,
-    add_scenario,
-    count,
-    load_scenario,
-    names,
-)
-from safe_ompl.apps.cli.output import (
-    comparison_table,
-    durations_table,
-    error_console,
-    make_folder,
-    missing_extra,
-    output_console,
-    progress_bar,
-    write_json,
-)
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.trajectories import CELLS, duration_of
@@ -40,7 +23,7 @@ _RUNS = 10
 
 def add_commands(commands: Any) -> None:
     """Add `compare` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "compare",
         prepare,
@@ -49,44 +32,25 @@ def add_commands(commands: Any) -> None:
         "and pictures of danger, times, and the robot along each planner's typical path. Paths are simplified; "
         "the table, the report and the picture of the paths say what they were before.",
     )
-    add_scenario(parser)
-    parser.add_argument(
-        "--planners",
-        type=names,
-        metavar="A,B,...",
-        help="default: OMPL's RRTConnect and all planners of this package",
-    )
-    parser.add_argument(
-        "--runs", type=count, default=_RUNS, metavar="N", help="runs of each planner (default: %(default)s)"
-    )
-    add_run_options(parser, usual_time="the scenario's", simplify=True)
+    arguments.add_scenario(parser)
+    option(parser, "--planners A,B,...", "default: OMPL's RRTConnect and all of ours", arguments.names)
+    option(parser, "--runs N", "runs of each planner", arguments.count, _RUNS)
+    arguments.add_run_options(parser, usual_time="the scenario's", simplify=True)
     parser.add_argument(
         "--no-simplify",
         dest="simplify",
         action="store_false",
         help="compare the paths as they are planned, without simplification",
     )
-    parser.add_argument(
-        "--processes",
-        type=count,
-        default=1,
-        metavar="N",
-        help="runs at the same time; times are cleanest with one (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for report and pictures (default: compare-SCENARIO)"
-    )
-    parser.add_argument(
-        "--timed",
-        action="store_true",
-        help="also compare the durations of the paths, within the limits and beside the people of the scenario",
-    )
-    add_package_dirs(parser)
+    option(parser, "--processes N", "runs at the same time; times are cleanest with one", arguments.count, 1)
+    option(parser, "--out DIR", "folder for report and pictures (default: compare-SCENARIO)", Path)
+    option(parser, "--timed", "also compare durations, within the scenario's limits and beside its people")
+    arguments.add_package_dirs(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = load_scenario(options.scenario, options.package_dir)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir)
     planners = options.planners or default_planners(scenario)
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)
@@ -94,14 +58,14 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if options.timed:
         setup.timer  # noqa: B018  # raises now if limits are missing
     folder = options.out or Path(f"compare-{scenario.name}")
-    make_folder(folder, "--out")
+    output.make_folder(folder, "--out")
     return partial(_compare, campaign, setup, options.processes, folder, options.timed)
 
 
 def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path, timed: bool) -> int:
     """Run the campaign, show the table, write the report, draw the pictures."""
     name, robot = campaign.scenario.name, setup.robot
-    with progress_bar(error_console()) as progress:
+    with output.progress_bar(output.error_console()) as progress:
         runs = campaign.results(setup, processes)
         results = list(progress.track(runs, total=len(campaign), description=f"planning {name}"))
     summaries, planned = summarize(results), _as_planned(results, setup)
@@ -120,11 +84,11 @@ def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path,
     ]
     for run, duration in zip(report["runs"], durations, strict=False):
         run["duration"] = duration if duration is not None and math.isfinite(duration) else None
-    write_json(str(folder / "report.json"), report)
-    output_console().print(comparison_table(campaign, robot.name, summaries, planned))
+    output.write_json(str(folder / "report.json"), report)
+    output.console().print(output.comparison_table(campaign, robot.name, summaries, planned))
     if timed:
-        output_console().print(durations_table([result.planner for result in results], durations))
-    console, advice = error_console(), missing_extra("plots")
+        output.console().print(output.durations_table([result.planner for result in results], durations))
+    console, advice = output.error_console(), output.missing_extra("plots")
     if advice:
         console.print(f"safe-ompl: no pictures: {advice}")
     else:

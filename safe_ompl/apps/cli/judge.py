@@ -16,16 +16,8 @@ from rich.markup import escape as escape_markup
 from rich.table import Table
 
 from safe_ompl.apps.benchmark import JUDGED, VERSION, Entry, PlainGeometry, ProblemSet
-from safe_ompl.apps.cli.options import add_parser
-from safe_ompl.apps.cli.output import (
-    error_console,
-    make_folder,
-    missing_extra,
-    output_console,
-    plain_table,
-    progress_bar,
-    write_json,
-)
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.common import InputError
 from safe_ompl.io import read_json
 from safe_ompl.view import render_contact
@@ -36,7 +28,7 @@ _PAGE = "index.html"
 
 def add_commands(commands: Any) -> None:
     """Add `judge` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "judge",
         prepare,
@@ -46,22 +38,20 @@ def add_commands(commands: Any) -> None:
         "and a picture of the worst place for each entry that was ever judged into it, and a page of all of them that "
         "needs no server. The exit status is 0 if every answer is solved without contact.",
     )
-    parser.add_argument("entries", nargs="+", metavar="ENTRY", help="entries (JSON), or folders of them")
-    parser.add_argument(
-        "--problems",
+    option(parser, "entries ENTRY", "entries (JSON), or folders of them", nargs="+")
+    option(
+        parser,
+        "--problems FILE",
+        "files of the problems: MotionBenchMaker's (JSON form), or drives beside recorded people",
         nargs="+",
         required=True,
-        metavar="FILE",
-        help="files of the problems: MotionBenchMaker's (JSON form), or drives beside recorded people",
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path("judged"), metavar="DIR", help="default: %(default)s"
-    )
+    option(parser, "--out DIR", "", Path, Path("judged"))
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read problems and entries, and return the job."""
-    make_folder(options.out, "--out")
+    output.make_folder(options.out, "--out")
     sets: dict[str, ProblemSet] = {}
     for file in options.problems:
         if Path(file).stem in sets:
@@ -85,15 +75,15 @@ def _files(path: Path) -> list[Path]:
 
 def _judge(entries: Mapping[str, Entry], folder: Path) -> int:
     """Judge entries, show a table of them, and write results, pictures and page."""
-    console, advice, results = error_console(), missing_extra("plots"), []
-    with progress_bar(console) as progress:
+    console, advice, results = output.error_console(), output.missing_extra("plots"), []
+    with output.progress_bar(console) as progress:
         for name, entry in progress.track(entries.items(), description="judging"):
             results.append(judge_into(entry, name, folder, drawn=not advice))
     for table in judged_tables(results):
-        output_console().print(table)
+        output.console().print(table)
     for result in results:
         if result["failed"]:
-            output_console().print(f"{result['system']}: {result['failed']}", markup=False)
+            output.console().print(f"{result['system']}: {result['failed']}", markup=False)
     if advice:
         console.print(f"safe-ompl: no pictures: {advice}")
     console.print(f"results and the page of all entries: {write_page(folder)}")
@@ -114,7 +104,7 @@ def judge_into(entry: Entry, name: str, folder: Path, *, drawn: bool = True) -> 
         result["worst"] = {"problem": row["problem"], "seed": row["seed"], **row["worst"]}
         if drawn:
             picture.write_bytes(_drawn(answer.problem, row["worst"]))
-    write_json(str(folder / f"{name}{_ENDING}"), result)
+    output.write_json(str(folder / f"{name}{_ENDING}"), result)
     return result
 
 
@@ -160,7 +150,7 @@ def judged_tables(results: Sequence[Mapping[str, Any]]) -> list[Table]:
     tables = []
     for name, rows in _by_set(results).items():
         columns = _columns(rows)
-        table = plain_table("system", title=name, gap=1)
+        table = output.plain_table("system", title=name, gap=1)
         table.caption = "Medians over what is solved; touching: paths that touch something, at 0.0002 rad."
         for column in columns:
             table.add_column(column.replace(" ", "\n"), justify="right", vertical="bottom")

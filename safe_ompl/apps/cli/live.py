@@ -14,30 +14,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.apps.cli.options import (
-    add_package_dirs,
-    add_parser,
-    add_run_options,
-    add_scenario,
-    count,
-    finite,
-    is_bag,
-    limit,
-    load_scenario,
-    noise,
-    run_options,
-    seconds,
-    share,
-)
-from safe_ompl.apps.cli.output import (
-    check_writable,
-    error_console,
-    make_folder,
-    need_extra,
-    output_console,
-    progress_bar,
-    write_json,
-)
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.view import check_page
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
@@ -70,7 +48,7 @@ _PLANNER = "SafeRRTConnect"
 
 def add_commands(commands: Any) -> None:
     """Add `live` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "live",
         prepare,
@@ -79,90 +57,46 @@ def add_commands(commands: Any) -> None:
         "beside people and things that move at random. Every motion is proven at every tick, including its stop. A "
         "monitor looks for contacts.",
     )
-    add_scenario(parser)
-    parser.add_argument(
-        "--people",
-        metavar="FILE|random[:N]",
-        help="a file of recorded key points (.npz; .mcap or a bag of ROS 2), or the number of people who walk at "
+    arguments.add_scenario(parser)
+    option(
+        parser,
+        "--people FILE|random[:N]",
+        "a file of recorded key points (.npz; .mcap or a bag of ROS 2), or the number of people who walk at "
         "random",
     )
-    parser.add_argument(
-        "--clip",
-        metavar="NAME",
-        help=f"name of the recording in the file; default: {CLIP}, or the only person of a bag",
-    )
-    parser.add_argument("--topic", metavar="NAME", help="topic of the people in a bag; default: the only one")
-    parser.add_argument(
-        "--skeleton",
-        metavar="NAME",
-        help="skeleton of key points in a bag that have no names, such as coco17",
-    )
-    parser.add_argument(
-        "--place",
-        type=_place,
-        metavar="X,Y,Z,YAW",
-        help="where the origin of the recording, or the first person who walks, is in the world [m, rad]; default: "
+    option(parser, "--clip NAME", f"recording in the file; default: {CLIP}, or the only person of a bag")
+    option(parser, "--topic NAME", "topic of the people in a bag; default: the only one")
+    option(parser, "--skeleton NAME", "skeleton of key points in a bag that have no names, such as coco17")
+    option(
+        parser,
+        "--place X,Y,Z,YAW",
+        "where the origin of the recording, or the first person who walks, is in the world [m, rad]; default: "
         "where the first person of the scenario stands",
+        _place,
     )
     add_reach(parser)
-    parser.add_argument(
-        "--movers",
-        type=count,
-        default=0,
-        metavar="N",
-        help="number of balls of 0.1 m that fly around the robot",
-    )
-    parser.add_argument(
-        "--mover-speed",
-        type=limit,
-        default=0.5,
-        metavar="V",
-        help="largest speed of these balls [m/s]; default: %(default)g",
-    )
-    parser.add_argument(
-        "--seconds", type=seconds, default=60.0, metavar="S", help="simulated time; default: %(default)g"
-    )
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder for ticks.jsonl and summary.json")
-    parser.add_argument(
-        "--html",
-        metavar="FILE",
-        help="also write a page that plays the simulation in any browser, offline (.html)",
-    )
+    option(parser, "--movers N", "number of balls of 0.1 m that fly around the robot", arguments.count, 0)
+    option(parser, "--mover-speed V", "largest speed of these balls [m/s]", arguments.limit, 0.5)
+    option(parser, "--seconds S", "simulated time", arguments.seconds, 60.0)
+    option(parser, "--out DIR", "folder for ticks.jsonl and summary.json", required=True)
+    option(parser, "--html FILE", "also write a page that plays the simulation offline (.html)")
     add_mcap(parser)
-    parser.add_argument(
-        "--tick", type=seconds, default=0.05, metavar="S", help="time between commands; default: %(default)g"
-    )
-    add_run_options(parser, usual_time="the scenario's")
-    add_package_dirs(parser)
+    option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
+    arguments.add_run_options(parser, usual_time="the scenario's")
+    arguments.add_package_dirs(parser)
     group = parser.add_argument_group("faults")
-    group.add_argument(
-        "--noise",
-        type=noise,
-        default=0.0,
-        metavar="M",
-        help="largest error of key points, which the tracker knows [m]",
-    )
-    group.add_argument(
-        "--drops", type=share, default=0.0, metavar="SHARE", help="share of the frames that are lost"
-    )
-    group.add_argument(
-        "--late", type=share, default=0.0, metavar="SHARE", help="share of the ticks without an answer"
-    )
-    group.add_argument(
-        "--faster",
-        type=limit,
-        default=1.0,
-        metavar="FACTOR",
-        help="factor of the speeds that are recorded, or that the robot relies on",
-    )
+    option(group, "--noise M", "largest error of key points, known to the tracker [m]", arguments.noise, 0.0)
+    option(group, "--drops SHARE", "share of the frames that are lost", arguments.share, 0.0)
+    option(group, "--late SHARE", "share of the ticks without an answer", arguments.share, 0.0)
+    option(group, "--faster FACTOR", "of speeds that are recorded, or relied on", arguments.limit, 1.0)
 
 
 def add_reach(parser: argparse.ArgumentParser) -> None:
     """Add how far people go."""
-    parser.add_argument(
-        "--reach",
-        metavar="FILE",
-        help="how far people go, see `safe-ompl people calibrate` (YAML); default: the reach of the scenario's people, "
+    option(
+        parser,
+        "--reach FILE",
+        "how far people go, see `safe-ompl people calibrate` (YAML); default: the reach of the scenario's people, "
         "or their speeds",
     )
 
@@ -175,22 +109,19 @@ def reach_of(people: People | None, options: argparse.Namespace) -> CalibratedRe
 
 def add_mcap(parser: argparse.ArgumentParser) -> None:
     """Add the log that Foxglove opens."""
-    parser.add_argument("--mcap", metavar="FILE", help="also write a log that Foxglove opens (.mcap)")
+    option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)")
 
 
 def check_mcap(file: str | None) -> None:
     """Raise InputError if a log is to be written to a file and cannot be."""
-    if file is None:
-        return
-    need_extra("mcap", "--mcap")
-    if Path(file).suffix.lower() != ".mcap":
-        raise InputError(f"{file!r} must end in .mcap", "--mcap")
-    check_writable(file, "--mcap")
+    if file is not None:
+        output.need_extra("mcap", "--mcap")
+        output.check_writable(file, "--mcap", ".mcap")
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = load_scenario(options.scenario, options.package_dir)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir)
     latency = min(Faults.latency, options.tick)
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
@@ -200,7 +131,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         for mover in found.people.values():
             mover.tracker = replace(mover.tracker, gate=reach.gate)
     setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
-    make_folder(Path(options.out), "--out")
+    output.make_folder(Path(options.out), "--out")
     check_page(options.html)
     check_mcap(options.mcap)
     replanner = Replanner(
@@ -225,9 +156,9 @@ def _drive(
 ) -> int:
     """Plan, simulate, and write ticks and summary."""
     folder = Path(options.out)
-    result = setup.plan(_PLANNER, **run_options(options, scenario, _PLANNER))
+    result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
     if result.path is None:
-        error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
+        output.error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
         return 1
     ways = [
         timed_way(way, replanner.robot, replanner.prover, scenario)
@@ -242,22 +173,22 @@ def _drive(
             from safe_ompl.apps.exchange import McapLog  # needs the extra
 
             logs.append(stack.enter_context(closing(McapLog(options.mcap, header, replanner.robot, around))))
-        bar = stack.enter_context(progress_bar(error_console()))
+        bar = stack.enter_context(output.progress_bar(output.error_console()))
         ticks, number = simulation.ticks(options.seconds), round(options.seconds / options.tick)
         for tick in bar.track(ticks, total=number, description="live"):
             for log in logs:
                 log.write(tick)
     summary = simulation.summary
-    write_json(str(folder / "summary.json"), summary.as_dict())
-    output_console().print(describe(summary))
-    error_console().print(f"ticks and summary in {folder}")
+    output.write_json(str(folder / "summary.json"), summary.as_dict())
+    output.console().print(describe(summary))
+    output.error_console().print(f"ticks and summary in {folder}")
     if options.mcap is not None:
-        error_console().print(f"log in {options.mcap}")
+        output.error_console().print(f"log in {options.mcap}")
     if options.html is None:
-        error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
+        output.error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
     else:
         save_page(read_recording(folder / "ticks.jsonl", setup.robot), options.html)
-        error_console().print(f"view in {options.html}")
+        output.error_console().print(f"view in {options.html}")
     return 0
 
 
@@ -294,7 +225,7 @@ def describe(summary: Summary) -> str:
 def _place(text: str) -> Pose:
     parts = text.split(",")
     try:
-        x, y, z, yaw = (finite(part) for part in parts)
+        x, y, z, yaw = (arguments.finite(part) for part in parts)
     except (ValueError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(f"must be four finite numbers X,Y,Z,YAW, not {text!r}") from None
     return Pose((x, y, z), (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))
@@ -336,19 +267,16 @@ def choose_actors(scenario: Scenario, robot: Robot, people: People, options: arg
     """Return the people and objects that the options name, and those that may move by the scenario's limits."""
     found = Actors(scenario.scene)
     if options.people is None:
-        for option in ("clip", "place", "topic", "skeleton"):
-            if getattr(options, option) is not None:
-                raise InputError("there is nobody: give --people", f"--{option}")
+        arguments.refuse(options, ("clip", "place", "topic", "skeleton"), "there is nobody: give --people")
         if not options.movers:
             raise InputError("nobody and nothing moves: give a file of recordings or random", "--people")
-    elif (count := _random_count(options.people)) is None:
+    elif (number := _random_count(options.people)) is None:
         name, mover = _recorded(scenario, options)
         found.people[name] = mover
     else:
-        for option in ("clip", "topic", "skeleton"):
-            if getattr(options, option) is not None:
-                raise InputError(f"is for recordings, not for {options.people!r}", f"--{option}")
-        found.people.update(_walkers(scenario, robot, people, count, options))
+        why = f"is for recordings, not for {options.people!r}"
+        arguments.refuse(options, ("clip", "topic", "skeleton"), why)
+        found.people.update(_walkers(scenario, robot, people, number, options))
     if scenario.limits.moving is not None:
         for name, speed in scenario.limits.moving.speeds.items():
             if name not in scenario.scene.names:
@@ -395,7 +323,7 @@ def _free_name(word: str, taken: tuple[str, ...]) -> str:
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Playback]:
     """Return the person who plays the recording."""
-    if not is_bag(options.people) and not Path(options.people).is_file():
+    if not arguments.is_bag(options.people) and not Path(options.people).is_file():
         raise InputError(
             f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}",
             "--people",
@@ -415,14 +343,12 @@ def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Pla
 
 def _recording(options: argparse.Namespace) -> Recording:
     """Return the recording that the options name."""
-    if is_bag(options.people):
-        need_extra("mcap", "--people")
+    if arguments.is_bag(options.people):
+        output.need_extra("mcap", "--people")
         from safe_ompl.apps.exchange import PeopleSource, read_people  # needs the extra
 
         return read_people(options.people, PeopleSource(options.topic, options.clip, options.skeleton))
-    for option in ("topic", "skeleton"):
-        if getattr(options, option) is not None:
-            raise InputError(f"is for bags, not for {options.people!r}", f"--{option}")
+    arguments.refuse(options, ("topic", "skeleton"), f"is for bags, not for {options.people!r}")
     return Recording.load(options.people, options.clip or CLIP)
 
 

@@ -9,23 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from safe_ompl.apps.benchmark import failure
-from safe_ompl.apps.cli.options import (
-    add_parser,
-    add_planner_options,
-    add_robot_options,
-    given_parameters,
-    given_robot,
-    names,
-    positions,
-)
-from safe_ompl.apps.cli.output import (
-    STANDARD_OUTPUT,
-    check_writable,
-    error_console,
-    families_table,
-    opened,
-    progress_bar,
-)
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
 from safe_ompl.common import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.io import strict_json as json_line
@@ -40,7 +25,7 @@ USUAL_TIME = 5.0  # [s]
 
 def add_commands(commands: Any) -> None:
     """Add `mbm` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "mbm",
         prepare,
@@ -48,26 +33,20 @@ def add_commands(commands: Any) -> None:
         "Run the problems of a MotionBenchMaker file (JSON form), one JSON line per problem. "
         f"Every obstacle is dangerous, with weight 1; {WHERE_FROM}.",
     )
-    parser.add_argument("file", metavar="FILE", help="the problems")
-    parser.add_argument("--families", type=names, metavar="A,B,...", help="default: all")
-    parser.add_argument(
-        "--problems",
-        type=positions,
-        default=slice(None),
-        metavar="0:50",
-        help="which of each family, counted from 0; default: all",
-    )
-    add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
-    parser.add_argument("--json", default=STANDARD_OUTPUT, metavar="FILE", help="default: standard output")
-    add_robot_options(parser, instead_of="the file's")
+    option(parser, "file FILE", "the problems")
+    option(parser, "--families A,B,...", "default: all", arguments.names)
+    option(parser, "--problems 0:50", "which of each family; default: all", arguments.positions, slice(None))
+    arguments.add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
+    option(parser, "--json FILE", "default: standard output", default=output.STANDARD_OUTPUT)
+    arguments.add_robot_options(parser, instead_of="the file's")
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    check_writable(options.json, "--json")
+    output.check_writable(options.json, "--json")
     file = MbmFile.load(options.file)
     robot = _robot(file, options)
-    parameters = given_parameters(options)
+    parameters = arguments.given_parameters(options)
     empty = SafeSetup(robot, Scene(), danger=None)
     make_planner(options.planner, empty.getSpaceInformation(), parameters)
     return Mbm(file, robot, _chosen(file, options), parameters, options)
@@ -85,15 +64,18 @@ class Mbm:
 
     def __call__(self) -> int:
         """Solve the problems, write a line for each, and show a table by family."""
-        to_terminal = self.options.json == STANDARD_OUTPUT and sys.stdout.isatty()
-        console = error_console()
+        to_terminal = self.options.json == output.STANDARD_OUTPUT and sys.stdout.isatty()
+        console = output.error_console()
         results: dict[str, list[PlanResult]] = {}
-        with opened(self.options.json) as stream, progress_bar(console, hidden=to_terminal) as progress:
+        with (
+            output.opened(self.options.json) as stream,
+            output.progress_bar(console, hidden=to_terminal) as progress,
+        ):
             for family, k in progress.track(self.chosen, description=self.file.path.name):
                 line, result = self._solve(family, k)
                 print(json_line(line), file=stream, flush=True)
                 results.setdefault(family, []).append(result)
-        console.print(families_table(results))
+        console.print(output.families_table(results))
         return 0 if all(result for of_family in results.values() for result in of_family) else 1
 
     def _solve(self, family: str, k: int) -> tuple[dict[str, Any], PlanResult]:
@@ -128,7 +110,7 @@ def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
             raise InputError(words, f"{file.path}: robot")
         return RobotSpec(file.robot)
 
-    robot = given_robot(options, named).build()
+    robot = arguments.given_robot(options, named).build()
     if file.joint_names and set(file.joint_names) != set(robot.joint_names):
         raise InputError(
             f"the problems are for the joints {', '.join(file.joint_names)}, "

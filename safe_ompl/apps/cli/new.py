@@ -16,15 +16,8 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from safe_ompl.apps.cli.options import (
-    add_collision_option,
-    add_package_dirs,
-    add_parser,
-    add_urdf_options,
-    count,
-    given_robot,
-)
-from safe_ompl.apps.cli.output import STANDARD_OUTPUT, check_writable, error_console, opened
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError
 from safe_ompl.common import documents as document
@@ -53,7 +46,7 @@ _WAIST = 0.55  # share of their height that is below the middle of the robot's r
 
 def add_commands(commands: Any) -> None:
     """Add `new` and `srdf` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "new",
         _prepare_new,
@@ -62,12 +55,10 @@ def add_commands(commands: Any) -> None:
         "either side of the person, both free of collision. One arm moves: that of the first end effector or group of "
         "the SRDF, or else the one with the most joints; all other joints are held. Then edit the scenario.",
     )
-    parser.add_argument("urdf", metavar="URDF", help="the robot's URDF")
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", required=True, help="where the scenario goes (.yaml)"
-    )
-    add_urdf_options(parser)
-    parser = add_parser(
+    option(parser, "urdf URDF", "the robot's URDF")
+    option(parser, "-o, --output FILE", "where the scenario goes (.yaml)", required=True)
+    arguments.add_urdf_options(parser)
+    parser = arguments.add_parser(
         commands,
         "srdf",
         _prepare_srdf,
@@ -75,33 +66,27 @@ def add_commands(commands: Any) -> None:
         "Write an SRDF that disables the collisions of adjacent links and of links that touch in more "
         "than 95 % of sampled configurations. Links that merely were never seen in contact stay enabled.",
     )
-    parser.add_argument("urdf", metavar="URDF", help="the robot's URDF")
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", default=STANDARD_OUTPUT, help="default: standard output"
-    )
-    parser.add_argument(
-        "--samples", type=count, default=1000, metavar="N", help="configurations (default: %(default)s)"
-    )
-    add_package_dirs(parser)
-    add_collision_option(parser)
+    option(parser, "urdf URDF", "the robot's URDF")
+    option(parser, "-o, --output FILE", "default: standard output", default=output.STANDARD_OUTPUT)
+    option(parser, "--samples N", "configurations", arguments.count, 1000)
+    arguments.add_package_dirs(parser)
+    arguments.add_collision_option(parser)
 
 
 def _prepare_srdf(options: argparse.Namespace) -> Callable[[], int]:
     """Read the URDF, and return the job."""
     urdf = UrdfFile(options.urdf, options.package_dir)
-    check_writable(options.output, "--output")
+    output.check_writable(options.output, "--output")
     return partial(_write_srdf, urdf, options.output, options.samples, options.collision or "required")
 
 
 def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
     """Read the robot, choose its arm, and return the job."""
-    if Path(options.output).suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(f"{options.output!r} must end in .yaml", "--output")
     if Path(options.output).exists():
         raise InputError(f"{options.output!r} is there already: give another file", "--output")
-    check_writable(options.output, "--output")
+    output.check_writable(options.output, "--output", ".yaml", ".yml")
     document.file("URDF", options.urdf, (".urdf", ".xml", ".xacro"))
-    spec, robot = with_arm(given_robot(options, lambda: RobotSpec(urdf=Path(options.urdf))))
+    spec, robot = with_arm(arguments.given_robot(options, lambda: RobotSpec(urdf=Path(options.urdf))))
     return New(spec, robot, Path(options.output))
 
 
@@ -287,7 +272,7 @@ time: 10.0
 
 
 def _say(line: str) -> None:
-    error_console().print(line)
+    output.error_console().print(line)
 
 
 def _touching(checker: CollisionChecker, samples: FloatArray) -> list[str]:
@@ -302,9 +287,9 @@ def _by_joint(robot: Robot, q: FloatArray) -> str:
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=True, width=np.inf).strip()
 
 
-def _write_srdf(urdf: UrdfFile, output: str, samples: int, collision: str) -> int:
+def _write_srdf(urdf: UrdfFile, file: str, samples: int, collision: str) -> int:
     pairs = disabled_links(urdf, samples, collision)
-    with opened(output) as stream:
+    with output.opened(file) as stream:
         stream.write(srdf_text(urdf.build_model().name, pairs, samples))
     reasons = [pair.reason for pair in pairs]
     _say(

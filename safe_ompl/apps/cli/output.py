@@ -9,12 +9,11 @@ import math
 import os
 import statistics
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 from ompl import util as ou
 from rich import box
@@ -40,7 +39,7 @@ EXTRAS = {
 _WIDTH = 120  # of tables that go to a file or pipe
 
 
-def output_console() -> Console:
+def console() -> Console:
     """Return where tables go: standard output; what its encoding lacks becomes a question mark."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
@@ -133,11 +132,13 @@ def ompl_messages(verbose: bool) -> Iterator[None]:
 # -------------------------------------------------------------------------------------------------- files
 
 
-def check_writable(file: str | None, option: str) -> None:
-    """Raise InputError, naming `option`, if a file cannot be written; it is left as it was."""
-    if file is None or file == STANDARD_OUTPUT:
+def check_writable(file: str | None, option: str, *endings: str) -> None:
+    """Raise InputError, naming `option`, if a file has another ending or cannot be written; it is left as it was."""
+    if file is None or (file == STANDARD_OUTPUT and not endings):
         return
     path = Path(file)
+    if endings and path.suffix.lower() not in endings:
+        raise InputError(f"{file!r} must end in {' or '.join(endings)}", option)
     if path.exists() and not path.is_file() and not path.is_dir():
         return  # a pipe or a device: opening it would be more than a look
     is_new = not path.exists()
@@ -179,12 +180,9 @@ def need_extra(extra: str, key: str | None = None) -> None:
 
 def check_drawable(file: str | None, option: str, endings: Sequence[str] = (".png",)) -> None:
     """Raise InputError, naming `option`, if a picture cannot be drawn or written."""
-    if file is None:
-        return
-    if Path(file).suffix.lower() not in endings:
-        raise InputError(f"{file!r} must end in {' or '.join(endings)}", option)
-    need_extra("plots", option)
-    check_writable(file, option)
+    if file is not None:
+        check_writable(file, option, *endings)
+        need_extra("plots", option)
 
 
 def make_folder(folder: Path, option: str) -> None:
@@ -236,14 +234,22 @@ def plain_table(*columns: str, title: str | None = None, gap: int = 2) -> Table:
 # ---------------------------------------------------------------------------------------------- comparison
 
 
-@dataclass(frozen=True)
-class _Column:
-    """One quantity of a comparison: its heading, its value and how that is written, which ones are good."""
+class _Column(NamedTuple):
+    """One quantity of a comparison: its heading, which median it is, how that is written, which ones are good."""
 
     heading: str
-    value: Callable[[Summary], float]
-    written: Callable[[Summary], str]
+    metric: str  # Of `Summary.metrics`; empty: how many runs are solved
+    digits: int = 0
+    scale: float = 1.0
     more_is_better: bool = False
+
+    def value(self, summary: Summary) -> float:
+        return self.scale * summary.median(self.metric) if self.metric else summary.solved / summary.runs
+
+    def written(self, summary: Summary) -> str:
+        if self.metric:
+            return written_number(self.value(summary), self.digits)
+        return f"{summary.solved}/{summary.runs}"
 
     def cells(self, summaries: Sequence[Summary]) -> list[Text]:
         """Return a cell for each planner; those that look as good as the best are marked."""
@@ -254,30 +260,19 @@ class _Column:
         return [Text(text + _BEST, "bold green") if text == best else Text(f"{text} ") for text in written]
 
 
-def _median(
-    heading: str, metric: str, digits: int, scale: float = 1.0, more_is_better: bool = False
-) -> _Column:
-    def value(summary: Summary) -> float:
-        return scale * summary.median(metric)
-
-    return _Column(heading, value, lambda summary: written_number(value(summary), digits), more_is_better)
-
-
-_SOLVED = _Column(
-    "solved", lambda s: s.solved / s.runs, lambda s: f"{s.solved}/{s.runs}", more_is_better=True
-)
-_TIME_COLUMN = _median("time\nms", "planning_time", 0, 1e3)
-_SIMPLIFICATION = _median("simpl.\nms", "simplification_time", 0, 1e3)
+_SOLVED = _Column("solved", "", more_is_better=True)
+_TIME_COLUMN = _Column("time\nms", "planning_time", 0, 1e3)
+_SIMPLIFICATION = _Column("simpl.\nms", "simplification_time", 0, 1e3)
 _PATH = (
-    _median("path\nrad", "length", 2),
-    _median("danger\nmean", "danger_mean", 2),
-    _median("danger\nmax", "danger_max", 2),
-    _median("avoid-\nable", "danger_avoidable", 2),
-    _median("clear.\nmin\nmm", "clearance_min", 1, 1e3, more_is_better=True),
-    _median("clear.\nmean\nmm", "clearance_mean", 0, 1e3, more_is_better=True),
-    _median("near\nrad", "length_below_50mm", 2),
+    _Column("path\nrad", "length", 2),
+    _Column("danger\nmean", "danger_mean", 2),
+    _Column("danger\nmax", "danger_max", 2),
+    _Column("avoid-\nable", "danger_avoidable", 2),
+    _Column("clear.\nmin\nmm", "clearance_min", 1, 1e3, more_is_better=True),
+    _Column("clear.\nmean\nmm", "clearance_mean", 0, 1e3, more_is_better=True),
+    _Column("near\nrad", "length_below_50mm", 2),
 )
-_WORK = (_median("checks", "queries", 0), _median("field\nevals", "field_configurations", 0))
+_WORK = (_Column("checks", "queries"), _Column("field\nevals", "field_configurations"))
 
 
 def _chosen_columns(summaries: Sequence[Summary], more: Sequence[_Column] = ()) -> list[_Column]:

@@ -10,29 +10,8 @@ from time import perf_counter
 from typing import Any
 
 from safe_ompl.apps.benchmark import check_named_planner
-from safe_ompl.apps.cli.options import (
-    add_limit_options,
-    add_parser,
-    add_planner_options,
-    add_robot_options,
-    add_scenario,
-    limit,
-    load_scenario,
-    run_options,
-    scenario_robot,
-    seconds,
-    with_limits,
-)
-from safe_ompl.apps.cli.output import (
-    STANDARD_OUTPUT,
-    check_distinct,
-    check_drawable,
-    check_writable,
-    error_console,
-    output_console,
-    plan_table,
-    write_json,
-)
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError
 from safe_ompl.io import TimedMotion, marked, result_to_mapping
@@ -46,47 +25,36 @@ from safe_ompl.view import draw_plan, plots
 
 def add_commands(commands: Any) -> None:
     """Add `plan` to the commands."""
-    parser = add_parser(commands, "plan", prepare, "plan one path and report on it")
-    add_scenario(parser)
-    add_planner_options(parser, usual_time="the scenario's")
-    parser.add_argument(
-        "--optimise",
-        type=seconds,
-        metavar="SECONDS",
-        help="plan, simplify, restart and refine for this time, and return the best path",
-    )
+    parser = arguments.add_parser(commands, "plan", prepare, "plan one path and report on it")
+    arguments.add_scenario(parser)
+    arguments.add_planner_options(parser, usual_time="the scenario's")
+    option(parser, "--optimise SECONDS", "the best path that this time allows, refined", arguments.seconds)
     parser.add_argument(
         "--cost",
         choices=COSTS,
         default="danger",
         help="what --simplify and --optimise reduce: danger and length, or the duration beside people",
     )
-    parser.add_argument(
-        "--json",
-        metavar="FILE",
-        help="write the result as JSON, for `safe-ompl view`; - is standard output, without the table",
-    )
-    parser.add_argument("--plot", metavar="FILE", help="draw the path, its danger and its clearance (.png)")
-    parser.add_argument(
-        "--certificate", metavar="FILE", help="write the path with its proof, for `safe-ompl verify` (.json)"
-    )
+    option(parser, "--json FILE", "write the result as JSON, for `safe-ompl view`; -: print it, and no table")
+    option(parser, "--plot FILE", "draw the path, its danger and its clearance (.png)")
+    option(parser, "--certificate FILE", "write the path with its proof, for `safe-ompl verify` (.json)")
     add_timed_options(parser)
-    add_limit_options(parser)
-    add_robot_options(parser, instead_of="the scenario's")
+    arguments.add_limit_options(parser)
+    arguments.add_robot_options(parser, instead_of="the scenario's")
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     begin = perf_counter()
-    check_writable(options.json, "--json")
-    check_writable(options.certificate, "--certificate")
-    check_drawable(options.plot, "--plot")
-    check_distinct(options, "json", "certificate", "plot", "trajectory", "timed_plot")
-    scenario = with_limits(load_scenario(options.scenario), options)
-    _, robot = scenario_robot(options, scenario)
+    output.check_writable(options.json, "--json")
+    output.check_writable(options.certificate, "--certificate")
+    output.check_drawable(options.plot, "--plot")
+    output.check_distinct(options, "json", "certificate", "plot", "trajectory", "timed_plot")
+    scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)
+    _, robot = arguments.scenario_robot(options, scenario)
     setup = setup_scenario(scenario, robot)
     check_named_planner(scenario, options.planner, setup)
-    parameters = run_options(options, scenario, options.planner)["parameters"]
+    parameters = arguments.run_options(options, scenario, options.planner)["parameters"]
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
     limits = rate_limits(scenario, robot, options)
     return partial(_plan, scenario, setup, options, perf_counter() - begin, limits)
@@ -100,24 +68,26 @@ def _plan(
     limits: RateLimits | None,
 ) -> int:
     """Plan, and show and write the result as the options say; the time [s] is what it took to get ready."""
-    chosen = run_options(options, scenario, options.planner)
+    chosen = arguments.run_options(options, scenario, options.planner)
     result = setup.plan(options.planner, **chosen, optimise=options.optimise, cost=options.cost)
     result = replace(result, setup_time=setup_time + result.setup_time)
     if result.interrupted:
-        error_console().print("safe-ompl: interrupted: this is the best path so far")
+        output.error_console().print("safe-ompl: interrupted: this is the best path so far")
     if options.json:  # in the form of `safe_ompl.save`, with the name of the scenario
         names = {"scenario": scenario.name, "robot": setup.robot.name}
-        write_json(options.json, {**marked("result", names), **result_to_mapping(result)})
-    if options.json != STANDARD_OUTPUT:
-        output_console().print(plan_table(scenario.name, setup.robot.name, result))
+        output.write_json(options.json, {**marked("result", names), **result_to_mapping(result)})
+    if options.json != output.STANDARD_OUTPUT:
+        output.console().print(output.plan_table(scenario.name, setup.robot.name, result))
     trajectory = None
     if limits is not None and result.path is not None:
         trajectory = timed(result, scenario, limits)
     if options.certificate and result.path is None:
-        error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
+        output.error_console().print(
+            f"safe-ompl: there is no path: nothing is written to {options.certificate}"
+        )
     elif options.certificate:
         proof = certificate_of(result, setup, scenario, options.certificate, trajectory)
-        write_json(options.certificate, proof)
+        output.write_json(options.certificate, proof)
     if options.plot and result.path is not None:
         draw_plan(setup, result, options.plot)
     if trajectory is not None:
@@ -133,28 +103,26 @@ def record(scenario: str, robot: Robot, result: PlanResult) -> dict[str, Any]:
 def add_timed_options(parser: Any) -> None:
     """Add --timed, --rate and --trajectory."""
     group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
-    group.add_argument("--timed", action="store_true", help="time the path within the limits of the joints")
-    group.add_argument(
-        "--rate", type=limit, metavar="HZ", help=f"points per second of the trajectory; default: {RATE:g}"
-    )
-    group.add_argument(
-        "--trajectory",
-        metavar="FILE",
-        help="write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; "
+    option(group, "--timed", "time the path within the limits of the joints")
+    option(group, "--rate HZ", f"points per second of the trajectory; default: {RATE:g}", arguments.limit)
+    option(
+        group,
+        "--trajectory FILE",
+        "write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; "
         "implies --timed",
     )
-    group.add_argument(
-        "--timed-plot",
-        metavar="FILE",
-        help="draw its speed and the limits that bound it, its joints and their limits, and its danger (.png); implies "
+    option(
+        group,
+        "--timed-plot FILE",
+        "draw its speed and the limits that bound it, its joints and their limits, and its danger (.png); implies "
         "--timed",
     )
 
 
 def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
     """Check the options, and return the limits of the scenario; None if no trajectory is asked for."""
-    check_writable(options.trajectory, "--trajectory")
-    check_drawable(options.timed_plot, "--timed-plot")
+    output.check_writable(options.trajectory, "--trajectory")
+    output.check_drawable(options.timed_plot, "--timed-plot")
     if not (options.timed or options.trajectory or options.timed_plot):
         if options.rate is not None:
             raise InputError("is for a path in time: give --trajectory FILE, or --timed", "--rate")
@@ -180,10 +148,10 @@ def show_timed(
     danger = None
     if any(obstacle.weight > 0 for obstacle in scenario.scene):
         danger = trajectory.danger(result.danger_field().moving)
-    if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
-        output_console().print(describe_timing(trajectory))
+    if options.json != output.STANDARD_OUTPUT and options.trajectory != output.STANDARD_OUTPUT:
+        output.console().print(describe_timing(trajectory))
         if danger is not None:
-            output_console().print(
+            output.console().print(
                 f"danger in motion: mean {danger.mean:.3f}, peak {danger.peak:.3f}, proven to stay below "
                 f"{danger.proven_peak:.3f}"
             )
@@ -196,7 +164,7 @@ def show_timed(
         motion = TimedMotion.of(trajectory, *about, rate=rate, danger=result.danger, name=result.planner)
         # The form of a JointTrajectory, and what `safe-ompl view` needs.
         content = marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
-        write_json(options.trajectory, content)
+        output.write_json(options.trajectory, content)
 
 
 def describe_timing(trajectory: Trajectory) -> str:

@@ -18,9 +18,22 @@ import argcomplete
 from rich.markup import escape
 from rich.table import Table
 
-from safe_ompl.apps.cli import check, compare, judge, live, mbm, new, people, plan, ros, verify, view
-from safe_ompl.apps.cli.options import add_parser, load_scenario
-from safe_ompl.apps.cli.output import error_console, ompl_messages, output_console, plain_table, shown_log
+from safe_ompl.apps.cli import (
+    arguments,
+    check,
+    compare,
+    judge,
+    live,
+    mbm,
+    new,
+    output,
+    people,
+    plan,
+    ros,
+    verify,
+    view,
+)
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import frame_index
@@ -42,13 +55,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     That is 0 if solved, 1 if not, 2 on bad input, 130 if interrupted.
     """
-    console = error_console()
+    console = output.error_console()
     try:
         parser = command_line()
         argcomplete.autocomplete(parser)
         words = sys.argv[1:] if arguments is None else arguments
         options = parser.parse_args(words or ["--help"])
-        with ompl_messages(options.verbose), shown_log(console, options.verbose) as log:
+        with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log:
             job = options.prepare(options)
             log.show()
             return int(job())
@@ -85,7 +98,7 @@ def command_line() -> argparse.ArgumentParser:
         command.add_commands(commands)
     add_commands(commands)
     for own in commands.choices.values():
-        own.add_argument("-v", "--verbose", action="store_true", help="show what is being done")
+        option(own, "-v, --verbose", "show what is being done")
         own.epilog = _EPILOG
     return parser
 
@@ -103,9 +116,9 @@ _SHELLS = ("bash", "zsh", "fish")
 
 def add_commands(commands: Any) -> None:
     """Add `scenarios`, `robots`, `doctor` and `completion` to the commands."""
-    add_parser(commands, "scenarios", lambda _: _printed(scenarios_table), "list the scenarios")
-    add_parser(commands, "robots", lambda _: _printed(robots_table), "list the example robots")
-    add_parser(
+    arguments.add_parser(commands, "scenarios", lambda _: _printed(scenarios_table), "list the scenarios")
+    arguments.add_parser(commands, "robots", lambda _: _printed(robots_table), "list the example robots")
+    arguments.add_parser(
         commands,
         "doctor",
         lambda _: examine,
@@ -113,7 +126,7 @@ def add_commands(commands: Any) -> None:
         "Show which versions are installed, and which are missing or do not fit, and plan once. The exit status "
         "is 1 if something needed is missing or the plan fails.",
     )
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "completion",
         lambda options: partial(_complete, options.shell),
@@ -126,7 +139,7 @@ def add_commands(commands: Any) -> None:
 
 def _printed(table: Callable[[], Table]) -> Callable[[], int]:
     def job() -> int:
-        output_console().print(table())
+        output.console().print(table())
         return 0
 
     return job
@@ -139,7 +152,7 @@ def _complete(shell: str) -> int:
 
 def scenarios_table() -> Table:
     """Return the scenarios by name: robot, obstacles, and what happens in them."""
-    table = plain_table("scenario", "robot", "obstacles", "description")
+    table = output.plain_table("scenario", "robot", "obstacles", "description")
     for name, file in list_scenarios().items():
         try:
             scenario = Scenario.load(file)
@@ -154,7 +167,7 @@ def scenarios_table() -> Table:
 
 def robots_table() -> Table:
     """Return the example robots by name: how many joints move, the tip, what is locked, what has no collision shape."""
-    table = plain_table("robot", "joints", "tip", "locked", "not checked")
+    table = output.plain_table("robot", "joints", "tip", "locked", "not checked")
     for name, example in sorted(EXAMPLES.items()):
         locked = ", ".join(f"{joint} = {value:g}" for joint, value in example.locked.items())
         urdf = UrdfFile(robots_folder() / example.urdf)
@@ -216,7 +229,7 @@ def examine() -> int:
         words = requirement.bounds if requirement.fits else "; ".join(filter(None, [wanted, advice]))
         table.add_row(requirement.name, said, escape(words))
         healthy &= requirement.fits or bool(requirement.extra)
-    output_console().print(table)
+    output.console().print(table)
     return 0 if _plans() and healthy else 1
 
 
@@ -229,13 +242,13 @@ def requirements() -> Iterator[Requirement]:
 
 
 def _plans() -> bool:
-    scenario = load_scenario(_SCENARIO)
+    scenario = arguments.load_scenario(_SCENARIO)
     begin = perf_counter()
     setup = setup_scenario(scenario)
     built = perf_counter()
     result = setup.plan(_PLANNER, time=_TIME, seed=0)
     words = f"{len(result.path)} way points, proven" if result.path is not None else result.status
-    output_console().print(
+    output.console().print(
         f"{_PLANNER} in {_SCENARIO}: {words}; {1e3 * (built - begin):.0f} ms to set up, "
         f"{1e3 * result.planning_time:.1f} ms to plan"
     )

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.live import (
     add_mcap,
     add_reach,
@@ -23,19 +25,6 @@ from safe_ompl.apps.cli.live import (
     reach_of,
     timed_way,
 )
-from safe_ompl.apps.cli.options import (
-    add_package_dirs,
-    add_parser,
-    add_run_options,
-    add_scenario,
-    limit,
-    load_scenario,
-    names,
-    noise,
-    run_options,
-    seconds,
-)
-from safe_ompl.apps.cli.output import error_console, need_extra
 from safe_ompl.apps.cli.plan import describe_timing, timed
 from safe_ompl.apps.exchange import Answer, Cell, ControlOptions, Frames, LiveController, in_metres
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
@@ -57,7 +46,7 @@ _WAIT = 10.0  # [s] for the robot's description
 
 def add_commands(commands: Any) -> None:
     """Add `ros` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "ros",
         prepare,
@@ -66,53 +55,32 @@ def add_commands(commands: Any) -> None:
         "in pieces that end in a stop, with diagnostics and markers; and plan whole trajectories on request. "
         "Obstacles of limits.moving move.",
     )
-    add_scenario(parser)
-    parser.add_argument(
-        "--people",
-        type=names,
-        metavar="NAME[,…]",
-        help=f"people that are tracked, or {_NOBODY}; default: those of the scenario",
+    arguments.add_scenario(parser)
+    option(
+        parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names
     )
-    parser.add_argument(
-        "--skeleton",
-        metavar="NAME",
-        help="key points of people, such as coco17; default: those of the package",
-    )
+    option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
     add_reach(parser)
-    parser.add_argument(
-        "--noise", type=noise, default=0.0, metavar="M", help="largest error of key points [m]"
-    )
-    parser.add_argument(
-        "--tick", type=seconds, default=0.05, metavar="S", help="time between commands; default: %(default)g"
-    )
-    for option, usual, what in (
+    option(parser, "--noise M", "largest error of key points [m]", arguments.noise, 0.0)
+    option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
+    for name, usual, what in (
         ("latency", 0.05, "from a tick until its command holds, at most a tick [s]"),
         ("clock-error", 0.01, "by which clocks of sensors may differ from the node's [s]"),
         ("tolerance", 0.05, "how far a joint may be from where it should be [rad or m]"),
         ("lost-after", 0.5, "without a measurement for so long, somebody is lost [s]"),
         ("cloud-radius", 0.02, "of the ball about each point of a cloud [m]"),
     ):
-        parser.add_argument(
-            f"--{option}", type=limit, default=usual, metavar="X", help=f"{what}; default: %(default)g"
-        )
-    parser.add_argument(
-        "--robot-description",
-        metavar="TOPIC",
-        help="take the URDF from this topic, such as /robot_description, and all else of the robot from the scenario",
+        option(parser, f"--{name} X", what, arguments.limit, usual)
+    option(
+        parser,
+        "--robot-description TOPIC",
+        "take the URDF from this topic, such as /robot_description, and all else of the robot from the scenario",
     )
-    parser.add_argument(
-        "--shield",
-        action="store_true",
-        help="follow what is proposed on the topic `proposal`, as far as it is proven, instead of goals",
-    )
-    parser.add_argument(
-        "--follow",
-        metavar="ACTION",
-        help="send whole trajectories to this control_msgs/FollowJointTrajectory, too",
-    )
+    option(parser, "--shield", "follow what comes on the topic `proposal`, as far as it is proven; no goals")
+    option(parser, "--follow ACTION", "also send trajectories to this control_msgs/FollowJointTrajectory")
     add_mcap(parser)
-    add_run_options(parser, usual_time="the scenario's")
-    add_package_dirs(parser)
+    arguments.add_run_options(parser, usual_time="the scenario's")
+    arguments.add_package_dirs(parser)
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,
@@ -123,12 +91,12 @@ def add_commands(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    need_extra("ros")
-    need_extra("mcap")
+    output.need_extra("ros")
+    output.need_extra("mcap")
     check_mcap(options.mcap)
     if options.shield and options.follow is not None:
         raise InputError("excludes --shield, which commands the same robot", "--follow")
-    scenario = load_scenario(options.scenario, options.package_dir)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir)
     reach = reach_of(scenario.people, options)
     trackers = trackers_of(scenario, options, None if reach is None else reach.gate)
     control = ControlOptions(
@@ -191,7 +159,7 @@ def _run(
         frames = Frames(robot, scenario.frames)
         ros = RosNode(node, controller, NodeSetup(frames, around.without(*moving), log, follower))
         name = node.get_fully_qualified_name()
-        ros.run(lambda: error_console().print(f"{name}: ready; Ctrl-C ends it"))
+        ros.run(lambda: output.error_console().print(f"{name}: ready; Ctrl-C ends it"))
     return 0
 
 
@@ -230,7 +198,7 @@ def cell_of(
         return setup_scenario(replace(of, scene=scene, start=tuple(start.tolist()), goal=aim), robot)
 
     def planned(setup: SafeSetup) -> PlanResult:
-        result = setup.plan(_PLANNER, **run_options(options, scenario, _PLANNER))
+        result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
         if result.path is None:
             raise PlanningError(result.status)
         return result

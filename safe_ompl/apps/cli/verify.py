@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.apps.cli.options import add_parser, add_robot_options, load_scenario, scenario_robot
-from safe_ompl.apps.cli.output import error_console, output_console
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.certificates import Verified, certificate, terms_of, verify
 from safe_ompl.common import CertificateError, InputError
 from safe_ompl.common import documents as document
@@ -25,7 +25,7 @@ _OF_SCENARIOS = ("robot", "srdf", "tip", "lock", "group", "locked_state", "colli
 
 def add_commands(commands: Any) -> None:
     """Add `verify` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "verify",
         prepare,
@@ -35,14 +35,9 @@ def add_commands(commands: Any) -> None:
         "there: robot, scene, people, options of the danger and limits of the motion; what the file says must agree. "
         "Without one robot and scene are the file's own, which the answer says. The exit status is 0 if it holds.",
     )
-    parser.add_argument("file", metavar="FILE", help="the certificate")
-    parser.add_argument(
-        "scenario",
-        metavar="SCENARIO",
-        nargs="?",
-        help="what it must be about; default: the robot and the scene that the file carries",
-    )
-    add_robot_options(
+    option(parser, "file FILE", "the certificate")
+    option(parser, "scenario SCENARIO", "what it must be about; default: what the file carries", nargs="?")
+    arguments.add_robot_options(
         parser, instead_of="the scenario's (without a scenario: where the carried one's files are)"
     )
 
@@ -51,19 +46,15 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the certificate and the scenario, and return the job."""
     content = _read_certificate(options.file)
     if options.scenario is None:
-        for name in _OF_SCENARIOS:
-            if getattr(options, name):
-                raise InputError(
-                    "is for verification against a scenario: give the scenario, too",
-                    f"--{name.replace('_', '-')}",
-                )
+        why = "is for verification against a scenario: give the scenario, too"
+        arguments.refuse(options, _OF_SCENARIOS, why)
         urdf = None if options.urdf is None else Path(options.urdf)
         carried = partial(verify, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)))
         built = "" if urdf is None else f" (with the URDF {urdf})"
         own = f"{built} and scene are the file's own, compared with no scenario"
         return partial(_verify, options.file, carried, own)
-    scenario = load_scenario(options.scenario)
-    spec, robot = scenario_robot(options, scenario)
+    scenario = arguments.load_scenario(options.scenario)
+    spec, robot = arguments.scenario_robot(options, scenario)
 
     def against_scenario() -> Verified:
         terms = terms_of(scenario, robot, timed=_is_timed(content))
@@ -79,7 +70,7 @@ def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
         with document.within(file, ": "):
             found = check()
     except CertificateError as error:
-        error_console().print(f"safe-ompl: {file}: {error}")
+        output.error_console().print(f"safe-ompl: {file}: {error}")
         return REFUSED
     free, *others = found.claims
     work = f"{found.edges} edges, {found.intervals} intervals, {found.distances} distances"
@@ -92,7 +83,7 @@ def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
     if found.not_covered:
         lines.append(f"not covered: {'; '.join(found.not_covered)}")
     for line in lines:
-        output_console().print(f"{file}: {line}", markup=False, soft_wrap=True)
+        output.console().print(f"{file}: {line}", markup=False, soft_wrap=True)
     return 0
 
 

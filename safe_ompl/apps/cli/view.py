@@ -8,17 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl.apps.benchmark import check_named_planner
-from safe_ompl.apps.cli.options import (
-    add_package_dirs,
-    add_parser,
-    add_run_options,
-    finite,
-    load_scenario,
-    names,
-    port,
-    run_options,
-)
-from safe_ompl.apps.cli.output import check_drawable, check_writable, error_console, need_extra
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli.arguments import option
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
 from safe_ompl.io import TimedMotion, load, read_json, read_ticks, schema, unpacked_robot
@@ -40,7 +31,7 @@ _NONE = ("none",)
 
 def add_commands(commands: Any) -> None:
     """Add `view` to the commands."""
-    parser = add_parser(
+    parser = arguments.add_parser(
         commands,
         "view",
         prepare,
@@ -48,47 +39,32 @@ def add_commands(commands: Any) -> None:
         "Show robot, scene, people, paths, danger and proofs in the browser. A scenario is planned first; "
         "a certificate is shown, not verified.",
     )
-    parser.add_argument(
-        "what",
-        metavar="SCENARIO|RESULT|CERTIFICATE|TRAJECTORY|TICKS",
-        nargs="+",
-        help="name or YAML file of a scenario; or files of `plan --json`, or of `plan --trajectory`, side by side; "
+    option(
+        parser,
+        "what SCENARIO|RESULT|CERTIFICATE|TRAJECTORY|TICKS",
+        "name or YAML file of a scenario; or files of `plan --json`, or of `plan --trajectory`, side by side; "
         "or one of `plan --certificate`, or ticks.jsonl or a log (.mcap) of `live`",
+        nargs="+",
     )
-    parser.add_argument(
-        "--planners",
-        type=names,
-        default=_PLANNERS,
-        metavar="A,B,…",
-        help=f"planners for a scenario (default: {','.join(_PLANNERS)}); none: show its start only",
+    option(
+        parser,
+        "--planners A,B,…",
+        f"planners for a scenario (default: {','.join(_PLANNERS)}); none: show its start only",
+        arguments.names,
+        _PLANNERS,
     )
-    add_run_options(parser, usual_time="the scenario's")
-    add_package_dirs(parser)
+    arguments.add_run_options(parser, usual_time="the scenario's")
+    arguments.add_package_dirs(parser)
     add_view_options(parser)
 
 
 def add_view_options(parser: argparse._ActionsContainer) -> None:
     """Add the files that a view is written to, and how it is served."""
-    parser.add_argument(
-        "--html", metavar="FILE", help="write one file that opens offline, with a play bar (.html)"
-    )
-    parser.add_argument(
-        "--slice",
-        type=finite,
-        metavar="Z",
-        help="with --html: a slice of the danger field at this height [m]",
-    )
-    parser.add_argument(
-        "--animation",
-        metavar="FILE",
-        help="write the motions side by side as one moving picture (.webp or .gif)",
-    )
-    parser.add_argument(
-        "--port", type=port, default=8080, metavar="N", help="default: %(default)s, or the next free"
-    )
-    parser.add_argument(
-        "--no-browser", action="store_true", help="do not open the browser, only say the address"
-    )
+    option(parser, "--html FILE", "write one file that opens offline, with a play bar (.html)")
+    option(parser, "--slice Z", "with --html: a slice of the field at this height [m]", arguments.finite)
+    option(parser, "--animation FILE", "write the motions side by side as one moving picture (.webp or .gif)")
+    option(parser, "--port N", "port; the next free one if it is taken", arguments.port, 8080)
+    option(parser, "--no-browser", "do not open the browser, only say the address")
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -106,7 +82,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if not files:
         if len(options.what) > 1:
             raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
-        scenario = load_scenario(options.what[0], options.package_dir)
+        scenario = arguments.load_scenario(options.what[0], options.package_dir)
         return lambda: show(_planned(scenario, options), options)
     if len(files) < len(options.what):
         raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
@@ -116,7 +92,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 def _read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return header and ticks of an MCAP log."""
-    need_extra("mcap", str(file))
+    output.need_extra("mcap", str(file))
     from safe_ompl.apps.exchange import read_log  # needs the extra
 
     return read_log(file)
@@ -124,9 +100,9 @@ def _read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def check_view_options(options: argparse.Namespace) -> None:
     """Raise InputError if what a view is written to cannot be, or the viewer is missing."""
-    check_drawable(options.animation, "--animation", ANIMATION_ENDINGS)
+    output.check_drawable(options.animation, "--animation", ANIMATION_ENDINGS)
     if options.animation is None:
-        need_extra("viewer")
+        output.need_extra("viewer")
     check_page(options.html)
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
@@ -134,27 +110,24 @@ def check_view_options(options: argparse.Namespace) -> None:
 
 def check_page(file: str | None) -> None:
     """Raise InputError if a page is to be written to a file and cannot be."""
-    if file is None:
-        return
-    need_extra("viewer")
-    if Path(file).suffix.lower() != ".html":
-        raise InputError(f"{file!r} must end in .html", "--html")
-    check_writable(file, "--html")
+    if file is not None:
+        output.need_extra("viewer")
+        output.check_writable(file, "--html", ".html")
 
 
 def show(content: ViewerContent, options: argparse.Namespace) -> int:
     """Write the files that the options name, or else serve the view until Ctrl-C."""
     if options.animation is not None:
-        with error_console().status("drawing"):
+        with output.error_console().status("drawing"):
             save_animation(content, options.animation)
-        error_console().print(f"moving picture in {options.animation}")
+        output.error_console().print(f"moving picture in {options.animation}")
     if options.html is not None:
         save_page(content, options.html, slice_at=options.slice)
-        error_console().print(f"view in {options.html}")
+        output.error_console().print(f"view in {options.html}")
     if options.html is not None or options.animation is not None:
         return 0
     view = BrowserView(content, port=options.port)
-    error_console().print(f"view at {view.url}; Ctrl-C ends it")
+    output.error_console().print(f"view at {view.url}; Ctrl-C ends it")
     try:
         view.run(browser=not options.no_browser)
     except KeyboardInterrupt:
@@ -173,9 +146,9 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     results = []
     for planner in options.planners:
         check_named_planner(scenario, planner, setup)
-        result = setup.plan(planner, **run_options(options, scenario, planner))
+        result = setup.plan(planner, **arguments.run_options(options, scenario, planner))
         if not result:
-            error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
+            output.error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
         results.append(result)
     return ViewerContent.of_results(results, title=scenario.name, posture=start)
 

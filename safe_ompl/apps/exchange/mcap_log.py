@@ -7,11 +7,11 @@ A log has, for every tick, on
   it does from then on until it stands;
 * ``/people`` (visualization_msgs/MarkerArray) key points: the namespace is the person, the text the key point;
 * ``/diagnostics`` (diagnostic_msgs/DiagnosticArray) state, reason, distances and margins;
-* ``/transforms`` (foxglove.FrameTransforms) and ``/scene/limbs`` (foxglove.SceneUpdate) what moves;
+* ``/tf`` (tf2_msgs/TFMessage) and ``/scene/limbs`` (visualization_msgs/MarkerArray) what moves;
 
-and once, on ``/scene/robot`` and ``/scene/obstacles`` (foxglove.SceneUpdate), the robot's bodies and what is around it.
-An attachment, ``header.json``, is the header of the ticks. Messages of ROS are in its own encoding (CDR), the others
-are JSON. Times are those of the ticks, in nanoseconds.
+and once, on ``/scene/robot`` and ``/scene/obstacles`` (visualization_msgs/MarkerArray), the robot's bodies and what is
+around it. An attachment, ``header.json``, is the header of the ticks. Messages of ROS are in its own encoding (CDR),
+ticks are JSON. Times are those of the ticks, in nanoseconds.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from safe_ompl.apps.exchange import messages, scene_updates
+from safe_ompl.apps.exchange import messages, scene_markers
 from safe_ompl.common import InputError
 from safe_ompl.geometry import Pose
 from safe_ompl.io import check_header, strict_json
@@ -44,8 +44,8 @@ _TOPICS = {
     "/command": messages.JOINT_TRAJECTORY,
     "/people": messages.MARKERS,
     "/diagnostics": messages.DIAGNOSTICS,
-    "/transforms": scene_updates.FRAME_TRANSFORMS,
-    **{f"/scene/{what}": scene_updates.SCENE_UPDATE for what in ("robot", "obstacles", "limbs")},
+    "/tf": messages.TRANSFORMS,
+    **{f"/scene/{what}": messages.MARKERS for what in ("robot", "obstacles", "limbs")},
 }
 
 
@@ -77,8 +77,8 @@ class McapLog:
         self._scene: Scene | None = scene  # until it is written
 
     def _channel(self, topic: str, kind: str) -> int:
-        encoding, form, text = "json", "jsonschema", scene_updates.SCHEMAS.get(kind, _TICK_SCHEMA)
-        if "/msg/" in kind:
+        encoding, form, text = "json", "jsonschema", _TICK_SCHEMA
+        if topic != TICK:
             encoding, form, text = "cdr", "ros2msg", messages.definition(kind)
         schema = self._writer.register_schema(kind, form, text.encode())
         return int(self._writer.register_channel(topic, encoding, schema))
@@ -98,31 +98,30 @@ class McapLog:
             rows = {"positions": stop["q"], "velocities": stop["qd"]}
             command = messages.joint_trajectory(messages.nanoseconds(begin), names, after.tolist(), **rows)
             self._add("/command", time, command)
-        self._add("/people", time, messages.people_markers(time, scene_updates.WORLD, people))
+        self._add("/people", time, messages.people_markers(time, scene_markers.WORLD, people))
         self._add("/diagnostics", time, messages.diagnostics(time, self._name, tick))
-        self._add("/transforms", time, scene_updates.transforms(time, self._places(tick)))
-        self._add("/scene/limbs", time, scene_updates.limbs_update(time, people, self._header["people"]))
+        self._add("/tf", time, scene_markers.transforms(time, self._places(tick)))
+        self._add("/scene/limbs", time, scene_markers.limb_markers(time, people, self._header["people"]))
 
     def _places(self, tick: Mapping[str, Any]) -> dict[str, Any]:
         """Return where the parts of the robot and the objects that move are."""
         places = self._body.placements(np.array(tick["q"]))
         found = {
-            scene_updates.body_frame(name): place for name, place in zip(self._parts, places, strict=True)
+            scene_markers.body_frame(name): place for name, place in zip(self._parts, places, strict=True)
         }
         for name, place in tick["objects"].items():
             pose = Pose(tuple(place["position"]), tuple(place["quaternion_xyzw"]))
-            found[scene_updates.obstacle_frame(name)] = pose.se3
+            found[scene_markers.obstacle_frame(name)] = pose.se3
         return found
 
     def _write_still(self, time: int, scene: Scene) -> None:
         """Write what the robot and what is around it look like."""
         moving = self._header["objects"]
-        self._add("/scene/robot", time, scene_updates.robot_update(time, self._body, self._parts))
-        self._add("/scene/obstacles", time, scene_updates.obstacles_update(time, scene, moving))
+        self._add("/scene/robot", time, scene_markers.robot_markers(time, self._body, self._parts))
+        self._add("/scene/obstacles", time, scene_markers.obstacle_markers(time, scene, moving))
 
     def _add(self, topic: str, time: int, content: Mapping[str, Any]) -> None:
-        kind = _TOPICS[topic]
-        data = messages.encoded(kind, content) if "/msg/" in kind else strict_json(content).encode()
+        data = strict_json(content).encode() if topic == TICK else messages.encoded(_TOPICS[topic], content)
         self._writer.add_message(self._channels[topic], time, data, time)
 
     def close(self) -> None:

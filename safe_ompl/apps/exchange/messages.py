@@ -18,9 +18,10 @@ JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 POSES = "geometry_msgs/msg/PoseArray"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SECOND = 10**9  # [ns]
 OK, WARN, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
-_SPHERE, _CYLINDER, _DELETE_ALL = 2, 3, 3
+SPHERE, DELETE_ALL = 2, 3  # type and action of a marker
 _KEYPOINT = 0.05  # [m] diameter of the marker of a key point
 _NAME, _SEQUENCES = 2, (3, 4)  # kinds of fields in rosbags
 _TYPES = get_typestore(Stores.ROS2_HUMBLE)
@@ -96,10 +97,10 @@ def pose(position: ArrayLike, quaternion_xyzw: ArrayLike = (0.0, 0.0, 0.0, 1.0))
     return {"position": vector(position), "orientation": {"x": x, "y": y, "z": z, "w": w}}
 
 
-def colour(values: Sequence[float], alpha: float = 1.0) -> Message:
-    """Return red, green and blue in [0, 1] as `std_msgs/ColorRGBA`."""
+def colour(values: Sequence[float]) -> Message:
+    """Return red, green and blue in [0, 1] as an opaque `std_msgs/ColorRGBA`."""
     red, green, blue = (float(value) for value in values)
-    return {"r": red, "g": green, "b": blue, "a": alpha}
+    return {"r": red, "g": green, "b": blue, "a": 1.0}
 
 
 # ---------------------------------------------------------------------------------------------------- messages
@@ -129,7 +130,7 @@ def people_markers(time: int, frame: str, people: Mapping[str, Mapping[str, Arra
 
     The namespace is the person, the id the number of the key point in its skeleton, the text its name.
     """
-    markers: list[Message] = [{"header": header(time, frame), "action": _DELETE_ALL}]
+    markers: list[Message] = [{"header": header(time, frame), "action": DELETE_ALL}]
     for who, points in people.items():
         for k, (name, place) in enumerate(points.items()):
             if not np.isfinite(np.asarray(place, dtype=float)).all():
@@ -139,7 +140,7 @@ def people_markers(time: int, frame: str, people: Mapping[str, Mapping[str, Arra
                     "header": header(time, frame),
                     "ns": who,
                     "id": k,
-                    "type": _SPHERE,
+                    "type": SPHERE,
                     "pose": pose(place),
                     "scale": vector([_KEYPOINT] * 3),
                     "color": colour((0.83, 0.43, 0.29)),

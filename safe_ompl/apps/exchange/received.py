@@ -58,12 +58,9 @@ def people_of_markers(
 ) -> tuple[float, dict[str, FloatArray]]:
     """Return the time [s] of a `MarkerArray` and the key points (J, 3) of its people [m]; NaN: not seen.
 
-    The namespace is the person. The text is the name of the key point; without a text the id is its number.
-
-    Raises
-    ------
-    InputError
-        If there is no marker, a stamp is missing, a frame is not known, or a key point is not one of the skeleton's.
+    The namespace is the person. The text is the name of the key point; without a text the id is its number. Raises
+    InputError if there is no marker, a stamp is missing, a frame is not known, or a key point is not one of the
+    skeleton's.
     """
     people: dict[str, FloatArray] = {}
     shown = [marker for marker in message.markers if marker.action not in _DELETE]
@@ -110,12 +107,8 @@ def proposal_of(message: Any, robot: Robot) -> tuple[Motion | FloatArray, float 
     """Return what a `JointTrajectory` proposes, and when it begins [s]; None: at once, where it has no stamp.
 
     It is the motion that a controller would make of its points; or, where the first point has no positions, the
-    velocities (n,) of that point.
-
-    Raises
-    ------
-    InputError
-        If a joint is missing, a number is not finite, or it is no motion as `Motion.hermite` says.
+    velocities (n,) of that point. Raises InputError if a joint is missing, a number is not finite, or it is no motion
+    as `Motion.hermite` says.
     """
     points = message.points
     if not points:

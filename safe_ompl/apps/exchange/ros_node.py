@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.apps.exchange import messages, scene_updates
+from safe_ompl.apps.exchange import messages, scene_markers
 from safe_ompl.apps.exchange.controller import LiveController
 from safe_ompl.apps.exchange.received import (
     Frames,
@@ -97,11 +97,11 @@ def received_text(node: Any, topic: str, seconds: float) -> str:
     return str(messages.decoded(TEXT, found[0]).data)
 
 
-def _quality(*, reliable: bool = True, latched: bool = False, depth: int = 1) -> Any:
-    """Return a QoS profile: keep the last messages; latched: late subscribers get them, too."""
+def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
+    """Return a QoS profile: keep the last message; latched: late subscribers get them, too."""
     qos = import_module("rclpy.qos")
     return qos.QoSProfile(
-        depth=depth,
+        depth=1,
         reliability=qos.ReliabilityPolicy.RELIABLE if reliable else qos.ReliabilityPolicy.BEST_EFFORT,
         durability=qos.DurabilityPolicy.TRANSIENT_LOCAL if latched else qos.DurabilityPolicy.VOLATILE,
     )
@@ -209,7 +209,7 @@ class RosNode:
         )  # ticks go on if the time of ROS stands still
         node.create_timer(controller.options.replanning.tick, self._tick, clock=steady)
         node.create_timer(_CHECK, self._look_for_others, clock=steady)
-        self._publish_scene()
+        self._still(scene_markers.obstacle_markers(0, setup.scene, ()))
 
     def run(self, ready: Callable[[], None]) -> None:
         """Say that the node is ready, and drive the robot until Ctrl-C or SIGTERM; only for the main thread."""
@@ -310,8 +310,7 @@ class RosNode:
             self._command()
         self._diagnostics(messages.diagnostics(time, self._robot.name, tick))
         if tick["people"]:
-            update = scene_updates.limbs_update(time, tick["people"], self._bodies["people"])
-            self._limbs(scene_updates.markers(time, update))
+            self._limbs(scene_markers.limb_markers(time, tick["people"], self._bodies["people"]))
         if self._setup.log is not None and np.isfinite([tick["q"], tick["qd"]]).all():
             self._setup.log.write(tick)
 
@@ -357,7 +356,3 @@ class RosNode:
         topic = self._node.resolve_topic_name("command")
         count = self._node.count_publishers(topic)
         self._controller.blocked = f"{count} nodes publish {topic}" if count > 1 else ""
-
-    def _publish_scene(self) -> None:
-        update = scene_updates.obstacles_update(0, self._setup.scene, ())
-        self._still(scene_updates.markers(0, update))

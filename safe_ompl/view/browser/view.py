@@ -70,8 +70,6 @@ class BrowserView:
         What is shown.
     port : int
         Port of the server; the next free one if it is taken.
-    side_by_side : bool
-        Whether several paths stand beside each other; else all in one place.
 
     Attributes
     ----------
@@ -81,7 +79,7 @@ class BrowserView:
         Where on the paths the robots are, as a fraction of their length.
     """
 
-    def __init__(self, content: ViewerContent, *, port: int = PORT, side_by_side: bool = True) -> None:
+    def __init__(self, content: ViewerContent, *, port: int = PORT) -> None:
         self.content = content
         try:
             viser = import_module("viser")
@@ -99,7 +97,7 @@ class BrowserView:
             for k, name in enumerate(names)
         ]
         self._set_camera()
-        self.set_side_by_side(side_by_side)
+        self.set_side_by_side(True)
         self.share = 0.0
         self.go_to(0.0)
 

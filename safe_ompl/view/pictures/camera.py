@@ -31,12 +31,8 @@ class Camera:
         """Return the camera that looks from a direction and holds all `points: (P, 3)` [m], as near as it can.
 
         The direction, from the points to the camera, is given by azimuth about z and elevation [rad]; the margin is the
-        share of the picture, `size` [px], that is left free at each side.
-
-        Raises
-        ------
-        InputError
-            If there are no points, one is not finite, or the picture has no pixels.
+        share of the picture, `size` [px], that is left free at each side. Raises InputError if there are no points, one
+        is not finite, or the picture has no pixels.
         """
         if min(size) < 1:
             raise InputError(f"a picture needs at least 1 pixel; got {size[0]} by {size[1]}")

@@ -62,7 +62,6 @@ def render_path(
     size: tuple[int, int] = (900, 700),
     camera: Camera | None = None,
     ghosts: int = GHOSTS,
-    danger_points: bool = False,
 ) -> Image:
     """Draw a robot along a path: start in grey, goal in the accent colour, translucent postures between.
 
@@ -76,8 +75,6 @@ def render_path(
         Where from; by default the direction that shows most of robot and people.
     ghosts : int
         How many postures are shown between start and goal.
-    danger_points : bool
-        Whether the scene's danger points are drawn.
 
     Returns
     -------
@@ -90,22 +87,9 @@ def render_path(
         If a path is empty, has the wrong number of joints or is not finite.
     """
     shown = path if isinstance(path, DrawnPath) else DrawnPath(path)
-    drawn = DrawnScene(robot, scene, [shown.path], danger_points=danger_points)
+    drawn = DrawnScene(robot, scene, [shown.path])
     renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
     return draw(drawn, renderer, shown, ghosts)
-
-
-def choose_camera(
-    robot: Robot,
-    scene: Scene,
-    paths: Mapping[str, FloatArray],
-    *,
-    size: tuple[int, int] = (900, 700),
-    azimuth: float | None = None,
-    elevation: float | None = None,
-) -> Camera:
-    """Return the camera that shows all paths, (N, n) each, best in a picture of `size` [px], as `best_view`."""
-    return best_view(DrawnScene(robot, scene, list(paths.values())), size, azimuth, elevation)
 
 
 def moments(count: int, closest: float | None) -> FloatArray:
@@ -249,6 +233,7 @@ def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
 _CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
 _PLANNED = ", thin: before it was simplified"
 _GUTTER, _HEADING, _FOOT = 14, 52, 30  # [px] between panels, above each row, and below all
+_DARK, _GREY = (77, 77, 77), (102, 102, 102)  # of subtitles, and of the line below all
 
 
 def render_comparison(
@@ -258,7 +243,6 @@ def render_comparison(
     file: str | Path,
     *,
     panel: tuple[int, int] | None = None,
-    camera: Camera | None = None,
     ghosts: int = GHOSTS,
 ) -> None:
     """Draw the paths of several planners, one panel each, and save the picture as a PNG file; see `render_path`.
@@ -275,7 +259,7 @@ def render_comparison(
     InputError
         If there is no path, or one cannot be used.
     SafeOmplError
-        If Matplotlib is not installed.
+        If Matplotlib and Pillow are not installed.
     """
     if not paths:
         raise InputError("no path to draw; give at least one")
@@ -283,13 +267,14 @@ def render_comparison(
     shown = {name: path if isinstance(path, DrawnPath) else DrawnPath(path) for name, path in paths.items()}
     size = panel or {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(len(paths), (620, 520))
     drawn = DrawnScene(robot, scene, [path.path for path in shown.values()])
-    renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
+    renderer = Renderer(drawn.floor, best_view(drawn, size), size)
     images = [
         draw(drawn, renderer, replace(path, accent=path.accent or styles[name].colour), ghosts)
         for name, path in shown.items()
     ]
     caption = _CAPTION + (_PLANNED if any(path.planned is not None for path in shown.values()) else "")
-    save_panels(list(paths), [path.subtitle for path in shown.values()], images, file, caption)
+    page = _panels(images, list(paths), [path.subtitle for path in shown.values()], caption)
+    save_png(np.asarray(page), file)
 
 
 def save_png(image: Image, file: str | Path) -> None:
@@ -302,44 +287,45 @@ def save_png(image: Image, file: str | Path) -> None:
     imsave(file, image, format="png")
 
 
-def save_panels(
-    titles: Sequence[str], subtitles: Sequence[str], images: Sequence[Image], file: str | Path, caption: str
-) -> None:
-    """Save pictures of equal size side by side, with a title and a subtitle above each, as a PNG file."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as missing:
-        raise SafeOmplError("panels need Matplotlib: pip install 'safe-ompl[plots]'") from missing
-    columns = grid_columns(len(images))
+def _panels(
+    images: Sequence[Image], titles: Sequence[str], subtitles: Sequence[str], caption: str = ""
+) -> Any:
+    """Return one picture of Pillow: equal panels with a title and a subtitle above each, and a line below all."""
+    columns, (height, width) = grid_columns(len(images)), images[0].shape[:2]
     rows = -(-len(images) // columns)
-    height, width = images[0].shape[:2]
-    total_width = columns * width + (columns + 1) * _GUTTER
-    total_height = rows * (height + _HEADING) + _FOOT
-    figure = Figure(figsize=(total_width / 100, total_height / 100), dpi=100, facecolor="white")
-    canvas = FigureCanvasAgg(figure)
-    for k, (title, subtitle, image) in enumerate(zip(titles, subtitles, images, strict=True)):
+    foot = _FOOT if caption else 0
+    size = columns * (width + _GUTTER) + _GUTTER, rows * (height + _HEADING) + foot
+    page = _pillow("Image").new("RGB", size, "white")
+    pen = _pillow("ImageDraw").Draw(page)
+    for k, (image, title, subtitle) in enumerate(zip(images, titles, subtitles, strict=True)):
         left = _GUTTER + (k % columns) * (width + _GUTTER)
         top = (k // columns) * (height + _HEADING) + _HEADING
-        figure.figimage(image, left, total_height - top - height, origin="upper")
-        _write(figure, left + 2, top - 28, title, 13.0, "black", weight="bold")
-        _write(figure, left + 2, top - 9, subtitle, 10.5, "0.3")
-    _write(figure, _GUTTER + 2, total_height - 10, caption, 9.5, "0.4")
-    Path(file).parent.mkdir(parents=True, exist_ok=True)
-    canvas.print_png(str(file))
+        page.paste(_pillow("Image").fromarray(image), (left, top))
+        pen.text((left + 2, top - 28), title, "black", _font(18, "-Bold"), "ls")
+        pen.text((left + 2, top - 9), subtitle, _DARK, _font(14), "ls")
+    pen.text((_GUTTER + 2, size[1] - 10), caption, _GREY, _font(13), "ls")
+    return page
 
 
-def _write(figure: Any, x: float, y: float, text: str, points: float, colour: str, **style: Any) -> None:
-    """Write text with its baseline at pixels to the right of the left edge and below the upper edge."""
-    width, height = figure.get_size_inches() * figure.dpi
-    figure.text(x / width, 1.0 - y / height, text, fontsize=points, color=colour, va="baseline", **style)
+def _font(pixels: int, style: str = "") -> Any:
+    """Return the font of Matplotlib's plots."""
+    from matplotlib import get_data_path
+
+    file = Path(get_data_path(), "fonts", "ttf", f"DejaVuSans{style}.ttf")
+    return _pillow("ImageFont").truetype(str(file), pixels)
+
+
+def _pillow(part: str) -> Any:
+    try:
+        return import_module(f"PIL.{part}")
+    except ImportError as missing:
+        raise SafeOmplError("pictures need Pillow: pip install 'safe-ompl[plots]'") from missing
 
 
 ANIMATION_ENDINGS = (".webp", ".gif")
 PANEL = (420, 380)
 RATE = 12.5  # [Hz]
 FEWEST_FRAMES = 40
-_CAPTIONED, _BETWEEN = 46, 8  # [px] above panels, and between them
 _REST = 1.2  # [s] that the last frame stays
 _QUALITY = 80  # of WebP, from 0 to 100
 _TINT = 0.45  # share of the planner's colour in its robot
@@ -363,14 +349,11 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
     ending = Path(file).suffix.lower()
     if ending not in ANIMATION_ENDINGS:
         raise InputError(f"must end in {' or '.join(ANIMATION_ENDINGS)}, got {str(file)!r}", "animation")
-    pillow = _pillow("Image")
     shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(rate * content.playing_time) + 1))
     frames = _Frames(content, shares)
     captions = [_captions(content, name, way, shares) for name, way in frames.paths.items()]
-    pages = [
-        pillow.fromarray(_titled(frames.frame(k), [words[k] for words in captions], list(frames.paths)))
-        for k in range(len(shares))
-    ]
+    names = list(frames.paths)
+    pages = [_panels(frames.frame(k), names, [words[k] for words in captions]) for k in range(len(shares))]
     duration = round(1e3 * content.playing_time / (len(shares) - 1))  # [ms] of a frame
     stays = [duration] * (len(shares) - 1) + [round(1e3 * _REST)]
     Path(file).parent.mkdir(parents=True, exist_ok=True)
@@ -404,27 +387,6 @@ class _Frames:
             way = ColouredSurface(trace(self._drawn, path[: k + 1], TRACE), colour)
             images.append(as_bytes(tone_mapped(self._renderer.render([robot, way, *self._still, *moving]))))
         return images
-
-
-def _titled(images: Sequence[Image], captions: Sequence[str], names: Sequence[str]) -> Image:
-    """Return panels beside each other with name and caption above each."""
-    pillow, draw, fonts = (_pillow(part) for part in ("Image", "ImageDraw", "ImageFont"))
-    height, width = images[0].shape[:2]
-    page = pillow.new("RGB", (len(images) * (width + _BETWEEN) - _BETWEEN, height + _CAPTIONED), "white")
-    pen = draw.Draw(page)
-    for k, (image, caption, name) in enumerate(zip(images, captions, names, strict=True)):
-        left = k * (width + _BETWEEN)
-        page.paste(pillow.fromarray(image), (left, _CAPTIONED))
-        pen.text((left + 2, 3), name, fill="black", font=fonts.load_default(16))
-        pen.text((left + 2, 25), caption, fill=(90, 90, 90), font=fonts.load_default(13))
-    return np.asarray(page)
-
-
-def _pillow(part: str) -> Any:
-    try:
-        return import_module(f"PIL.{part}")
-    except ImportError as missing:
-        raise SafeOmplError("animations need Pillow: pip install 'safe-ompl[plots]'") from missing
 
 
 def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:

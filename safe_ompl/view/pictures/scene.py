@@ -24,7 +24,6 @@ _PATH_SAMPLES = 121  # of a path
 _NEARBY = 1.1  # sizes of the robot's motion within which the scene must be in view
 _GROUND = 1.2  # sizes of the robot's motion from which the lowest slab is the ground, and not a thing on it
 _PEDESTAL: Colour = (0.62, 0.63, 0.65)
-_DANGER_POINT: Colour = (0.85, 0.12, 0.12)
 
 
 class DrawnScene:
@@ -51,9 +50,7 @@ class DrawnScene:
         If there is no path, or one is empty, has the wrong number of joints or is not finite.
     """
 
-    def __init__(
-        self, robot: Robot, scene: Scene, paths: Sequence[FloatArray], *, danger_points: bool = False
-    ) -> None:
+    def __init__(self, robot: Robot, scene: Scene, paths: Sequence[FloatArray]) -> None:
         if not len(paths):
             raise InputError("no path to draw; give at least one")
         self.robot = robot
@@ -66,9 +63,6 @@ class DrawnScene:
         self.size = float(np.linalg.norm(np.ptp(self._actors, axis=0)))
         self.body = RobotBody(robot, detail=_DETAIL * self.size)
         self._set_scene(scene)
-        if danger_points:
-            dots = _dots(scene.danger_points()[0], 0.006 * self.size)
-            self.things.append(ColouredSurface(dots, _DANGER_POINT))
 
     @property
     def surroundings(self) -> list[ColouredSurface]:
@@ -141,13 +135,13 @@ class DrawnScene:
         return [ColouredSurface(Surface.from_triangles(vertices + place, faces), _PEDESTAL)]
 
 
-def resampled(robot: Robot, path: FloatArray, count: int = _PATH_SAMPLES) -> FloatArray:
-    """Return `count` configurations (count, n) at equal steps along `path: (N, n)`, or raise InputError."""
+def resampled(robot: Robot, path: FloatArray) -> FloatArray:
+    """Return configurations (S, n) at equal steps along `path: (N, n)`, or raise InputError."""
     path = finite_array(path, (None, robot.n), "path")
     if not len(path):
         raise InputError("path must have at least one configuration, got none")
     curve = Curve(robot, path)
-    return curve.at(np.linspace(0.0, curve.length, count))
+    return curve.at(np.linspace(0.0, curve.length, _PATH_SAMPLES))
 
 
 def _lowest(thing: ColouredSurface) -> float:
@@ -159,12 +153,6 @@ def _carries(thing: ColouredSurface, centre: FloatArray, bottom: float, gap: flo
     low, high = thing.surface.vertices.min(axis=0), thing.surface.vertices.max(axis=0)
     beneath = bool((low[:2] < centre).all() and (centre < high[:2]).all())
     return beneath and low[2] < bottom + 0.01 and high[2] > bottom - 0.3 * gap
-
-
-def _dots(points: FloatArray, radius: float) -> Surface:
-    sphere = surfaces.sphere_profile(radius, radius / 2)
-    ball = Surface.from_triangles(*surfaces.revolved_triangles(sphere, 12))
-    return Surface.merged(ball.moved(np.eye(3), point) for point in points)
 
 
 _AZIMUTHS = np.arange(20) * (2 * np.pi / 20)

@@ -133,10 +133,7 @@ def _normalised(vectors: FloatArray) -> FloatArray:
 def tessellate(geometry: Any) -> Triangles:
     """Return the triangles of a coal collision geometry in its own frame [m].
 
-    Raises
-    ------
-    InputError
-        If the kind of geometry cannot be drawn.
+    Raises InputError if the kind of geometry cannot be drawn.
     """
     kind = type(geometry).__name__
     if kind.startswith("BVHModel"):

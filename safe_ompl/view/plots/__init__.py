@@ -1,22 +1,18 @@
-"""Plots of danger along paths, of planners' times, and of configuration spaces of small arms.
+"""Plots of danger along paths, of speeds, and of what compares planners.
 
-All functions take numbers or models, write one picture and return it as a `matplotlib.figure.Figure`. `file` is where
+All functions take numbers or motions, write one picture and return it as a `matplotlib.figure.Figure`. `file` is where
 it goes: the ending of its name decides the format (PNG, SVG or PDF), and missing folders are made. `title` is the line
-above it, `dpi` are pixels per inch. Without Matplotlib they raise a SafeOmplError.
+above it, `dpi` are pixels per inch, where these can be chosen. Without Matplotlib they raise a SafeOmplError.
 """
 
 from safe_ompl.view.plots.motions import plot_check
 from safe_ompl.view.plots.paths import plot_motion, plot_plan, plot_speeds
-from safe_ompl.view.plots.planar import plot_bubbles, plot_cspace_path, plot_field
 from safe_ompl.view.plots.planners import plot_bands, plot_clearance_danger, plot_profiles, plot_times
 
 __all__ = [
     "plot_bands",
-    "plot_bubbles",
     "plot_check",
     "plot_clearance_danger",
-    "plot_cspace_path",
-    "plot_field",
     "plot_motion",
     "plot_plan",
     "plot_profiles",

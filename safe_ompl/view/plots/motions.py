@@ -10,7 +10,7 @@ import numpy as np
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import MotionCheck
-from safe_ompl.view.plots.page import ALARM, DPI, Page
+from safe_ompl.view.plots.page import ALARM, Page
 from safe_ompl.view.plots.paths import draw_joints, name_joints, span
 
 _SAMPLES = 400
@@ -18,13 +18,7 @@ _KINDS = ("position", "velocity", "acceleration")
 _DASHED = (0, (4.0, 3.0))
 
 
-def plot_check(
-    check: MotionCheck,
-    file: str | Path,
-    *,
-    title: str | None = None,
-    dpi: int = DPI,
-) -> Any:
+def plot_check(check: MotionCheck, file: str | Path, *, title: str | None = None) -> Any:
     """Draw what was checked of a motion; what is not proven is shaded.
 
     Joints as shares of their limits (1 is the upper one, −1 the lower one), positions and, where limits were checked,
@@ -50,7 +44,7 @@ def plot_check(
             motion.derivative(times, order) / getattr(limits, _KINDS[order])
             for order in range(1, len(_KINDS))
         ]
-    with Page(file, 7.5, 2.0 + 2.0 * len(shares) + 2.2, dpi) as page:
+    with Page(file, 7.5, 2.0 + 2.0 * len(shares) + 2.2) as page:
         every = page.figure.subplots(len(shares) + 1, 1, sharex=True)
         for axes, values, kind in zip(every, shares, _KINDS, strict=False):
             draw_joints(axes, times, values, f"{kind} / limit")

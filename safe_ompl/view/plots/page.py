@@ -37,12 +37,8 @@ _STYLE: dict[str, Any] = {
 class Page:
     """A figure of width and height [inch] that is saved to a file when it is complete, or only drawn on its canvas.
 
-    Matplotlib arranges the axes, or they stand where they are put. Missing folders are made.
-
-    Raises
-    ------
-    SafeOmplError
-        If Matplotlib is not installed.
+    Matplotlib arranges the axes, or they stand where they are put. Missing folders are made. Raises SafeOmplError if
+    Matplotlib is not installed.
     """
 
     def __init__(

@@ -148,13 +148,12 @@ def plot_motion(
     *,
     danger: MotionDanger | None = None,
     title: str | None = None,
-    dpi: int = DPI,
 ) -> Any:
     """Draw a trajectory.
 
     Above its speed along the path, in the colour of the cap that binds, and the caps themselves; below the velocities
     and accelerations of its joints, and the jerks if they are limited, as shares of their limits, and the danger where
-    it is given.
+    it is given; all of them against time.
 
     Parameters
     ----------
@@ -167,11 +166,15 @@ def plot_motion(
     """
     jerk = trajectory.limits.jerk
     rows = 3 + (jerk is not None) + (danger is not None)
-    with Page(file, 7.5, 0.6 + 2.2 * rows + 0.8, dpi) as page:
+    with Page(file, 7.5, 0.6 + 2.2 * rows + 0.8) as page:
         upper, *lower = page.figure.subplots(rows, 1, height_ratios=[1.5] + [1.0] * (rows - 1))
-        _draw_speed(upper, trajectory)
         page.set_title(f"{trajectory.duration:.2f} s" if title is None else title)
         times = np.linspace(0.0, trajectory.duration, _SAMPLES)
+        cells, _, speeds, _ = trajectory.law.at(times)
+        bounds = {cap.name: cap.speeds[cells] for cap in trajectory.caps}
+        binding = trajectory.binding()
+        _draw_speeds(upper, times, speeds, bounds, [binding[cell] for cell in cells])
+        upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=9, borderaxespad=0.2)
         state, limits = trajectory.at(times), trajectory.limits
         draw_joints(lower[0], times, state.qd / limits.velocity, "velocity / limit")
         draw_joints(lower[1], times, state.qdd / limits.acceleration, "acceleration / limit")
@@ -184,33 +187,24 @@ def plot_motion(
     return page.figure
 
 
-def _draw_speed(axes: Any, trajectory: Trajectory) -> None:
-    """Draw ṡ over the arc length: it is curved in each cell, which many points resolve."""
-    law = trajectory.law
-    s = np.unique(np.concatenate([law.edges, np.linspace(0.0, law.edges[-1], _SAMPLES)]))
-    speed = np.sqrt(law.squares_at(s))
-    top = 1.15 * float(speed.max())
-    binding = trajectory.binding()
-    colours = cap_colours(cap.name for cap in trajectory.caps)
-    for cap in trajectory.caps:
-        if np.isfinite(cap.speeds).any():
-            bound = np.where(np.isfinite(cap.speeds), cap.speeds, np.nan)
-            axes.stairs(bound, law.edges, baseline=None, color=colours[cap.name], linewidth=1.0, alpha=0.55)
-    axes.plot(s, speed, color=colours[ACCELERATION], linewidth=2.4, label=ACCELERATION)
-    middles = (s[1:] + s[:-1]) / 2
-    cells = np.clip(np.searchsorted(law.edges, middles, side="right") - 1, 0, len(binding) - 1)
-    names = np.array([binding[k] or "" for k in cells])
-    for cap in trajectory.caps:
-        bound = np.append(names == cap.name, False)
-        bound[1:] |= names == cap.name
-        if bound.any():
-            line = np.where(bound, speed, np.nan)
-            axes.plot(s, line, color=colours[cap.name], linewidth=3.4, solid_capstyle="butt", label=cap.name)
-    for corner in trajectory.curve.stops:
-        axes.axvline(trajectory.curve.starts[corner], color=GREY, linewidth=0.8, linestyle=(0, (2.0, 2.0)))
-    axes.set(xlabel="arc length [rad]", ylabel="speed along the path [rad/s]")
-    axes.set(xlim=span(s[-1]), ylim=(0.0, top))
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=9, borderaxespad=0.2)
+def _draw_speeds(
+    axes: Any,
+    times: FloatArray,
+    speeds: FloatArray,
+    bounds: Mapping[str, FloatArray],
+    binding: Sequence[str | None],
+) -> int:
+    """Draw ṡ (T,) in the colour of what binds, thinly the caps (T,) near it; return how many things bind."""
+    names = list(dict.fromkeys([*bounds, *filter(None, binding), ACCELERATION]))
+    colours, top = cap_colours(names), 1.25 * float(speeds.max()) or 1.0
+    for name, values in bounds.items():
+        axes.plot(times, np.where(values <= 2 * top, values, np.nan), color=colours[name], linewidth=1.2)
+    bound_by = np.array([name or ACCELERATION for name in binding])
+    used = [name for name in names if (bound_by == name).any()]
+    for name in used:
+        axes.plot(times, _joined(speeds, bound_by == name), color=colours[name], linewidth=3.4, label=name)
+    axes.set(ylabel="speed [rad/s]", xlim=span(times[-1]), ylim=(0.0, top))
+    return len(used)
 
 
 def span(end: float, begin: float = 0.0) -> tuple[float, float]:
@@ -286,18 +280,10 @@ def plot_speeds(
     caps = {name: np.asarray(values, dtype=float) for name, values in bounds.items()}
     if {len(s), len(binding), *map(len, caps.values())} != {len(t)}:
         raise InputError(f"times, speeds, bounds and binding must be equally many, got {len(t)} times")
-    names = dict.fromkeys([*caps, *filter(None, binding), ACCELERATION])
-    colours = cap_colours(names)
-    top = 1.25 * float(s.max()) or 1.0
     with Page(file, *SIZE, dpi, arranged=False) as page:
         axes = page.figure.add_axes(AXES)
-        for name, values in caps.items():
-            axes.plot(t, np.where(values <= 2 * top, values, np.nan), color=colours[name], linewidth=1.2)
-        used = [name for name in names if name in {n or ACCELERATION for n in binding}]
-        for name in used:
-            reached = np.array([(n or ACCELERATION) == name for n in binding])
-            axes.plot(t, _joined(s, reached), color=colours[name], linewidth=3.4, label=name)
-        axes.set(xlabel="time [s]", ylabel="speed [rad/s]", xlim=(0.0, float(t[-1])), ylim=(0.0, top))
+        used = _draw_speeds(axes, t, s, caps, binding)
+        axes.set(xlabel="time [s]", xlim=(0.0, float(t[-1])))
         page.figure.text(AXES[0], 0.93, title, weight="bold", fontsize=12)
         page.figure.text(0.985, 0.93, f"{t[-1]:.2f} s", ha="right", color=GREY, fontsize=12)
         axes.legend(
@@ -307,7 +293,7 @@ def plot_speeds(
             borderaxespad=0.2,
             handlelength=1.0,
             handletextpad=0.5,
-            fontsize=8.5 if len(used) < 4 else 7.5,  # four names of caps are just within the axes
+            fontsize=8.5 if used < 4 else 7.5,  # four names of caps are just within the axes
             columnspacing=1.0,
         )
     return page.figure

@@ -48,9 +48,7 @@ def plot_profiles(
     return page.figure
 
 
-def plot_bands(
-    profiles: Mapping[str, ArrayLike], file: str | Path, *, title: str = "Danger along the path, all runs"
-) -> Any:
+def plot_bands(profiles: Mapping[str, ArrayLike], file: str | Path) -> Any:
     """Draw mean, median and 15–85 % band of the profiles, one panel per planner (after Figs. 8 and 12).
 
     Parameters and errors are those of `plot_profiles`.
@@ -71,14 +69,12 @@ def plot_bands(
         grid[0, 0].set_ylim(bottom=0.0)
         page.figure.supxlabel(ALONG, fontsize=11)
         page.figure.supylabel(DANGER, fontsize=11)
-        page.set_title(title)
+        page.set_title("Danger along the path, all runs")
         _add_band_legend(page.figure)
     return page.figure
 
 
-def plot_times(
-    times: Mapping[str, ArrayLike], file: str | Path, *, title: str = "Planning time", label: str = "time [s]"
-) -> Any:
+def plot_times(times: Mapping[str, ArrayLike], file: str | Path) -> Any:
     """Draw a box plot per planner, with mean (dot) and outliers (after Figs. 9 and 13 of the paper).
 
     Boxes span the quartiles, whiskers 1.5 times that; the axis is logarithmic if the values spread widely.
@@ -86,9 +82,7 @@ def plot_times(
     Parameters
     ----------
     times : mapping of str to (R,) array
-        Planner name → time of each run [s], or another measure that is not negative.
-    label : str
-        On the axis.
+        Planner name → time of each run [s].
 
     Raises
     ------
@@ -106,8 +100,8 @@ def plot_times(
         axes.set_yticks(range(len(data)), list(data))
         axes.set_ylim(len(data) - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel(label)
-        axes.set_title(title)
+        axes.set_xlabel("time [s]")
+        axes.set_title("Planning time")
         _set_scale(axes, values)
     return page.figure
 
@@ -116,8 +110,6 @@ def plot_clearance_danger(
     clearances: Mapping[str, ArrayLike],
     dangers: Mapping[str, ArrayLike],
     file: str | Path,
-    *,
-    title: str = "Each run: danger and clearance",
 ) -> Any:
     """Draw the mean danger of each run over its least clearance: the safest runs are at the lower right.
 
@@ -152,7 +144,7 @@ def plot_clearance_danger(
         axes.set(xlabel="least clearance [mm]", ylabel="mean danger")
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
-        axes.set_title(title)
+        axes.set_title("Each run: danger and clearance")
         _add_planner_legend(axes, across, scatteryoffsets=[0.5])
     return page.figure
 

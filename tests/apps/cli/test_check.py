@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 from safe_ompl import Motion, read_motion, save
-from safe_ompl.apps.cli.program import main
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import Scenario, find_scenario
 
@@ -36,19 +35,11 @@ def scenario(**more):
     }
 
 
-@pytest.fixture
-def call(capfd, tmp_path, monkeypatch):
-    """Return a function that runs the command line and returns status, output and errors."""
+@pytest.fixture(autouse=True)
+def own(tmp_path, monkeypatch):
+    """Begin in a folder with a scenario `own.yaml`."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario()))
-
-    def run(*arguments):
-        capfd.readouterr()
-        status = main([str(argument) for argument in arguments])
-        out, err = capfd.readouterr()
-        return status, out, err
-
-    return run
 
 
 @pytest.fixture(scope="module")
@@ -412,7 +403,7 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--repair", "out.txt"), "--repair: 'out.txt' must end in .json, .csv, .yaml, .yml"),
+        (("--repair", "out.txt"), "--repair: 'out.txt' must end in .json or .csv or .yaml or .yml"),
         (("--repair", "no/out.csv"), "--repair: cannot write 'no/out.csv' (No such file or directory)"),
         (
             ("--repair", "a.json", "--json", "a.json"),

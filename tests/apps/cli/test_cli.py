@@ -97,14 +97,8 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def run(folder, capfd):
-    """Return a function that runs the command line and returns status, standard output and standard error."""
-
-    def call(*arguments):
-        capfd.readouterr()
-        status = main([str(argument) for argument in arguments])
-        return (status, *capfd.readouterr())
-
+def run(folder, call):
+    """Return a function that runs the command line in the folder, see `call`."""
     return call
 
 
@@ -581,7 +575,7 @@ def test_threads_may_log_after_each_other(capsys):
     "command", [("plan",), ("compare", "--runs", "1", "--planners", "SafeRRTConnect,SafePRM")]
 )
 def test_where_nothing_is_dangerous_danger_is_zero(run, folder, monkeypatch, command):
-    monkeypatch.setattr("safe_ompl.apps.cli.compare.missing_extra", lambda extra: "not now")
+    monkeypatch.setattr("safe_ompl.apps.cli.output.missing_extra", lambda extra: "not now")
     (folder / "harmless.yaml").write_text(SCENARIO.replace(", weight: 1", ""))
     name, *options = command
     status, out, _ = run(name, "harmless.yaml", *options, "--simplify", "0.1")

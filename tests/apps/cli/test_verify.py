@@ -20,19 +20,6 @@ from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture
-def call(capfd):
-    """Return a function that runs the command line and returns status, output and errors."""
-
-    def run(*arguments):
-        capfd.readouterr()
-        status = main([str(argument) for argument in arguments])
-        out, err = capfd.readouterr()
-        return status, out, err
-
-    return run
-
-
-@pytest.fixture
 def written(call, tmp_path, monkeypatch):
     """Return a folder with a scenario of its own and `proof.json`, the certificate of a path there."""
     source = find_scenario("planar3").resolve()

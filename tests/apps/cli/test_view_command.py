@@ -42,6 +42,7 @@ def test_what_cannot_be_shown_is_refused(files, tmp_path, capsys):
         ([str(other)], "format: must be 'safe-ompl'"),
         (["planar2", "planar3"], "one scenario at a time"),
         (["planar2", str(files["RESULT"])], "not both"),
+        (["planar2", "--html", "-"], "--html: '-' must end in .html"),
         (["planar2", "--html", "x.pdf"], "--html: 'x.pdf' must end in .html"),
         (["planar2", "--animation", "x.mp4"], "--animation: 'x.mp4' must end in .webp or .gif"),
         (["planar2", "--slice", "0.3"], "--slice: is for --html"),

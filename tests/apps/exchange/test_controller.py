@@ -200,27 +200,19 @@ def goes_on(drive):
     assert drive.last == ("done", "at the goal")
 
 
-def test_a_person_who_is_lost(cell):
+@pytest.mark.parametrize(
+    ("fault", "why"),
+    [
+        ("people", "'operator' was not seen for"),
+        ("joints", "no joint states for"),
+        ("deaf", "from where it should be"),
+    ],
+)
+def test_what_is_lost_stops_the_robot_until_it_is_back(cell, fault, why):
     drive = moving(cell)
-    drive.people = True
-    assert "'operator' was not seen for" in stopped(drive, 1.5)
-    drive.people = False
-    goes_on(drive)
-
-
-def test_joint_states_that_are_lost(cell):
-    drive = moving(cell)
-    drive.joints = True
-    assert "no joint states for" in stopped(drive)
-    drive.joints = False
-    goes_on(drive)
-
-
-def test_a_robot_that_does_not_listen(cell):
-    drive = moving(cell)
-    drive.deaf = True
-    assert "from where it should be" in stopped(drive)
-    drive.deaf = False
+    setattr(drive, fault, True)
+    assert why in stopped(drive, 1.5)
+    setattr(drive, fault, False)
     goes_on(drive)
 
 

@@ -7,7 +7,7 @@ import pytest
 from ompl import base as ob
 
 from safe_ompl import InputError, Scenario, UnknownNameError, WorkspaceGoal, make_planner, planner_names
-from safe_ompl.apps.cli.options import parameter
+from safe_ompl.apps.cli.arguments import parameter
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import accepts, is_ours, needs_place
 from safe_ompl.scene import find_scenario

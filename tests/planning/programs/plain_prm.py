@@ -5,7 +5,7 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl import CertifiedMotionValidator, CollisionFreeValidity
-from safe_ompl.apps.cli.options import load_scenario
+from safe_ompl.apps.cli.arguments import load_scenario
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import StateBridge, joint_space
 

@@ -265,13 +265,14 @@ def test_speed_and_what_binds_it(trajectory, tmp_path):
     speed, velocity, acceleration = plot_motion(trajectory, tmp_path / "motion.png").axes
     assert (tmp_path / "motion.png").stat().st_size > 10_000
     lines = {line.get_label(): line for line in speed.lines}
-    whole = lines[ACCELERATION]
-    assert whole.get_ydata().max() == pytest.approx(np.sqrt(trajectory.law.squares.max()))
-    bound = lines["tool speed"].get_ydata()
-    kept = np.isfinite(bound)
-    assert 0 < kept.mean() < 1
-    np.testing.assert_allclose(bound[kept], whole.get_ydata()[kept])
-    assert len(speed.lines) >= 3
+    whole, bound = lines[ACCELERATION].get_ydata(), lines["tool speed"].get_ydata()
+    highest = np.sqrt(trajectory.law.squares.max())
+    assert np.nanmax([whole, bound]) == pytest.approx(highest, rel=1e-2)
+    assert 0 < np.isfinite(bound).mean() < 1
+    assert np.isfinite(np.fmax(whole, bound)).all()  # each piece in the colour of what binds there
+    times = np.linspace(0.0, trajectory.duration, len(whole))
+    drawn = np.where(np.isfinite(bound), bound, whole)
+    np.testing.assert_allclose(drawn, trajectory.law.at(times)[2], atol=1e-9)
     for axes in (velocity, acceleration):
         shares = np.concatenate([line.get_ydata() for line in axes.lines if len(line.get_ydata()) > 2])
         assert 0.3 < abs(shares).max() <= 1 + 1e-9

@@ -1,12 +1,18 @@
 """Pictures of configuration spaces and of the danger field; the surface they are drawn with."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
+
+from _paper import figures, planar
+from _paper.planar import isosurface, plot_bubbles, plot_cspace_path, plot_field
+
 from safe_ompl import CollisionChecker, InputError, Scenario
 from safe_ompl.scene import find_scenario
-from safe_ompl.view.plots import planar, plot_bubbles, plot_cspace_path, plot_field
-from safe_ompl.view.plots.planar import isosurface
 
 
 @pytest.fixture(autouse=True)
@@ -74,6 +80,12 @@ def test_a_path_is_drawn_from_start_to_goal(planar3, tmp_path):
     lines = [np.transpose(line.get_data_3d()) for line in figure.axes[0].lines]
     assert any(np.array_equal(line, path) for line in lines)
     assert (tmp_path / "path.png").is_file()
+
+
+def test_the_ideas_of_the_paper_are_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(planar, "_FIELD_PIXELS", 21)
+    captions = figures.draw_ideas(tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == set(captions)
 
 
 def test_the_field_is_strongest_at_the_arm(planar2, tmp_path):

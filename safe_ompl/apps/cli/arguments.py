@@ -1,4 +1,4 @@
-"""Options of the commands: what several of them share, and how values are read from text."""
+"""Arguments of the commands: what several of them share, and how values are read from text."""
 
 from __future__ import annotations
 
@@ -42,40 +42,66 @@ def add_parser(
     return parser
 
 
+def option(
+    parser: argparse._ActionsContainer,
+    form: str,
+    words: str = "",
+    read: Callable[[str], Any] = str,
+    default: Any = None,
+    **more: Any,
+) -> None:
+    """Add an option to a parser or a group of it; `form` is how its help shows it, such as `-o, --out FILE`.
+
+    An option without a value is a switch, one whose default is an empty list may be repeated; a form that begins with
+    no dash is a positional argument. The help says the default, unless `words` do. `more` are further arguments of
+    `add_argument`.
+    """
+    *others, last = form.split(", ")
+    name, _, metavar = last.partition(" ")
+    if metavar:
+        more |= {"metavar": metavar, "type": read, "default": default}
+        more |= {"action": "append"} if default == [] else {}
+    else:
+        more["action"] = "store_true"
+    told = "default" in words or isinstance(default, bool)
+    if not told and isinstance(default, (str, int, float, tuple, Path)):
+        kind = "g" if isinstance(default, (int, float)) else "s"
+        words = f"{words}; default: %(default){kind}".removeprefix("; ")
+    parser.add_argument(*others, name, help=words, **more)
+
+
+def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """Raise InputError if one of some options is given."""
+    for name in names:
+        if getattr(options, name) not in (None, []):
+            raise InputError(why, f"--{name.replace('_', '-')}")
+
+
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """Add the scenario, as the first argument."""
-    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+    option(parser, "scenario SCENARIO", "name or YAML file, see `safe-ompl scenarios`")
 
 
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
     """Add planner, parameters, time limit, seed and simplification."""
-    parser.add_argument("--planner", default="SafeRRTConnect", metavar="NAME", help="default: %(default)s")
-    parser.add_argument(
-        "--param",
-        action="append",
-        default=[],
-        type=parameter,
-        metavar="KEY=VALUE",
-        help="parameter of the planner, such as alpha=2 (repeatable)",
-    )
+    option(parser, "--planner NAME", "", default="SafeRRTConnect")
+    option(parser, "--param KEY=VALUE", "parameter of the planner: alpha=2 (repeatable)", parameter, [])
     add_run_options(parser, usual_time)
 
 
 def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplify: bool = False) -> None:
     """Add time limit, seed and simplification."""
-    parser.add_argument(
-        "--time", type=seconds, metavar="SECONDS", help=f"time limit of a run (default: {usual_time})"
-    )
-    parser.add_argument("--seed", type=random_seed, default=0, metavar="N", help="random seed (default: 0)")
-    parser.add_argument(
-        "--simplify",
-        type=seconds,
+    option(parser, "--time SECONDS", f"time limit of a run (default: {usual_time})", seconds)
+    option(parser, "--seed N", "random seed (default: 0)", random_seed, 0)
+    option(
+        parser,
+        "--simplify SECONDS",
+        "make paths shorter and safer; without SECONDS until no step improves them"
+        + (" (this is the default)" if simplify else ""),
+        seconds,
+        simplify,
         nargs="?",
         const=True,
-        default=simplify,
-        metavar="SECONDS",
-        help="make paths shorter and safer; without SECONDS until no step improves them"
-        + (" (this is the default)" if simplify else ""),
     )
 
 
@@ -93,30 +119,19 @@ def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
     """Add options for another robot; `instead_of` names the one that is used without them."""
     group = parser.add_argument_group(f"another robot than {instead_of}")
     kinds = group.add_mutually_exclusive_group()
-    kinds.add_argument("--robot", metavar="NAME", help="an example robot, see `safe-ompl robots`")
-    kinds.add_argument("--urdf", metavar="FILE", help="a robot's URDF")
+    option(kinds, "--robot NAME", "an example robot, see `safe-ompl robots`")
+    option(kinds, "--urdf FILE", "a robot's URDF")
     add_urdf_options(group)
 
 
 def add_urdf_options(parser: argparse._ActionsContainer) -> None:
     """Add options for what a URDF does not say: SRDF, packages, tip, joints that move, shapes that collide."""
-    parser.add_argument("--srdf", metavar="FILE", help="its SRDF, which says which links may touch")
+    option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
     add_package_dirs(parser)
-    parser.add_argument("--tip", metavar="FRAME", help="frame at the end of the arm")
-    parser.add_argument(
-        "--lock",
-        action="append",
-        default=[],
-        type=joint_value,
-        metavar="JOINT=VALUE",
-        help="hold a joint still [rad or m] (repeatable)",
-    )
-    parser.add_argument(
-        "--group", metavar="NAME", help="group of the SRDF whose joints move; the others are held"
-    )
-    parser.add_argument(
-        "--locked-state", metavar="NAME", help="state of the SRDF in which joints are held (default: zero)"
-    )
+    option(parser, "--tip FRAME", "frame at the end of the arm")
+    option(parser, "--lock JOINT=VALUE", "hold a joint still [rad or m] (repeatable)", joint_value, [])
+    option(parser, "--group NAME", "group of the SRDF whose joints move; the others are held")
+    option(parser, "--locked-state NAME", "state of the SRDF in which joints are held (default: zero)")
     add_collision_option(parser)
 
 
@@ -132,14 +147,7 @@ def add_collision_option(parser: argparse._ActionsContainer) -> None:
 
 def add_package_dirs(parser: argparse._ActionsContainer) -> None:
     """Add folders of packages that URDFs name; every command that loads a robot or a saved file has the option."""
-    parser.add_argument(
-        "--package-dir",
-        action="append",
-        default=[],
-        type=_folder,
-        metavar="DIR",
-        help="folder that holds packages which a URDF names (repeatable)",
-    )
+    option(parser, "--package-dir DIR", "holds packages that a URDF names (repeatable)", _folder, [])
 
 
 def _folder(text: str) -> Path:
@@ -194,30 +202,25 @@ def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 def add_limit_options(parser: argparse.ArgumentParser) -> None:
     """Add the limits that every path must keep."""
     group = parser.add_argument_group("limits, proven along whole motions")
-    group.add_argument("--max-danger", type=limit, metavar="X", help="largest danger of any configuration")
-    group.add_argument(
-        "--min-clearance",
-        type=limit,
-        metavar="D",
-        help="keep D metres from people and from all obstacles with a danger weight",
+    option(group, "--max-danger X", "largest danger of any configuration", limit)
+    option(group, "--min-clearance D", "keep D metres from people and all that has a danger weight", limit)
+    option(
+        group,
+        "--keep-upright DEG",
+        "the axis of the tool that points up at the start stays within DEG degrees of upright",
+        degrees,
     )
-    group.add_argument(
-        "--keep-upright",
-        type=degrees,
-        metavar="DEG",
-        help="the axis of the tool that points up at the start stays within DEG degrees of upright",
+    option(
+        group,
+        "--moving NAME=SPEED[,…]",
+        "obstacles that may move, and their largest speeds [m/s]: the path is free however they move",
+        speeds,
     )
-    group.add_argument(
-        "--moving",
-        type=speeds,
-        metavar="NAME=SPEED[,…]",
-        help="obstacles that may move, and their largest speeds [m/s]: the path is free however they move",
-    )
-    group.add_argument(
-        "--moving-time",
-        type=limit,
-        metavar="SECONDS",
-        help="how long they may move, from the time of the scene on (default: the scenario's limits.moving.time)",
+    option(
+        group,
+        "--moving-time SECONDS",
+        "how long they may move, from the time of the scene on (default: the scenario's limits.moving.time)",
+        limit,
     )
 
 

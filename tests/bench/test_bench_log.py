@@ -1,12 +1,18 @@
 """Benchmark logs: what OMPL's own reader finds in them."""
 
 import sqlite3
+import sys
+from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
+
+from _paper.logs import write_log
+
 from safe_ompl import InputError, Scenario
 from safe_ompl.apps.benchmark import failure
-from safe_ompl.apps.benchmark.log import Experiment, PlannerRuns, save_database, write_log
+from safe_ompl.apps.benchmark.log import Experiment, PlannerRuns, save_database
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import find_scenario
 
