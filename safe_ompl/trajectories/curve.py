@@ -232,18 +232,13 @@ class BlendedCurve:
 
     def divided(self, cells: Cells, parts: IntArray) -> Cells:
         """Return the cells, each in as many equal parts as `parts: (N,)` says."""
-        bounds = []
         of = self.piece_at(cells.centres)
-        for k, piece in enumerate(self.pieces):
-            here = np.flatnonzero(of == k)
-            starts, ends = cells.edges[here] - self.starts[k], cells.edges[here + 1] - self.starts[k]
-            rows = [
-                np.linspace(a, b, n, endpoint=False)
-                for a, b, n in zip(starts, ends, parts[here].tolist(), strict=True)
-            ]
-            bounds.append(np.concatenate([*rows, [piece.length]]))
-            bounds[-1][0] = 0.0
-        return self._cells(bounds)
+        starts, ends = cells.edges[:-1] - self.starts[of], cells.edges[1:] - self.starts[of]
+        inside = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+        low = np.repeat(starts, parts) + inside * np.repeat((ends - starts) / parts, parts)
+        pieces = np.split(low, np.searchsorted(np.repeat(of, parts), np.arange(1, len(self.pieces))))
+        ends_of_cells = zip(pieces, self.pieces, strict=True)
+        return self._cells([np.concatenate([[0.0], at[1:], [piece.length]]) for at, piece in ends_of_cells])
 
     def _cells(self, bounds: list[FloatArray]) -> Cells:
         """Return the cells between arc lengths that are given for each piece, from its start."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.danger import JointMotions, KinetostaticField
+from safe_ompl.danger import KinetostaticField
 from safe_ompl.danger.kernels import CellMotions, cell_bounds
 from safe_ompl.robot import plain
 from safe_ompl.trajectories.body_speeds import acceleration_bounds
@@ -71,7 +71,6 @@ class MovingDanger:
                 "(a callable gives them); give the points themselves"
             )
         self.field = field
-        self._joints = JointMotions(field.field.robot)
 
     def bounds(
         self, curve: BlendedCurve, spans: Spans, rates: FloatArray, enough: float = -np.inf
@@ -92,11 +91,10 @@ class MovingDanger:
         assert points is not None
         place = curve.at(spans.centres)
         keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
-        steps, bends = (robot.coupling.reach(bound) for bound in (spans.slopes, spans.bends))
-        sliding = self._joints.prismatic
-        accelerations = acceleration_bounds(
-            robot.bounds.joint_keypoint_radii, robot.joint_keypoint_support, sliding, steps, bends
-        )
+        steps, bends = (plain(robot.coupling.reach(bound)) for bound in (spans.slopes, spans.bends))
+        sliding = robot.joint_prismatic
+        turned = robot.joint_keypoint_support & ~sliding
+        accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, steps, bends)
         speeds = np.linalg.norm(velocities, axis=2) + spans.halves[:, None] * accelerations
         weights = np.ones(len(points)) if field.weights is None else field.weights
         field.count(keypoints, points)
