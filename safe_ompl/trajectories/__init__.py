@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         limb_contact_speed,
         robot_mass,
     )
-    from safe_ompl.trajectories.curve import BlendedCurve, BlendProof, Cells, CurvePoints, Piece, blended
+    from safe_ompl.trajectories.curve import BlendedCurve, Cells, CurvePoints, Piece, blended
     from safe_ompl.trajectories.danger import MotionDanger
     from safe_ompl.trajectories.kernels import ceilings, drive
     from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits
@@ -49,7 +49,6 @@ __all__ = [
     "RATE_TOLERANCE",
     "SEPARATION",
     "TOOL_SPEED",
-    "BlendProof",
     "BlendedCurve",
     "BodySpeeds",
     "Cells",

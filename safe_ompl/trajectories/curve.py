@@ -9,9 +9,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from safe_ompl.collision import MotionProver
+from safe_ompl.collision import MotionProver, Verdict
 from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.danger import DangerLimit
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories.limits import RateLimits
 
@@ -124,6 +123,14 @@ class Piece(NamedTuple):
         slope = self.slope + t * (self.bend + bend) / 2
         q = self.start + t * (self.slope + t * (self.bend / 2 + t * self.swing / 6))
         return CurvePoints(q, slope, bend, np.broadcast_to(self.swing, q.shape))
+
+    def is_free(self, motion: MotionProver) -> bool:
+        """Return whether the piece is proven free, and to keep the limits of the motion, as its edges are."""
+        if self.straight:
+            return motion.is_free(self.start, self.start + self.length * self.slope)
+        coefficients = self.start, self.slope, self.bend / 2, self.swing / 6
+        scaled = [self.length**k * coefficient for k, coefficient in enumerate(coefficients)]
+        return motion.check_curve(scaled).verdict is Verdict.FREE
 
     def slope_box(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the box (S, n) of q′ between arc lengths first and last (S,); exact but for rounding."""
@@ -299,8 +306,7 @@ def blended(
     )  # continuous joints unrolled
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, None]
-    proof = None if motion is None or not tolerance else BlendProof(motion)
-
+    proof = motion if tolerance else None
     pieces: list[Piece] = []
     stops: list[int] = []
     begun = 0.0  # of the edge, used by the blend before
@@ -331,7 +337,7 @@ def _blend(
     second: FloatArray,
     room: float,
     tolerance: float,
-    proof: BlendProof,
+    proof: MotionProver,
     limits: RateLimits | None,
 ) -> tuple[list[Piece], float]:
     """Return a proven blend and how much of the edges it takes."""
@@ -352,7 +358,7 @@ def _blend(
                 end = piece.places(np.array([piece.length]))
                 q, slope = end.q[0], end.slope[0]
                 blend.append(piece)
-        if all(map(proof.holds, blend)):
+        if all(piece.is_free(proof) for piece in blend):
             return blend, reach
     return [], 0.0
 
@@ -366,49 +372,3 @@ def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float
         jerk = float((BENDS * limits.jerk / change).min())
     c = push**1.5 / (jerk * length**0.5)
     return float(min(0.5, c * (np.sqrt(c * c + 4) - c) / 2))
-
-
-class BlendProof:
-    """Proves blends free, and within the limits of danger, as `MotionProver` proves straight motions.
-
-    Parameters
-    ----------
-    motion : MotionProver
-        Robot, scene, floor, and what must be kept.
-    """
-
-    def __init__(self, motion: MotionProver) -> None:
-        self._checker, self._floor = motion.checker, motion.floor
-        self._required = motion.separation.required(motion.checker)
-        self._limits = [limit for limit in motion.limits if isinstance(limit, DangerLimit)]
-        self._unknown = len(self._limits) < len(motion.limits)
-        if self._unknown:
-            _log.warning(
-                "limits other than those of danger are not proven on blends: corners stay as they are"
-            )
-
-    def holds(self, piece: Piece) -> bool:
-        """Return whether a piece of a blend is proven, by bisection.
-
-        While the joints move along half an interval, pair p approaches by at most Σ_i R_pi ∫|q′_i|: an interval at
-        whose centre every pair keeps more than that, and what it must keep besides, is free.
-        """
-        if self._unknown:
-            return False
-        intervals = [(0.0, piece.length)]
-        while intervals:
-            first, last = intervals.pop()
-            middle = (first + last) / 2
-            low, high = piece.slope_box(np.array([first]), np.array([last]))
-            steps = np.maximum(np.abs(low), np.abs(high))[0] * (last - first) / 2
-            q = piece.places(np.array([middle])).q[0]
-            approach = self._required.pairs.radii @ steps
-            free = not self._required.pairs.within_margins(q, approach + self._required.provable(0.0))
-            if free and all(limit.holds_within(q, steps) for limit in self._limits):
-                continue
-            if 2 * approach.max(initial=0.0) < self._floor or (not free and self._checker.touches(q)):
-                return False
-            if not all(limit.allows(q) for limit in self._limits):
-                return False
-            intervals += [(first, middle), (middle, last)]
-        return True

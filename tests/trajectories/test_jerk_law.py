@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from test_people_caps import Limbs, adversary
-from test_timing import POSTURE, Nothing
+from test_timing import POSTURE
 
 from safe_ompl import DangerField, InputError, PathTimer, People, RateLimits, UnknownNameError, time_path
 from safe_ompl.scene import MotionLimits
@@ -26,7 +26,7 @@ def limits(panda):
 @pytest.fixture
 def free(monkeypatch, shelf_motion):
     """Return a motion whose blends all count as proven."""
-    monkeypatch.setattr("safe_ompl.trajectories.curve.BlendProof", lambda motion: Nothing())
+    monkeypatch.setattr("safe_ompl.trajectories.curve.Piece.is_free", lambda piece, motion: True)
     return shelf_motion
 
 

@@ -27,7 +27,7 @@ from safe_ompl.people.replanning.guarded_path import (
 from safe_ompl.people.replanning.retreat import Receding, Retreats
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import SEPARATION, BlendedCurve, BlendProof, ContactLimits, Trajectory
+from safe_ompl.trajectories import SEPARATION, BlendedCurve, ContactLimits, Trajectory
 
 _log = logging.getLogger(__name__)
 _Given = TypeVar("_Given", bound=Command)
@@ -479,13 +479,8 @@ def _check_motion(motion: MotionProver, robot: Robot, still: Scene) -> None:
 
 def _prove(curve: BlendedCurve, motion: MotionProver) -> None:
     """Raise InputError unless all of a curve is proven free of still obstacles."""
-    blends = BlendProof(motion)
     for k, piece in enumerate(curve.pieces):
-        if piece.straight:
-            free = motion.is_free(piece.start, piece.start + piece.length * piece.slope)
-        else:
-            free = blends.holds(piece)
-        if not free:
+        if not piece.is_free(motion):
             raise InputError(
                 f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on, is not free of what stands "
                 "still"
