@@ -12,7 +12,7 @@ from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.contact import CLAMPING, CONTACT, SEPARATION
-from safe_ompl.trajectories.curve import BlendedCurve, Cells, Curve
+from safe_ompl.trajectories.curve import BlendedCurve, Cells, Curve, divided_edges
 from safe_ompl.trajectories.kernels import spread, stopping_speeds
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
@@ -178,7 +178,9 @@ def people_caps(
         allowed, group, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
         limb = np.where(group < 0, -1, first[where, group])
         if not last:
-            cells = curve.divided(cells, _parts(cells, speeds, left, limb, where, distances, loss))
+            cells = curve.between(
+                divided_edges(cells.edges, _parts(cells, speeds, left, limb, where, distances, loss))
+            )
     _check_start(left.distances[0], distances)
     for j in np.flatnonzero(allowed <= 0):
         raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances, window))

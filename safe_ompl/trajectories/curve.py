@@ -12,6 +12,7 @@ import numpy as np
 from safe_ompl.collision import MotionProver, Verdict
 from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.robot import Robot
+from safe_ompl.trajectories.kernels import Boxes
 from safe_ompl.trajectories.limits import RateLimits
 
 _log = logging.getLogger(__name__)
@@ -40,8 +41,8 @@ class Cells:
     ----------
     edges : ndarray, shape (N + 1,)
         Arc lengths where the N cells begin and end.
-    slope_low, slope_high, bend_low, bend_high : ndarray, shape (N, n)
-        Boxes of q′ and q″ over whole cells.
+    boxes : Boxes
+        Boxes of q′ and q″ over whole cells, (N, n) each.
     swings : ndarray, shape (N, n)
         Bounds of |q‴|.
     stops : ndarray of int
@@ -49,10 +50,7 @@ class Cells:
     """
 
     edges: FloatArray
-    slope_low: FloatArray
-    slope_high: FloatArray
-    bend_low: FloatArray
-    bend_high: FloatArray
+    boxes: Boxes
     swings: FloatArray
     stops: IntArray
 
@@ -74,13 +72,13 @@ class Cells:
     @cached_property
     def slopes(self) -> FloatArray:
         """Bounds (N, n) of |q′|."""
-        slopes: FloatArray = np.maximum(np.abs(self.slope_low), np.abs(self.slope_high))
+        slopes: FloatArray = np.maximum(np.abs(self.boxes.slope_low), np.abs(self.boxes.slope_high))
         return slopes
 
     @cached_property
     def bends(self) -> FloatArray:
         """Bounds (N, n) of |q″|."""
-        bends: FloatArray = np.maximum(np.abs(self.bend_low), np.abs(self.bend_high))
+        bends: FloatArray = np.maximum(np.abs(self.boxes.bend_low), np.abs(self.boxes.bend_high))
         return bends
 
 
@@ -90,8 +88,17 @@ class Curve(Protocol):
     def at(self, s: FloatArray) -> CurvePoints:
         """Return the places (S, n) at parameters `s: (S,)`."""
 
-    def divided(self, cells: Cells, parts: IntArray) -> Cells:
-        """Return the cells, each in as many equal parts as `parts: (N,)` says."""
+    def between(self, edges: FloatArray) -> Cells:
+        """Return the cells between parameters `edges: (N + 1,)`, among which are all ends of its pieces."""
+
+
+def divided_edges(edges: FloatArray, parts: IntArray) -> FloatArray:
+    """Return the edges of cells that are divided, each in as many equal parts as `parts: (N,)` says."""
+    inside = np.arange(int(parts.sum())) - np.repeat(np.cumsum(parts) - parts, parts)
+    starts = np.repeat(edges[:-1], parts) + inside / np.repeat(parts, parts) * np.repeat(
+        np.diff(edges), parts
+    )
+    return np.append(starts, edges[-1])
 
 
 class Piece(NamedTuple):
@@ -237,16 +244,6 @@ class BlendedCurve:
         rows = zip(self.starts, first, last, strict=True)
         return self._cells([edges[a : b + 1] - start for start, a, b in rows])
 
-    def divided(self, cells: Cells, parts: IntArray) -> Cells:
-        """Return the cells, each in as many equal parts as `parts: (N,)` says."""
-        of = self.piece_at(cells.centres)
-        starts, ends = cells.edges[:-1] - self.starts[of], cells.edges[1:] - self.starts[of]
-        inside = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-        low = np.repeat(starts, parts) + inside * np.repeat((ends - starts) / parts, parts)
-        pieces = np.split(low, np.searchsorted(np.repeat(of, parts), np.arange(1, len(self.pieces))))
-        ends_of_cells = zip(pieces, self.pieces, strict=True)
-        return self._cells([np.concatenate([[0.0], at[1:], [piece.length]]) for at, piece in ends_of_cells])
-
     def _cells(self, bounds: list[FloatArray]) -> Cells:
         """Return the cells between arc lengths that are given for each piece, from its start."""
         counts = np.array([len(at) - 1 for at in bounds])
@@ -256,8 +253,7 @@ class BlendedCurve:
         corners: IntArray = (np.cumsum(counts) - counts)[sorted(self.stops)].astype(np.intp)
         return Cells(
             np.append(0.0, self.starts[which] + last),
-            *pieces.slope_box(first, last),
-            *pieces.bend_box(first, last),
+            Boxes(*pieces.slope_box(first, last), *pieces.bend_box(first, last)),
             np.abs(pieces.swing),
             corners,
         )

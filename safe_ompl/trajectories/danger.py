@@ -12,7 +12,7 @@ from safe_ompl.danger import KinetostaticField
 from safe_ompl.danger.kernels import CellMotions, cell_bounds
 from safe_ompl.robot import plain
 from safe_ompl.trajectories.body_speeds import acceleration_bounds
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.curve import BlendedCurve, Cells, divided_edges
 from safe_ompl.trajectories.time_law import TimeLaw
 
 _HALVINGS = 50
@@ -181,7 +181,12 @@ def danger_cap(
         if (parts == 1).all():
             break
         of = np.repeat(np.arange(len(cells)), parts)
-        cells, parents, speeds, new = curve.divided(cells, parts), parents[of], speeds[of], parts[of] > 1
+        cells, parents, speeds, new = (
+            curve.between(divided_edges(cells.edges, parts)),
+            parents[of],
+            speeds[of],
+            parts[of] > 1,
+        )
         exact = exact[of]
         divided = np.flatnonzero(new)
         speeds[divided] = capped(Spans.of(cells, divided), most[parents[divided]])
@@ -259,6 +264,6 @@ def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: Moving
         if not above.any():
             break
         parts: IntArray = np.where(above, _PARTS, 1)
-        cells = curve.divided(cells, parts)
+        cells = curve.between(divided_edges(cells.edges, parts))
         rows, upper = np.flatnonzero(np.repeat(above, parts)), np.repeat(upper, parts)
     return float(upper.max())

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import FloatArray
 from safe_ompl.trajectories.caps import BENDING
 from safe_ompl.trajectories.kernels import stopping_speeds
-from safe_ompl.trajectories.separation import PeopleDistances
 from safe_ompl.trajectories.timing import PathTimer
 
 _STEP = 0.15  # [rad] between samples
@@ -22,19 +19,16 @@ _NEVER = 1e6  # [s] where nobody comes
 class DurationEstimate:
     """The law of `PathTimer` at samples of a path, instead of in cells that are proven.
 
-    When people may be at the robot is looked at once for every edge, and kept: of a path that differs from an earlier
-    one in some edges only those are looked at. A Panda's path beside a person takes some milliseconds then, a tenth of
-    what it takes to time it. Corners count as the blends that the tolerance allows.
+    It takes a tenth of what the coarsest timing takes. Corners count as the blends that the tolerance allows.
 
     Parameters
     ----------
     timer : PathTimer
-        Limits and people. People must not move while the estimate is in use.
+        Limits and people.
     """
 
     def __init__(self, timer: PathTimer) -> None:
         self._timer = timer
-        self._known: dict[tuple[bytes, bytes], FloatArray] = {}
 
     @staticmethod
     def knows(timer: PathTimer) -> bool:
@@ -58,7 +52,9 @@ class DurationEstimate:
             rest = limits.acceleration - bends * (caps * caps)[:, None]
             weakest = (rest / slopes[of]).min(axis=1)
         if self._timer.distances is not None:
-            left = self._left(self._timer.distances, path, panels)[:, None]
+            inside = np.arange(len(of)) - np.repeat(np.cumsum(panels) - panels, panels) + 0.5
+            middles = path[of] + (inside / panels[of])[:, None] * steps[of]
+            left = np.minimum(self._timer.distances.times_at(middles), _NEVER)[:, None]
             last = np.full(len(of), len(of) - 1)
             caps, *_ = stopping_speeds(sizes, weakest, left, np.zeros_like(left), caps, last)
         if caps.min() <= 0:
@@ -75,20 +71,6 @@ class DurationEstimate:
         gradient: FloatArray = times[1:] - times[0]
         size = np.linalg.norm(gradient)
         return gradient / size if np.isfinite(size) and size > 0 else None
-
-    def _left(self, distances: PeopleDistances, path: FloatArray, panels: IntArray) -> FloatArray:
-        """Return when people may be at the robot, in the middle of each panel [s]."""
-        keys = [(a.tobytes(), b.tobytes()) for a, b in pairwise(path)]
-        new = [k for k, key in enumerate(keys) if key not in self._known]
-        if new:
-            middles = [(np.arange(panels[k]) + 0.5) / panels[k] for k in new]
-            rows = [
-                path[k] + at[:, None] * (path[k + 1] - path[k]) for k, at in zip(new, middles, strict=True)
-            ]
-            times = np.minimum(distances.times_at(np.vstack(rows)), _NEVER)
-            for k, part in zip(new, np.split(times, np.cumsum(panels[new])[:-1]), strict=True):
-                self._known[keys[k]] = part
-        return np.concatenate([self._known[key] for key in keys])
 
     def _bends(self, units: FloatArray, lengths: FloatArray, sizes: FloatArray) -> FloatArray:
         """Return |q″| (M, n) of the panels: that of the blend where one is, by the formulas of `blended`."""

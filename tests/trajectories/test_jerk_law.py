@@ -108,8 +108,8 @@ def test_blends_bend_continuously_within_the_tolerance(panda, shelf_path, limits
     on = curve.at(np.linspace(0, curve.length, 5000))
     at = np.clip(np.searchsorted(cells.edges, np.linspace(0, curve.length, 5000)) - 1, 0, None)
     for values, low, high in (
-        (on.slope, cells.slope_low, cells.slope_high),
-        (on.bend, cells.bend_low, cells.bend_high),
+        (on.slope, cells.boxes.slope_low, cells.boxes.slope_high),
+        (on.bend, cells.boxes.bend_low, cells.boxes.bend_high),
         (on.swing, -cells.swings, cells.swings),
     ):
         assert (values >= low[at] - 1e-9).all()
