@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from safe_ompl.common import FloatArray
-from safe_ompl.trajectories.caps import BENDING
-from safe_ompl.trajectories.kernels import stopping_speeds
+from safe_ompl.trajectories.caps import bending_cap, braking, next_stops
+from safe_ompl.trajectories.curve import Cells, divided_edges
+from safe_ompl.trajectories.kernels import Boxes, stopping_speeds
+from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, velocity_cap
 from safe_ompl.trajectories.timing import PathTimer
 
 _STEP = 0.15  # [rad] between samples
@@ -40,28 +42,26 @@ class DurationEstimate:
         """Return how long each edge (N − 1,) of a path (N, n) takes [s]; +inf where nothing allows motion."""
         steps = np.diff(path, axis=0)
         lengths = np.maximum(np.linalg.norm(steps, axis=1), _SHORTEST)
-        slopes = np.abs(steps) / lengths[:, None]
-        limits = self._timer.limits
-        panels = np.maximum(1, np.ceil(lengths / _STEP).astype(np.intp))
+        panels = np.maximum(2, np.ceil(lengths / _STEP)).astype(np.intp)
         of = np.repeat(np.arange(len(panels)), panels)
-        sizes = (lengths / panels)[of]
-        bends = self._bends(steps / lengths[:, None], lengths, sizes)
-        with np.errstate(divide="ignore"):
-            speeds = (limits.velocity / slopes).min(axis=1)[of]
-            caps = np.minimum(speeds, np.sqrt((BENDING * limits.acceleration / bends).min(axis=1)))
-            rest = limits.acceleration - bends * (caps * caps)[:, None]
-            weakest = (rest / slopes[of]).min(axis=1)
+        units, edges = steps / lengths[:, None], divided_edges(np.append(0.0, np.cumsum(lengths)), panels)
+        bends = self._bends(units, lengths, np.diff(edges))
+        boxes = Boxes(units[of], units[of], -bends, bends)
+        cells, limits = (
+            Cells(edges, boxes, np.zeros_like(bends), np.zeros(0, dtype=np.intp)),
+            self._timer.limits,
+        )
+        caps = np.minimum(velocity_cap(cells, limits), bending_cap(cells, limits))
         if self._timer.distances is not None:
             inside = np.arange(len(of)) - np.repeat(np.cumsum(panels) - panels, panels) + 0.5
             middles = path[of] + (inside / panels[of])[:, None] * steps[of]
             left = np.minimum(self._timer.distances.times_at(middles), _NEVER)[:, None]
-            last = np.full(len(of), len(of) - 1)
-            caps, *_ = stopping_speeds(sizes, weakest, left, np.zeros_like(left), caps, last)
+            brakes, still = braking(cells, limits, caps), np.zeros_like(left)
+            caps, *_ = stopping_speeds(cells.sizes, brakes, left, still, caps, next_stops(cells))
         if caps.min() <= 0:
             return np.full(len(panels), np.inf)
-        times = _fastest_times(sizes, weakest, caps)
-        found: FloatArray = np.add.reduceat(times, np.concatenate([[0], np.cumsum(panels)[:-1]]))
-        return found
+        law = TimeLaw.through(edges, fastest_law(cells, limits.acceleration, caps))
+        return np.diff(law.times[np.append(0, np.cumsum(panels))])
 
     def away(self, q: FloatArray) -> FloatArray | None:
         """Return the direction (n,) in which people need longer to reach the robot at `q: (n,)`, or None."""
@@ -87,20 +87,3 @@ class DurationEstimate:
                 near = np.abs(middles - corners[k]) <= max(reach, sizes.max() / 2)
                 bends[near] = np.maximum(bends[near], np.abs(change) / (2 * reach))
         return bends
-
-
-def _fastest_times(sizes: FloatArray, brakes: FloatArray, caps: FloatArray) -> FloatArray:
-    """Return how long each panel (N,) takes at the largest speeds within caps and accelerations, from rest to rest."""
-    within = caps * caps
-    squares = [0.0, *np.minimum(within[:-1], within[1:]).tolist(), 0.0]
-    gains = (2 * brakes * sizes).tolist()
-    for k, gain in enumerate(gains):
-        squares[k + 1] = min(squares[k + 1], squares[k] + gain)
-    for k in range(len(gains) - 1, -1, -1):
-        squares[k] = min(squares[k], squares[k + 1] + gains[k])
-    if len(gains) == 1:
-        peak = min(float(caps[0]), float(np.sqrt(gains[0] / 2)))
-        return np.array([sizes[0] / peak + peak / brakes[0]])
-    speeds = np.sqrt(squares)
-    found: FloatArray = 2 * sizes / (speeds[:-1] + speeds[1:])
-    return found
