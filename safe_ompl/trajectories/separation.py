@@ -287,49 +287,33 @@ class PeopleDistances:
         """Return what is left in cells with centres Q (N, n) from which the moving bodies get by `half: (N, B)` [m]."""
         shape, half = (len(Q), len(self.limbs)), plain(half)
         if self._bounded:
-            values = plain(self.robot.coupling.values(Q))
-            joints = self.robot.kinematics.joints
+            values, joints = plain(self.robot.coupling.values(Q)), self.robot.kinematics.joints
             found = arrivals(joints, self._shapes, self._bodies, values, half, soon, short)
         else:
             unknown = np.full((len(Q), len(self.moving), shape[1]), -inf)
             found = np.full(shape, inf), np.full(shape, inf), np.zeros(shape, dtype=np.intp), unknown
         distances, times, nearest, rough = found
-        for row in range(len(rough)):
-            when = self._measured(Q[row], half[row], rough[row], times[row], soon, short)
-            distances[row] = np.minimum(distances[row], rough[row].min(axis=0))
-            first = when.argmin(axis=0)
-            least = when[first, np.arange(shape[1])]
-            nearest[row] = np.where(least < times[row], first, nearest[row])
-            times[row] = np.minimum(times[row], least)
+        if rough.size:
+            first = times[:, self._bodies.moves].min(axis=1, initial=inf)
+            enough = np.minimum(soon, np.minimum(times, np.maximum(first, short)[:, None]))
+            self._measure(Q, half, rough, np.argwhere(self._arrivals(rough) < enough[:, None]))
+            when = self._arrivals(rough)
+            distances = np.minimum(distances, rough.min(axis=1))
+            nearest = np.where(when.min(axis=1) < times, when.argmin(axis=1), nearest)
+            times = np.minimum(times, when.min(axis=1))
         return SeparationBounds(distances, times, self.moving[nearest])
 
-    def _measured(
-        self,
-        q: FloatArray,
-        half: FloatArray,
-        rough: FloatArray,
-        others: FloatArray,
-        soon: float,
-        short: float,
-    ) -> FloatArray:
-        """Return the arrivals (B, M) of pairs that are not convex, by coal where they may be the first ones.
-
-        `rough: (B, M)` are bounds of their distances [m], which are replaced; `others: (M,)` is when others arrive.
-        """
-        when, earliest, moves = self._arrivals(rough), others.copy(), self._bodies.moves
-        model, data, geometry, places = self._memory.own
-        pin.updateGeometryPlacements(model, data, geometry, places, self.robot.pinocchio_configuration(q))
-        for p in when.argsort(axis=None).tolist():
-            g, m = divmod(p, len(others))
-            if when[g, m] >= min(soon, max(earliest[moves].min(initial=inf), short)):
-                break
-            if when[g, m] < earliest[m]:
-                pair = int(self.moving[g]) * len(others) + m
-                distance = pin.computeDistance(geometry, places, pair).min_distance
-                rough[g, m] = max(rough[g, m], distance - DISTANCE_ERROR - half[g])
-                when[g, m] = self._arrivals(rough[g])[m]
-                earliest[m] = min(earliest[m], when[g, m])
-        return when
+    def _measure(self, Q: FloatArray, half: FloatArray, rough: FloatArray, chosen: IntArray) -> None:
+        """Replace bounds (N, B, M) by what coal measures, for `chosen: (C, 3)`, cells with a body and a limb each."""
+        (model, data, geometry, places), placed = self._memory.own, -1
+        for row, g, m in chosen.tolist():
+            if row != placed:
+                there = self.robot.pinocchio_configuration(Q[row])
+                pin.updateGeometryPlacements(model, data, geometry, places, there)
+                placed = row
+            pair = int(self.moving[g]) * len(self.limbs) + m
+            distance = pin.computeDistance(geometry, places, pair).min_distance
+            rough[row, g, m] = max(rough[row, g, m], distance - DISTANCE_ERROR - half[row, g])
 
     def _arrivals(self, distances: FloatArray) -> FloatArray:
         """Return when limbs at distances (…, M) may reach the robot, as `_arrival` does."""
