@@ -46,7 +46,7 @@ from safe_ompl.people.replanning import Doing, Replanner
 from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
 from safe_ompl.people.simulation.simulation import Touch
 from safe_ompl.scene.people import CONTACT_TABLE
-from safe_ompl.trajectories import BlendedCurve, BlendProof, BodySpeeds, Piece, contact_speed
+from safe_ompl.trajectories import BlendedCurve, BodySpeeds, Piece, contact_speed
 
 # Accelerations [rad/s²]; of the Panda half of what Franka publishes, with which the motors are too weak here at times.
 ROBOTS = {"panda": [7.5, 3.75, 5, 6.25, 7.5, 10, 10], "ur5": [4.0] * 6}
@@ -103,12 +103,7 @@ def proven_margin(checker: CollisionChecker, trajectory: Trajectory, tube: tuple
 
     def holds(margin: float) -> bool:
         proof = MotionProver(checker, separation=Separation(margin=margin, tube=tube))
-        bends = BlendProof(proof)
-        for piece in trajectory.curve.pieces:
-            end = piece.places(np.array([piece.length])).q[0]
-            if not (proof.is_free(piece.start, end) if piece.straight else bends.holds(piece)):
-                return False
-        return True
+        return all(piece.is_free(proof) for piece in trajectory.curve.pieces)
 
     low, high = 0.0, 1.0
     if not holds(low):

@@ -8,7 +8,7 @@ from math import perm
 import numpy as np
 
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
+from safe_ompl.common import FloatArray, InputError, polynomials
 from safe_ompl.motions.motion import Motion
 from safe_ompl.scene import People
 from safe_ompl.trajectories import (
@@ -16,12 +16,14 @@ from safe_ompl.trajectories import (
     CELLS,
     RATE_TOLERANCE,
     BodySpeeds,
+    Boxes,
     Cells,
     CurvePoints,
     MotionCaps,
     PeopleDistances,
     RateLimits,
     Stops,
+    divided_edges,
     stops_beside,
     within_tube,
 )
@@ -56,19 +58,9 @@ class MotionCurve:
         lengths = fastest * np.diff(motion.times)
         step = min(CELL_LENGTH, float(lengths.sum()) / CELLS)
         parts = np.ceil(lengths / step) if step > 0 else np.ones(motion.pieces)
-        return self._divided(motion.times, np.maximum(parts, 1).astype(np.intp))
+        return self.between(divided_edges(motion.times, np.maximum(parts, 1).astype(np.intp)))
 
-    def divided(self, cells: Cells, parts: IntArray) -> Cells:
-        """Return the cells, each in as many equal parts as `parts: (N,)` says."""
-        return self._divided(cells.edges, parts)
-
-    def _divided(self, edges: FloatArray, parts: IntArray) -> Cells:
-        first = np.repeat(np.cumsum(parts) - parts, parts)
-        share = (np.arange(int(parts.sum())) - first) / np.repeat(parts, parts)
-        starts = np.repeat(edges[:-1], parts) + share * np.repeat(np.diff(edges), parts)
-        return self._between(np.append(starts, edges[-1]))
-
-    def _between(self, edges: FloatArray) -> Cells:
+    def between(self, edges: FloatArray) -> Cells:
         """Return the cells between times, the knots among them."""
         motion, times = self._motion, self._motion.times
         piece = np.searchsorted(times, (edges[1:] + edges[:-1]) / 2, side="right") - 1
@@ -84,7 +76,7 @@ class MotionCurve:
             boxes.append((points.min(axis=1) - error, points.max(axis=1) + error))
         swings = np.maximum(np.abs(boxes[2][0]), np.abs(boxes[2][1]))
         rests = np.searchsorted(edges, times[self._rests])
-        return Cells(edges, *boxes[0], *boxes[1], swings, rests)
+        return Cells(edges, Boxes(*boxes[0], *boxes[1]), swings, rests)
 
 
 def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, people: People) -> Stops:

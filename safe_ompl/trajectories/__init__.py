@@ -27,9 +27,9 @@ if TYPE_CHECKING:
         limb_contact_speed,
         robot_mass,
     )
-    from safe_ompl.trajectories.curve import BlendedCurve, BlendProof, Cells, CurvePoints, Piece, blended
+    from safe_ompl.trajectories.curve import BlendedCurve, Cells, CurvePoints, Piece, blended, divided_edges
     from safe_ompl.trajectories.danger import MotionDanger
-    from safe_ompl.trajectories.kernels import ceilings, drive
+    from safe_ompl.trajectories.kernels import Boxes, ceilings, drive
     from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits
     from safe_ompl.trajectories.local_changes import duration_of, faster
     from safe_ompl.trajectories.separation import PeopleDistances
@@ -49,9 +49,9 @@ __all__ = [
     "RATE_TOLERANCE",
     "SEPARATION",
     "TOOL_SPEED",
-    "BlendProof",
     "BlendedCurve",
     "BodySpeeds",
+    "Boxes",
     "Cells",
     "ContactLimits",
     "CurvePoints",
@@ -72,6 +72,7 @@ __all__ = [
     "braking",
     "ceilings",
     "contact_speed",
+    "divided_edges",
     "drive",
     "duration_of",
     "faster",

@@ -12,7 +12,7 @@ from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.contact import CLAMPING, CONTACT, SEPARATION
-from safe_ompl.trajectories.curve import BlendedCurve, Cells, Curve
+from safe_ompl.trajectories.curve import BlendedCurve, Cells, Curve, divided_edges
 from safe_ompl.trajectories.kernels import spread, stopping_speeds
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
@@ -161,7 +161,9 @@ def people_caps(
         brakes = braking(cells, limits, caps)
         speeds = bodies.bounds(curve, cells)
         left = distances.along(curve, cells, speeds, _SOON * float(caps.max() / brakes.min()))
-        times, (harmless, clamps) = left.times, harmless_rates(curve, cells, speeds, distances)
+        harmless, clamps = harmless_rates(curve, cells, speeds, distances)
+        first, times = _first_of_each(left.times, distances.alike)
+        harmless = harmless[:, first[0]]
         if limits.jerk is not None:
             window = window or best_window(cells, limits, caps, times, harmless)
             smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)
@@ -173,9 +175,12 @@ def people_caps(
                 harmless = smooth.cone(harmless)
             times = times - window
         ends = next_stops(cells)
-        allowed, limb, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
+        allowed, group, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
+        limb = np.where(group < 0, -1, first[where, group])
         if not last:
-            cells = curve.divided(cells, _parts(cells, speeds, left, limb, where, distances, loss))
+            cells = curve.between(
+                divided_edges(cells.edges, _parts(cells, speeds, left, limb, where, distances, loss))
+            )
     _check_start(left.distances[0], distances)
     for j in np.flatnonzero(allowed <= 0):
         raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances, window))
@@ -183,6 +188,13 @@ def people_caps(
     rules = (SEPARATION, CONTACT, CLAMPING) if people.contact else (SEPARATION,)
     found = [SpeedCap(r, np.where((allowed < most) & (caused == r), allowed, np.inf)) for r in rules]
     return PeopleCaps(cells, brakes, window, [SpeedCap("bends beside people", bending), *found])
+
+
+def _first_of_each(times: FloatArray, groups: IntArray) -> tuple[IntArray, FloatArray]:
+    """Return which limb of each of K groups (M,) comes first in each cell (N, K), and when, of `times: (N, M)`."""
+    rows = [np.flatnonzero(groups == group) for group in range(int(groups.max()) + 1)]
+    first: IntArray = np.stack([row[times[:, row].argmin(axis=1)] for row in rows], axis=1)
+    return first, np.take_along_axis(times, first, axis=1)
 
 
 def next_stops(cells: Cells) -> IntArray:
@@ -203,11 +215,13 @@ def _parts(
 ) -> IntArray:
     """Return into how many parts (N,) to divide cells, so that motion within them costs little of the time left."""
     parts: IntArray = np.ones(len(cells), dtype=np.intp)
-    for k, m in {(int(where[j]), int(limb[j])) for j in np.flatnonzero(limb >= 0)}:
-        speed = distances.speed(m, left.times[k, m] + distances.people.reaction_time)
-        lost = speeds[k, left.nearest[k, m]] * cells.sizes[k] / 2 / speed if speed else 0.0
-        wanted = lost / (loss * max(left.times[k, m] + lost, _INSTANT))
-        parts[k] = max(parts[k], min(np.ceil(wanted), np.ceil(cells.sizes[k] / _FINEST)))
+    k, m = np.unique(np.stack([where, limb])[:, limb >= 0], axis=1)
+    speed = distances.speed(m, left.times[k, m] + distances.people.reaction_time)
+    moved = speeds[k, left.nearest[k, m]] * cells.sizes[k] / 2
+    lost = np.divide(moved, speed, out=np.zeros(len(k)), where=speed > 0)
+    wanted = lost / (loss * np.maximum(left.times[k, m] + lost, _INSTANT))
+    wanted = np.ceil(np.minimum(wanted, cells.sizes[k] / _FINEST)).astype(np.intp)
+    np.maximum.at(parts, k, wanted)
     return parts
 
 

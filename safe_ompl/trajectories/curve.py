@@ -9,10 +9,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from safe_ompl.collision import MotionProver
+from safe_ompl.collision import MotionProver, Verdict
 from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.danger import DangerLimit
 from safe_ompl.robot import Robot
+from safe_ompl.trajectories.kernels import Boxes
 from safe_ompl.trajectories.limits import RateLimits
 
 _log = logging.getLogger(__name__)
@@ -41,8 +41,8 @@ class Cells:
     ----------
     edges : ndarray, shape (N + 1,)
         Arc lengths where the N cells begin and end.
-    slope_low, slope_high, bend_low, bend_high : ndarray, shape (N, n)
-        Boxes of q′ and q″ over whole cells.
+    boxes : Boxes
+        Boxes of q′ and q″ over whole cells, (N, n) each.
     swings : ndarray, shape (N, n)
         Bounds of |q‴|.
     stops : ndarray of int
@@ -50,10 +50,7 @@ class Cells:
     """
 
     edges: FloatArray
-    slope_low: FloatArray
-    slope_high: FloatArray
-    bend_low: FloatArray
-    bend_high: FloatArray
+    boxes: Boxes
     swings: FloatArray
     stops: IntArray
 
@@ -75,13 +72,13 @@ class Cells:
     @cached_property
     def slopes(self) -> FloatArray:
         """Bounds (N, n) of |q′|."""
-        slopes: FloatArray = np.maximum(np.abs(self.slope_low), np.abs(self.slope_high))
+        slopes: FloatArray = np.maximum(np.abs(self.boxes.slope_low), np.abs(self.boxes.slope_high))
         return slopes
 
     @cached_property
     def bends(self) -> FloatArray:
         """Bounds (N, n) of |q″|."""
-        bends: FloatArray = np.maximum(np.abs(self.bend_low), np.abs(self.bend_high))
+        bends: FloatArray = np.maximum(np.abs(self.boxes.bend_low), np.abs(self.boxes.bend_high))
         return bends
 
 
@@ -91,8 +88,17 @@ class Curve(Protocol):
     def at(self, s: FloatArray) -> CurvePoints:
         """Return the places (S, n) at parameters `s: (S,)`."""
 
-    def divided(self, cells: Cells, parts: IntArray) -> Cells:
-        """Return the cells, each in as many equal parts as `parts: (N,)` says."""
+    def between(self, edges: FloatArray) -> Cells:
+        """Return the cells between parameters `edges: (N + 1,)`, among which are all ends of its pieces."""
+
+
+def divided_edges(edges: FloatArray, parts: IntArray) -> FloatArray:
+    """Return the edges of cells that are divided, each in as many equal parts as `parts: (N,)` says."""
+    inside = np.arange(int(parts.sum())) - np.repeat(np.cumsum(parts) - parts, parts)
+    starts = np.repeat(edges[:-1], parts) + inside / np.repeat(parts, parts) * np.repeat(
+        np.diff(edges), parts
+    )
+    return np.append(starts, edges[-1])
 
 
 class Piece(NamedTuple):
@@ -124,6 +130,14 @@ class Piece(NamedTuple):
         slope = self.slope + t * (self.bend + bend) / 2
         q = self.start + t * (self.slope + t * (self.bend / 2 + t * self.swing / 6))
         return CurvePoints(q, slope, bend, np.broadcast_to(self.swing, q.shape))
+
+    def is_free(self, motion: MotionProver) -> bool:
+        """Return whether the piece is proven free, and to keep the limits of the motion, as its edges are."""
+        if self.straight:
+            return motion.is_free(self.start, self.start + self.length * self.slope)
+        coefficients = self.start, self.slope, self.bend / 2, self.swing / 6
+        scaled = [self.length**k * coefficient for k, coefficient in enumerate(coefficients)]
+        return motion.check_curve(scaled).verdict is Verdict.FREE
 
     def slope_box(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the box (S, n) of q′ between arc lengths first and last (S,); exact but for rounding."""
@@ -230,21 +244,6 @@ class BlendedCurve:
         rows = zip(self.starts, first, last, strict=True)
         return self._cells([edges[a : b + 1] - start for start, a, b in rows])
 
-    def divided(self, cells: Cells, parts: IntArray) -> Cells:
-        """Return the cells, each in as many equal parts as `parts: (N,)` says."""
-        bounds = []
-        of = self.piece_at(cells.centres)
-        for k, piece in enumerate(self.pieces):
-            here = np.flatnonzero(of == k)
-            starts, ends = cells.edges[here] - self.starts[k], cells.edges[here + 1] - self.starts[k]
-            rows = [
-                np.linspace(a, b, n, endpoint=False)
-                for a, b, n in zip(starts, ends, parts[here].tolist(), strict=True)
-            ]
-            bounds.append(np.concatenate([*rows, [piece.length]]))
-            bounds[-1][0] = 0.0
-        return self._cells(bounds)
-
     def _cells(self, bounds: list[FloatArray]) -> Cells:
         """Return the cells between arc lengths that are given for each piece, from its start."""
         counts = np.array([len(at) - 1 for at in bounds])
@@ -254,8 +253,7 @@ class BlendedCurve:
         corners: IntArray = (np.cumsum(counts) - counts)[sorted(self.stops)].astype(np.intp)
         return Cells(
             np.append(0.0, self.starts[which] + last),
-            *pieces.slope_box(first, last),
-            *pieces.bend_box(first, last),
+            Boxes(*pieces.slope_box(first, last), *pieces.bend_box(first, last)),
             np.abs(pieces.swing),
             corners,
         )
@@ -304,8 +302,7 @@ def blended(
     )  # continuous joints unrolled
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, None]
-    proof = None if motion is None or not tolerance else BlendProof(motion)
-
+    proof = motion if tolerance else None
     pieces: list[Piece] = []
     stops: list[int] = []
     begun = 0.0  # of the edge, used by the blend before
@@ -336,7 +333,7 @@ def _blend(
     second: FloatArray,
     room: float,
     tolerance: float,
-    proof: BlendProof,
+    proof: MotionProver,
     limits: RateLimits | None,
 ) -> tuple[list[Piece], float]:
     """Return a proven blend and how much of the edges it takes."""
@@ -357,7 +354,7 @@ def _blend(
                 end = piece.places(np.array([piece.length]))
                 q, slope = end.q[0], end.slope[0]
                 blend.append(piece)
-        if all(map(proof.holds, blend)):
+        if all(piece.is_free(proof) for piece in blend):
             return blend, reach
     return [], 0.0
 
@@ -371,49 +368,3 @@ def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float
         jerk = float((BENDS * limits.jerk / change).min())
     c = push**1.5 / (jerk * length**0.5)
     return float(min(0.5, c * (np.sqrt(c * c + 4) - c) / 2))
-
-
-class BlendProof:
-    """Proves blends free, and within the limits of danger, as `MotionProver` proves straight motions.
-
-    Parameters
-    ----------
-    motion : MotionProver
-        Robot, scene, floor, and what must be kept.
-    """
-
-    def __init__(self, motion: MotionProver) -> None:
-        self._checker, self._floor = motion.checker, motion.floor
-        self._required = motion.separation.required(motion.checker)
-        self._limits = [limit for limit in motion.limits if isinstance(limit, DangerLimit)]
-        self._unknown = len(self._limits) < len(motion.limits)
-        if self._unknown:
-            _log.warning(
-                "limits other than those of danger are not proven on blends: corners stay as they are"
-            )
-
-    def holds(self, piece: Piece) -> bool:
-        """Return whether a piece of a blend is proven, by bisection.
-
-        While the joints move along half an interval, pair p approaches by at most Σ_i R_pi ∫|q′_i|: an interval at
-        whose centre every pair keeps more than that, and what it must keep besides, is free.
-        """
-        if self._unknown:
-            return False
-        intervals = [(0.0, piece.length)]
-        while intervals:
-            first, last = intervals.pop()
-            middle = (first + last) / 2
-            low, high = piece.slope_box(np.array([first]), np.array([last]))
-            steps = np.maximum(np.abs(low), np.abs(high))[0] * (last - first) / 2
-            q = piece.places(np.array([middle])).q[0]
-            approach = self._required.pairs.radii @ steps
-            free = not self._required.pairs.within_margins(q, approach + self._required.provable(0.0))
-            if free and all(limit.holds_within(q, steps) for limit in self._limits):
-                continue
-            if 2 * approach.max(initial=0.0) < self._floor or (not free and self._checker.touches(q)):
-                return False
-            if not all(limit.allows(q) for limit in self._limits):
-                return False
-            intervals += [(first, middle), (middle, last)]
-        return True

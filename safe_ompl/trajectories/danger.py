@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.danger import JointMotions, KinetostaticField
+from safe_ompl.danger import KinetostaticField
 from safe_ompl.danger.kernels import CellMotions, cell_bounds
 from safe_ompl.robot import plain
 from safe_ompl.trajectories.body_speeds import acceleration_bounds
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.curve import BlendedCurve, Cells, divided_edges
 from safe_ompl.trajectories.time_law import TimeLaw
 
 _HALVINGS = 50
@@ -71,7 +71,6 @@ class MovingDanger:
                 "(a callable gives them); give the points themselves"
             )
         self.field = field
-        self._joints = JointMotions(field.field.robot)
 
     def bounds(
         self, curve: BlendedCurve, spans: Spans, rates: FloatArray, enough: float = -np.inf
@@ -92,11 +91,10 @@ class MovingDanger:
         assert points is not None
         place = curve.at(spans.centres)
         keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
-        steps, bends = (robot.coupling.reach(bound) for bound in (spans.slopes, spans.bends))
-        sliding = self._joints.prismatic
-        accelerations = acceleration_bounds(
-            robot.bounds.joint_keypoint_radii, robot.joint_keypoint_support, sliding, steps, bends
-        )
+        steps, bends = (plain(robot.coupling.reach(bound)) for bound in (spans.slopes, spans.bends))
+        sliding = robot.joint_prismatic
+        turned = robot.joint_keypoint_support & ~sliding
+        accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, steps, bends)
         speeds = np.linalg.norm(velocities, axis=2) + spans.halves[:, None] * accelerations
         weights = np.ones(len(points)) if field.weights is None else field.weights
         field.count(keypoints, points)
@@ -183,7 +181,12 @@ def danger_cap(
         if (parts == 1).all():
             break
         of = np.repeat(np.arange(len(cells)), parts)
-        cells, parents, speeds, new = curve.divided(cells, parts), parents[of], speeds[of], parts[of] > 1
+        cells, parents, speeds, new = (
+            curve.between(divided_edges(cells.edges, parts)),
+            parents[of],
+            speeds[of],
+            parts[of] > 1,
+        )
         exact = exact[of]
         divided = np.flatnonzero(new)
         speeds[divided] = capped(Spans.of(cells, divided), most[parents[divided]])
@@ -261,6 +264,6 @@ def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: Moving
         if not above.any():
             break
         parts: IntArray = np.where(above, _PARTS, 1)
-        cells = curve.divided(cells, parts)
+        cells = curve.between(divided_edges(cells.edges, parts))
         rows, upper = np.flatnonzero(np.repeat(above, parts)), np.repeat(upper, parts)
     return float(upper.max())

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.trajectories.caps import BENDING
-from safe_ompl.trajectories.kernels import stopping_speeds
-from safe_ompl.trajectories.separation import PeopleDistances
+from safe_ompl.common import FloatArray
+from safe_ompl.trajectories.caps import bending_cap, braking, next_stops
+from safe_ompl.trajectories.curve import Cells, divided_edges
+from safe_ompl.trajectories.kernels import Boxes, stopping_speeds
+from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, velocity_cap
 from safe_ompl.trajectories.timing import PathTimer
 
 _STEP = 0.15  # [rad] between samples
@@ -22,19 +21,16 @@ _NEVER = 1e6  # [s] where nobody comes
 class DurationEstimate:
     """The law of `PathTimer` at samples of a path, instead of in cells that are proven.
 
-    When people may be at the robot is looked at once for every edge, and kept: of a path that differs from an earlier
-    one in some edges only those are looked at. A Panda's path beside a person takes some milliseconds then, a tenth of
-    what it takes to time it. Corners count as the blends that the tolerance allows.
+    It takes a tenth of what the coarsest timing takes. Corners count as the blends that the tolerance allows.
 
     Parameters
     ----------
     timer : PathTimer
-        Limits and people. People must not move while the estimate is in use.
+        Limits and people.
     """
 
     def __init__(self, timer: PathTimer) -> None:
         self._timer = timer
-        self._known: dict[tuple[bytes, bytes], FloatArray] = {}
 
     @staticmethod
     def knows(timer: PathTimer) -> bool:
@@ -46,26 +42,26 @@ class DurationEstimate:
         """Return how long each edge (N − 1,) of a path (N, n) takes [s]; +inf where nothing allows motion."""
         steps = np.diff(path, axis=0)
         lengths = np.maximum(np.linalg.norm(steps, axis=1), _SHORTEST)
-        slopes = np.abs(steps) / lengths[:, None]
-        limits = self._timer.limits
-        panels = np.maximum(1, np.ceil(lengths / _STEP).astype(np.intp))
+        panels = np.maximum(2, np.ceil(lengths / _STEP)).astype(np.intp)
         of = np.repeat(np.arange(len(panels)), panels)
-        sizes = (lengths / panels)[of]
-        bends = self._bends(steps / lengths[:, None], lengths, sizes)
-        with np.errstate(divide="ignore"):
-            speeds = (limits.velocity / slopes).min(axis=1)[of]
-            caps = np.minimum(speeds, np.sqrt((BENDING * limits.acceleration / bends).min(axis=1)))
-            rest = limits.acceleration - bends * (caps * caps)[:, None]
-            weakest = (rest / slopes[of]).min(axis=1)
+        units, edges = steps / lengths[:, None], divided_edges(np.append(0.0, np.cumsum(lengths)), panels)
+        bends = self._bends(units, lengths, np.diff(edges))
+        boxes = Boxes(units[of], units[of], -bends, bends)
+        cells, limits = (
+            Cells(edges, boxes, np.zeros_like(bends), np.zeros(0, dtype=np.intp)),
+            self._timer.limits,
+        )
+        caps = np.minimum(velocity_cap(cells, limits), bending_cap(cells, limits))
         if self._timer.distances is not None:
-            left = self._left(self._timer.distances, path, panels)[:, None]
-            last = np.full(len(of), len(of) - 1)
-            caps, *_ = stopping_speeds(sizes, weakest, left, np.zeros_like(left), caps, last)
+            inside = np.arange(len(of)) - np.repeat(np.cumsum(panels) - panels, panels) + 0.5
+            middles = path[of] + (inside / panels[of])[:, None] * steps[of]
+            left = np.minimum(self._timer.distances.times_at(middles), _NEVER)[:, None]
+            brakes, still = braking(cells, limits, caps), np.zeros_like(left)
+            caps, *_ = stopping_speeds(cells.sizes, brakes, left, still, caps, next_stops(cells))
         if caps.min() <= 0:
             return np.full(len(panels), np.inf)
-        times = _fastest_times(sizes, weakest, caps)
-        found: FloatArray = np.add.reduceat(times, np.concatenate([[0], np.cumsum(panels)[:-1]]))
-        return found
+        law = TimeLaw.through(edges, fastest_law(cells, limits.acceleration, caps))
+        return np.diff(law.times[np.append(0, np.cumsum(panels))])
 
     def away(self, q: FloatArray) -> FloatArray | None:
         """Return the direction (n,) in which people need longer to reach the robot at `q: (n,)`, or None."""
@@ -75,20 +71,6 @@ class DurationEstimate:
         gradient: FloatArray = times[1:] - times[0]
         size = np.linalg.norm(gradient)
         return gradient / size if np.isfinite(size) and size > 0 else None
-
-    def _left(self, distances: PeopleDistances, path: FloatArray, panels: IntArray) -> FloatArray:
-        """Return when people may be at the robot, in the middle of each panel [s]."""
-        keys = [(a.tobytes(), b.tobytes()) for a, b in pairwise(path)]
-        new = [k for k, key in enumerate(keys) if key not in self._known]
-        if new:
-            middles = [(np.arange(panels[k]) + 0.5) / panels[k] for k in new]
-            rows = [
-                path[k] + at[:, None] * (path[k + 1] - path[k]) for k, at in zip(new, middles, strict=True)
-            ]
-            times = np.minimum(distances.times_at(np.vstack(rows)), _NEVER)
-            for k, part in zip(new, np.split(times, np.cumsum(panels[new])[:-1]), strict=True):
-                self._known[keys[k]] = part
-        return np.concatenate([self._known[key] for key in keys])
 
     def _bends(self, units: FloatArray, lengths: FloatArray, sizes: FloatArray) -> FloatArray:
         """Return |q″| (M, n) of the panels: that of the blend where one is, by the formulas of `blended`."""
@@ -105,20 +87,3 @@ class DurationEstimate:
                 near = np.abs(middles - corners[k]) <= max(reach, sizes.max() / 2)
                 bends[near] = np.maximum(bends[near], np.abs(change) / (2 * reach))
         return bends
-
-
-def _fastest_times(sizes: FloatArray, brakes: FloatArray, caps: FloatArray) -> FloatArray:
-    """Return how long each panel (N,) takes at the largest speeds within caps and accelerations, from rest to rest."""
-    within = caps * caps
-    squares = [0.0, *np.minimum(within[:-1], within[1:]).tolist(), 0.0]
-    gains = (2 * brakes * sizes).tolist()
-    for k, gain in enumerate(gains):
-        squares[k + 1] = min(squares[k + 1], squares[k] + gain)
-    for k in range(len(gains) - 1, -1, -1):
-        squares[k] = min(squares[k], squares[k + 1] + gains[k])
-    if len(gains) == 1:
-        peak = min(float(caps[0]), float(np.sqrt(gains[0] / 2)))
-        return np.array([sizes[0] / peak + peak / brakes[0]])
-    speeds = np.sqrt(squares)
-    found: FloatArray = 2 * sizes / (speeds[:-1] + speeds[1:])
-    return found

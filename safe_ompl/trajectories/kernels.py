@@ -29,6 +29,7 @@ if x ≤ c(s), the ceiling, which falls by 2b_j before it: c(s) = c_(j+1) + 2b_j
 from __future__ import annotations
 
 from math import inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -173,26 +174,27 @@ _LAW_HALVINGS = 60
 _TIGHTER = 1e-10  # relative: limits are kept with what rounding adds
 
 
+class Boxes(NamedTuple):
+    """Boxes of q′ and q″ over N cells, each (N, n)."""
+
+    slope_low: FloatArray
+    slope_high: FloatArray
+    bend_low: FloatArray
+    bend_high: FloatArray
+
+
 @part
 def next_range(
-    x: float,
-    h: float,
-    slope_low: FloatArray,
-    slope_high: FloatArray,
-    bend_low: FloatArray,
-    bend_high: FloatArray,
-    limits: FloatArray,
-    most: float,
-    least: float,
+    x: float, h: float, boxes: Boxes, k: int, limits: FloatArray, most: float, least: float
 ) -> tuple[float, float]:
-    """Return the interval of y = x_end that keeps |p (y−x)/2h + c {x, y}| ≤ limit; empty if low > high."""
+    """Return the interval of y = x_end of cell k that keeps |p (y−x)/2h + c {x, y}| ≤ limit; empty if low > high."""
     low, high = least, most
     half = 0.5 / h
     for i in range(len(limits)):
         limit = limits[i] * (1 - _TIGHTER)
         for side in range(4):
-            p = half * (slope_low[i] if side < 2 else slope_high[i])
-            c = bend_low[i] if side % 2 == 0 else bend_high[i]
+            p = half * (boxes.slope_low[k, i] if side < 2 else boxes.slope_high[k, i])
+            c = boxes.bend_low[k, i] if side % 2 == 0 else boxes.bend_high[k, i]
             for end in range(2):
                 # of end 0: p·y + (c − p)·x; of end 1: (p + c)·y − p·x
                 factor = p if end == 0 else p + c
@@ -209,15 +211,7 @@ def next_range(
 
 
 @compiled
-def fastest(
-    sizes: FloatArray,
-    slope_low: FloatArray,
-    slope_high: FloatArray,
-    bend_low: FloatArray,
-    bend_high: FloatArray,
-    limits: FloatArray,
-    most: FloatArray,
-) -> FloatArray:
+def fastest(sizes: FloatArray, boxes: Boxes, limits: FloatArray, most: FloatArray) -> FloatArray:
     """Return the largest x = ṡ² (N+1,) at the grid points that ends at rest.
 
     Backward, K_j is the largest x_j ≤ most_j from which some x_(j+1) ≤ K_(j+1) is reached; all smaller ones do as well,
@@ -227,8 +221,8 @@ def fastest(
     ----------
     sizes : (N,)
         h [rad]
-    slope_low, slope_high, bend_low, bend_high : (N, n)
-        Boxes of q′ and q″.
+    boxes : Boxes
+        Of q′ and q″.
     limits : (n,)
         Accelerations.
     most : (N+1,)
@@ -237,14 +231,13 @@ def fastest(
     N = len(sizes)
     reach = most.copy()
     for j in range(N - 1, -1, -1):
-        cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
-        low, high = next_range(most[j], sizes[j], *cell, 0.0)
+        low, high = next_range(most[j], sizes[j], boxes, j, limits, reach[j + 1], 0.0)
         if low <= high:
             continue
         good, bad = 0.0, most[j]
         for _ in range(_LAW_HALVINGS):
             middle = (good + bad) / 2
-            low, high = next_range(middle, sizes[j], *cell, 0.0)
+            low, high = next_range(middle, sizes[j], boxes, j, limits, reach[j + 1], 0.0)
             if low <= high:
                 good = middle
             else:
@@ -253,8 +246,7 @@ def fastest(
     x = np.zeros(N + 1)
     x[0] = reach[0]
     for j in range(N):
-        cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
-        low, high = next_range(x[j], sizes[j], *cell, 0.0)
+        low, high = next_range(x[j], sizes[j], boxes, j, limits, reach[j + 1], 0.0)
         x[j + 1] = max(high, 0.0)
     return x
 

@@ -3,26 +3,35 @@
 A limb may be at a distance d [m] after the time τ with g(τ) = d, where g is its growth: speed · τ, or that of a
 calibrated reach. Where g is the least of some lines a + bτ, it is below d until *all* lines reach d at the latest: τ is
 the largest of all (d − a)/b.
+
+Every distance is a lower bound for the middle of a cell, less what the body moves from there to an end of it. In the
+middle it is bounded by balls, then by a ball and a box, then by planes that separate convex bodies
+(`geometry.kernels.convex`), each only where the one before may let the limb be the first to arrive. coal measures pairs
+of bodies that are not convex, where their hulls do not do.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from math import inf, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import DISTANCE_ERROR, fresh_data
-from safe_ompl.common import FloatArray, InputError, IntArray, PerThread
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, PerThread, compiled, part
+from safe_ompl.geometry.kernels import POSE, Shapes, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.people import CalibratedReach
-from safe_ompl.robot import Robot
+from safe_ompl.robot import ConvexBodies, Robot, plain
+from safe_ompl.robot.kernels import place_joints
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories.contact import ContactLimits
 from safe_ompl.trajectories.curve import Cells, Curve
 
 _SHORT = 0.05  # [s] See `PeopleDistances.along`
-_UNKNOWN, _NEVER = 1e6, 1e6  # [m], [s]
+_NEVER = 1e6  # [s]
+_ROUNDING = 1e-9  # [m]
 
 
 class SeparationBounds(NamedTuple):
@@ -42,6 +51,117 @@ class SeparationBounds(NamedTuple):
     distances: FloatArray
     times: FloatArray
     nearest: IntArray
+
+
+class _Limbs(NamedTuple):
+    """Which B moving bodies and M limbs there are among G shapes, and when limbs arrive."""
+
+    bodies: IntArray  # (B,), their shapes
+    limbs: IntArray  # (M,)
+    exact: BoolArray  # (G,), which shapes are convex and known exactly
+    lines: FloatArray  # (M, L, 2), a [m] and b [m/s] of the lines of the growth
+    moves: BoolArray  # (M,), whether a limb moves
+    clearance: float  # [m]
+    reaction: float  # [s]
+
+
+@part
+def _arrival(limbs: _Limbs, m: int, distance: float) -> float:
+    """Return when limb m may be at a body that is so far away; infinite at rest, −∞ if it is too near already."""
+    time, room = -inf, distance - limbs.clearance
+    for k in range(limbs.lines.shape[1]):
+        left, slope = room - limbs.lines[m, k, 0], limbs.lines[m, k, 1]
+        time = max(time, left / slope if slope > 0.0 else inf if left > 0.0 else -inf)
+    return float(time - limbs.reaction)
+
+
+@part
+def _reach(limbs: _Limbs, m: int, time: float) -> float:
+    """Return the distance from which limb m does not arrive before a time."""
+    growth = inf
+    for k in range(limbs.lines.shape[1]):
+        start, slope = limbs.lines[m, k, 0], limbs.lines[m, k, 1]
+        growth = min(growth, start + slope * (time + limbs.reaction) if slope > 0.0 else start)
+    return float(limbs.clearance + growth)
+
+
+@compiled
+def arrivals(
+    joints: Any,
+    shapes: Shapes,
+    limbs: _Limbs,
+    values: FloatArray,
+    half: FloatArray,
+    soon: float,
+    short: float,
+) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
+    """Return distances and arrival times (N, M) of limbs, and the body (N, M) that each comes to first.
+
+    Pairs that are not exact do not count there. Bounds of their distances come last, (N, B, M), empty if all are exact.
+    Limbs at rest that are far enough arrive never. A time is exact to what bodies move in a cell if it is less than
+    `soon`, and the least of its cell or less than `short`; else no limb that matters is earlier.
+
+    Parameters
+    ----------
+    joints : (m,)
+        A table (`safe_ompl.robot.kernels.kinematics`).
+    shapes : Shapes
+        G shapes.
+    limbs : _Limbs
+        Bodies and limbs among them.
+    values : (N, m)
+        The joints in the middle of the cells.
+    half : (N, B)
+        How far the bodies get from there [m].
+    soon, short : float
+        [s]
+    """
+    N, B, M, m = len(values), len(limbs.bodies), len(limbs.limbs), values.shape[1]
+    bodies = shapes.bodies
+    poses, simplex = np.empty(len(bodies), POSE), np.empty((4, 6))
+    axes, known = np.empty((B, M, 3)), np.zeros((B, M), np.bool_)
+    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    distances, times = np.full((N, M), inf), np.full((N, M), inf)
+    nearest = np.zeros((N, M), np.intp)
+    rough = np.full((0 if limbs.exact.all() else N, B, M), inf)
+    earliest = 0
+    for row in range(N):
+        place_joints(joints, values[row], rotations, origins, joint_axes)
+        if row == 0:
+            place_bodies(bodies, poses, rotations, origins, False)
+        place_bodies(bodies, poses, rotations, origins, True)
+        first, leader = inf, earliest
+        for turn in range(M):
+            # What was first in the cell before is looked at first: the others need coarser bounds then.
+            limb = leader if turn == 0 else (turn - 1 if turn <= leader else turn)
+            before = nearest[max(row - 1, 0), limb]
+            for look in range(B):
+                g = before if look == 0 else (look - 1 if look <= before else look)
+                A, C = limbs.bodies[g], limbs.limbs[limb]
+                enough = min(soon, times[row, limb], max(first, short))
+                enough = _reach(limbs, limb, enough) + half[row, g] + DISTANCE_ERROR + _ROUNDING
+                a, c = poses[A].centre, poses[C].centre
+                x, y, z = a[0] - c[0], a[1] - c[1], a[2] - c[2]
+                lower = sqrt(x * x + y * y + z * z) - bodies[A].reach - bodies[C].reach
+                if lower < enough and not known[g, limb]:
+                    u, v, w = from_box(bodies[C], poses[C], a)
+                    lower = max(lower, sqrt(u * u + v * v + w * w) - bodies[A].reach)
+                    begin_axis(axes[g, limb], u, v, w, x, y, z)
+                    known[g, limb] = True
+                if lower < enough:
+                    found, _, _ = distance_bounds(shapes, poses, A, C, axes[g, limb], simplex, enough, -inf)
+                    lower = max(lower, found)
+                lower -= half[row, g] + DISTANCE_ERROR
+                if not (limbs.exact[A] and limbs.exact[C]):
+                    rough[row, g, limb] = lower
+                    continue
+                distances[row, limb] = min(distances[row, limb], lower)
+                time = _arrival(limbs, limb, lower)
+                if time < times[row, limb]:
+                    times[row, limb], nearest[row, limb] = time, g
+            if times[row, limb] < first and limbs.moves[limb]:
+                first, earliest = times[row, limb], limb
+    return distances, times, nearest, rough
 
 
 class PeopleDistances:
@@ -66,6 +186,8 @@ class PeopleDistances:
         The link of each body.
     speeds : ndarray, shape (M,)
         How fast the limbs may move, at most [m/s].
+    alike : ndarray of int, shape (M,)
+        A number of each limb, from 0 on, that is equal where the limbs bear the same contacts.
     moving : ndarray of int
         Which bodies of `collision_model` move.
     contact : ContactLimits or None
@@ -74,56 +196,41 @@ class PeopleDistances:
 
     def __init__(self, robot: Robot, scene: Scene, people: People) -> None:
         self.robot, self.people = robot, people
-        bodies = robot.shared.collision_model
-        self._geometry = bodies.copy()
-        self._geometry.removeAllCollisionPairs()
-        self.links = tuple(body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects)
-        moving = [k for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0]
+        bodies = robot.shared.collision_model.geometryObjects
+        self.links = tuple(body.name.rsplit("_", 1)[0] for body in bodies)
+        moving = [k for k, body in enumerate(bodies) if body.parentJoint != 0]
         self.moving: IntArray = np.array(moving, dtype=np.intp)
-        limbs, pairs = [], []
         self._names = people.names(scene)
-        self._parts: dict[str, int] = {}
-        for name in self._names:
-            for part, shape, placement in scene[name].geometries():
-                added = self._geometry.addGeometryObject(
-                    pin.GeometryObject(f"person:{part}", 0, placement, shape)
-                )
-                self._parts[part] = int(added)
-                limbs.append((name, part[len(name) + 1 :]))
-                pairs += [(body, int(added), len(limbs) - 1) for body in moving]
-        for body, added, _ in pairs:
-            self._geometry.addCollisionPair(pin.CollisionPair(body, added))
-        self.limbs = tuple(limbs)
-        self._body: IntArray = np.array([body for body, _, _ in pairs], dtype=np.intp)
-        self._limb: IntArray = np.array([limb for _, _, limb in pairs], dtype=np.intp)
-        self._memory = PerThread(partial(_memory, robot.shared.model, self._geometry))
-        speeds = np.array([people.speed_of(limb) for _, limb in limbs])
+        found = [(name, *part) for name in self._names for part in scene[name].geometries()]
+        self._parts = [part for _, part, _, _ in found]
+        self.limbs = tuple((name, part[len(name) + 1 :]) for name, part, _, _ in found)
+        speeds = np.array([people.speed_of(limb) for _, limb in self.limbs])
         self._lines: FloatArray = np.stack([0 * speeds, speeds], axis=1)[:, None]
         if people.reach is not None:
             reach = CalibratedReach.load(people.reach)
-            self._lines = reach.lines_of([limb for _, limb in limbs], people)
+            self._lines = reach.lines_of([limb for _, limb in self.limbs], people)
         self.speeds: FloatArray = self._lines[..., 1].max(axis=1)
-        self._moves = (self.speeds > 0)[self._limb].tolist()
-        self._starts, slopes = np.moveaxis(self._lines[self._limb], -1, 0)
-        self._still = slopes <= 0
-        self._any_still = bool(self._still.any())
-        self._slowness = np.where(self._still, 0.0, 1 / np.where(self._still, 1.0, slopes))
-        self._pair_lines = np.stack([self._starts, self._slowness], axis=-1).tolist()
+        self.move(scene)
         self.contact: ContactLimits | None = None
+        self.alike: IntArray = np.zeros(len(self.limbs), dtype=np.intp)
         if people.contact:
             shapes = {name: scene[name].shape for name in self._names}
             heights = {name: getattr(shape, "height", np.inf) for name, shape in shapes.items()}
             still = scene.without(*self._names)
-            self.contact = ContactLimits(robot, still, people, limbs, heights)
+            self.contact = contact = ContactLimits(robot, still, people, self.limbs, heights)
+            borne = np.stack([contact.bears, contact.bears_clamped, contact.thickness])
+            self.alike = np.unique(borne, axis=1, return_inverse=True)[1].ravel()
 
     def grown(self, limb: int, time: float) -> float:
         """Return how far one of the limbs goes in a time [s], at most [m]."""
         return float((self._lines[limb] @ [1.0, time]).min())
 
-    def speed(self, limb: int, time: float) -> float:
-        """Return how fast the growth of one of the limbs is after a time [s], in [m/s]."""
-        lines = self._lines[limb]
-        return float(lines[(lines @ [1.0, np.clip(time, 0.0, _NEVER)]).argmin(), 1])
+    def speed(self, limbs: IntArray, times: FloatArray) -> FloatArray:
+        """Return how fast the growth of limbs (K,) is after times (K,) [s], in [m/s]."""
+        lines, times = self._lines[limbs], np.clip(times, 0.0, _NEVER)[:, None]
+        steepest = (lines[..., 0] + lines[..., 1] * times).argmin(axis=1)
+        found: FloatArray = lines[np.arange(len(limbs)), steepest, 1]
+        return found
 
     def move(self, scene: Scene) -> None:
         """Put the people where another scene has them.
@@ -135,39 +242,32 @@ class PeopleDistances:
         UnknownNameError
             If the scene has no obstacle of such a name.
         """
-        found = {
-            part: (shape, place) for name in self._names for part, shape, place in scene[name].geometries()
-        }
+        found = {part[0]: part for name in self._names for part in scene[name].geometries()}
         if set(found) != set(self._parts):
             raise InputError(
                 f"the people are not the same: {sorted(set(found) ^ set(self._parts))[0]!r}", "scene"
             )
-        for part, (shape, place) in found.items():
-            body = self._geometry.geometryObjects[self._parts[part]]
-            body.placement, body.geometry = place, shape
-        self._memory = PerThread(partial(_memory, self.robot.shared.model, self._geometry))
+        placed = [
+            pin.GeometryObject(f"person:{part}", 0, place, shape)
+            for part, shape, place in map(found.__getitem__, self._parts)
+        ]
+        own = self.robot.bounds.convex_bodies
+        bodies = own.joined(ConvexBodies.of(placed))
+        self._bounded, self._shapes, people = bodies.bounded, bodies.shapes, self.people
+        limbs = np.arange(len(placed)) + len(own.bodies)
+        times = people.clearance, people.reaction_time
+        self._bodies = _Limbs(self.moving, limbs, bodies.exact, self._lines, self.speeds > 0, *times)
+        self._memory = PerThread(partial(_memory, self.robot, placed))
 
     def times_at(self, Q: FloatArray) -> FloatArray:
         """Return when the first limb may be at the robot (B,) [s] that stays at `Q: (B, n)`; see `SeparationBounds`."""
-        times, bounds, still = (
-            np.empty(len(Q)),
-            np.full(len(self._body), -_UNKNOWN),
-            np.zeros(len(self._body)),
-        )
-        for j, q in enumerate(Q):
-            if j:
-                steps = self.robot.coupling.reach(np.abs(q - Q[j - 1])[None])[0]
-                bounds -= (self.robot.bounds.joint_radii @ steps)[self._body]
-            times[j] = self._refresh(q, bounds, still, np.inf, by_limb=-np.inf).min()
-        return times
+        found: FloatArray = self._bounds(Q, np.zeros((len(Q), len(self.moving))), inf, -inf).times.min(axis=1)
+        return found
 
     def along(
         self, curve: Curve, cells: Cells, speeds: FloatArray, soon: float, short: float = _SHORT
     ) -> SeparationBounds:
-        """Return what is left in the cells of a curve.
-
-        Every distance is kept as a bound, that falls by what the body can move from one cell to the next. Only
-        the pairs whose bound may be the first to be reached are looked at anew.
+        """Return what is left in the cells of a curve; only what may arrive first is bounded well.
 
         Parameters
         ----------
@@ -180,63 +280,60 @@ class PeopleDistances:
         short : float
             Limbs that may come so soon are looked at one by one where contact is allowed [s].
         """
-        Q = curve.at(cells.centres).q
-        # (N, P) [m] from a centre to an end of its cell
-        half = cells.sizes[:, None] / 2 * speeds[:, self._body]
-        by_limb = short if self.people.contact else -np.inf
-        left, times = np.empty_like(half), np.empty_like(half)
-        bounds = np.full(len(self._body), -_UNKNOWN)
-        for j, q in enumerate(Q):
-            if j:
-                bounds -= half[j - 1] + half[j]
-            times[j] = self._refresh(q, bounds, half[j], soon, by_limb)
-            left[j] = bounds - half[j]
-        # Body by body and limb by limb: pairs are in the order of limbs, and of bodies within each.
-        left, times = (found.reshape(len(Q), len(self.limbs), -1) for found in (left, times))
-        first = times.argmin(axis=2)
-        nearest = self._body.reshape(times.shape[1:])[np.arange(len(self.limbs)), first]
-        return SeparationBounds(left.min(axis=2), times.min(axis=2), nearest)
+        half = cells.sizes[:, None] / 2 * speeds[:, self.moving]
+        return self._bounds(curve.at(cells.centres).q, half, soon, short if self.people.contact else -inf)
 
-    def _time(self, distances: FloatArray) -> FloatArray:
-        """Return when limbs at these distances may reach the robot; infinite for limbs at rest, unless too near."""
-        left = (distances - self.people.clearance)[:, None] - self._starts
-        time = left * self._slowness
-        if self._any_still:
-            time = np.where(self._still, np.where(left > 0, np.inf, -np.inf), time)
-        return np.asarray(time.max(axis=1) - self.people.reaction_time)
+    def _bounds(self, Q: FloatArray, half: FloatArray, soon: float, short: float) -> SeparationBounds:
+        """Return what is left in cells with centres Q (N, n) from which the moving bodies get by `half: (N, B)` [m]."""
+        shape, half = (len(Q), len(self.limbs)), plain(half)
+        if self._bounded:
+            values, joints = plain(self.robot.coupling.values(Q)), self.robot.kinematics.joints
+            found = arrivals(joints, self._shapes, self._bodies, values, half, soon, short)
+        else:
+            unknown = np.full((len(Q), len(self.moving), shape[1]), -inf)
+            found = np.full(shape, inf), np.full(shape, inf), np.zeros(shape, dtype=np.intp), unknown
+        distances, times, nearest, rough = found
+        if rough.size:
+            first = times[:, self._bodies.moves].min(axis=1, initial=inf)
+            enough = np.minimum(soon, np.minimum(times, np.maximum(first, short)[:, None]))
+            self._measure(Q, half, rough, np.argwhere(self._arrivals(rough) < enough[:, None]))
+            when = self._arrivals(rough)
+            distances = np.minimum(distances, rough.min(axis=1))
+            nearest = np.where(when.min(axis=1) < times, when.argmin(axis=1), nearest)
+            times = np.minimum(times, when.min(axis=1))
+        return SeparationBounds(distances, times, self.moving[nearest])
 
-    def _pair_time(self, pair: int, distance: float) -> float:
-        """Return `_time` of one pair, bit for bit."""
-        time, room = -np.inf, distance - self.people.clearance
-        for start, slowness in self._pair_lines[pair]:
-            left = room - start
-            time = max(time, left * slowness if slowness else np.inf if left > 0 else -np.inf)
-        return time - self.people.reaction_time
+    def _measure(self, Q: FloatArray, half: FloatArray, rough: FloatArray, chosen: IntArray) -> None:
+        """Replace bounds (N, B, M) by what coal measures, for `chosen: (C, 3)`, cells with a body and a limb each."""
+        (model, data, geometry, places), placed = self._memory.own, -1
+        for row, g, m in chosen.tolist():
+            if row != placed:
+                there = self.robot.pinocchio_configuration(Q[row])
+                pin.updateGeometryPlacements(model, data, geometry, places, there)
+                placed = row
+            pair = int(self.moving[g]) * len(self.limbs) + m
+            distance = pin.computeDistance(geometry, places, pair).min_distance
+            rough[row, g, m] = max(rough[row, g, m], distance - DISTANCE_ERROR - half[row, g])
 
-    def _refresh(
-        self, q: FloatArray, bounds: FloatArray, half: FloatArray, soon: float, by_limb: float
-    ) -> FloatArray:
-        """Replace bounds by distances at `q: (n,)` until those that are left cannot be the first to be reached.
-
-        Limbs that may come sooner than `by_limb` [s] are looked at in any case. Returned are the times (P,) then.
-        """
-        time = self._time(bounds - half)
-        (near,) = (time <= soon).nonzero()
-        if not len(near):
-            return time
-        kinematics, data = self._memory.own
-        model, there = self.robot.shared.model, self.robot.pinocchio_configuration(q)
-        pin.updateGeometryPlacements(model, kinematics, self._geometry, data, there)
-        near, first = near[time[near].argsort()], np.inf
-        for p, before, moved in zip(near.tolist(), time[near].tolist(), half[near].tolist(), strict=True):
-            if before > first and before >= by_limb:
-                break
-            bounds[p] = distance = pin.computeDistance(self._geometry, data, p).min_distance - DISTANCE_ERROR
-            time[p] = now = self._pair_time(p, distance - moved)
-            if now < first and self._moves[p]:
-                first = now
-        return time
+    def _arrivals(self, distances: FloatArray) -> FloatArray:
+        """Return when limbs at distances (…, M) may reach the robot, as `_arrival` does."""
+        left = (distances - self.people.clearance)[..., None] - self._lines[..., 0]
+        slopes = np.broadcast_to(self._lines[..., 1], left.shape)
+        times = np.divide(left, slopes, out=np.where(left > 0, inf, -inf), where=slopes > 0)
+        found: FloatArray = times.max(axis=-1) - self.people.reaction_time
+        return found
 
 
-def _memory(model: pin.Model, geometry: pin.GeometryModel) -> tuple[pin.Data, pin.GeometryData]:
-    return model.createData(), fresh_data(geometry)
+def _memory(
+    robot: Robot, placed: list[pin.GeometryObject]
+) -> tuple[pin.Model, pin.Data, pin.GeometryModel, pin.GeometryData]:
+    """Return what coal is asked with; pairs are in the order of bodies, and of limbs within each."""
+    geometry = robot.shared.collision_model.copy()
+    geometry.removeAllCollisionPairs()
+    bodies = range(len(geometry.geometryObjects))
+    limbs = [int(geometry.addGeometryObject(limb)) for limb in placed]
+    for body in bodies:
+        for limb in limbs:
+            geometry.addCollisionPair(pin.CollisionPair(body, limb))
+    model = robot.shared.model
+    return model, model.createData(), geometry, fresh_data(geometry)

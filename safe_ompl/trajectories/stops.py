@@ -26,8 +26,8 @@ import numpy as np
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.caps import harmless_rates, next_stops
-from safe_ompl.trajectories.curve import Cells, Curve
-from safe_ompl.trajectories.kernels import next_range
+from safe_ompl.trajectories.curve import Cells, Curve, divided_edges
+from safe_ompl.trajectories.kernels import Boxes, next_range
 from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
 from safe_ompl.trajectories.time_law import TimeLaw
@@ -40,38 +40,19 @@ _FINEST = 1e-4  # [s] No cell is divided into smaller ones.
 
 
 @part
-def _braked(
-    x: float,
-    k: int,
-    sizes: FloatArray,
-    slope_low: FloatArray,
-    slope_high: FloatArray,
-    bend_low: FloatArray,
-    bend_high: FloatArray,
-    limits: FloatArray,
-) -> float:
+def _braked(x: float, k: int, sizes: FloatArray, boxes: Boxes, limits: FloatArray) -> float:
     """Return x at the end of cell k of a stop that enters it with x; negative where it ends before."""
-    box = slope_low[k], slope_high[k], bend_low[k], bend_high[k]
-    low, high = next_range(x, sizes[k], *box, limits, x, -np.inf)
+    low, high = next_range(x, sizes[k], boxes, k, limits, x, -np.inf)
     return float(low if low <= high else x)
 
 
 @compiled
-def braking_squares(
-    first: int,
-    last: int,
-    sizes: FloatArray,
-    slope_low: FloatArray,
-    slope_high: FloatArray,
-    bend_low: FloatArray,
-    bend_high: FloatArray,
-    limits: FloatArray,
-) -> FloatArray:
+def braking_squares(first: int, last: int, sizes: FloatArray, boxes: Boxes, limits: FloatArray) -> FloatArray:
     """Return x at the edges from the start of cell `first` on, 1 there, until it is not above 0 or behind `last`."""
     found = np.empty(max(last - first, -1) + 2)
     found[0], n = 1.0, 1
     for k in range(first, last + 1):
-        found[n] = _braked(found[n - 1], k, sizes, slope_low, slope_high, bend_low, bend_high, limits)
+        found[n] = _braked(found[n - 1], k, sizes, boxes, limits)
         n += 1
         if found[n - 1] <= 0.0:
             break
@@ -81,10 +62,7 @@ def braking_squares(
 @compiled
 def time_left(
     sizes: FloatArray,
-    slope_low: FloatArray,
-    slope_high: FloatArray,
-    bend_low: FloatArray,
-    bend_high: FloatArray,
+    boxes: Boxes,
     limits: FloatArray,
     ends: IntArray,
     times: FloatArray,
@@ -96,8 +74,8 @@ def time_left(
     ----------
     sizes : (N,)
         h [s]
-    slope_low, slope_high, bend_low, bend_high : (N, n)
-        Boxes of q′ and q″.
+    boxes : Boxes
+        Of q′ and q″.
     limits : (n,)
         Accelerations.
     ends : (N,)
@@ -112,7 +90,7 @@ def time_left(
         x, y, span = 1.0, 1.0, sizes[j]
         for k in range(j, ends[j] + 1):
             if k > j:
-                y = _braked(x, k, sizes, slope_low, slope_high, bend_low, bend_high, limits)
+                y = _braked(x, k, sizes, boxes, limits)
                 if y > 0.0:
                     span += 2 * sizes[k] / (np.sqrt(x) + np.sqrt(y))
                 else:
@@ -182,7 +160,7 @@ class Stops:
         begin = float(np.clip(time, edges[0], edges[-1]))
         j = int(np.clip(np.searchsorted(edges, begin, side="right") - 1, 0, len(self.cells) - 1))
         end = int(next_stops(self.cells)[j])
-        squares = braking_squares(j + 1, end, *_boxes(self.cells), self.accelerations)
+        squares = braking_squares(j + 1, end, self.cells.sizes, self.cells.boxes, self.accelerations)
         at = edges[j + 1 : j + 1 + len(squares)].copy()
         if squares[-1] < 0.0:
             at[-1] -= np.diff(at[-2:])[0] * squares[-1] / (squares[-1] - squares[-2])
@@ -208,14 +186,14 @@ def stops_beside(
     """
     accelerations = (1 + RATE_TOLERANCE) * limits.acceleration
     for last in [False] * _ROUNDS + [True]:
-        boxes, ends = _boxes(cells), next_stops(cells)
+        motion, ends = (cells.sizes, cells.boxes, accelerations), next_stops(cells)
         none = np.empty((len(cells), 0))
-        spans = time_left(*boxes, accelerations, ends, none, none)[-1]
+        spans = time_left(*motion, ends, none, none)[-1]
         speeds, soon = bodies.bounds(curve, cells), float(spans.max())
         found = distances.along(curve, cells, speeds, soon, soon)
         times = np.where(_at_rest(cells, limits)[:, None], np.inf, found.times)
         harmless, _ = harmless_rates(curve, cells, speeds, distances)
-        left, limb, where, entries, _ = time_left(*boxes, accelerations, ends, times, harmless)
+        left, limb, where, entries, _ = time_left(*motion, ends, times, harmless)
         loss = _loss(cells, speeds, found, limb, where, distances) + _ROUGH * spans
         slow = harmless[where, limb] > _NEARLY * entries
         loss = np.where(
@@ -224,12 +202,8 @@ def stops_beside(
         parts = _parts(cells, left, where, loss)
         if last or (parts == 1).all() or (left + loss < 0).any():  # or finer cells would not help everywhere
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)
-        cells = curve.divided(cells, parts)
+        cells = curve.between(divided_edges(cells.edges, parts))
     raise AssertionError
-
-
-def _boxes(cells: Cells) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    return cells.sizes, cells.slope_low, cells.slope_high, cells.bend_low, cells.bend_high
 
 
 def _at_rest(cells: Cells, limits: RateLimits) -> BoolArray:

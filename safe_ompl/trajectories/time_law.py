@@ -28,8 +28,9 @@ from functools import cached_property
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.robot import plain
 from safe_ompl.trajectories.curve import BENDS, Cells
-from safe_ompl.trajectories.kernels import fastest, spread
+from safe_ompl.trajectories.kernels import Boxes, fastest, spread
 from safe_ompl.trajectories.limits import RateLimits
 
 _HALVINGS = 36
@@ -148,17 +149,16 @@ def fastest_law(
     push : ndarray, shape (N,), optional
         Largest |s̈| in each cell.
     """
-    boxes = [cells.slope_low, cells.slope_high, cells.bend_low, cells.bend_high]
+    boxes = cells.boxes
     if push is not None:  # one joint more, whose q′ is 1/push and whose limit is 1
         more = 1 / push[:, None]
-        boxes = [np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)]
+        boxes = Boxes(*(np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)))
         acceleration = np.append(acceleration, 1.0) * _TIGHTER
-    low, high, bend_low, bend_high = map(np.ascontiguousarray, boxes)
     within = cap * cap
     most = np.minimum(np.append(within, 0.0), np.concatenate([[0.0], within]))
     most[0] = min(within[0], speed * speed)
     most[cells.stops] = 0.0
-    found: FloatArray = fastest(cells.sizes, low, high, bend_low, bend_high, acceleration, most)
+    found: FloatArray = fastest(cells.sizes, Boxes(*map(plain, boxes)), acceleration, most)
     return found
 
 
@@ -341,13 +341,12 @@ class SmoothLimits:
             left = limits.jerk * np.where(cells.swings > 0, 1 - share, 1.0)
             span = (left / (cells.slopes / window + 3 * bends * (braking * caps)[:, None])).min(axis=1)
         span = np.minimum(span, np.linalg.norm(limits.acceleration) / braking)[:, None]  # of σ̈
-        low, high = np.minimum(cells.bend_low, 0.0), np.maximum(cells.bend_high, 0.0)
-        values = np.column_stack([cells.slope_low, -cells.slope_high, low, -high, span])
+        slope_low, slope_high, bend_low, bend_high = cells.boxes
+        low, high = np.minimum(bend_low, 0.0), np.maximum(bend_high, 0.0)
+        values = np.column_stack([slope_low, -slope_high, low, -high, span])
         near = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, values, np.inf)
-        boxes = np.split(near[:, :-1], 4, axis=1)
-        wide = replace(
-            cells, slope_low=boxes[0], slope_high=-boxes[1], bend_low=boxes[2], bend_high=-boxes[3]
-        )
+        parts = zip((1, -1, 1, -1), np.split(near[:, :-1], 4, axis=1), strict=True)
+        wide = replace(cells, boxes=Boxes(*(sign * part for sign, part in parts)))
         return cls(window, wide, caps, (1 - braking) * near[:, -1], braking * near[:, -1])
 
     def cone(self, caps: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from test_people_caps import Limbs, adversary
-from test_timing import POSTURE, Nothing
+from test_timing import POSTURE
 
 from safe_ompl import DangerField, InputError, PathTimer, People, RateLimits, UnknownNameError, time_path
 from safe_ompl.scene import MotionLimits
@@ -26,7 +26,7 @@ def limits(panda):
 @pytest.fixture
 def free(monkeypatch, shelf_motion):
     """Return a motion whose blends all count as proven."""
-    monkeypatch.setattr("safe_ompl.trajectories.curve.BlendProof", lambda motion: Nothing())
+    monkeypatch.setattr("safe_ompl.trajectories.curve.Piece.is_free", lambda piece, motion: True)
     return shelf_motion
 
 
@@ -108,8 +108,8 @@ def test_blends_bend_continuously_within_the_tolerance(panda, shelf_path, limits
     on = curve.at(np.linspace(0, curve.length, 5000))
     at = np.clip(np.searchsorted(cells.edges, np.linspace(0, curve.length, 5000)) - 1, 0, None)
     for values, low, high in (
-        (on.slope, cells.slope_low, cells.slope_high),
-        (on.bend, cells.bend_low, cells.bend_high),
+        (on.slope, cells.boxes.slope_low, cells.boxes.slope_high),
+        (on.bend, cells.boxes.bend_low, cells.boxes.bend_high),
         (on.swing, -cells.swings, cells.swings),
     ):
         assert (values >= low[at] - 1e-9).all()

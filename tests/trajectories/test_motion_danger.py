@@ -21,19 +21,9 @@ def random_path(robot, seed, number=3):
 ANY = SimpleNamespace(separation=TOUCHING_ONLY)  # stands for what proves motions
 
 
-class _Free:
-    """Stands for a proof: what is tested here is danger."""
-
-    def __init__(self, motion):
-        pass
-
-    def holds(self, blend):
-        return True
-
-
 @pytest.fixture
 def blends(monkeypatch):
-    monkeypatch.setattr("safe_ompl.trajectories.curve.BlendProof", _Free)
+    monkeypatch.setattr("safe_ompl.trajectories.curve.Piece.is_free", lambda piece, motion: True)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from safe_ompl import DangerField, DangerLimit, InputError, RateLimits, time_path
-from safe_ompl.trajectories import BlendProof, blended
+from safe_ompl.collision import TipBounds
+from safe_ompl.trajectories import blended
 
 KEPT = 1 + 1e-9
 POSTURE = [0.0, 0, 0, -1.5, 0, 1.5, 0]
@@ -26,17 +27,10 @@ def assert_within_limits(trajectory):
     assert (np.abs(state.qdd) <= trajectory.limits.acceleration * KEPT).all()
 
 
-class Nothing:
-    """Proves everything free: the curves of random paths, without a scene."""
-
-    def holds(self, blend):
-        return True
-
-
 @pytest.fixture
 def free(monkeypatch, shelf_motion):
     """Return a motion whose blends all count as proven."""
-    monkeypatch.setattr("safe_ompl.trajectories.curve.BlendProof", lambda motion: Nothing())
+    monkeypatch.setattr("safe_ompl.trajectories.curve.Piece.is_free", lambda piece, motion: True)
     return shelf_motion
 
 
@@ -107,8 +101,8 @@ def test_blends_are_proven_with_what_certificates_need_to_spare(panda, shelf_pat
     blend = next(piece for piece in curve.pieces if not piece.straight)
     at = np.linspace(0, blend.length, 2001)
     least = min(shelf_motion.checker.clearance(q).distance for q in blend.places(at).q)
-    assert BlendProof(shelf_motion.with_margin(least - 4e-5)).holds(blend)
-    assert not BlendProof(shelf_motion.with_margin(least - 1.5e-5)).holds(blend)
+    assert blend.is_free(shelf_motion.with_margin(least - 4e-5))
+    assert not blend.is_free(shelf_motion.with_margin(least - 1.5e-5))
     assert len(blended(np.array(shelf_path), panda, 0.2, shelf_motion.with_margin(3.0)).stops) == 2
 
 
@@ -117,8 +111,17 @@ def test_blends_keep_the_limit_of_danger(panda, shelf, shelf_path, shelf_motion)
     curve = blended(np.array(shelf_path), panda, 0.2, shelf_motion)
     blend = next(piece for piece in curve.pieces if not piece.straight)
     peak = field.values(blend.places(np.linspace(0, blend.length, 200)).q).max()
-    assert BlendProof(shelf_motion.with_limits([DangerLimit(field, 1.01 * peak)])).holds(blend)
-    assert not BlendProof(shelf_motion.with_limits([DangerLimit(field, 0.99 * peak)])).holds(blend)
+    assert blend.is_free(shelf_motion.with_limits([DangerLimit(field, 1.01 * peak)]))
+    assert not blend.is_free(shelf_motion.with_limits([DangerLimit(field, 0.99 * peak)]))
+
+
+def test_blends_keep_limits_of_the_tool(panda, shelf_path, shelf_motion):
+    blend = next(p for p in blended(np.array(shelf_path), panda, 0.2, shelf_motion).pieces if not p.straight)
+    tips = [panda.tip_pose(q).translation for q in blend.places(np.linspace(0, blend.length, 400)).q]
+    low, high = np.min(tips, axis=0), np.max(tips, axis=0)
+    for spare, held in ((1e-3, True), (-1e-3, False)):
+        limit = TipBounds(panda, low - spare, high + 1.0)
+        assert blend.is_free(shelf_motion.with_limits([limit])) is held
 
 
 def test_without_proof_it_stops_in_corners_and_a_way_point_on_the_way_is_none(panda, panda_limits):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import platform
 import re
@@ -61,6 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         argcomplete.autocomplete(parser)
         words = sys.argv[1:] if arguments is None else arguments
         options = parser.parse_args(words or ["--help"])
+        if arguments is None:
+            gc.freeze()  # this process is ours: what is imported stays, and need not be searched for garbage
         with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log:
             job = options.prepare(options)
             log.show()

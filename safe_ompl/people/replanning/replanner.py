@@ -12,7 +12,7 @@ from safe_ompl.people.replanning.detours import Detours, PeopleNow
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, own_caps
 from safe_ompl.people.replanning.retreat import Retreats
-from safe_ompl.trajectories import BlendedCurve, BlendProof, Trajectory
+from safe_ompl.trajectories import BlendedCurve, Trajectory
 
 _log = logging.getLogger(__name__)
 
@@ -170,13 +170,8 @@ class Replanner(Guard):
 
 def _prove(curve: BlendedCurve, prover: MotionProver) -> None:
     """Raise InputError unless all of a curve is proven free of still obstacles."""
-    blends = BlendProof(prover)
     for k, piece in enumerate(curve.pieces):
-        if piece.straight:
-            free = prover.is_free(piece.start, piece.start + piece.length * piece.slope)
-        else:
-            free = blends.holds(piece)
-        if not free:
+        if not piece.is_free(prover):
             raise InputError(
                 f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on, is not free of what stands "
                 "still"

@@ -176,6 +176,7 @@ def _glass(body: Surface, renderer: Renderer) -> FloatArray:
     return np.column_stack([opacity, opacity * (0.72 + 0.44 * lit)])
 
 
+_COMPRESSION = 3  # of PNG files, from 0 to 9: twice as fast as 6, and hardly larger
 _QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
 
 
@@ -284,7 +285,7 @@ def save_png(image: Image, file: str | Path) -> None:
         from matplotlib.image import imsave
     except ImportError as missing:
         raise SafeOmplError("PNG files need Matplotlib: pip install 'safe-ompl[plots]'") from missing
-    imsave(file, image, format="png")
+    imsave(file, image, format="png", pil_kwargs={"compress_level": _COMPRESSION})
 
 
 def _panels(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray, compiled
 from safe_ompl.view.pictures.camera import Camera, floor_nearness, in_picture, viewing_rays
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface
 
+_Numbers: TypeAlias = NDArray[np.int32]  # there are millions: half as many bytes as `IntArray`
 _SUBPIXELS = 2  # along each side of a pixel
 _SKY_SHARE = 0.55  # of the light on the open floor; the key light gives the rest
 _SKY_LIGHTS, _KEY_LIGHTS = 24, 8
@@ -66,12 +68,16 @@ class Renderer:
         faces = np.where(seen.nearness.ravel() > self._floor_nearness, seen.faces.ravel(), -1)
         return self._picture(solid, things, faces), [self._layer(hidden, *body) for body in bodies]
 
-    def _picture(self, solid: Surface, things: Sequence[ColouredSurface], faces: IntArray) -> FloatArray:
+    def _picture(self, solid: Surface, things: Sequence[ColouredSurface], faces: _Numbers) -> FloatArray:
         """Return the picture of things, which make one solid of which subpixels (S,) see triangles, or -1."""
         thing_of_face = np.repeat(np.arange(len(things)), [len(thing.surface.faces) for thing in things])
         light = _Light(solid, self._floor, self.light_direction())
-        groups = np.append(1000 * thing_of_face + _facets(solid), -1)[faces]
-        pixels, first = self._distinct(groups)
+        seen = np.zeros(len(solid.faces) + 1, dtype=bool)
+        groups = np.full(len(seen), -1, dtype=np.int32)
+        seen[faces] = True
+        shown = np.flatnonzero(seen[:-1])
+        groups[shown] = 1000 * thing_of_face[shown] + _facets(solid.vertices[solid.faces[shown]])
+        pixels, first = self._distinct(groups[faces])
         colours = np.full((len(faces), 3), FLOOR_VALUE, dtype=np.float32)
         own = pixels[faces[pixels] >= 0]
         if len(own):
@@ -99,7 +105,7 @@ class Renderer:
         nearer = seen.nearness[row, column] > hidden[pixels]
         row, column, pixels = row[nearer], column[nearer], pixels[nearer]
         image = np.zeros((fine[1], fine[0], values.shape[1]), dtype=np.float32)
-        image[row, column] = self._interpolated(values, surface, seen.faces[row, column], pixels)
+        image[row, column] = self._interpolated(surface, seen.faces[row, column], pixels, values)[0]
         layer[top:bottom, left:right] = np.clip(_averaged(image), 0.0, 1.0)
         return layer
 
@@ -113,10 +119,10 @@ class Renderer:
         right, bottom = np.clip(high, 0, self.size).astype(int)
         return int(left), int(top), int(right), int(bottom)
 
-    def _distinct(self, groups: IntArray) -> tuple[IntArray, IntArray]:
+    def _distinct(self, groups: _Numbers) -> tuple[IntArray, _Numbers]:
         """Return subpixels that are alone in their group within their pixel, and for each subpixel its like there."""
         fine = groups.reshape(self._fine[1], self._fine[0])
-        numbers = np.arange(groups.size).reshape(fine.shape)
+        numbers = np.arange(groups.size, dtype=np.int32).reshape(fine.shape)
         first = numbers.copy()
         corners = [
             (slice(i, None, _SUBPIXELS), slice(j, None, _SUBPIXELS))
@@ -128,9 +134,9 @@ class Renderer:
         return np.flatnonzero(first == numbers), first.ravel()
 
     def _interpolated(
-        self, values: FloatArray, surface: Surface, faces: IntArray, pixels: IntArray
-    ) -> FloatArray:
-        """Return values (V, C) of vertices where the rays of pixels (P,) meet triangles (P,): (P, C)."""
+        self, surface: Surface, faces: _Numbers, pixels: IntArray, *values: FloatArray
+    ) -> list[FloatArray]:
+        """Return values (V, C) of vertices where the rays of pixels (P,) meet triangles (P,): (P, C) of each."""
         corners = surface.faces[faces]
         a, b, c = (surface.vertices[corners[:, k]] for k in range(3))
         rays, away = viewing_rays(self.camera, self._fine, pixels), self.camera.eye - a
@@ -142,20 +148,19 @@ class Renderer:
         v = np.einsum("ij,ij->i", rays, np.cross(away, one)) / determinant
         v = np.clip(v, 0.0, 1.0 - u)
         shares = np.column_stack([1.0 - u - v, u, v])
-        return np.asarray(np.einsum("pk,pkc->pc", shares, values[corners]))
+        return [np.asarray(np.einsum("pk,pkc->pc", shares, each[corners])) for each in values]
 
     def _shaded(
         self,
         solid: Surface,
-        faces: IntArray,
+        faces: _Numbers,
         pixels: IntArray,
         light: _Light,
         paint: FloatArray,
         glossy: FloatArray,
     ) -> FloatArray:
         """Return the colours (P, 3) of triangles where pixels see them."""
-        places = self._interpolated(solid.vertices, solid, faces, pixels)
-        normals = self._interpolated(solid.normals, solid, faces, pixels)
+        places, normals = self._interpolated(solid, faces, pixels, solid.vertices, solid.normals)
         to_eye = self.camera.eye - places
         to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
         normals *= np.where(np.einsum("ij,ij->i", normals, to_eye) < 0.0, -1.0, 1.0)[:, None]
@@ -204,9 +209,9 @@ class _Light:
         inside = ((base >= 0) & (base < _MAP - 1)).all(axis=1)
         light = np.ones(len(places))
         (x, y), (u, v) = base[inside].T, (at[inside] - base[inside]).T
-        m = self._on_floor
-        low = (1 - u) * m[y, x] + u * m[y, x + 1]
-        high = (1 - u) * m[y + 1, x] + u * m[y + 1, x + 1]
+        m, k = self._on_floor.ravel(), _MAP * y + x
+        low = (1 - u) * m[k] + u * m[k + 1]
+        high = (1 - u) * m[k + _MAP] + u * m[k + _MAP + 1]
         light[inside] = (1 - v) * low + v * high
         return light
 
@@ -227,9 +232,8 @@ def _averaged(fine: NDArray[np.float32]) -> FloatArray:
     return np.asarray(sum(parts) / len(parts), dtype=float)
 
 
-def _facets(surface: Surface) -> IntArray:
-    """Return a number in [0, 125) for each triangle (F,) that tells its direction, so that edges are smoothed."""
-    corners = surface.vertices[surface.faces]
+def _facets(corners: FloatArray) -> IntArray:
+    """Return a number in [0, 125) for each triangle (F, 3, 3) that tells its direction: edges are smoothed."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return np.asarray((np.rint(2 * normals) + 2).astype(np.intp) @ np.array([25, 5, 1]))
@@ -275,7 +279,7 @@ class ZBuffer:
     """What the pixels of a grid see."""
 
     nearness: NDArray[np.float32]  # (H, W), of the nearest triangle, -inf where there is none
-    faces: IntArray  # (H, W), the nearest triangle, -1 where there is none
+    faces: _Numbers  # (H, W), the nearest triangle, -1 where there is none
 
     @classmethod
     def of(cls, points: FloatArray, faces: IntArray, size: tuple[int, int]) -> ZBuffer:
@@ -307,14 +311,14 @@ def tone_mapped(linear_rgb: FloatArray) -> FloatArray:
 @compiled
 def nearest_triangles(
     points: FloatArray, faces: IntArray, width: int, height: int
-) -> tuple[NDArray[np.float32], IntArray]:
+) -> tuple[NDArray[np.float32], _Numbers]:
     """Return how near the nearest triangle is at each pixel (height, width), -inf beside all, and which it is, or -1.
 
     A pixel is in a triangle where the three edge functions (b − a) × (p − a) have the sign of its area; along a row
     they bound an interval of columns. The nearness of `points: (V, 3)` is affine on a triangle. NaN: it is not drawn.
     """
     nearness = np.full((height, width), -np.inf, dtype=np.float32)
-    owner = np.full((height, width), -1, dtype=np.intp)
+    owner = np.full((height, width), -1, dtype=np.int32)
     for f in range(len(faces)):
         a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
         area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])

@@ -225,10 +225,10 @@ class _Merit:
         self._everything = Surface.merged([self._all, drawn.ends.simplified(cell)])
 
     def __call__(self, view: Camera) -> float:
-        links = _seen(view, self._all, self._links).mean()
+        parts = np.concatenate([self._links, self._ends])
+        links, ends = (seen.mean() for seen in np.split(_seen(view, self._all, parts), [len(self._links)]))
         hazards = _seen(view, self._things, self._points).mean() if len(self._points) else 1.0
         near = _seen(view, self._everything, self._near, _FINE).mean() if len(self._near) else 1.0
-        ends = _seen(view, self._all, self._ends).mean()
         apart = 1.0 - _before(view, self._hazards, self._links).mean()
         extent = np.linalg.det(np.cov(view.project(self._links), rowvar=False))
         shown = (0.5 + 0.5 * hazards) * near**2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 from operator import itemgetter
 from typing import Any
 
@@ -164,7 +165,7 @@ def _profile(geometry: Any, kind: str) -> FloatArray:
 
 def _mesh_triangles(model: Any) -> Triangles:
     corners = map(itemgetter(0, 1, 2), map(model.tri_indices, range(model.num_tris)))
-    faces = np.array(list(corners), dtype=np.intp)
+    faces = np.fromiter(chain.from_iterable(corners), dtype=np.intp, count=3 * model.num_tris)
     return np.array(model.vertices(), dtype=float), faces.reshape(-1, 3)
 
 
