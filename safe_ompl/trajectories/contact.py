@@ -188,13 +188,13 @@ class ContactLimits:
         closing = self._coupling.reach(slopes) @ self._pair_radii.T  # (N, P), w
         closing = np.minimum(closing, bodies[:, self._body] + fast[:, self._partner])
         half = 0.5 * sizes[:, None] * closing
-        found, rows = free.copy(), np.arange(len(self._body))
-        touched = self.bears > 0
-        for thickness in np.unique(self.thickness[touched]).tolist():
-            near = np.ones(closing.shape, dtype=bool)
-            if np.isfinite(thickness):
-                enough = thickness + float(half.max(initial=0.0))
-                near = self._bounds.of(Q, rows, enough) - half <= thickness
+        found, touched = free.copy(), self.bears > 0
+        widths = np.unique(self.thickness[touched])
+        widest = float(widths.max(initial=0.0, where=np.isfinite(widths)))
+        # One call, tight enough for all widths, costs less than one for each.
+        apart = self._bounds.of(Q, np.arange(len(self._body)), widest + float(half.max(initial=0.0))) - half
+        for thickness in widths.tolist():
+            near = apart <= thickness
             most = np.zeros_like(bodies)
             if len(self._body):
                 most = np.maximum.reduceat(np.where(near, closing, 0.0), self._first, axis=1)

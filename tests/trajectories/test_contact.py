@@ -137,6 +137,18 @@ def test_far_from_everything_a_hand_is_not_clamped_and_beside_movers_always(pand
     assert (everywhere[..., :2] <= most[..., :2] * (1 + 1e-9)).all()
 
 
+def test_distances_are_looked_at_once_for_limbs_of_all_widths(panda, shelf):
+    still = shelf.scene.without("operator")
+    found = cells_of(panda, [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, 0.5, 0, -2.0, 0, 2.0, 0.785]])
+    together = ContactLimits(panda, still, People(contact=True, robot_mass=20.0), LIMBS, {"anna": 1.75})
+    assert len(set(together.thickness[together.bears > 0])) > 1
+    most, _ = speeds_of(together, panda, *found)
+    assert together._bounds._counts.bound_queries == len(found[1])
+    for k, limb in enumerate(LIMBS):
+        alone = ContactLimits(panda, still, People(contact=True, robot_mass=20.0), [limb], {"anna": 1.75})
+        np.testing.assert_allclose(most[:, :, k], speeds_of(alone, panda, *found)[0][:, :, 0], rtol=0.05)
+
+
 def test_speeds_that_are_borne(panda):
     hand = BodyRegion(280, 0.6, 75)
     assert contact_speed(hand, 9.4) == pytest.approx(280 / np.sqrt(0.564 * 75e3))

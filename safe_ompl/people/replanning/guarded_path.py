@@ -222,6 +222,12 @@ class GuardedPath:
         short = np.diff(self.edges).max() <= STEP * (1 + 1e-9)
         return self if short else GuardedPath.along(self.bodies, self.curve, self.limits)
 
+    def slowed(self, speeds: FloatArray, brakes: FloatArray) -> GuardedPath:
+        """Return the same path with other bounds (N,) of ṡ and |s̈|; what is known of contacts is shared."""
+        path = replace(self, squares=speeds * speeds, brakes=brakes)
+        path.__dict__["_contacts"] = self._contacts
+        return path
+
     def motion_from(self, s: float, square: float, push: float, tick: float) -> StopMotion:
         """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `push`, from −1 to 1, times the `brakes`."""
         return StopMotion(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
@@ -244,6 +250,12 @@ class GuardedPath:
         allowed, who bears it at the speed of the motion need not be kept from; nor need those from whom a body is
         `receding: (G, M)`, no faster than `RETREAT_SPEED`.
         """
+        if (
+            contact is not None and not exact
+        ):  # what contact allows costs more than to look whether it matters
+            alone = self.margin(motion, sets, since, clearance, receding=receding)
+            if alone.margin >= 0:
+                return alone
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
         around = self._arrays(sets, clearance, enough, close, not exact)

@@ -241,7 +241,7 @@ class Shield(Guard):
             return found
         speeds = np.minimum(np.sqrt(path.squares), speed + _FASTER)
         brakes = braking(path.curve.cells(_CELL), self.limits.joints, speeds)
-        slow = replace(path, squares=speeds * speeds, brakes=np.minimum(brakes, _HARDEST))
+        slow = path.slowed(speeds, np.minimum(brakes, _HARDEST))
         other = self._next(slow, s, speed, time)
         commands = [command for command in (found, other) if command is not None]
         return max(commands, key=lambda command: command.motion.at(self.tick)[0], default=None)
