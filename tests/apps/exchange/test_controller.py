@@ -408,7 +408,7 @@ def test_a_calibrated_reach_comes_with_its_gate(tmp_path, monkeypatch, capsys):
     growth = {"torso": (0.5,), "right_hand": (1.0,)}
     reach = CalibratedReach("recording12", 2.0, 0.9, 20, (0.5,), growth, ("a",), ("b",))
     reach.save(tmp_path / "reach.yaml")
-    monkeypatch.setattr("safe_ompl.apps.cli.ros.need_extra", lambda extra: None)
+    monkeypatch.setattr("safe_ompl.apps.cli.output.need_extra", lambda extra: None)
     words = ["ros", "panda_shelf", "--reach", str(tmp_path / "reach.yaml"), "--skeleton"]
     options = command_line().parse_args([*words, "recording12"])
     scenario, trackers, control, _ = options.prepare(options).args

@@ -422,7 +422,7 @@ def test_the_node_says_what_is_missing(capsys, monkeypatch):
     assert main(["ros", "panda_shelf", "--people", "a b"]) == 2
     assert "'a b' must be letters, digits and _" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    monkeypatch.setattr("safe_ompl.apps.cli.ros.need_extra", lambda extra: None)
+    monkeypatch.setattr("safe_ompl.apps.cli.output.need_extra", lambda extra: None)
     assert main(["ros", "panda_shelf"]) == 2
     assert "needs ROS 2 (" in capsys.readouterr().err
 
