@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from safe_ompl.paths.measures import forced_danger as forced_danger
     from safe_ompl.paths.report import PathReport as PathReport
     from safe_ompl.paths.report import Validation as Validation
+    from safe_ompl.paths.report import claims_of as claims_of
     from safe_ompl.paths.report import validate as validate
     from safe_ompl.paths.simplifier import Simplifier as Simplifier
     from safe_ompl.paths.simplifier import Stop as Stop
