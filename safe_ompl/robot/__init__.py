@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from safe_ompl.robot.fingerprint import robot_hash as robot_hash
     from safe_ompl.robot.forward_kinematics import JointLimits as JointLimits
     from safe_ompl.robot.ik import METRES_PER_RADIAN as METRES_PER_RADIAN
-    from safe_ompl.robot.ik import Limits as Limits
     from safe_ompl.robot.ik import Place as Place
+    from safe_ompl.robot.ik import StepLimits as StepLimits
     from safe_ompl.robot.ik import approach as approach
     from safe_ompl.robot.ik import inverse_kinematics as inverse_kinematics
     from safe_ompl.robot.ik import limited_step as limited_step

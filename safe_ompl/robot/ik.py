@@ -141,11 +141,11 @@ Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """(J, Δx, Δq₀) → Δq."""
 
 
-Limits: TypeAlias = tuple[FloatArray, FloatArray]
+StepLimits: TypeAlias = tuple[FloatArray, FloatArray]
 """Lower and upper joint limits (n,) that steps respect [rad or m]; infinite for joints without limits."""
 
 
-def motion_limits(robot: Robot, free: BoolArray | None = None) -> Limits:
+def motion_limits(robot: Robot, free: BoolArray | None = None) -> StepLimits:
     """Return the limits of motions: the joints that are `free: (n,)`, by default continuous ones, have none."""
     free = robot.continuous if free is None else free
     return np.where(free, -np.inf, robot.lower), np.where(free, np.inf, robot.upper)
@@ -155,7 +155,7 @@ def limited_step(
     rule: Rule,
     place: Place,
     q: FloatArray,
-    limits: Limits,
+    limits: StepLimits,
     largest: float = np.inf,
     drift: FloatArray | None = None,
 ) -> FloatArray:

@@ -27,7 +27,7 @@ from safe_ompl.planning.planners.parts.problem import (
 )
 from safe_ompl.planning.planners.parts.tree import Graph, Tree, Trees
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.robot import Limits, Place, limited_step, motion_limits, pseudoinverse_step, transpose_step
+from safe_ompl.robot import Place, StepLimits, limited_step, motion_limits, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
 
@@ -316,7 +316,7 @@ class GoalStep:
         self.null_space_gain = 1.0
         self.transpose = False
         self._place: Place
-        self._limits: Limits
+        self._limits: StepLimits
 
     def aim(self, place: Place) -> None:
         """Head for another place of the tip."""
