@@ -156,12 +156,8 @@ class Obstacle:
         Every point of the surface is within `spacing` of one of them.
         """
         step = document.number("spacing", spacing, above=0.0)
-        check_number(self.most_danger_points(step), step, repr(self.name))
+        check_number(self.shape.most_danger_points(step), step, repr(self.name))
         return placed(self.pose.se3, self.shape.kept_danger_points(step))
-
-    def most_danger_points(self, spacing: float) -> float:
-        """Return how many `danger_points` there are at most, without making them."""
-        return self.shape.most_danger_points(spacing)
 
     def triangles(self, resolution: int = 24) -> Triangles:
         """Return the surface in the world frame for drawing, with `resolution` corners on every circle.

@@ -24,6 +24,7 @@ from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations
 from safe_ompl.motions.stops import stops_of
 from safe_ompl.motions.tube import tube_of
+from safe_ompl.paths import claims_of
 from safe_ompl.planning.ompl import Constraints, joint_space
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
@@ -168,7 +169,7 @@ def check_with(
         if verdict.verdict is not Verdict.FREE and not known:
             stretches += piece.unproven()
     limits = limits if motion.rated else None
-    claims = ["joint limits", *(limits.kinds if limits is not None else ()), *_claims(proof)]
+    claims = ["joint limits", *(limits.kinds if limits is not None else ()), *claims_of(proof)]
     claims += ["obstacles that move from its start on"] * bool(speeds)
     found += _joined(stretches)
     if stops is not None and people is not None:
@@ -376,14 +377,3 @@ def _late(stops: Stops, people: People) -> Iterator[Violation]:
         yield Violation(
             "separation", edges[j], edges[j + 1], edges[j], names, value, people.clearance, decided
         )
-
-
-def _claims(proof: MotionProver) -> Iterator[str]:
-    """Yield what is proven beside the limits of the joints."""
-    separation = proof.separation
-    yield "collision"
-    if separation.margin or separation.min_clearance is not None:
-        yield "min clearance"
-    if separation.speeds:
-        yield "moving obstacles"
-    yield from (getattr(limit, "name", type(limit).__name__) for limit in proof.limits)

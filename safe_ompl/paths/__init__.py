@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
-    from safe_ompl.paths.report import PathReport, Validation, validate
+    from safe_ompl.paths.report import PathReport, Validation, claims_of, validate
     from safe_ompl.paths.simplifier import Simplifier, Stop, simplify_danger, timed, unrolled
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "Simplifier",
     "Stop",
     "Validation",
+    "claims_of",
     "forced_danger",
     "simplify_danger",
     "timed",

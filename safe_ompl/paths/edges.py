@@ -13,7 +13,7 @@ from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost
 from safe_ompl.paths.kernels import chained
-from safe_ompl.robot import Place, Robot, solve_from_seed
+from safe_ompl.robot import Place, Robot, motion_limits, solve_from_seed
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
@@ -113,8 +113,7 @@ class FeasibleSet:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self._lower = np.where(robot.continuous, -np.inf, robot.lower)
-        self._upper = np.where(robot.continuous, np.inf, robot.upper)
+        self._lower, self._upper = motion_limits(robot)
 
     def within(self, Q: FloatArray) -> FloatArray:
         """Return the configurations within limits that are nearest to `Q: (…, n)`."""

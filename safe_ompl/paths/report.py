@@ -8,7 +8,7 @@ from functools import cached_property
 from time import perf_counter
 from typing import Any, TypeVar
 
-from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, ToolLimit, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.paths.measures import (
@@ -109,7 +109,7 @@ def validate(path: FloatArray, motion: MotionProver) -> Validation:
 
 
 def claims_of(motion: MotionProver) -> tuple[str, ...]:
-    """Return what a proof by this validator is of."""
+    """Return what a proof by this validator is of: not of the user's own checks, which are sampled, or asked."""
     claims = ["collision"]
     separation = motion.separation
     if separation.margin or separation.min_clearance is not None:
@@ -118,7 +118,8 @@ def claims_of(motion: MotionProver) -> tuple[str, ...]:
         claims.append("max danger")
     if separation.speeds:
         claims.append("moving obstacles")
-    claims += [limit.name for limit in motion.limits if isinstance(limit, ToolLimit)]
+    others = (limit for limit in motion.limits if not isinstance(limit, (DangerLimit, UserCheck)))
+    claims += [getattr(limit, "name", type(limit).__name__) for limit in others]
     return tuple(claims)
 
 

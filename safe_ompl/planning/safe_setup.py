@@ -253,22 +253,21 @@ class SafeSetup(ProblemSetup):
     @property
     def simplifier(self) -> Simplifier:
         """What makes paths cheaper; raises InputError if this setup plans without danger."""
-        known, motion = self._simplifier, self.motion_prover
-        if known is None or known.checker is not motion.checker:
-            return self.setSimplification(**self._simplification)
-        if known.motion is not motion:
-            self._simplifier = known = known.proving_by(motion)
-        return known
+        if self._simplifier is None or self._simplifier.checker is not self.checker:
+            self.setSimplification(**self._simplification)
+        assert self._simplifier is not None
+        if self._simplifier.motion is not self.motion_prover:
+            self._simplifier = self._simplifier.proving_by(self.motion_prover)
+        return self._simplifier
 
-    def setSimplification(self, **options: Any) -> Simplifier:
-        """Set options of the danger-aware simplification; names and errors as `Simplifier`, and of `simplifier`."""
+    def setSimplification(self, **options: Any) -> None:
+        """Set options of the danger-aware simplification: names and errors as `Simplifier`, errors as `simplifier`."""
         if self.field is None:
             raise InputError(
                 "danger-aware simplification needs a danger field; this setup plans without danger"
             )
         self._simplifier = Simplifier(self.checker, self.field, self.motion_prover, **options)
         self._simplification = options
-        return self._simplifier
 
     def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
         """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.

@@ -7,7 +7,6 @@ for each radian, so that one number says how far the tip is from where it should
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -142,26 +141,14 @@ Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """(J, Δx, Δq₀) → Δq."""
 
 
-@dataclass(frozen=True)
-class StepLimits:
-    """Joint limits (n,) that steps respect [rad or m]; infinite for joints without limits."""
+StepLimits: TypeAlias = tuple[FloatArray, FloatArray]
+"""Lower and upper joint limits (n,) that steps respect [rad or m]; infinite for joints without limits."""
 
-    lower: FloatArray
-    upper: FloatArray
 
-    @classmethod
-    def of_motion(cls, robot: Robot) -> StepLimits:
-        """Return the limits of motions: continuous joints have none."""
-        return cls._without(robot, robot.continuous)
-
-    @classmethod
-    def of_turns(cls, robot: Robot) -> StepLimits:
-        """Return the limits without those of joints that reach every angle, whichever way they turn."""
-        return cls._without(robot, _full_turns(robot))
-
-    @classmethod
-    def _without(cls, robot: Robot, free: BoolArray) -> StepLimits:
-        return cls(np.where(free, -np.inf, robot.lower), np.where(free, np.inf, robot.upper))
+def motion_limits(robot: Robot, free: BoolArray | None = None) -> StepLimits:
+    """Return the limits of motions: the joints that are `free: (n,)`, by default continuous ones, have none."""
+    free = robot.continuous if free is None else free
+    return np.where(free, -np.inf, robot.lower), np.where(free, np.inf, robot.upper)
 
 
 def limited_step(
@@ -183,7 +170,7 @@ def limited_step(
     step = rule(jacobian, error, posture)
     share = _shortening(step, largest)
     step *= share
-    low, high = limits.lower - q, limits.upper - q
+    low, high = limits[0] - q, limits[1] - q
     free = np.ones(len(q), dtype=bool)
     while ((step < low) | (step > high)).any():
         free &= (step > low) & (step < high)
@@ -210,7 +197,7 @@ def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArr
     Takes `cautious_step` from one seed (n,), within the limits, until it arrives or stalls, which depends on the seed:
     try several. It has arrived where tip and place are within `precision` [m], rotation included (`Place.distance`).
     """
-    limits = StepLimits.of_turns(place.robot)
+    limits = motion_limits(place.robot, _full_turns(place.robot))  # whichever way joints turn
     q, distance, stalls = seed, place.distance(seed), 0
     for _ in range(_ITERATIONS):
         if distance <= precision or stalls == _PATIENCE:

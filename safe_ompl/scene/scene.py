@@ -187,7 +187,7 @@ class Scene:
         dangerous = [obstacle for obstacle in self.obstacles if obstacle.weight > 0]
         if len(dangerous) > 1:
             step = document.number("spacing", step, above=0.0)
-            most = sum(obstacle.most_danger_points(step) for obstacle in dangerous)
+            most = sum(obstacle.shape.most_danger_points(step) for obstacle in dangerous)
             check_number(most, step, f"{len(dangerous)} obstacles")
         points, owner = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)]
         for k, obstacle in enumerate(self.obstacles):

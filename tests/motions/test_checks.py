@@ -24,6 +24,7 @@ from safe_ompl import (
     Pose,
     RateLimits,
     Robot,
+    SafeSetup,
     Scene,
     Sphere,
     TipBounds,
@@ -299,3 +300,12 @@ def test_a_motion_is_slowed_where_only_its_rates_or_stops_need_it(crank, post):
     )
     through = Motion.hermite([0, 1, 2], [[0.0], [0.3], [0.2]])
     assert "jump" in repair_with(through, proof, limits).how
+
+
+def test_claims_are_of_what_is_proven_and_not_of_what_is_asked(ur5, clutter):
+    setup = SafeSetup(ur5, clutter)
+    setup.setMaxDanger(1e3)
+    setup.setStateValidityChecker(lambda state: True)
+    at = [0.8, -1.6, 1.2, -1.2, -1.57, 0.0]
+    found = setup.check(np.array([at, np.add(at, 0.01)]))
+    assert found.claims == ("joint limits", "collision", "max danger")

@@ -8,8 +8,8 @@ from safe_ompl import InputError
 from safe_ompl.robot import (
     METRES_PER_RADIAN,
     Place,
-    StepLimits,
     limited_step,
+    motion_limits,
     pseudoinverse_step,
     solve_from_seed,
     transpose_step,
@@ -117,7 +117,7 @@ def test_the_transpose_step_leaves_the_least_error_along_the_gradient(ur5, rng):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_steps_respect_limits_and_length(robot_named, rng, name, rule):
     robot = robot_named(name)
-    limits = StepLimits.of_motion(robot)
+    limits = motion_limits(robot)
     for _ in range(50):
         place = place_of(robot, random_configuration(robot, rng), pose=True)
         q = np.clip(random_configuration(robot, rng, margin=-0.1), robot.lower, robot.upper)
@@ -133,7 +133,7 @@ def test_a_joint_at_its_limit_leaves_the_way_to_the_others(panda):
     way = 1e-3 * J[:, 3]
     place = Place(panda, panda.tip_pose(q).translation + way)
     assert pseudoinverse_step(J, way, np.zeros(7))[3] > 0
-    step = limited_step(pseudoinverse_step, place, q, StepLimits.of_motion(panda))
+    step = limited_step(pseudoinverse_step, place, q, motion_limits(panda))
     assert step[3] == 0
     assert place.distance(q + step) < 0.1 * place.distance(q)
 

@@ -27,7 +27,7 @@ from safe_ompl.planning.planners.parts.problem import (
 )
 from safe_ompl.planning.planners.parts.tree import Graph, Tree, Trees
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.robot import Place, StepLimits, limited_step, pseudoinverse_step, transpose_step
+from safe_ompl.robot import Place, StepLimits, limited_step, motion_limits, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
 
@@ -320,7 +320,7 @@ class GoalStep:
 
     def aim(self, place: Place) -> None:
         """Head for another place of the tip."""
-        self._place, self._limits = place, StepLimits.of_motion(place.robot)
+        self._place, self._limits = place, motion_limits(place.robot)
 
     def at(self, q: FloatArray, distance: float, downhill: FloatArray | None) -> FloatArray:
         """Return Δq = k₂ [J†Δx + (I − J†J)Δq₀] at `q: (n,)`, classical JᵀΔx, no longer than the largest step.

@@ -63,16 +63,11 @@ def links_with_visuals_alone(
     a collision shape, unless `collision` is "optional".
     """
     if collision != "optional" and not any(part.parentJoint for part in geometry.geometryObjects):
-        remedy = (
-            "its visual shapes are taken with" if collision == "required" else "it has no visual ones either;"
-        )
-        choice = (
-            "collision='visual' (--collision visual)"
-            if collision == "required"
-            else "to plan without any, give collision='optional' (--collision optional)"
-        )
+        remedy = "it has no visual ones either; to plan without any, give collision='optional' (--collision optional)"
+        if collision == "required":
+            remedy = "its visual shapes are taken with collision='visual' (--collision visual)"
         raise InputError(
-            f"no moving link has a collision shape, so that nothing could ever touch: {remedy} {choice}",
+            f"no moving link has a collision shape, so that nothing could ever touch: {remedy}",
             str(urdf.path),
         )
     collides = {model.frames[part.parentFrame].name for part in geometry.geometryObjects}

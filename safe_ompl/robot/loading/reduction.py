@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, number, within
 from safe_ompl.robot.joint_tables import Mimic, frame_index
 from safe_ompl.robot.loading.srdf import SrdfFile
 
@@ -151,34 +151,29 @@ def with_mimics(
 
 def joints_without_range(full: pin.Model, names: Iterable[str]) -> dict[str, float]:
     """Return those of the joints whose limits are one value, which they can only be held at [rad or m]."""
-    lower, upper = full.lowerPositionLimit, full.upperPositionLimit
     joints = {name: full.joints[full.getJointId(name)] for name in names}
-    return {
-        name: float(lower[joint.idx_q])
-        for name, joint in joints.items()
-        if joint.nq == 1 and lower[joint.idx_q] == upper[joint.idx_q]
-    }
+    ranges = {name: _range(full, joint) for name, joint in joints.items() if joint.nq == 1}
+    return {name: low for name, (low, high) in ranges.items() if low == high}
 
 
 def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"locked joint {name!r}: {value!r} is not a number", source) from None
+    with within(source, ": "):
+        found = number(f"locked joint {name!r}", value)
     joint = full.joints[full.getJointId(name)]
-    if not np.isfinite(number):
-        raise InputError(f"locked joint {name!r}: {value!r} is not finite", source)
-    if joint.nv > 1 and number != 0:
+    if joint.nv > 1 and found != 0:
         raise InputError(f"locked joint {name!r}: a {joint.shortname()} can be locked at 0 only", source)
     if joint.nq == 1:
-        low, high = (
-            float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit)
-        )
-        if not low - 1e-9 <= number <= high + 1e-9:
+        low, high = _range(full, joint)
+        if not low - 1e-9 <= found <= high + 1e-9:
             raise InputError(
-                f"locked joint {name!r}: {number:g} is outside its limits [{low:g}, {high:g}]", source
+                f"locked joint {name!r}: {found:g} is outside its limits [{low:g}, {high:g}]", source
             )
-    return number
+    return found
+
+
+def _range(model: pin.Model, joint: pin.JointModel) -> tuple[float, float]:
+    """Return the limits of a joint with one coordinate [rad or m]."""
+    return float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
 
 
 def resting_value(full: pin.Model, name: str) -> float:
@@ -186,8 +181,8 @@ def resting_value(full: pin.Model, name: str) -> float:
     joint = full.joints[full.getJointId(name)]
     if joint.nq != 1:
         return 0.0
-    low, high = (float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit))
-    return float(min(max(0.0, low), high))
+    low, high = _range(full, joint)
+    return min(max(0.0, low), high)
 
 
 def reduce_model(
@@ -276,14 +271,8 @@ def _coordinate(model: pin.Model, name: str) -> int | None:
 
 def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper limits (n,) [rad or m], ±π where joints are continuous; InputError if one has no range."""
-    limits = np.array(
-        [
-            (model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])
-            if joint.nq == 1
-            else (-np.pi, np.pi)
-            for joint in list(model.joints)[1:]
-        ]
-    )
+    joints = list(model.joints)[1:]
+    limits = np.array([_range(model, joint) if joint.nq == 1 else (-np.pi, np.pi) for joint in joints])
     for name, (low, high) in zip(list(model.names)[1:], limits, strict=True):
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
             raise InputError(
