@@ -65,7 +65,7 @@ def option(
         more["action"] = "store_true"
     told = "default" in words or isinstance(default, bool)
     if not told and isinstance(default, (str, int, float, tuple, Path)):
-        kind = "g" if isinstance(default, (int, float)) else "s"
+        kind = "g" if isinstance(default, float) else "s"
         words = f"{words}; default: %(default){kind}".removeprefix("; ")
     parser.add_argument(*others, name, help=words, **more)
 

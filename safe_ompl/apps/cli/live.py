@@ -88,7 +88,7 @@ def add_commands(commands: Any) -> None:
     option(group, "--noise M", "largest error of key points, known to the tracker [m]", arguments.noise, 0.0)
     option(group, "--drops SHARE", "share of the frames that are lost", arguments.share, 0.0)
     option(group, "--late SHARE", "share of the ticks without an answer", arguments.share, 0.0)
-    option(group, "--faster FACTOR", "of speeds that are recorded, or relied on", arguments.limit, 1.0)
+    option(group, "--faster FACTOR", "times the speeds recorded, or relied on", arguments.limit, 1.0)
 
 
 def add_reach(parser: argparse.ArgumentParser) -> None:

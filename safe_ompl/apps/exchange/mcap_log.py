@@ -27,6 +27,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from safe_ompl.apps.exchange import messages, scene_markers
+from safe_ompl.apps.exchange.received import WORLD
 from safe_ompl.common import InputError
 from safe_ompl.geometry import Pose
 from safe_ompl.io import check_header, strict_json
@@ -98,7 +99,7 @@ class McapLog:
             rows = {"positions": stop["q"], "velocities": stop["qd"]}
             command = messages.joint_trajectory(messages.nanoseconds(begin), names, after.tolist(), **rows)
             self._add("/command", time, command)
-        self._add("/people", time, messages.people_markers(time, scene_markers.WORLD, people))
+        self._add("/people", time, messages.people_markers(time, WORLD, people))
         self._add("/diagnostics", time, messages.diagnostics(time, self._name, tick))
         self._add("/tf", time, scene_markers.transforms(time, self._places(tick)))
         self._add("/scene/limbs", time, scene_markers.limb_markers(time, people, self._header["people"]))

@@ -19,7 +19,7 @@ from safe_ompl.people import Skeleton
 from safe_ompl.robot import Robot
 
 WORLD = "world"
-_DELETE = (2, 3)  # actions of a marker
+DELETIONS = (2, 3)  # actions of a marker
 
 
 class Frames:
@@ -63,7 +63,7 @@ def people_of_markers(
     skeleton's.
     """
     people: dict[str, FloatArray] = {}
-    shown = [marker for marker in message.markers if marker.action not in _DELETE]
+    shown = [marker for marker in message.markers if marker.action not in DELETIONS]
     if not shown:
         stamps = [stamp_of(marker.header) for marker in message.markers]
         if not stamps:

@@ -23,7 +23,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from safe_ompl.apps.exchange.mcap_log import reading
 from safe_ompl.apps.exchange.messages import JOINT_STATE, JOINT_TRAJECTORY, MARKERS, POSES, SECOND
-from safe_ompl.apps.exchange.received import in_metres
+from safe_ompl.apps.exchange.received import DELETIONS, in_metres
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import STANDING
@@ -32,7 +32,6 @@ from safe_ompl.people import Recording, Skeleton, find_skeleton, skeleton_of
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
-_DELETE = (2, 3)  # actions of a marker
 _GAP = 3.5  # usual times between two messages: nobody is seen in a longer one
 
 Rows = list[tuple[int, dict[str, float]]]
@@ -177,7 +176,7 @@ def _posed(found: Sequence[tuple[int, Any]]) -> tuple[list[int], FloatArray, lis
 def _marked(found: Sequence[tuple[int, Any]], who: str | None) -> tuple[list[int], FloatArray, list[str]]:
     """Return times, key points (T, J, 3) and their names, those of our body in its own order, from a MarkerArray."""
     shown = [
-        (time, [marker for marker in message.markers if marker.action not in _DELETE])
+        (time, [marker for marker in message.markers if marker.action not in DELETIONS])
         for time, message in found
     ]
     _one_frame([marker.header.frame_id for _, markers in shown for marker in markers])

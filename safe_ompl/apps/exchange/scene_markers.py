@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.apps.exchange.messages import DELETE_ALL, SPHERE, Message, colour, header, pose, vector
+from safe_ompl.apps.exchange.received import WORLD
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose, Triangles
 from safe_ompl.view import RobotBody
 
-WORLD = "world"
 _ROBOT, _STILL, _DANGEROUS = (0.75, 0.78, 0.82), (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
 _LIMB = (0.83, 0.43, 0.29)
 _AROUND = 24  # corners of round shapes
