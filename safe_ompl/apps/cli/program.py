@@ -19,6 +19,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from safe_ompl.apps.cli import check, compare, judge, live, mbm, new, people, plan, ros, verify, view
+from safe_ompl.apps.cli.kernels import compile_all
 from safe_ompl.apps.cli.options import add_parser, load_scenario
 from safe_ompl.apps.cli.output import error_console, ompl_messages, output_console, plain_table, shown_log
 from safe_ompl.common import InputError, SafeOmplError
@@ -110,8 +111,8 @@ def add_commands(commands: Any) -> None:
         "doctor",
         lambda _: examine,
         "show versions and what is missing, and try a small plan",
-        "Show which versions are installed, and which are missing or do not fit, and plan once. The exit status "
-        "is 1 if something needed is missing or the plan fails.",
+        "Show which versions are installed, and which are missing or do not fit, compile what is not compiled "
+        "yet, and plan once. The exit status is 1 if something needed is missing or the plan fails.",
     )
     parser = add_parser(
         commands,
@@ -217,6 +218,7 @@ def examine() -> int:
         table.add_row(requirement.name, said, escape(words))
         healthy &= requirement.fits or bool(requirement.extra)
     output_console().print(table)
+    compile_all()
     return 0 if _plans() and healthy else 1
 
 
