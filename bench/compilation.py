@@ -26,6 +26,7 @@ from collections import Counter
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from time import perf_counter, process_time
 from typing import Any
 
@@ -108,8 +109,8 @@ def all_alone() -> None:
     """Ask for all kernels in one process."""
     from safe_ompl.apps.cli.kernels import ALL_JOBS
 
-    for module, _, name in (job.partition(":") for job in ALL_JOBS):
-        getattr(import_module(module), name)()
+    for job in ALL_JOBS:
+        resolve_name(job)()
 
 
 def all_together() -> None:

@@ -18,8 +18,8 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
 from time import perf_counter
 from types import FrameType
@@ -199,8 +199,7 @@ def do_jobs(queue: int, jobs: Sequence[str]) -> None:
     gc.disable()  # else it goes through all that the compiler holds after each kernel
     try:
         while number := os.read(queue, 1):
-            module, _, name = jobs[number[0]].partition(":")
-            getattr(import_module(module), name)()
+            resolve_name(jobs[number[0]])()
     finally:
         _compilation.shared = False
         if collects:
