@@ -1,14 +1,13 @@
 """What compiling the kernels and importing the package cost: python bench/compilation.py [--rows N] [--imports N].
 
-In a process of its own, with an empty cache, a plan, its simplification, danger of all kinds, a motion in time, live
-driving and some calls without a purpose ask for all kernels; those that nothing asked for are named. Printed are
-CPU times: of all, and of the kernels and parts that took longest, without what they call, with the number of signatures
-that each was compiled for.
+In a process of its own, with an empty cache, all is compiled that `doctor` lets two processes compile; others are said.
+Printed are CPU times: of all, and of the kernels and parts that took longest, without what they call, with the number
+of signatures that each was compiled for.
 
-Then, with another empty cache, there is a first plan, which compiles in two processes; then two processes, started at
-the same time, ask for all that is left; then there is a second plan. Printed are wall times, and the CPU time of the
-busier process: the wall time of a machine with two cores and nothing else to do. Bars: 8 s for the first plan beyond
-the second one, and 15 s for all.
+Then, with other empty caches, there are a first plan and a second one, and all that `doctor` compiles; both compile in
+two processes. Printed are wall times, and the CPU times of either process, with what it imports: the longer one is the
+wall time of a machine with two cores and nothing else to do. Bars: 8 s for the first plan beyond the second one, and
+15 s for all.
 
 The import is that of `SafeSetup` after all that it imports of others, the median of N fresh processes. Bar: 0.1 s.
 
@@ -25,9 +24,9 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from time import perf_counter, process_time
 from typing import Any
 
@@ -83,75 +82,6 @@ def plan_once() -> None:
     plan("panda_shelf", time=60.0)
 
 
-def plan_and_simplify() -> None:
-    """Ask for what a plan needs, danger of all kinds, and a motion in time."""
-    from safe_ompl import (
-        Box,
-        CertifiedDanger,
-        DangerField,
-        Obstacle,
-        Person,
-        Pose,
-        RateLimits,
-        Robot,
-        SafeSetup,
-        Scene,
-    )
-    from safe_ompl.planning.planners.parts.tree import NearestNode
-
-    robot = Robot.from_example("panda")
-    person = Obstacle("person", Person(), Pose((0.95, 0.3, -0.85)))
-    setup = SafeSetup(robot, Scene((person, Obstacle("box", Box((0.2, 0.2, 0.2)), Pose((0.6, -0.5, 0.2))))))
-    setup.setConfigurations(START, GOAL)
-    result = setup.plan("SafeRRTConnect", seed=0, simplify=True)
-    result.timed(RateLimits.of(robot, acceleration=10.0), max_danger=1e3)
-    CertifiedDanger(setup.field).of_path([START, GOAL])
-    rng = np.random.default_rng(0)
-    for number in (10, 1000):
-        for aggregate in ("max", "mean", "softmax"):
-            field = DangerField(robot, rng.uniform(1.0, 2.0, (number, 3)), aggregate=aggregate)
-            values = field.values_and_gradients([START])[0]
-            field.contributions(field.aggregated(values[:, None])[:, None], rng.uniform(size=(1, 3)))
-            field.push(START)
-            field.moving.value(START, GOAL)
-            field.moving.values_and_gradients([START], [GOAL])
-    nodes, rows = NearestNode(np.zeros(7, bool)), rng.uniform(size=(500, 7))
-    nodes.find(rows, rows[3], 0.1, rows[:, 0].copy())
-    nodes.find(rows[:10], rows[3])
-
-
-def drive() -> None:
-    """Ask for what live driving needs."""
-    from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Robot, Scene, Tracker, time_path
-    from safe_ompl.people.skeletons import TrackedBody, find_skeleton
-
-    robot, skeleton = Robot.from_example("panda"), find_skeleton("recording12")
-    scene = Scene((Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),))
-    replanner = Replanner(robot, scene, {"anna": Tracker(skeleton, TrackedBody())}, people=People(speed=1.6))
-    replanner.start(
-        time_path([START, GOAL], robot, RateLimits.of(robot, acceleration=10.0), motion=replanner.prover)
-    )
-    keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3)) + np.array([1.5, 0.0, 0.2])
-    for tick in range(2):
-        replanner.update({"anna": keypoints}, {}, 0.05 * tick)
-        replanner.command(0.05 * tick + 0.02)
-        replanner.think()
-
-
-def call_the_rest() -> None:
-    """Call kernels whose rooms would have to be furnished first."""
-    from safe_ompl.danger.kernels import field
-    from safe_ompl.trajectories import kernels as stopping
-    from safe_ompl.view.pictures import rasteriser
-
-    ones = np.ones((2, 2))
-    stopping.stopping_speeds(np.ones(2), np.ones(2), ones, ones, np.ones(2), np.array([1, 1]))
-    rasteriser.nearest_triangles(np.eye(3), np.array([[0, 1, 2]]), 4, 4)
-    rasteriser.light_at(np.eye(3), np.eye(3), np.eye(2), np.eye(4)[:2], np.ones((2, 4, 4), np.float32), 0.0)
-    links, places = np.array([[0, 1]]), np.arange(6.0).reshape(1, 2, 3)
-    field.pulls(places, links, np.ones((1, 3, 2)), ones[:1].copy(), False)
-
-
 def kernels() -> dict[str, Any]:
     """Return all kernels and parts by their names."""
     import safe_ompl
@@ -177,16 +107,17 @@ def busy() -> float:
 
 def all_alone() -> None:
     """Ask for all kernels in one process."""
-    os.cpu_count = lambda: 1
-    plan_and_simplify()
-    drive()
-    call_the_rest()
+    from safe_ompl.apps.cli.kernels import ALL_JOBS
+
+    for job in ALL_JOBS:
+        resolve_name(job)()
 
 
-def all_but_plans() -> None:
-    """Ask for those that neither a plan nor its simplification needs."""
-    drive()
-    call_the_rest()
+def all_together() -> None:
+    """Compile all that `doctor` does."""
+    from safe_ompl.apps.cli.kernels import compile_all
+
+    compile_all()
 
 
 def measure(job: str) -> None:
@@ -195,12 +126,12 @@ def measure(job: str) -> None:
     begin = perf_counter()
     globals()[job]()
     wall, times = perf_counter() - begin, os.times()
-    busier = max(times.user + times.system, times.children_user + times.children_system)
+    both = times.user + times.system, times.children_user + times.children_system
     left = sorted(name for name, kernel in kernels().items() if not kernel.signatures)
     rows = [
         (name, seconds, compilation.signatures[name]) for name, seconds in compilation.seconds.most_common()
     ]
-    print(json.dumps({"rows": rows, "left": left, "wall": wall, "busier": busier, "busy": busy()}))
+    print(json.dumps({"rows": rows, "left": left, "wall": wall, "both": both, "busy": busy()}))
     sys.stdout.flush()
     os._exit(0)  # without the farewell of OMPL's bindings
 
@@ -234,9 +165,8 @@ def main() -> None:
 
         found = measured("all_alone", "alone")
         first = measured("plan_once", "two")
-        with ThreadPoolExecutor() as pool:
-            rest = list(pool.map(measured, ("plan_and_simplify", "all_but_plans"), ("two", "two")))
         second = measured("plan_once", "two")
+        everything = measured("all_together", "all")
     total = sum(seconds for _, seconds, _ in found["rows"])
     print_table(
         ("compiled", "CPU [ms]", "signatures"),
@@ -247,12 +177,12 @@ def main() -> None:
     )
     if found["left"]:
         print(f"nothing asked for {', '.join(found['left'])}")
-    for clock, words in (("wall", "wall"), ("busier", "CPU of the busier process")):
-        beyond, then = first[clock] - second[clock], max(one[clock] for one in rest)
-        print(
-            f"{words}: {beyond:.1f} s for a first plan beyond a second one of {second[clock]:.1f} s, "
-            f"{first[clock] + then:.1f} s for all kernels"
-        )
+    for words, one in (
+        ("a first plan", first),
+        ("a second plan", second),
+        ("all of doctor's kernels", everything),
+    ):
+        print(f"{words}: {one['wall']:.1f} s of wall; CPU {one['both'][0]:.1f} and {one['both'][1]:.1f} s")
     own = float(np.median(imports[1:]))
     print(
         f"from safe_ompl import SafeSetup: {own:.3f} s beyond others' modules, or {own / found['busy']:.2f} loops"

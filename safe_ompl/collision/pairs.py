@@ -210,12 +210,13 @@ class PairTable:
 
 def _balls(hulls: Sequence[Hull]) -> tuple[FloatArray, FloatArray]:
     """Return centres (K, 3) and radii (K,) of balls that hold the hulls [m]."""
-    centres = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
-    radii = [
-        np.linalg.norm(hull.points - centre, axis=1).max() + hull.radius
-        for hull, centre in zip(hulls, centres, strict=True)
-    ]
-    return centres, np.array(radii)
+    if not hulls:
+        return np.empty((0, 3)), np.empty(0)
+    numbers = np.array([len(hull.points) for hull in hulls])
+    begins, points = np.cumsum(numbers) - numbers, np.concatenate([hull.points for hull in hulls])
+    centres = np.add.reduceat(points, begins) / numbers[:, None]
+    away = np.linalg.norm(points - np.repeat(centres, numbers, axis=0), axis=1)
+    return centres, np.maximum.reduceat(away, begins) + [hull.radius for hull in hulls]
 
 
 def _distances(reaches: Sequence[ReachCylinder], points: FloatArray) -> FloatArray:

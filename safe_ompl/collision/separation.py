@@ -235,6 +235,8 @@ def checked_span(span: tuple[float, float]) -> tuple[float, float]:
 
 def _rates(pairs: PairSet, speeds: Mapping[str, float]) -> FloatArray:
     """Return how fast (P,) obstacles may come nearer to the bodies of their pairs [m/s]."""
+    if not speeds:
+        return np.zeros(len(pairs.names))
     rates = np.array([speeds.get(obstacle, 0.0) for _, obstacle in pairs.names], dtype=np.float64)
     found: FloatArray = rates * pairs.meets_obstacle
     return found

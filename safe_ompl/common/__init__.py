@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.common import cache, documents, polynomials
-    from safe_ompl.common.compilation import clock, compile_beside, compiled, maker, part
+    from safe_ompl.common.compilation import clock, compile_together, compiled, maker, part
     from safe_ompl.common.documents import within
     from safe_ompl.common.errors import (
         CertificateError,
@@ -58,7 +58,7 @@ __all__ = [
     "UnknownNameError",
     "cache",
     "clock",
-    "compile_beside",
+    "compile_together",
     "compiled",
     "configuration",
     "configurations",

@@ -17,8 +17,9 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from pkgutil import resolve_name
 from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
 from time import perf_counter
 from types import FrameType
@@ -136,26 +137,46 @@ def clock() -> float:
     return perf_counter() - _compilation.seconds
 
 
-def compile_beside(kernel: Any, there: str, here: Callable[[], None]) -> None:
-    """Call a function while another process runs a program, so that each compiles the kernels that it calls.
+def compile_together(kernels: Sequence[Any], jobs: Sequence[str]) -> None:
+    """Do jobs, so that what they call is compiled by this process and another one, and both are busy until the end.
 
-    Nothing happens where `kernel`, which the program should call, is on disk already, or where nothing can be kept.
-    Whatever becomes of that process, only time is lost: what it has not kept is compiled where it is called.
+    Each takes the next job that neither has begun. Nothing happens where all of `kernels`, which the jobs should call,
+    are on disk already, or where nothing can be kept, or within a job. Whatever becomes of the other process, only time
+    is lost: what it has not kept is compiled where it is called.
+
+    Parameters
+    ----------
+    kernels : sequence of kernels
+        Some that jobs call.
+    jobs : sequence of str
+        Functions without arguments that call kernels, "module:name", at most 256. Long ones should come first, and no
+        two of them should call the same kernels.
     """
-    kept = getattr(getattr(getattr(kernel, "_cache", None), "_cache_file", None), "_load_index", None)
+    kept = [_kept(kernel) for kernel in kernels]
     python = Path(sys.executable or "").name.startswith("python")  # and not a program that Python is part of
-    if kept is None or kept() or os.cpu_count() == 1 or not python:
+    if _compilation.shared or None in kept or all(kept) or os.cpu_count() == 1 or not python:
         return
+    queue, end = os.pipe()
+    os.write(end, bytes(range(len(jobs))))
+    os.close(end)
     found_alike = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "PYTHONSAFEPATH": "1"}
-    command = [sys.executable, "-c", _ENDS_WITH_US + there]
+    program = f"{_ENDS_WITH_US}\nfrom {__name__} import do_jobs\ndo_jobs({queue}, {list(jobs)})"
     try:
-        process = Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL, env=os.environ | found_alike)
+        process = Popen(
+            [sys.executable, "-c", program],
+            stdin=PIPE,
+            stdout=DEVNULL,
+            stderr=DEVNULL,
+            env=os.environ | found_alike,
+            pass_fds=[queue],
+        )
     except OSError as error:
+        os.close(queue)
         _log.info("no second process compiles: %s", error)
         return
     with process:
         try:
-            here()
+            do_jobs(queue, jobs)
             begin = perf_counter()
             process.wait(_PATIENCE)
             _compilation.seconds += perf_counter() - begin
@@ -163,6 +184,26 @@ def compile_beside(kernel: Any, there: str, here: Callable[[], None]) -> None:
             _log.info("a process that compiles kernels takes too long")
         finally:
             process.kill()
+            os.close(queue)
+
+
+def _kept(kernel: Any) -> dict[Any, Any] | None:
+    """Return what is on disk of a kernel by its signatures, or None where nothing can be kept."""
+    index = getattr(getattr(getattr(kernel, "_cache", None), "_cache_file", None), "_load_index", None)
+    return None if index is None else dict(index())
+
+
+def do_jobs(queue: int, jobs: Sequence[str]) -> None:
+    """Do the jobs whose numbers come from a pipe, a byte each, until there are none."""
+    collects, _compilation.shared = gc.isenabled(), True
+    gc.disable()  # else it goes through all that the compiler holds after each kernel
+    try:
+        while number := os.read(queue, 1):
+            resolve_name(jobs[number[0]])()
+    finally:
+        _compilation.shared = False
+        if collects:
+            gc.enable()
 
 
 def _depend_on_all_kernels(kernel: Any) -> None:
@@ -209,6 +250,7 @@ class _Compilation(event.Listener):  # type: ignore[misc]
 
     def __init__(self) -> None:
         self.seconds, self._depth, self._begin = 0.0, 0, 0.0
+        self.shared = False  # among processes that do jobs
         self._collects = False
         self._raised: BaseException | None = None
         self._handler: Any = None

@@ -109,7 +109,9 @@ def field(
     k1 : float
         Constant k₁ > 0 of the elementary field (6).
     """
-    total: FloatArray = kernel.fields(*_arrays(keypoints, segments, points), by_length(weighting))
+    total: FloatArray = kernel.link_fields(*_arrays(keypoints, segments, points), by_length(weighting), True)[
+        :, 0
+    ]
     return total if k1 == 1.0 else k1 * total
 
 
@@ -123,7 +125,7 @@ def segment_fields(
     keypoints: FloatArray, segments: Segments, points: FloatArray, *, weighting: Weighting = "unit"
 ) -> FloatArray:
     """Return the field of every segment on its own, φ_l(p) with k₁ = 1, (B, L, M), eq. (7); else like `field`."""
-    return kernel.link_fields(*_arrays(keypoints, segments, points), by_length(weighting))
+    return kernel.link_fields(*_arrays(keypoints, segments, points), by_length(weighting), False)
 
 
 def segment_distances(keypoints: FloatArray, segments: Segments, points: FloatArray) -> FloatArray:

@@ -253,8 +253,8 @@ class Evaluation:
     def levels(self, Q: FloatArray, points: Points) -> FloatArray:
         """Return k₁w CDF(p) of each point, (B, M), at `Q: (B, n)`."""
         links, by_length = self.tables.links, self.tables.by_length
-        fields = field_kernel.fields(self._robot.keypoints_batch(Q), links, points.columns, by_length)
-        return points.charges * fields
+        places = self._robot.keypoints_batch(Q)
+        return points.charges * field_kernel.link_fields(places, links, points.columns, by_length, True)[:, 0]
 
     def aggregated(self, levels: FloatArray) -> FloatArray:
         """Return the danger (B,) of levels (B, M); zero where there are none."""

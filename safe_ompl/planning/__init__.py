@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
+    from safe_ompl.planning.first_plan import PLAN_JOBS, small_robot
     from safe_ompl.planning.from_scenario import plan, repair, setup_problem, setup_scenario
     from safe_ompl.planning.optimise import COSTS, Improvement
     from safe_ompl.planning.planners import planner_data
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COSTS",
+    "PLAN_JOBS",
     "Improvement",
     "PlanResult",
     "SafeSetup",
@@ -25,6 +27,7 @@ __all__ = [
     "repair",
     "setup_problem",
     "setup_scenario",
+    "small_robot",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

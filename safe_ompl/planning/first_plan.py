@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import compile_beside
+from safe_ompl.common import compile_together
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person
@@ -19,26 +19,29 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario, Scene, find_scenario
 
 _MARGIN = 1.0  # [m] any
+PLAN_JOBS = (f"{__name__}:ask_for_danger", f"{__name__}:ask_for_proofs")  # about half of the time each
 
 
 @cache
 def compile_kernels() -> None:
     """Compile the kernels of a plan, unless they are on disk: once in a process it is looked whether they are."""
-    compile_beside(dangers, f"from {__name__} import ask_for_danger\nask_for_danger()", _ask_for_proofs)
+    compile_together([dangers], PLAN_JOBS)
 
 
-def _robot() -> Robot:
+def small_robot() -> Robot:
+    """Return a robot of two joints."""
     return Scenario.load(find_scenario("planar2")).build_robot()
 
 
 def ask_for_danger() -> None:
-    """Call what the danger of a configuration needs: about half of the time that all takes to compile."""
-    robot = _robot()
+    """Call what the danger of a configuration needs."""
+    robot = small_robot()
     DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
 
 
-def _ask_for_proofs() -> None:
-    robot, scene = _robot(), Scene((Obstacle("person", Person()),))
+def ask_for_proofs() -> None:
+    """Call what the proof of an edge needs."""
+    robot, scene = small_robot(), Scene((Obstacle("person", Person()),))
     scene.danger_points()
     extreme_vertices(np.zeros((1, 3)), 1)
     checker, q = CollisionChecker(robot, scene), np.zeros(robot.n)

@@ -90,7 +90,9 @@ def stopping_speeds(
         The cell behind which the robot next stops in any case.
     """
     N, M = times.shape
-    speeds, body, where, slow = caps.copy(), np.full(N, -1), np.full(N, -1), np.zeros(N, np.bool_)
+    speeds, slow = caps.copy(), np.zeros(N, np.bool_)
+    body, where = np.empty(N, np.intp), np.empty(N, np.intp)
+    body[:] = where[:] = -1
     weakest = np.empty(N)  # β
     for j in range(N):
         room, brake = 0.0, brakes[max(j - 1, 0)]  # the stop may begin just before
@@ -314,8 +316,9 @@ def drive(
     S, X, T = np.empty(most + 1), np.empty(most + 1), np.empty(most + 1)
     S[0], X[0], T[0] = s, x, 0.0
     n, t = 0, 0.0
-    k = min(max(int(np.searchsorted(edges, s, side="right")) - 1, 0), N - 1)
-    ticking = True
+    k, ticking = 0, True
+    while k < N - 1 and edges[k + 1] <= s:
+        k += 1
     while k < N and n < most:
         h = edges[k + 1] - s
         if h <= _NOWHERE:

@@ -2,6 +2,7 @@
 
 import ast
 import ctypes
+import gc
 import os
 import shutil
 import signal
@@ -69,7 +70,7 @@ def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
             one.terms_above(Q, 0.0)
         fields[0].link_fields(robot.keypoints_batch(Q))
         fields[0].field(Q[0], points.T[:, :3])
-    used = (field.fields, field.link_fields, field.link_distances, joints.keypoints)
+    used = (field.link_fields, field.link_distances, joints.keypoints)
     assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
     without_balls = [arguments for arguments in danger.dangers.signatures if arguments[2].types[2] == none]
     assert len(without_balls) == 1, "other tests may have asked for points in balls"
@@ -238,7 +239,59 @@ def test_kernels_call_and_use_nothing_of_files_that_are_not_watched():
                 assert home in watched, f"{module} uses {name} of {home}"
 
 
-# ------------------------------------------------------------------------------- another process compiles beside
+# ------------------------------------------------------------------------------ two processes compile together
+
+JOBS = """
+import os, signal, time
+from pathlib import Path
+from types import SimpleNamespace
+from safe_ompl.common import compilation
+FOLDER = Path({folder!r})
+HERE = os.environ["PARENT"] == str(os.getpid())
+
+def write_and_await(name, other):
+    (FOLDER / name).write_text(str(os.getpid()))
+    while not (FOLDER / other).exists() or not (FOLDER / other).read_text():
+        time.sleep(0.001)
+
+def first(): write_and_await("first", "second")
+def second(): write_and_await("second", "first")
+def third(): (FOLDER / f"third{{os.getpid()}}").touch()
+
+def both(then):
+    write_and_await("here" if HERE else "there", "there")
+    if not HERE:
+        exec(then)
+
+def killed(): both("os.kill(os.getpid(), 9)")
+def fails(): both("raise ValueError")
+def leaves(): both("os._exit(1)")
+def sleeps(): both("time.sleep(600)")
+
+def interrupted():
+    both("time.sleep(600)")
+    raise KeyboardInterrupt
+
+def dies():
+    both("time.sleep(600)")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def nested():
+    kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=SimpleNamespace(_load_index=dict)))
+    compilation.compile_together([kernel], ["jobs:third"])
+    third()
+"""
+
+
+@pytest.fixture
+def jobs(tmp_path, monkeypatch):
+    """Return a function that names functions of a module, which both processes can import."""
+    (tmp_path / "jobs.py").write_text(JOBS.format(folder=str(tmp_path)))
+    monkeypatch.setenv("PARENT", str(os.getpid()))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "jobs", raising=False)
+    yield lambda *names: [f"jobs:{name}" for name in names]
+    sys.modules.pop("jobs", None)
 
 
 @pytest.fixture
@@ -257,69 +310,75 @@ def cold(monkeypatch):
     return SimpleNamespace(_cache=SimpleNamespace(_cache_file=files)), started
 
 
-@pytest.mark.parametrize("there", ["raise SystemExit(1)", "os.kill(os.getpid(), 9)", "this is no Python"])
-def test_a_process_that_ends_early_does_no_harm(cold, there):
+def test_either_process_takes_the_next_job_and_each_job_is_done_once(cold, jobs, tmp_path):
     kernel, started = cold
-    called = []
-    compiled.compile_beside(kernel, there, lambda: called.append(True))
-    assert called
+    compiled.compile_together([kernel], jobs("first", "second", "third"))
+    pids = {(tmp_path / name).read_text() for name in ("first", "second")}
+    assert pids == {str(os.getpid()), str(started[0].pid)}
+    assert len(list(tmp_path.glob("third*"))) == 1
+    assert started[0].returncode == 0
+
+
+@pytest.mark.parametrize("job", ["killed", "fails", "leaves"])
+def test_a_process_that_ends_early_does_no_harm(cold, jobs, tmp_path, job):
+    kernel, started = cold
+    compiled.compile_together([kernel], [*jobs(job, job), *jobs("third")])
     assert started[0].returncode
+    assert (tmp_path / f"third{os.getpid()}").exists(), "what is left is done here"
 
 
-def test_a_process_that_takes_too_long_is_ended(cold, monkeypatch):
+def test_a_process_that_takes_too_long_is_ended(cold, jobs, monkeypatch):
     kernel, started = cold
     monkeypatch.setattr(compiled, "_PATIENCE", 0.01)
-    compiled.compile_beside(kernel, "import time; time.sleep(600)", lambda: None)
+    compiled.compile_together([kernel], jobs("sleeps", "sleeps"))
     assert started[0].returncode == -signal.SIGKILL
 
 
-def test_ctrl_c_ends_both(cold):
+def test_ctrl_c_ends_both(cold, jobs):
     kernel, started = cold
-
-    def interrupted():
-        raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
-        compiled.compile_beside(kernel, "import time; time.sleep(600)", interrupted)
+        compiled.compile_together([kernel], jobs("interrupted", "interrupted"))
     assert started[0].returncode is not None
+    assert gc.isenabled()
 
 
-def test_there_is_one_process_where_nothing_is_to_be_compiled_or_can_be_kept(cold, monkeypatch):
-    def never():
-        raise AssertionError
-
+def test_jobs_start_no_processes(cold, jobs, tmp_path):
+    """A setup that a job makes would let a third process compile what others compile already."""
     kernel, started = cold
-    compiled.compile_beside(danger.aggregates.py_func, "", never)  # no cache
+    compiled.compile_together([kernel], jobs("nested"))
+    assert len(list(tmp_path.glob("third*"))) == 1
+    assert len(started) == 1
+
+
+def test_there_is_one_process_where_nothing_is_to_be_compiled_or_can_be_kept(cold, jobs, monkeypatch):
+    kernel, started = cold
+    never = jobs("interrupted")
+    compiled.compile_together([kernel, danger.aggregates.py_func], never)  # no cache
     kernel._cache._cache_file._load_index = lambda: {"a": "signature"}
-    compiled.compile_beside(kernel, "", never)
+    compiled.compile_together([kernel], never)
     kernel._cache._cache_file._load_index = dict
     monkeypatch.setattr(sys, "executable", "/usr/bin/blender")
-    compiled.compile_beside(kernel, "", never)
+    compiled.compile_together([kernel], never)
     assert not started
 
 
 ORPHAN = """
-import os, signal, sys
+import os
+os.environ["PARENT"] = str(os.getpid())
+os.cpu_count = lambda: 2
 from types import SimpleNamespace
 from safe_ompl.common import compilation
 kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=SimpleNamespace(_load_index=dict)))
-os.cpu_count = lambda: 2
-there = "import sys, time; open({file!r}, 'w').write(str(os.getpid())); time.sleep(600)"
-def here():
-    while not os.path.exists({file!r}) or not open({file!r}).read():
-        pass
-    os.kill(os.getpid(), signal.SIGKILL)
-compilation.compile_beside(kernel, there, here)
+compilation.compile_together([kernel], ["jobs:dies", "jobs:dies"])
 """
 
 
-def test_the_other_process_ends_with_this_one_however_that_ends(tmp_path):
-    file = tmp_path / "pid"
-    environment = os.environ | {"PYTHONPATH": str(Path(safe_ompl.__file__).parents[1])}
-    program = ORPHAN.format(file=str(file))
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True)
+def test_the_other_process_ends_with_this_one_however_that_ends(jobs, tmp_path):
+    paths = os.pathsep.join([str(Path(safe_ompl.__file__).parents[1]), str(tmp_path)])
+    environment = os.environ | {"PYTHONPATH": paths}
+    done = subprocess.run([sys.executable, "-c", ORPHAN], env=environment, capture_output=True)
     assert done.returncode == -signal.SIGKILL, done.stderr
-    number, end = int(file.read_text()), perf_counter() + 30.0
+    number, end = int((tmp_path / "there").read_text()), perf_counter() + 30.0
     while _runs(number) and perf_counter() < end:
         sleep(0.01)
     assert not _runs(number)

@@ -39,7 +39,7 @@ def test_two_processes_compile_what_a_plan_calls(tmp_path):
         answer = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
         return answer.splitlines()[-1].split(",")
 
-    elsewhere, here, *later = compiled()
-    assert (elsewhere, here) == ("False", "True")
+    danger, proofs, *later = compiled()
+    assert sorted([danger, proofs]) == ["False", "True"], "either process compiles one of them"
     assert set(later) <= {"scan", "_distance", "impl"}, "small ones are left for the plan"
     assert compiled() == ["False", "False"]

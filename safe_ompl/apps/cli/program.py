@@ -35,6 +35,7 @@ from safe_ompl.apps.cli import (
     view,
 )
 from safe_ompl.apps.cli.arguments import option
+from safe_ompl.apps.cli.kernels import compile_all
 from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import frame_index
@@ -126,8 +127,8 @@ def add_commands(commands: Any) -> None:
         "doctor",
         lambda _: examine,
         "show versions and what is missing, and try a small plan",
-        "Show which versions are installed, and which are missing or do not fit, and plan once. The exit status "
-        "is 1 if something needed is missing or the plan fails.",
+        "Show which versions are installed, and which are missing or do not fit, compile what is not compiled "
+        "yet, and plan once. The exit status is 1 if something needed is missing or the plan fails.",
     )
     parser = arguments.add_parser(
         commands,
@@ -233,6 +234,7 @@ def examine() -> int:
         table.add_row(requirement.name, said, escape(words))
         healthy &= requirement.fits or bool(requirement.extra)
     output.console().print(table)
+    compile_all()
     return 0 if _plans() and healthy else 1
 
 

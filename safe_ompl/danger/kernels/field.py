@@ -356,19 +356,12 @@ def _space_slope(skeleton: Skeleton, points: FloatArray, m: int, out: FloatArray
 
 
 @compiled
-def fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
-    """Return CDF(p) (B, M)."""
-    out, block = np.empty((len(places), points.shape[2])), new_block(places.shape[1])
-    for b in range(len(places)):
-        skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
-        potentials(skeleton, at, 0, out.shape[1], out[b : b + 1])
-    return out
-
-
-@compiled
-def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
-    """Return the field of each link (B, L, M)."""
-    out, block = np.empty((len(places), len(links), points.shape[2])), new_block(places.shape[1])
+def link_fields(
+    places: FloatArray, links: IntArray, points: FloatArray, by_length: bool, summed: bool
+) -> FloatArray:
+    """Return the field of each link (B, L, M), or their sum (B, 1, M), which is CDF(p)."""
+    rows, block = 1 if summed else len(links), new_block(places.shape[1])
+    out = np.empty((len(places), rows, points.shape[2]))
     for b in range(len(places)):
         skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
         potentials(skeleton, at, 0, out.shape[2], out[b])

@@ -120,7 +120,7 @@ class StateBridge:
         The bindings promise nothing of the kind: another version of them may take the capsule for something else.
         """
         plain, state = PlainCoordinates(self.space), self.space.allocState()
-        values = np.random.default_rng(0).uniform(-1.0, 1.0, (2, self.n))
+        values = np.linspace(-1.0, 1.0, 2 * self.n).reshape(2, -1)
         buffer, capsule = self._memory.own
         try:
             buffer[:] = values[0]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from safe_ompl.planning.planners.bubble import BubblePlanner
     from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
     from safe_ompl.planning.planners.parameters import Parameter
-    from safe_ompl.planning.planners.parts.tree import PlannerGraph
+    from safe_ompl.planning.planners.parts.tree import NearestNode, PlannerGraph
     from safe_ompl.planning.planners.prm import SafePRM
     from safe_ompl.planning.planners.registry import (
         accepts,
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BubblePlanner",
+    "NearestNode",
     "Parameter",
     "PlannerGraph",
     "SafeJTRRT",

@@ -8,6 +8,7 @@ import textwrap
 import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from operator import attrgetter
 from typing import Any, Generic, TypeVar, cast, overload
 
@@ -91,7 +92,7 @@ class Parameter(Generic[T]):
             found = number(self.name, value, at_least=least, at_most=self.at_most)
         return cast(T, found)
 
-    @property
+    @cached_property
     def entry(self) -> str:
         """The parameter as an entry of a NumPy-style docstring."""
         kind = type(self.default).__name__

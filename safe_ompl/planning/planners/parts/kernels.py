@@ -211,7 +211,7 @@ def _squares(places: FloatArray, q: FloatArray, wraps: BoolArray, out: FloatArra
         if wraps[i]:
             for k in range(SIZE):
                 delta = q[i] - places[i, k]
-                delta -= _ROUND * np.round(delta / _ROUND)
+                delta -= _ROUND * np.rint(delta / _ROUND)
                 out[k] += delta * delta
         else:
             for k in range(SIZE):
