@@ -14,7 +14,7 @@ from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.robot import ConvexBodies, Hull, ReachCylinder, Robot, plain
+from safe_ompl.robot import ConvexBodies, Hull, JointLimits, ReachCylinder, Robot, plain
 
 # [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
 # configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.
@@ -28,6 +28,8 @@ _HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
 # Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
 Curve: TypeAlias = Sequence[FloatArray]
+# Distances (P,) [m] that pairs must keep at the start of a motion, and how much more at its end.
+Distances: TypeAlias = tuple[FloatArray, FloatArray | None]
 
 
 class BoundsProof(NamedTuple):
@@ -113,11 +115,28 @@ class DistanceBounds:
         """
         if not self._bounded:
             return _UNKNOWN
-        edge, left = self._memory.own
-        coefficients = edge if len(curve) == 2 else np.empty((len(curve), edge.shape[1]))
-        coefficients[0] = self._coupling.values(curve[0])
-        for k in range(1, len(curve)):
-            coefficients[k] = self._coupling.motions(curve[k])
+        first, *others = curve
+        coupling = self._coupling
+        coefficients = np.array([coupling.values(first), *(coupling.motions(other) for other in others)])
+        return self._proof(coefficients, required, growth, floor)
+
+    def prove_edge(
+        self, ends: tuple[FloatArray, FloatArray], limits: JointLimits, distances: Distances, floor: float
+    ) -> BoundsProof | None:
+        """Try to prove the straight motion between two configurations (n,); None if one is not within the limits.
+
+        `distances` are what pairs must keep, `required` and `growth` of `prove`; what it proves is proven here.
+        """
+        edge = self._memory.own[0]
+        if not limits.lay_edge(*ends, edge):
+            return None
+        return self._proof(edge, *distances, floor) if self._bounded else _UNKNOWN
+
+    def _proof(
+        self, coefficients: FloatArray, required: FloatArray, growth: FloatArray | None, floor: float
+    ) -> BoundsProof:
+        """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""
+        left = self._memory.own[1]
         more = _NOTHING if growth is None else growth
         number, at, places = prove_curve(*self._flat, coefficients, required, more, floor, left)
         self._counts.bound_queries += places
