@@ -84,7 +84,8 @@ class TangentialDescent:
         bridge, slope = self._bridge, slope / self._danger.slope
         if not kernel.descend(step, slope, reach, bridge.lower, bridge.upper, bridge.circular):
             return None
-        return step[1]
+        moved: FloatArray = step[1]
+        return moved
 
 
 @dataclass(eq=False)
@@ -107,10 +108,13 @@ class SafeStep:
         """
         q_old = tree.configurations[old]
         length, moved_to = steered(self.bridge, q_old, target, step)
-        if length <= step:
-            if not self.is_free(*tree.as_driven(q_old, target)):
-                return Extension.TRAPPED, old
-            return Extension.REACHED, trees.add(tree, target, old)
+        if length <= step or not self.danger.weight:
+            free = self.is_free(*tree.as_driven(q_old, moved_to[0]))
+            outcome = Extension.REACHED if length <= step else Extension.ADVANCED
+            if free:
+                return outcome, trees.add(tree, moved_to[0], old)
+            trees.blocked += outcome is Extension.ADVANCED
+            return Extension.TRAPPED, old
         # The reach of the descent shrinks as the target comes near, so that every step comes nearer to it.
         reach = self.descent.share * min(step, length - step)
         moved = self.descent.moved(moved_to, reach, lambda: tree.gradient(old))
