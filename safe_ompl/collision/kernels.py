@@ -368,7 +368,10 @@ def prove_curve(
     bodies: Records,
     starts: IntArray,
     vertices: FloatArray,
-    pairs: Pairs,
+    pair_bodies: IntArray,
+    radii: FloatArray,
+    moved: BoolArray,
+    certain: FloatArray,
     curve: FloatArray,
     required: FloatArray,
     growth: FloatArray,
@@ -379,13 +382,14 @@ def prove_curve(
     """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
 
     The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`). `bodies`, `starts` and `vertices` are those
-    of `Shapes`, which would take Python a microsecond more to hand over. Pair p must keep c_p, `required: (P,)`, with
-    all allowances in it, and t·g_p more, `growth: (P,)`, which is empty where nothing grows. The proof stops at an
-    interval in whose halves no two bodies approach each other by more than `least` [m], and where more than M intervals
-    would wait. Intervals that are not proven are written to `left: (M, 2)`. (An array that is returned would be made by
-    Python code, where a Ctrl-C becomes a SystemError.) `suspects` are pairs that blocked motions before; those that
-    block this one are kept there. Where a suspect is certainly too near the others are not looked at: no proof could
-    find the motion free, so whether it is never depends on what is suspected.
+    of `Shapes`, and the next four those of `Pairs`: as tuples each would take Python a microsecond more to hand over.
+    Pair p must keep c_p, `required: (P,)`, with all allowances in it, and t·g_p more, `growth: (P,)`, which is empty
+    where nothing grows. The proof stops at an interval in whose halves no two bodies approach each other by more than
+    `least` [m], and where more than M intervals would wait. Intervals that are not proven are written to `left: (M,
+    2)`. (An array that is returned would be made by Python code, where a Ctrl-C becomes a SystemError.) `suspects` are
+    pairs that blocked motions before; those that block this one are kept there. Where a suspect is certainly too near
+    the others are not looked at: no proof could find the motion free, so whether it is never depends on what is
+    suspected.
 
     Returns
     -------
@@ -396,8 +400,8 @@ def prove_curve(
     places : int
         At how many places of the motion the bounds were looked at.
     """
-    m, P = pairs.radii.shape
-    shapes = Shapes(bodies, starts, vertices)
+    m, P = radii.shape
+    shapes, pairs = Shapes(bodies, starts, vertices), Pairs(pair_bodies, radii, moved, certain)
     speeds, rates, widest = np.empty(m), np.empty(P), 0.0
     there, rotations = np.empty(m), np.empty((m, 3, 3))
     here = _Motion(speeds, rates, growth, required.copy())
@@ -425,9 +429,8 @@ def prove_curve(
         if places == 0 or len(curve) > 2:
             rates[:] = 0.0
             for i in range(m):
-                radii, speed = pairs.radii[i], speeds[i]
                 for p in range(P):
-                    rates[p] += radii[p] * speed
+                    rates[p] += radii[i, p] * speeds[i]
             widest = 0.0
             for p in range(P):
                 rates[p] += growth[p] if len(growth) else 0.0
@@ -467,8 +470,9 @@ def prove_edges(
     bodies, starts, vertices = shapes.bodies, shapes.starts, shapes.vertices
     for k in range(len(edges)):
         number, _, looked = prove_curve(
-            joints, bodies, starts, vertices, pairs, edges[k], required, growth, least, left, suspects
-        )
+            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.moved, pairs.certain, edges[k],
+            required, growth, least, left, suspects,
+        )  # fmt: skip
         proven[k] = number == 0
         places += looked
     return places

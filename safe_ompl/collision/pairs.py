@@ -74,7 +74,7 @@ class DistanceBounds:
         certain = np.where(self.exact, ALLOWANCE, np.inf)
         pair_table = Pairs(np.array(pairs), np.array(radii.T, order="C"), moved, certain)
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
-        self._flat = robot.kinematics.joints, *bodies.shapes, pair_table
+        self._flat = robot.kinematics.joints, *bodies.shapes, *pair_table
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
         self._memory = PerThread(partial(_memory, radii.shape[1], min(_SUSPECTS, len(pairs))))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
