@@ -196,14 +196,14 @@ def _shares_of_corners(S: FloatArray, corners: int, x: float, y: float, z: float
 
 
 class Pairs(NamedTuple):
-    """Pairs of bodies: `bodies` (P, 2), their constant radii R (P, m), and which joints move each body, (G, m).
+    """Pairs of bodies: `bodies` (P, 2), their constant radii R (m, P), and which joints move each body, (G, m).
 
     Where an upper bound of the distance is `certain` (P,) [m] below what is required, a pair is too near: by as much as
     the allowances in that, where both bodies are known exactly, else never, +∞.
     """
 
     bodies: IntArray
-    radii: FloatArray
+    radii: FloatArray  # joint by joint, so that processors compute the rates of pairs by lanes
     moved: BoolArray
     certain: FloatArray
 
@@ -226,7 +226,7 @@ class _Motion(NamedTuple):
 
 
 class _Axes(NamedTuple):
-    """Separating axes (P, 3), which of them are known (P,), and memory for a simplex (4, 3)."""
+    """Separating axes (P + 1, 3), the last one for any pair, which are known (P,), and memory for a simplex (4, 3)."""
 
     axes: FloatArray
     known: BoolArray
@@ -240,7 +240,7 @@ def _rate_here(
     """Return W_p for motions that start here, with radii no larger than the constant ones."""
     rate, origins, axes = 0.0, place.origins, place.axes
     for i in range(len(speeds)):
-        radius = pairs.radii[p, i]
+        radius = pairs.radii[i, p]
         if radius == 0.0 or speeds[i] == 0.0:
             continue
         if not joints[i].slides:
@@ -315,6 +315,35 @@ def _half_length(
     return half, bounding
 
 
+@part
+def _is_too_near(p: int, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _Place, search: _Axes) -> bool:
+    """Return whether it is certain that a pair is nearer at a place than it must be."""
+    bodies, poses, required = shapes.bodies, place.poses, motion.required[p]
+    A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
+    a, b = poses[A].centre, poses[B].centre
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    far = required + bodies[A].reach + bodies[B].reach
+    if not x * x + y * y + z * z < far * far:
+        return False
+    u, v, w = from_box(bodies[B], poses[B], a)
+    axis = search.axes[len(pairs.bodies)]
+    begin_axis(axis, u, v, w, x, y, z)
+    lower, most_apart, _ = distance_bounds(shapes, poses, A, B, axis, search.simplex, required, required)
+    return not lower > required and most_apart < required - pairs.certain[p]
+
+
+@part
+def _suspect(suspects: IntArray, pair: int) -> None:
+    """Put a pair before all others that are suspected; the last of these is dropped if it is a new one."""
+    place = 0
+    while place < len(suspects) - 1 and suspects[place] != pair:
+        place += 1
+    for k in range(place, 0, -1):
+        suspects[k] = suspects[k - 1]
+    if len(suspects) > 0:
+        suspects[0] = pair
+
+
 @maker
 def _curve_at(curve: FloatArray, t: float, half: float, there: FloatArray, speeds: FloatArray) -> None:
     """Write the joints at t, and bounds of how fast they leave them while no farther than `half` from t."""
@@ -339,21 +368,28 @@ def prove_curve(
     bodies: Records,
     starts: IntArray,
     vertices: FloatArray,
-    pairs: Pairs,
+    pair_bodies: IntArray,
+    radii: FloatArray,
+    moved: BoolArray,
+    certain: FloatArray,
     curve: FloatArray,
     required: FloatArray,
     growth: FloatArray,
     least: float,
     left: FloatArray,
+    suspects: IntArray,
 ) -> tuple[int, float, int]:
     """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
 
     The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`). `bodies`, `starts` and `vertices` are those
-    of `Shapes`, which would take Python a microsecond more to hand over. Pair p must keep c_p, `required: (P,)`, with
-    all allowances in it, and t·g_p more, `growth: (P,)`, which is empty where nothing grows. The proof stops at an
-    interval in whose halves no two bodies approach each other by more than `least` [m], and where more than M intervals
-    would wait. Intervals that are not proven are written to `left: (M, 2)`. (An array that is returned would be made by
-    Python code, where a Ctrl-C becomes a SystemError.)
+    of `Shapes`, and the next four those of `Pairs`: as tuples each would take Python a microsecond more to hand over.
+    Pair p must keep c_p, `required: (P,)`, with all allowances in it, and t·g_p more, `growth: (P,)`, which is empty
+    where nothing grows. The proof stops at an interval in whose halves no two bodies approach each other by more than
+    `least` [m], and where more than M intervals would wait. Intervals that are not proven are written to `left: (M,
+    2)`. (An array that is returned would be made by Python code, where a Ctrl-C becomes a SystemError.) `suspects` are
+    pairs that blocked motions before; those that block this one are kept there. Where a suspect is certainly too near
+    the others are not looked at: no proof could find the motion free, so whether it is never depends on what is
+    suspected.
 
     Returns
     -------
@@ -364,13 +400,13 @@ def prove_curve(
     places : int
         At how many places of the motion the bounds were looked at.
     """
-    P, m = pairs.radii.shape
-    shapes = Shapes(bodies, starts, vertices)
+    m, P = radii.shape
+    shapes, pairs = Shapes(bodies, starts, vertices), Pairs(pair_bodies, radii, moved, certain)
     speeds, rates, widest = np.empty(m), np.empty(P), 0.0
     there, rotations = np.empty(m), np.empty((m, 3, 3))
     here = _Motion(speeds, rates, growth, required.copy())
     place = _Place(np.empty(len(bodies), POSE), np.empty((m, 3)), np.empty((m, 3)))
-    search = _Axes(np.empty((P, 3)), np.zeros(P, np.bool_), np.empty((4, 3)))
+    search = _Axes(np.empty((P + 1, 3)), np.zeros(P, np.bool_), np.empty((4, 3)))
     left[0, 0], left[0, 1] = 0.0, 1.0
     number, places, first = 1, 0, 0
     while number > 0:
@@ -380,25 +416,31 @@ def prove_curve(
         for i in range(m):
             if not isfinite(there[i]):
                 return number, -1.0, places
-        if places == 0 or len(curve) > 2:
-            widest = 0.0
-            for p in range(P):
-                rates[p] = 0.0
-                for i in range(m):
-                    rates[p] += pairs.radii[p, i] * speeds[i]
-                rates[p] += growth[p] if len(growth) else 0.0
-                widest = max(widest, rates[p])
-        for p in range(len(growth)):
-            here.required[p] = required[p] + t * growth[p]
         place_joints(joints, there, rotations, place.origins, place.axes)
         if places == 0:
             place_bodies(bodies, place.poses, rotations, place.origins, False)
         place_bodies(bodies, place.poses, rotations, place.origins, True)
+        for p in range(len(growth)):
+            here.required[p] = required[p] + t * growth[p]
+        for k in range(len(suspects)):
+            if _is_too_near(suspects[k], shapes, pairs, here, place, search):
+                _suspect(suspects, suspects[k])
+                return -1, t, places + 1
+        if places == 0 or len(curve) > 2:
+            rates[:] = 0.0
+            for i in range(m):
+                for p in range(P):
+                    rates[p] += radii[i, p] * speeds[i]
+            widest = 0.0
+            for p in range(P):
+                rates[p] += growth[p] if len(growth) else 0.0
+                widest = max(widest, rates[p])
         half, first = _half_length(joints, shapes, pairs, here, place, search, most, first)
         places += 1
         if half >= most:
             number -= 1
         elif half < 0.0:
+            _suspect(suspects, first)
             return -1, t, places
         elif half * widest < least or number == len(left):
             return number, -1.0 if half > 0.0 else t, places
@@ -424,11 +466,13 @@ def prove_edges(
     `edges: (E, 2, m)` are starts and ways to the ends, of which those that are not finite are not proven.
     """
     left, growth, places = np.empty((8, 2)), np.empty(0), 0
+    suspects = np.empty(0, np.intp)
     bodies, starts, vertices = shapes.bodies, shapes.starts, shapes.vertices
     for k in range(len(edges)):
         number, _, looked = prove_curve(
-            joints, bodies, starts, vertices, pairs, edges[k], required, growth, least, left
-        )
+            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.moved, pairs.certain, edges[k],
+            required, growth, least, left, suspects,
+        )  # fmt: skip
         proven[k] = number == 0
         places += looked
     return places

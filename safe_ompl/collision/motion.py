@@ -188,22 +188,31 @@ class MotionProver:
         """Return the same that proves other limits besides."""
         return MotionProver(self._checker, self._floor, separation=self._separation, limits=limits)
 
-    def is_free(self, start: ArrayLike, end: ArrayLike, margin: float = 0.0) -> bool:
+    def is_free(
+        self, start: ArrayLike, end: ArrayLike, margin: float = 0.0, limits: JointLimits | None = None
+    ) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`.
 
         With a margin [m] bodies that may touch an obstacle at all must also keep so much from it. Unlike `with_margin`
-        this says nothing of the others, needs no preparation, and may be asked with another margin each time.
+        this says nothing of the others, needs no preparation, and may be asked with another margin each time. With
+        narrower `limits` than the robot's, motions that are not finite are not free.
         """
         start, end = self._edge(start, end)
-        if not (self._joint_limits.hold(start) and self._joint_limits.hold(end)):
-            self._check_finite(start, end)
-            return False
         required = self._widened(margin) if margin else self._required
-        curve = start, self._checker.robot.difference(start, end)
-        if self._decided(curve, required)[0] is not Verdict.FREE:
+        done = self._checker.changes.done
+        bounds = required.pairs.bounds
+        known = bounds.prove_edge((start, end), limits or self._joint_limits, required.bounded, self._floor)
+        if known is None:
+            if limits is None:
+                self._check_finite(start, end)
             return False
-        limits = self._limits
-        return not limits or all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in limits)
+        if self._checker.changes.begun != done or not (known.proven or known.blocked):
+            curve = start, self._checker.robot.difference(start, end)
+            if self._completed(known, done, curve, required)[0] is not Verdict.FREE:
+                return False
+        elif known.blocked:
+            return False
+        return all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in self._limits)
 
     def proven_by_bounds(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """Return for motions between `starts` and `ends: (E, n)` whether bounds of distances alone prove them, (E,).
@@ -378,18 +387,31 @@ class MotionProver:
         return MotionVerdict(Verdict.FREE)
 
     def _decided(self, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
-        """Return the verdict, and where; a proof during which another thread moves obstacles is begun anew."""
+        """Return the verdict, and where."""
+        done = self._checker.changes.done
+        return self._completed(self._by_bounds(curve, required), done, curve, required)
+
+    def _completed(
+        self, known: BoundsProof, done: int, curve: Curve, required: RequiredDistances
+    ) -> tuple[Verdict, float | None]:
+        """Return the verdict, and where, after a proof by bounds that was begun when so many changes were done.
+
+        A proof during which another thread moves obstacles is begun anew.
+        """
         changes = self._checker.changes
-        done = changes.done
-        found = self._subdivide(curve, required)
+        found = self._subdivide(known, curve, required)
         if changes.begun == done:
             return found
         with changes.none():
-            return self._subdivide(curve, required)
+            return self._subdivide(self._by_bounds(curve, required), curve, required)
 
-    def _subdivide(self, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
+    def _by_bounds(self, curve: Curve, required: RequiredDistances) -> BoundsProof:
+        return required.pairs.bounds.prove(curve, *required.bounded, self._floor)
+
+    def _subdivide(
+        self, known: BoundsProof, curve: Curve, required: RequiredDistances
+    ) -> tuple[Verdict, float | None]:
         checker, pairs = self._checker, required.pairs
-        known = pairs.bounds.prove(curve, required.allowed_for, required.growth, self._floor)
         if known.proven:
             return Verdict.FREE, None
         if known.blocked:

@@ -14,13 +14,14 @@ from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.robot import ConvexBodies, Hull, ReachCylinder, Robot, plain
+from safe_ompl.robot import ConvexBodies, Hull, JointLimits, ReachCylinder, Robot, plain
 
 # [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
 # configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.
 ALLOWANCE = 2 * DISTANCE_ERROR
 
 _INTERVALS = 64  # the most that may wait to be proven
+_SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
 _NOTHING = np.zeros(0)
 _ROUNDING = 1e-9  # [m] of distances between balls
 _HOLLOW = (coal.BVHModelBase, coal.OcTree)
@@ -28,6 +29,8 @@ _HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
 # Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
 Curve: TypeAlias = Sequence[FloatArray]
+# Distances (P,) [m] that pairs must keep at the start of a motion, and how much more at its end.
+Distances: TypeAlias = tuple[FloatArray, FloatArray | None]
 
 
 class BoundsProof(NamedTuple):
@@ -55,9 +58,10 @@ _FREE = BoundsProof(True, -1.0, [])
 class DistanceBounds:
     """Lower bounds of the distances of pairs of bodies, by the convex bodies that hold them.
 
-    Every bound holds, whatever the configuration. Nothing is kept from one question to the next: an edge is always
-    decided alike. The `bodies` are the robot's and, after them, the parts of obstacles; `pairs: (P, 2)` of them have
-    displacement radii (P, m) by the joints of Pinocchio's model.
+    Every bound holds, whatever the configuration. Nothing is kept from one question to the next but which pairs blocked
+    motions, and are looked at first: whether an edge is free is always decided alike. The `bodies` are the robot's and,
+    after them, the parts of obstacles; `pairs: (P, 2)` of them have displacement radii (P, m) by the joints of
+    Pinocchio's model.
     """
 
     def __init__(
@@ -68,11 +72,11 @@ class DistanceBounds:
         exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
         self.exact: BoolArray = exact[pairs[:, 0]] & exact[pairs[:, 1]]
         certain = np.where(self.exact, ALLOWANCE, np.inf)
-        pair_table = Pairs(np.array(pairs), np.array(radii), moved, certain)
+        pair_table = Pairs(np.array(pairs), np.array(radii.T, order="C"), moved, certain)
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
-        self._flat = robot.kinematics.joints, *bodies.shapes, pair_table
+        self._flat = robot.kinematics.joints, *bodies.shapes, *pair_table
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
-        self._memory = PerThread(partial(_memory, radii.shape[1]))
+        self._memory = PerThread(partial(_memory, radii.shape[1], min(_SUSPECTS, len(pairs))))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
@@ -113,13 +117,30 @@ class DistanceBounds:
         """
         if not self._bounded:
             return _UNKNOWN
-        edge, left = self._memory.own
-        coefficients = edge if len(curve) == 2 else np.empty((len(curve), edge.shape[1]))
-        coefficients[0] = self._coupling.values(curve[0])
-        for k in range(1, len(curve)):
-            coefficients[k] = self._coupling.motions(curve[k])
+        first, *others = curve
+        coupling = self._coupling
+        coefficients = np.array([coupling.values(first), *(coupling.motions(other) for other in others)])
+        return self._proof(coefficients, required, growth, floor)
+
+    def prove_edge(
+        self, ends: tuple[FloatArray, FloatArray], limits: JointLimits, distances: Distances, floor: float
+    ) -> BoundsProof | None:
+        """Try to prove the straight motion between two configurations (n,); None if one is not within the limits.
+
+        `distances` are what pairs must keep, `required` and `growth` of `prove`; what it proves is proven here.
+        """
+        edge = self._memory.own[0]
+        if not limits.lay_edge(*ends, edge):
+            return None
+        return self._proof(edge, *distances, floor) if self._bounded else _UNKNOWN
+
+    def _proof(
+        self, coefficients: FloatArray, required: FloatArray, growth: FloatArray | None, floor: float
+    ) -> BoundsProof:
+        """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""
+        _, left, suspects = self._memory.own
         more = _NOTHING if growth is None else growth
-        number, at, places = prove_curve(*self._flat, coefficients, required, more, floor, left)
+        number, at, places = prove_curve(*self._flat, coefficients, required, more, floor, left, suspects)
         self._counts.bound_queries += places
         if not number:
             return _FREE
@@ -137,9 +158,9 @@ class DistanceBounds:
         return proven
 
 
-def _memory(joints: int) -> tuple[FloatArray, FloatArray]:
-    """Return arrays for an edge (2, m), and for the intervals that are not proven."""
-    return np.empty((2, joints)), np.empty((_INTERVALS, 2))
+def _memory(joints: int, suspects: int) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return arrays for an edge (2, m), for the intervals that are not proven, and for pairs that blocked motions."""
+    return np.empty((2, joints)), np.empty((_INTERVALS, 2)), np.arange(suspects)
 
 
 class PairTable:

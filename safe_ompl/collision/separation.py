@@ -194,8 +194,8 @@ _SPARE = ALLOWANCE - DISTANCE_ERROR  # [m] Queries add the latter; together it i
 class RequiredDistances:
     """Distances (P,) [m] that pairs of bodies must keep: at the start of an edge, and how much more at its end.
 
-    `allowed_for` is `at_start` with what distance bounds keep besides, so that coal agrees; `any` says whether any pair
-    must keep more than not touching.
+    `allowed_for` is `at_start` with what distance bounds keep besides, so that coal agrees, and `bounded` that and the
+    growth; `any` says whether any pair must keep more than not touching.
     """
 
     def __init__(self, pairs: PairSet, at_start: FloatArray, growth: FloatArray | None = None) -> None:
@@ -204,6 +204,7 @@ class RequiredDistances:
         self.at_start = at_start
         self.growth = growth if growth is not None and growth.any() else None
         self.allowed_for = at_start + ALLOWANCE
+        self.bounded = self.allowed_for, self.growth
         self._provable = at_start + _SPARE
         self._provable.setflags(write=False)
         self.any = self.growth is not None or bool(at_start.any())

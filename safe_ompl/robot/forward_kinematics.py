@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from copy import copy
 
 import numpy as np
 import pinocchio as pin
@@ -215,6 +216,10 @@ class JointLimits:
         lower = np.where(robot.continuous, -_LARGEST, robot.lower - _WITHIN)
         upper = np.where(robot.continuous, _LARGEST, robot.upper + _WITHIN)
         self._bounds: FloatArray = np.array([lower, upper])
+        coupling = robot.coupling
+        mover = np.abs(coupling.matrix).argmax(axis=1)
+        factors = np.take_along_axis(coupling.matrix, mover[:, None], axis=1)[:, 0]
+        self._coupling = np.stack([mover, factors, coupling.offsets, robot.continuous[mover]], axis=1)
 
     def __repr__(self) -> str:
         return f"JointLimits({self._bounds.shape[1]} joints)"
@@ -222,6 +227,20 @@ class JointLimits:
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
         return bool(kernel.within(q, self._bounds))
+
+    def lay_edge(self, start: FloatArray, end: FloatArray, edge: FloatArray) -> bool:
+        """Write start and way (2, m) of the model's joints on a straight motion, if both ends (n,) are within limits.
+
+        Returns whether they are. The numbers are those of `Coupling.values`, and of `Coupling.motions` of `difference`.
+        """
+        return bool(kernel.lay_edge(start, end, self._coupling, self._bounds, edge))
+
+    def within(self, lower: FloatArray, upper: FloatArray) -> JointLimits:
+        """Return the limits that demand of `q: (n,)` to be within other bounds, too."""
+        narrower = copy(self)
+        low, high = self._bounds
+        narrower._bounds = np.array([np.maximum(low, lower), np.minimum(high, upper)])
+        return narrower
 
     def all_hold(self, Q: FloatArray) -> BoolArray:
         """Return the same (B,) of configurations `Q: (B, n)`."""

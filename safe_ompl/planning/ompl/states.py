@@ -15,7 +15,6 @@ from ompl import base as ob
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, PerThread
 from safe_ompl.robot import Robot
-from safe_ompl.robot.kernels import within
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +59,8 @@ class StateBridge:
     Works on real-vector spaces, SO(2), and compounds of these; angles of SO(2) parts wrap at ±π. An InputError if the
     space has parts of another kind.
 
-    `circular: (n,)` says which coordinates wrap; `lower` and `upper: (n,)` are their bounds, ±π for those that wrap;
+    `circular: (n,)` says which coordinates wrap; `lower` and `upper: (n,)` are their bounds, ±π for those that wrap.
+    OMPL's `satisfiesBounds` takes finite coordinates within `held: (2, n)`, lower and upper, whatever those that wrap;
     `extent` is the length of the diagonal of the bounds, no side longer than one turn.
     """
 
@@ -75,7 +75,7 @@ class StateBridge:
         self.n: int = len(self.lower)
         self._sides: FloatArray = self.upper - self.lower
         free = np.where(self.circular, sys.float_info.max, np.finfo(np.float64).eps)
-        self._held: FloatArray = np.array([self.lower - free, self.upper + free])
+        self.held: FloatArray = np.array([self.lower - free, self.upper + free])
         # More than one turn of a joint makes a space no larger to plan in.
         self.extent = float(np.linalg.norm(np.minimum(self._sides, 2 * np.pi)))
         self._wraps = bool(self.circular.any())
@@ -143,10 +143,6 @@ class StateBridge:
         # In a third of the time of np.clip.
         clipped: FloatArray = np.minimum(np.maximum(q, self.lower), self.upper)
         return np.where(self.circular, self.wrapped(q), clipped) if self._wraps else clipped
-
-    def holds(self, q: FloatArray) -> bool:
-        """Return whether `q: (n,)` is finite and within bounds, as `satisfiesBounds` of OMPL's spaces."""
-        return bool(within(q, self._held))
 
     def between_bounds(self, shares: FloatArray) -> FloatArray:
         """Return the configurations at `shares: (…, n)` in [0, 1] of the way from the lower to the upper bounds."""

@@ -9,23 +9,27 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.robot.kernels.kinematics import (
         joint_frames,
+        lay_edge,
         move_joints,
         move_keypoints,
         place_joints,
         place_keypoints,
         pull,
         pull_back_motion,
+        way,
         within,
     )
 
 __all__ = [
     "joint_frames",
+    "lay_edge",
     "move_joints",
     "move_keypoints",
     "place_joints",
     "place_keypoints",
     "pull",
     "pull_back_motion",
+    "way",
     "within",
 ]
 

@@ -10,13 +10,14 @@ children, and have Pinocchio's numbers: 0 is the base, joint i of a table is Pin
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, pi, sin
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, compiled, part
 
+_ROUND = 2 * pi
 JOINT = np.dtype(
     [
         ("rotation", np.float64, (3, 3)),  # R⁰
@@ -234,10 +235,40 @@ def _carried(
 @compiled
 def within(values: FloatArray, bounds: FloatArray) -> bool:
     """Return whether all values (n,) lie within their bounds (2, n), lower and upper; NaN never does."""
+    return _within(values, bounds)
+
+
+@part
+def _within(values: FloatArray, bounds: FloatArray) -> bool:
     for i in range(values.shape[0]):  # noqa: SIM110  # Numba has no all()
         if not bounds[0, i] <= values[i] <= bounds[1, i]:
             return False
     return True
+
+
+@compiled
+def lay_edge(
+    start: FloatArray, end: FloatArray, coupling: FloatArray, limits: FloatArray, edge: FloatArray
+) -> bool:
+    """Write start and way (2, m) of the model's joints on the straight motion between `start` and `end: (n,)`.
+
+    Nothing is written, and False returned, where an end is not within the `limits: (2, n)`. `coupling: (m, 4)` says of
+    each joint of the model which planned one moves it, by what factor, its offset, and whether it goes the short way.
+    """
+    if not (_within(start, limits) and _within(end, limits)):
+        return False
+    for j in range(len(coupling)):
+        i, factor = int(coupling[j, 0]), coupling[j, 1]
+        edge[0, j] = factor * start[i] + coupling[j, 2]
+        edge[1, j] = factor * way(start[i], end[i], coupling[j, 3] != 0.0)
+    return True
+
+
+@part
+def way(start: float, end: float, wraps: bool) -> float:
+    """Return the motion from one value of a joint to another, the short way round if it wraps."""
+    delta = end - start
+    return delta - _ROUND * np.rint(delta / _ROUND) if wraps else delta
 
 
 @part

@@ -12,8 +12,10 @@ import numpy as np
 
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import StateBridge
+from safe_ompl.planning.planners.parts import kernels as kernel
 from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
+from safe_ompl.robot import plain
 
 _RARE = 4  # if obstacles refuse so many times as many steps as danger does, proofs go first
 _SHORTEST = 0.05  # of a whole step
@@ -27,15 +29,22 @@ class Extension(Enum):
     REACHED = "a new node at the target"
 
 
+def steered(bridge: StateBridge, q: FloatArray, target: FloatArray, step: float) -> tuple[float, FloatArray]:
+    """Return ρ(q, target), and where a step [rad] from `q` towards `target: (n,)` leads and its direction, (2, n).
+
+    A step leads no farther than to the target. There is no direction, NaN, where the target is `q` itself.
+    """
+    moved: FloatArray = np.empty((2, len(q)))
+    return float(kernel.steer(q, plain(target), bridge.circular, step, moved)), moved
+
+
 def straight_extension(
     problem: PlanningProblem, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
 ) -> tuple[Extension, int]:
     """Add a node at most `step` [rad] from node `old` straight towards `target: (n,)`; return outcome and node."""
     q_old = tree.configurations[old]
-    delta = problem.bridge.difference(q_old, target)
-    length = sqrt(delta @ delta)
+    length, (q_new, _) = steered(problem.bridge, q_old, target, step)
     outcome = Extension.REACHED if length <= step else Extension.ADVANCED
-    q_new = target if outcome is Extension.REACHED else q_old + (step / length) * delta
     if not problem.motion_is_free(*tree.as_driven(q_old, q_new)):
         return Extension.TRAPPED, old
     return outcome, trees.add(tree, q_new, old)
@@ -60,24 +69,23 @@ class TangentialDescent:
 
     def moved(
         self,
-        q: FloatArray,
-        direction: FloatArray,
+        step: FloatArray,
         reach: float,
         gradient: Callable[[], FloatArray] | None = None,
     ) -> FloatArray | None:
-        """Return `q: (n,)` moved down the danger's gradient at right angles to `direction: (n,)`, a unit vector.
+        """Return the first row of `step: (2, n)` moved down the danger's gradient there, at right angles to the second.
 
-        The motion is at most `reach` long, and shorter where the danger hardly changes; None where it does not change
-        at all. `gradient` gives another gradient than that at `q`.
+        That is a unit vector, and written over. The motion is at most `reach` long, and shorter where the danger hardly
+        changes; None where it does not change at all. `gradient` gives another gradient than that of the danger there.
         """
         if not (self.acts and reach):
             return None
-        slope = (gradient() if gradient else self._danger.cost.value_and_gradient(q)[1]) / self._danger.slope
-        slope -= (slope @ direction) * direction
-        steepness = sqrt(slope @ slope)
-        if not 0 < steepness < np.inf:
+        slope = gradient() if gradient else self._danger.cost.value_and_gradient(step[0])[1]
+        bridge, slope = self._bridge, slope / self._danger.slope
+        if not kernel.descend(step, slope, reach, bridge.lower, bridge.upper, bridge.circular):
             return None
-        return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
+        moved: FloatArray = step[1]
+        return moved
 
 
 @dataclass(eq=False)
@@ -99,17 +107,18 @@ class SafeStep:
         held to the threshold: they are configurations that the path needs.
         """
         q_old = tree.configurations[old]
-        delta = self.bridge.difference(q_old, target)
-        length = sqrt(delta @ delta)
-        if length <= step:
-            if not self.is_free(*tree.as_driven(q_old, target)):
-                return Extension.TRAPPED, old
-            return Extension.REACHED, trees.add(tree, target, old)
-        straight = q_old + (step / length) * delta
+        length, moved_to = steered(self.bridge, q_old, target, step)
+        if length <= step or not self.danger.weight:
+            free = self.is_free(*tree.as_driven(q_old, moved_to[0]))
+            outcome = Extension.REACHED if length <= step else Extension.ADVANCED
+            if free:
+                return outcome, trees.add(tree, moved_to[0], old)
+            trees.blocked += outcome is Extension.ADVANCED
+            return Extension.TRAPPED, old
         # The reach of the descent shrinks as the target comes near, so that every step comes nearer to it.
         reach = self.descent.share * min(step, length - step)
-        moved = self.descent.moved(straight, delta / length, reach, lambda: tree.gradient(old))
-        for q_new in (straight,) if moved is None else (moved, straight):
+        moved = self.descent.moved(moved_to, reach, lambda: tree.gradient(old))
+        for q_new in (moved_to[0],) if moved is None else (moved, moved_to[0]):
             # A proof costs as much as a danger. The danger comes first, because a motion that is refused for obstacles
             # lowers the margin; but where danger refuses few steps, computing it first would be wasted.
             proof_first = trees.blocked > _RARE * trees.dangerous
@@ -198,7 +207,9 @@ class ElasticBand:
         length = sqrt(delta @ delta)
         if not self._descent.acts or length <= 2 * step or ptc():
             return []
-        middle = self._descent.moved(start + delta / 2, delta / length, self._descent.share * step)
+        middle = self._descent.moved(
+            np.array([start + delta / 2, delta / length]), self._descent.share * step
+        )
         is_free = self._problem.motion_is_free
         if middle is None or not (is_free(start, middle, margin) and is_free(middle, end, margin)):
             return []

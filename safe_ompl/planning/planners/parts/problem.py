@@ -12,6 +12,7 @@ from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerLimit
 from safe_ompl.planning.ompl import CertifiedMotionValidator, ScratchState, StateBridge, StateCost
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
+from safe_ompl.robot import JointLimits
 
 _SHARPNESS = 4  # of the decay: easy problems are solved before danger loses weight
 _REFUSALS = 8  # of nodes that are too dangerous before the threshold rises
@@ -28,6 +29,7 @@ class PlanningProblem:
         self.bridge = StateBridge(si.getStateSpace())
         self._si = si
         self._from, self._to = ScratchState(self.bridge), ScratchState(self.bridge)
+        self._limits: tuple[MotionProver, JointLimits] | None = None
         self.take(None, None)
 
     def take(self, objective: Any, limit: DangerLimit | None) -> None:
@@ -57,11 +59,17 @@ class PlanningProblem:
         """
         motion = self.motion_prover
         if motion is not None:
-            within = self.bridge.holds(start) and self.bridge.holds(end)
-            free = within and motion.is_free(start, end, margin)
+            free = motion.is_free(start, end, margin, self._limits_of(motion))
         else:
             free = self._si.checkMotion(self._from.set(start), self._to.set(end))
         return free and (self.limit is None or self.limit.allows_motion(start, end))
+
+    def _limits_of(self, motion: MotionProver) -> JointLimits:
+        """Return the joint limits of the robot that are also within the bounds of the space."""
+        known = self._limits
+        if known is None or known[0] is not motion:
+            self._limits = known = motion, JointLimits(motion.checker.robot).within(*self.bridge.held)
+        return known[1]
 
     @property
     def motion_prover(self) -> MotionProver | None:
