@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -187,8 +186,6 @@ class Guard:
         Proves motions among still obstacles, with limits such as of danger or clearance. Its scene is `scene` without
         what moves. Default: motions must be free of collisions. If it has a tube (`Separation.tube`), all that is said
         holds for every robot whose joints are that near to the command at any time, beside people, too.
-    **former
-        Options by their own names, and `motion`, which is `prover` now; deprecated.
 
     Attributes
     ----------
@@ -218,16 +215,8 @@ class Guard:
         people: People | None = None,
         options: ReplanningOptions | None = None,
         prover: MotionProver | None = None,
-        **former: Any,
     ) -> None:
         options = ReplanningOptions() if options is None else options
-        if former:
-            words = ["prover=…"] if "motion" in former else []
-            prover = former.pop("motion", prover)
-            if former:
-                options = replace(options, **former)
-                words.append(f"options=ReplanningOptions({', '.join(f'{name}=…' for name in former)})")
-            warnings.warn(f"give {', '.join(words)}", DeprecationWarning, stacklevel=2)
         people = People() if people is None else people
         reach = options.reach
         if reach is None and people.reach is not None:

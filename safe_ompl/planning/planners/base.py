@@ -15,12 +15,10 @@ from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, w
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.planning.ompl import danger_objection
 from safe_ompl.planning.planners.parameters import (
-    FormerNames,
     Parameter,
     camel_case,
     describe,
     parameters_of,
-    snake_case,
 )
 from safe_ompl.planning.planners.parts.problem import PlanningProblem
 from safe_ompl.planning.planners.parts.roadmap import Roadmap
@@ -57,11 +55,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     Every planner is made by ``Planner(si, name, parameter=value, …)``, with any space of real vectors and SO(2) parts,
     any validity checker and motion validator. It accepts goals of a type, `plans_to`, by default those that offer
-    configurations; `former_names` are parameters that were renamed or removed, and `counts` counts the nodes.
+    configurations. `counts` counts the nodes.
     """
 
     plans_to: ClassVar[Any] = ob.GoalSampleableRegion
-    former_names: ClassVar[FormerNames] = FormerNames({}, {})
 
     range = Parameter(
         0.0,
@@ -100,26 +97,12 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def setParameter(self, name: str, value: Any) -> None:
         """Set the parameter that is called `name` in Python, such as "goal_bias".
 
-        An UnknownNameError if the planner has no such parameter; an InputError if the value is refused, or it was
-        removed.
+        An UnknownNameError if the planner has no such parameter; an InputError if the value is refused.
         """
         known = parameters_of(type(self))
-        name = self.former_names.current(self.getName(), name)
         if name not in known:
             raise UnknownNameError(f"parameter of {self.getName()}", name, sorted(known))
         getattr(self, f"set{camel_case(name)}")(value)
-
-    def __getattr__(self, name: str) -> Any:
-        """Find setters and getters of parameters that were renamed, and say what replaces those that were removed."""
-        key = snake_case(name[3:])
-        if name[:3] not in ("set", "get") or key not in self.former_names:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        try:
-            return getattr(
-                self, name[:3] + camel_case(self.former_names.current(self.getName(), key, stacklevel=3))
-            )
-        except InputError as error:
-            raise AttributeError(str(error)) from None
 
     def setSeed(self, seed: int) -> None:
         """Start the planner's random numbers anew; the same seed gives the same path."""

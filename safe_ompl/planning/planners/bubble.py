@@ -11,7 +11,7 @@ import numpy as np
 from safe_ompl.collision import BUBBLE_SHAPES, Bubble, CollisionChecker
 from safe_ompl.common import FloatArray, halton_point
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parameters import Parameter
 from safe_ompl.planning.planners.parts.clearance import WORTHWHILE, AdaptiveMargin
 from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
 from safe_ompl.planning.planners.parts.problem import DangerDecay, DangerWeight
@@ -62,14 +62,6 @@ class BubblePlanner(SafePlanner):
     .. [2] B. Lacevic, P. Rocco: Sampling-based safe path planning for robotic manipulators. ETFA 2010.
     .. [3] S. Quinlan: Real-time modification of collision-free paths. PhD thesis, Stanford 1994.
     """
-
-    former_names = FormerNames(
-        renamed={"patience": "danger_decay"},
-        removed={
-            "normalized": "PaperSafeBubble has the paper's f; here its terms are in metres",
-            "guided": "PaperSafeBubble has the search of the paper; here it is always guided",
-        },
-    )
 
     alpha = Parameter(
         1.0,

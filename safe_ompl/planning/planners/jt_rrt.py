@@ -14,7 +14,7 @@ import numpy as np
 from safe_ompl.common import Counts, FloatArray
 from safe_ompl.planning.ompl import StateBridge, StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parameters import Parameter
 from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
 from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, TangentialDescent
 from safe_ompl.planning.planners.parts.problem import (
@@ -70,16 +70,6 @@ class SafeJTRRT(SafePlanner):
     """
 
     plans_to = WorkspaceGoal
-    former_names = FormerNames(
-        renamed={"patience": "danger_decay"},
-        removed={
-            "raw_alpha": "PaperSafeJTRRT takes α as length per danger; here it is relative",
-            "raw_gains": "PaperSafeJTRRT takes k₁ and k₂ as they are; here they are relative",
-            "gain": "PaperSafeJTRRT has the gain k₂; here `step` bounds the steps",
-            "strict_threshold": "PaperSafeJTRRT has the strict threshold; here nodes may be safer than parents",
-        },
-    )
-
     alpha = Parameter(
         1.0,
         """Weight of danger α, as for `SafeRRTConnect`. It also weighs the danger in the choice of the node from which

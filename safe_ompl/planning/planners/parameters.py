@@ -5,14 +5,13 @@ from __future__ import annotations
 import inspect
 import re
 import textwrap
-import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
 from typing import Any, Generic, TypeVar, cast, overload
 
-from safe_ompl.common import InputError, UnknownNameError, flag, number, whole_number
+from safe_ompl.common import UnknownNameError, flag, number, whole_number
 
 T = TypeVar("T", bool, int, float, str)
 _WIDTH = 100  # of generated docstrings
@@ -152,32 +151,6 @@ def describe(kind: type) -> None:
     arguments.append(usual("name", usual.POSITIONAL_OR_KEYWORD, default=kind.__name__))
     arguments += [usual(name, usual.KEYWORD_ONLY, default=each.default) for name, each in declared.items()]
     kind.__signature__ = inspect.Signature(arguments)  # type: ignore[attr-defined]
-
-
-@dataclass(frozen=True)
-class FormerNames:
-    """Parameters that a class of planners once had.
-
-    Names that were `renamed` still work, with a DeprecationWarning; of those that were `removed` it says what to do
-    instead.
-    """
-
-    renamed: Mapping[str, str]
-    removed: Mapping[str, str]
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.renamed or name in self.removed
-
-    def current(self, planner: str, name: str, stacklevel: int = 4) -> str:
-        """Return what a parameter is called now; raise InputError if it was removed."""
-        if name in self.removed:
-            raise InputError(f"parameter {name!r} of {planner} was removed: {self.removed[name]}")
-        if name not in self.renamed:
-            return name
-        new = self.renamed[name]
-        words = f"parameter {name!r} of {planner} is now called {new!r} (set{camel_case(new)}, get{camel_case(new)})"
-        warnings.warn(words, DeprecationWarning, stacklevel=stacklevel)
-        return new
 
 
 def camel_case(name: str) -> str:

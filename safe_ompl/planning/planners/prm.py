@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parameters import Parameter
 from safe_ompl.planning.planners.parts.clearance import PenaltyMargin
 from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
 from safe_ompl.planning.planners.parts.problem import DangerDecay, DangerWeight
@@ -66,16 +66,6 @@ class SafePRM(SafePlanner):
     .. [3] B. Cohen, M. Phillips, M. Likhachev: Planning single-arm manipulations with n-arm robots (lazy A*).
        RSS 2014.
     """
-
-    former_names = FormerNames(
-        renamed={"patience": "danger_decay"},
-        removed={
-            "raw_alpha": "PaperSafePRM takes α as length per danger; here it is relative",
-            "taxicab": "PaperSafePRM measures in the 1-norm; here g and h are lengths",
-            "lazy": "PaperSafePRM checks edges when they enter Open; here they are checked when they leave it",
-            "growing": "PaperSafePRM draws samples once; here more are drawn where they do not suffice",
-        },
-    )
 
     alpha = Parameter(
         5.0,

@@ -7,7 +7,7 @@ from typing import Any
 
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parameters import Parameter
 from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
 from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
 from safe_ompl.planning.planners.parts.problem import (
@@ -46,14 +46,6 @@ class SafeRRTConnect(SafePlanner):
     .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
     .. [3] S. LaValle: Planning Algorithms. Cambridge University Press, 2006.
     """
-
-    former_names = FormerNames(
-        renamed={"patience": "danger_decay"},
-        removed={
-            "raw_alpha": "PaperSafeRRTConnect takes α as length per danger; here it is relative",
-            "balanced": "the smaller tree always has most of the turns; PaperSafeRRTConnect alternates",
-        },
-    )
 
     alpha = Parameter(
         1.0,

@@ -9,9 +9,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import (
-    CollisionChecker,
     InputError,
-    MotionProver,
     People,
     Pose,
     RateLimits,
@@ -285,15 +283,3 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
     for wrong in ({"tick": 0.0}, {"lost_after": -1.0}, {"seed": 0.5}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             ReplanningOptions(**wrong)
-
-
-def test_former_names_still_work_and_say_what_to_write(panda, table):
-    with pytest.warns(DeprecationWarning, match=r"options=ReplanningOptions\(tick=…, seed=…\)"):
-        replanner = Replanner(panda, table, {}, {"ball": 0.1}, tick=0.04, seed=3)
-    assert replanner.tick == 0.04
-    assert replanner.options == ReplanningOptions(tick=0.04, seed=3)
-    prover = MotionProver(CollisionChecker(panda, table.without("ball")))
-    with pytest.warns(DeprecationWarning, match=r"give prover=…"):
-        assert Replanner(panda, table, {}, {"ball": 0.1}, motion=prover).prover is prover
-    with pytest.raises(TypeError, match="speed"):
-        Replanner(panda, table, {}, speed=1.0)

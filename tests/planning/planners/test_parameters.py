@@ -6,10 +6,10 @@ import math
 import pytest
 from plane import PlaneProblem
 
-from safe_ompl import InputError, SafePRM, SafeRRTConnect, UnknownNameError, make_planner, planner_names
+from safe_ompl import InputError, SafeRRTConnect, UnknownNameError, make_planner, planner_names
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import Parameter, SafePlanner
-from safe_ompl.planning.planners.parameters import FormerNames, camel_case, parameters_of
+from safe_ompl.planning.planners.parameters import camel_case, parameters_of
 from safe_ompl.scene import Scenario, find_scenario
 
 
@@ -33,7 +33,6 @@ class Declared(SafePlanner):
     turns = Parameter(3, "A number of turns.", at_least=1)
     works = Parameter(True, "Whether it works.")
     shape = Parameter("round", "A shape.", choices=("round", "flat"))
-    former_names = FormerNames(renamed={"part": "share"}, removed={"form": "take `shape`"})
 
     def getShape(self):
         """Return the shape in another way."""
@@ -126,37 +125,6 @@ def test_every_parameter_has_words_and_comes_back(arm, name):
         value = getattr(planner, key)
         getattr(planner, f"set{camel_case(key)}")(value)
         assert getattr(planner, key) == value
-
-
-# --------------------------------------------------------------------------------- names that are no longer used
-
-
-def test_a_renamed_parameter_works_and_warns(si):
-    with pytest.warns(DeprecationWarning, match="'patience' of SafeRRTConnect is now called 'danger_decay'"):
-        planner = SafeRRTConnect(si, patience=7)
-    assert planner.danger_decay == 7
-    with pytest.warns(DeprecationWarning, match="setDangerDecay"):
-        planner.setPatience(8)
-    with pytest.warns(DeprecationWarning, match="getDangerDecay"):
-        assert planner.getPatience() == 8
-    with pytest.warns(DeprecationWarning, match="danger_decay") as warnings:
-        assert make_planner("SafePRM", si, {"patience": 9}).danger_decay == 9
-    assert warnings[0].filename == __file__
-
-
-def test_a_removed_parameter_says_what_replaces_it(si):
-    with pytest.raises(InputError, match="'lazy' of SafePRM was removed: PaperSafePRM checks edges when"):
-        SafePRM(si, lazy=False)
-    with pytest.raises(
-        InputError, match="'raw_alpha' of SafeRRTConnect was removed: PaperSafeRRTConnect takes α"
-    ):
-        make_planner("SafeRRTConnect", si, {"raw_alpha": True})
-    planner = SafeRRTConnect(si)
-    assert not hasattr(planner, "setBalanced")
-    with pytest.raises(AttributeError, match="'balanced' of SafeRRTConnect was removed"):
-        planner.setBalanced(False)
-    with pytest.raises(AttributeError, match="has no attribute 'setFoo'"):
-        planner.setFoo(1)
 
 
 def test_other_parameters_are_unknown_and_named(si):
