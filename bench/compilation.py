@@ -107,7 +107,7 @@ def busy() -> float:
 
 def all_alone() -> None:
     """Ask for all kernels in one process."""
-    from safe_ompl.apps.cli.kernels import ALL_JOBS
+    from safe_ompl.apps.cli.doctor import ALL_JOBS
 
     for job in ALL_JOBS:
         resolve_name(job)()
@@ -115,7 +115,7 @@ def all_alone() -> None:
 
 def all_together() -> None:
     """Compile all that `doctor` does."""
-    from safe_ompl.apps.cli.kernels import compile_all
+    from safe_ompl.apps.cli.doctor import compile_all
 
     compile_all()
 

@@ -1,22 +1,16 @@
-"""The program `safe-ompl`: its commands and exit status; what it offers and needs: `scenarios`, `robots`, `doctor`."""
+"""The program `safe-ompl`: its commands and exit status, and what it offers: `scenarios`, `robots`."""
 
 from __future__ import annotations
 
 import argparse
 import gc
 import os
-import platform
-import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import partial
-from importlib.metadata import PackageNotFoundError, metadata, requires, version
-from time import perf_counter
 from typing import Any, NoReturn
 
 import argcomplete
-from rich.markup import escape
 from rich.table import Table
 
 from safe_ompl.apps.cli import (
@@ -35,9 +29,8 @@ from safe_ompl.apps.cli import (
     view,
 )
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.kernels import compile_all
+from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError
-from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import frame_index
 from safe_ompl.robot.loading import EXAMPLES, ExampleRobot, UrdfFile, robots_folder
 from safe_ompl.scene import Scenario, list_scenarios
@@ -52,7 +45,7 @@ _FIRST = (
 _EPILOG = "exit status: 0 solved, 1 not solved, 2 bad input"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Run `safe-ompl` with the words after its name, by default those of the process, and return the exit status.
 
     That is 0 if solved, 1 if not, 2 on bad input, 130 if interrupted.
@@ -61,9 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         parser = command_line()
         argcomplete.autocomplete(parser)
-        words = sys.argv[1:] if arguments is None else arguments
-        options = parser.parse_args(words or ["--help"])
-        if arguments is None:
+        options = parser.parse_args((sys.argv[1:] if words is None else words) or ["--help"])
+        if words is None:
             gc.freeze()  # this process is ours: what is imported stays, and need not be searched for garbage
         with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log:
             job = options.prepare(options)
@@ -113,8 +105,6 @@ def _broken_pipe() -> int:
     return BROKEN_PIPE
 
 
-_SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
-_EXTRAS = ("plots", "viewer", "cluster", "mcap")
 _SHELLS = ("bash", "zsh", "fish")
 
 
@@ -192,82 +182,3 @@ def _moving_joints(urdf: UrdfFile, example: ExampleRobot) -> int:
     model = urdf.build_model()
     chain = model.supports[model.frames[frame_index(model, example.tip)].parentJoint]
     return sum(model.names[joint] not in example.locked for joint in list(chain)[1:])
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """A package by its name on PyPI, versions that fit (">=2.0,<3"), and the extra that requires it, if any."""
-
-    name: str
-    bounds: str
-    extra: str
-
-    @property
-    def found(self) -> str | None:
-        """The version that is installed, or None."""
-        try:
-            return version(self.name)
-        except PackageNotFoundError:
-            return None
-
-    @property
-    def fits(self) -> bool:
-        """Whether a version is installed that fits."""
-        found = self.found
-        return found is not None and all(
-            _within(found, bound) for bound in filter(None, self.bounds.split(","))
-        )
-
-
-def examine() -> int:
-    """Show what is installed beside what is supported, and plan once; return 0 if all that is needed works."""
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_row("safe-ompl", __version__, "")
-    python = metadata("safe-ompl")["Requires-Python"] or ""
-    table.add_row("Python", platform.python_version(), f"{python}, {platform.system()} {platform.machine()}")
-    healthy = True
-    for requirement in requirements():
-        said = requirement.found or "missing"
-        wanted = f"needs {requirement.bounds}" if requirement.bounds else ""
-        advice = f"pip install 'safe-ompl[{requirement.extra}]'" if requirement.extra else ""
-        words = requirement.bounds if requirement.fits else "; ".join(filter(None, [wanted, advice]))
-        table.add_row(requirement.name, said, escape(words))
-        healthy &= requirement.fits or bool(requirement.extra)
-    output.console().print(table)
-    compile_all()
-    return 0 if _plans() and healthy else 1
-
-
-def requirements() -> Iterator[Requirement]:
-    """Yield the requirements of the installed package and of its extras."""
-    for line in requires("safe-ompl") or ():
-        found = re.match(r"""([\w.-]+)(?:\[.*?\])?\s*([^;]*?)\s*(?:;.*extra == ['"](\w+)['"].*)?$""", line)
-        if found and (found[3] or "") in ("", *_EXTRAS):
-            yield Requirement(found[1], found[2].replace(" ", ""), found[3] or "")
-
-
-def _plans() -> bool:
-    scenario = arguments.load_scenario(_SCENARIO)
-    begin = perf_counter()
-    setup = setup_scenario(scenario)
-    built = perf_counter()
-    result = setup.plan(_PLANNER, time=_TIME, seed=0)
-    words = f"{len(result.path)} way points, proven" if result.path is not None else result.status
-    output.console().print(
-        f"{_PLANNER} in {_SCENARIO}: {words}; {1e3 * (built - begin):.0f} ms to set up, "
-        f"{1e3 * result.planning_time:.1f} ms to plan"
-    )
-    return bool(result)
-
-
-def _within(found: str, bound: str) -> bool:
-    """Return whether a version keeps to a bound such as ">=2.0" or "<3"."""
-    sign, wanted = re.match(r"([<>=!~]+)(.*)", bound).groups()  # type: ignore[union-attr]
-    this, that = _numbers(found), _numbers(wanted)
-    length = max(len(this), len(that))
-    this, that = (numbers + (0,) * (length - len(numbers)) for numbers in (this, that))
-    return {">=": this >= that, "<": this < that, "==": this == that, "!=": this != that}.get(sign, True)
-
-
-def _numbers(text: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in re.findall(r"\d+", text))

@@ -5,7 +5,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 import safe_ompl
-from safe_ompl.apps.cli.kernels import ALL_JOBS
+from safe_ompl.apps.cli.doctor import ALL_JOBS
 from safe_ompl.common.compilation import sources
 
 RARE = {  # called by few, and compiled when they are

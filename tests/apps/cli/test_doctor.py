@@ -12,7 +12,7 @@ import pytest
 
 import safe_ompl
 from safe_ompl.apps import main
-from safe_ompl.apps.cli import program
+from safe_ompl.apps.cli import doctor
 
 ROOT = Path(__file__).parents[3]
 
@@ -26,10 +26,10 @@ def test_the_doctor_says_versions_and_plans(capsys):
 
 def test_the_doctor_tells_what_is_missing(capsys, monkeypatch):
     needed = [
-        program.Requirement("no-such-package", ">=2", ""),
-        program.Requirement("no-such-extra", "", "viewer"),
+        doctor.Requirement("no-such-package", ">=2", ""),
+        doctor.Requirement("no-such-extra", "", "viewer"),
     ]
-    monkeypatch.setattr(program, "requirements", lambda: iter(needed))
+    monkeypatch.setattr(doctor, "requirements", lambda: iter(needed))
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out
     assert re.search(r"no-such-package +missing +needs >=2", out)
@@ -40,11 +40,11 @@ def test_the_doctor_tells_what_is_missing(capsys, monkeypatch):
     ("bounds", "fits"), [(">=1", True), (">=0.1,<999", True), ("<0.1", False), (">=999", False), ("", True)]
 )
 def test_versions_are_compared(bounds, fits):
-    assert program.Requirement("numpy", bounds, "").fits is fits
+    assert doctor.Requirement("numpy", bounds, "").fits is fits
 
 
 def test_what_is_needed_is_known():
-    needed = {item.name: item for item in program.requirements()}
+    needed = {item.name: item for item in doctor.requirements()}
     assert {"numpy", "ompl", "pin", "coal"} <= {name for name, item in needed.items() if not item.extra}
     assert needed["matplotlib"].extra == "plots"
     assert "pytest" not in needed

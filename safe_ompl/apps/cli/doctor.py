@@ -1,0 +1,190 @@
+"""`safe-ompl doctor`: what is installed, and a small plan; and it compiles the kernels of all commands.
+
+Two processes compile them, so that nobody waits for them later. Kernels are compiled for one kind of arguments,
+whatever the robot: a small one beside somebody has nearly all of them.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from safe_ompl.apps.cli import arguments, output
+from safe_ompl.common import compile_together
+from safe_ompl.danger import CertifiedDanger, DangerField
+from safe_ompl.danger.kernels import dangers
+from safe_ompl.geometry import Obstacle, Person, Pose
+from safe_ompl.geometry.kernels import gaps
+from safe_ompl.people import TrackedBody, Tracker, find_skeleton
+from safe_ompl.people.replanning import Replanner
+from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
+from safe_ompl.planning.planners import NearestNode
+from safe_ompl.scene import People, Scene
+from safe_ompl.trajectories import RateLimits, time_path
+from safe_ompl.version import __version__
+from safe_ompl.view import render_path
+
+_SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
+_EXTRAS = ("plots", "viewer", "cluster", "mcap")
+_MANY = 1000  # points, which are put into balls
+_TICKS = 2
+ALL_JOBS = (  # those that need what a plan needs come after it
+    *PLAN_JOBS,
+    f"{__name__}:ask_for_many_points",
+    f"{__name__}:ask_for_motions",
+    f"{__name__}:ask_for_simplification",
+    f"{__name__}:ask_for_people",
+    f"{__name__}:ask_for_trees",
+    f"{__name__}:ask_for_pictures",
+)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A package by its name on PyPI, versions that fit (">=2.0,<3"), and the extra that requires it, if any."""
+
+    name: str
+    bounds: str
+    extra: str
+
+    @property
+    def found(self) -> str | None:
+        """The version that is installed, or None."""
+        try:
+            return version(self.name)
+        except PackageNotFoundError:
+            return None
+
+    @property
+    def fits(self) -> bool:
+        """Whether a version is installed that fits."""
+        found = self.found
+        return found is not None and all(
+            _within(found, bound) for bound in filter(None, self.bounds.split(","))
+        )
+
+
+def examine() -> int:
+    """Show what is installed beside what is supported, and plan once; return 0 if all that is needed works."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_row("safe-ompl", __version__, "")
+    python = metadata("safe-ompl")["Requires-Python"] or ""
+    table.add_row("Python", platform.python_version(), f"{python}, {platform.system()} {platform.machine()}")
+    healthy = True
+    for requirement in requirements():
+        said = requirement.found or "missing"
+        wanted = f"needs {requirement.bounds}" if requirement.bounds else ""
+        advice = f"pip install 'safe-ompl[{requirement.extra}]'" if requirement.extra else ""
+        words = requirement.bounds if requirement.fits else "; ".join(filter(None, [wanted, advice]))
+        table.add_row(requirement.name, said, escape(words))
+        healthy &= requirement.fits or bool(requirement.extra)
+    output.console().print(table)
+    compile_all()
+    return 0 if _plans() and healthy else 1
+
+
+def requirements() -> Iterator[Requirement]:
+    """Yield the requirements of the installed package and of its extras."""
+    for line in requires("safe-ompl") or ():
+        found = re.match(r"""([\w.-]+)(?:\[.*?\])?\s*([^;]*?)\s*(?:;.*extra == ['"](\w+)['"].*)?$""", line)
+        if found and (found[3] or "") in ("", *_EXTRAS):
+            yield Requirement(found[1], found[2].replace(" ", ""), found[3] or "")
+
+
+def _plans() -> bool:
+    scenario = arguments.load_scenario(_SCENARIO)
+    begin = perf_counter()
+    setup = setup_scenario(scenario)
+    built = perf_counter()
+    result = setup.plan(_PLANNER, time=_TIME, seed=0)
+    words = f"{len(result.path)} way points, proven" if result.path is not None else result.status
+    output.console().print(
+        f"{_PLANNER} in {_SCENARIO}: {words}; {1e3 * (built - begin):.0f} ms to set up, "
+        f"{1e3 * result.planning_time:.1f} ms to plan"
+    )
+    return bool(result)
+
+
+def _within(found: str, bound: str) -> bool:
+    """Return whether a version keeps to a bound such as ">=2.0" or "<3"."""
+    sign, wanted = re.match(r"([<>=!~]+)(.*)", bound).groups()  # type: ignore[union-attr]
+    this, that = _numbers(found), _numbers(wanted)
+    length = max(len(this), len(that))
+    this, that = (numbers + (0,) * (length - len(numbers)) for numbers in (this, that))
+    return {">=": this >= that, "<": this < that, "==": this == that, "!=": this != that}.get(sign, True)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", text))
+
+
+def compile_all() -> None:
+    """Compile what is not kept yet."""
+    compile_together([dangers, gaps], ALL_JOBS)
+
+
+def _field(number: int, aggregate: Literal["max", "mean"] = "max") -> DangerField:
+    points = np.random.default_rng(0).uniform(2.0, 3.0, (number, 3))
+    return DangerField(small_robot(), points, aggregate=aggregate)
+
+
+def ask_for_many_points() -> None:
+    """Call what the danger of many points needs, and a mean on an edge."""
+    q = np.zeros(2)
+    _field(_MANY, "mean").values_and_gradients([q])
+    _field(1).mean(q, q)
+
+
+def ask_for_motions() -> None:
+    """Call what danger in motion needs, its gradients, and bounds on paths and in time."""
+    q, field = np.zeros(2), _field(1)
+    time_path([q, q + 1.0], field.robot, danger=field.moving, max_danger=1e3)
+    field.moving.value(q, q + 1.0)
+    _field(_MANY).moving.value(q, q + 1.0)
+    field.moving.values_and_gradients([q], [q + 1.0])
+    CertifiedDanger(field).of_path([q, q + 1.0])
+    field.push(q)
+
+
+def ask_for_simplification() -> None:
+    """Call what planning, simplification and motions in time need."""
+    robot = small_robot()
+    setup = SafeSetup(robot, Scene((Obstacle("person", Person(), Pose((1.4, 0.0, -1.0))),)))
+    setup.setConfigurations([-1.0, 0.0], [1.0, 0.0])
+    result = setup.plan("SafeRRTConnect", seed=0, simplify=True)
+    result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=People(speed=1.6))
+
+
+def ask_for_people() -> None:
+    """Call what a robot needs to drive beside people."""
+    robot, skeleton = small_robot(), find_skeleton("recording12")
+    replanner = Replanner(
+        robot, Scene(), {"anna": Tracker(skeleton, TrackedBody())}, people=People(speed=1.6)
+    )
+    limits = RateLimits.of(robot, acceleration=10.0)
+    replanner.start(time_path([[-1.0, 0.0], [1.0, 0.0]], robot, limits, motion=replanner.prover))
+    keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3)) + np.array([1.5, 0.0, 0.2])
+    for tick in range(_TICKS):
+        replanner.update({"anna": keypoints}, {}, 0.05 * tick)
+        replanner.command(0.05 * tick + 0.02)
+        replanner.think()
+
+
+def ask_for_trees() -> None:
+    """Call what finds the nearest of many nodes."""
+    rows = np.random.default_rng(0).uniform(size=(_MANY, 2))
+    NearestNode(np.zeros(2, bool)).find(rows, rows[0], 0.1, rows[:, 0].copy())
+
+
+def ask_for_pictures() -> None:
+    """Call what a picture needs."""
+    render_path(small_robot(), Scene(), np.zeros((2, 2)), size=(16, 16))
