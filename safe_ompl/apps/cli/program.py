@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -55,8 +54,6 @@ def main(words: Sequence[str] | None = None) -> int:
         parser = command_line()
         argcomplete.autocomplete(parser)
         options = parser.parse_args((sys.argv[1:] if words is None else words) or ["--help"])
-        if words is None:
-            gc.freeze()  # this process is ours: what is imported stays, and need not be searched for garbage
         with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log:
             job = options.prepare(options)
             log.show()

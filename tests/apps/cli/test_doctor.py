@@ -67,6 +67,12 @@ def test_the_package_is_a_program():
     assert run.stdout.strip() == f"safe-ompl {safe_ompl.__version__}"
 
 
+def test_a_program_frees_what_it_made():
+    plan = [sys.executable, "-m", "safe_ompl", "plan", "planar2", "--seed", "0"]
+    run = subprocess.run(plan, capture_output=True, text=True, check=True, timeout=120)
+    assert "leaked" not in run.stderr  # what nanobind says of OMPL's objects that still exist at the end
+
+
 def test_the_version_is_the_same_everywhere():
     assert f"\nversion: {safe_ompl.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"## {safe_ompl.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
