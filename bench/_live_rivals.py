@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from safe_ompl.people.replanning.guarded_path import Command, Doing, GuardedPath, MotionMargin, StopMotion
-from safe_ompl.people.replanning.replanner import Replanner
+from safe_ompl.people.replanning import Command, Doing, GuardedPath, MotionMargin, Replanner, StopMotion
 from safe_ompl.trajectories.trajectory import Trajectory
 
 
@@ -36,7 +35,7 @@ class StopAndGo(Replanner):
         here = StopMotion(cell, np.array([s, s]), np.zeros(2), np.zeros(2))
         distance = self.people.clearance + self._distance(path, time)
         near = path.margin(here, self.surroundings.sets, 0.0, distance, exact=True)
-        trouble = self.surroundings.trouble(time, self.lost_after)
+        trouble = self.surroundings.trouble(time, self.options.lost_after)
         push = 1.0 if near.margin >= 0 and trouble is None else -1.0
         if push < 0 and speed == 0:
             return None

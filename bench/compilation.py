@@ -129,7 +129,7 @@ def drive() -> None:
     scene = Scene((Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),))
     replanner = Replanner(robot, scene, {"anna": Tracker(skeleton, TrackedBody())}, people=People(speed=1.6))
     replanner.start(
-        time_path([START, GOAL], robot, RateLimits.of(robot, acceleration=10.0), motion=replanner.motion)
+        time_path([START, GOAL], robot, RateLimits.of(robot, acceleration=10.0), motion=replanner.prover)
     )
     keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3)) + np.array([1.5, 0.0, 0.2])
     for tick in range(2):

@@ -31,7 +31,7 @@ from ompl import util as ou
 
 from safe_ompl import Box, CollisionChecker, Obstacle, Pose, RateLimits, Robot, SafeSetup, Scene, time_path
 from safe_ompl.common import FloatArray
-from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
+from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, Solid
 from safe_ompl.people.simulation.movers import Drifting
 from safe_ompl.people.simulation.simulation import Faults, Simulation
@@ -125,7 +125,7 @@ def ours(robot: Robot, run: Run, bound: str) -> dict[str, Any]:
     speeds = run.speeds if bound == "own" else dict.fromkeys(run.cubes, FASTEST)
     replanner = Replanner(robot, scene(run.cubes), {}, speeds, options=ReplanningOptions(tick=TICK))
     limits = RateLimits.of(robot, velocity=np.pi, acceleration=20.0)
-    way = time_path(run.path, robot, limits, motion=replanner.motion, tolerance=0.2)
+    way = time_path(run.path, robot, limits, motion=replanner.prover, tolerance=0.2)
     simulation = Simulation(replanner, [way], {}, run.cubes, faults=Faults(latency=0.0))
     time, q = 0.0, run.start
     for tick in simulation.ticks(SECONDS):

@@ -29,7 +29,7 @@ from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from bench._touches import TouchJudge
 from safe_ompl import People, Pose, RateLimits, Scenario, time_path
 from safe_ompl.people import CalibratedReach
-from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
+from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Simulation
 from safe_ompl.people.skeletons import Recording, TrackedBody, facing, list_clips
@@ -106,10 +106,10 @@ def simulation(
     limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
     path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
-    ways = [time_path(way, robot, limits, motion=replanner.motion) for way in (path, path[::-1])]
+    ways = [time_path(way, robot, limits, motion=replanner.prover) for way in (path, path[::-1])]
     one = Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, monitored=monitored)
     if monitored:
-        one.monitor = TouchJudge(robot, replanner.still, people, tracker.body.height)
+        one.monitor = TouchJudge(robot, replanner.surroundings.still, people, tracker.body.height)
     return one
 
 

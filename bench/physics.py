@@ -227,7 +227,7 @@ class Drive:
         place, start = np.array([0.0, 0.0, -0.75]), np.array([0.9, 0.0])
         self.walker = Walker(people, place, start, tracker=tracker, seed=seed)
         self.people = people
-        self.replanner = Replanner(self.robot, scene, {"anna": tracker}, people=people, motion=proof)
+        self.replanner = Replanner(self.robot, scene, {"anna": tracker}, people=people, prover=proof)
         self.world = World({"anna": self.walker}, {}, self.replanner.surroundings)
         swing = 1.2 * np.eye(self.robot.n)[0] + 0.2 * np.eye(self.robot.n)[1]
         ends = [np.array(DRAWN_IN[name]) + side * swing for side in (-1, 1)]

@@ -47,7 +47,7 @@ from safe_ompl import (
 )
 from safe_ompl.common import FloatArray
 from safe_ompl.people import Recording, Surroundings, TrackedBody, list_clips
-from safe_ompl.people.replanning import PathLimits
+from safe_ompl.people.replanning import PathLimits, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, Walker, World
 from safe_ompl.people.simulation.movers import Playback, limb_solids
 from safe_ompl.scene import find_scenario
@@ -104,7 +104,13 @@ class Shielded:
         self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray, people: People
     ) -> None:
         limits = PathLimits(RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS))
-        self.shield = Shield(robot, scenario.scene, {"operator": tracker}, people=people, limits=limits)
+        self.shield = Shield(
+            robot,
+            scenario.scene,
+            {"operator": tracker},
+            people=people,
+            options=ReplanningOptions(limits=limits),
+        )
         self.shield.start(start)
         self.failures = 0
 

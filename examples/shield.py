@@ -45,7 +45,7 @@ scene = Scene((Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),
 people, tracker = People(speed=1.6), Tracker(ALL_KEYPOINTS)
 shield = Shield(robot, scene, {"anna": tracker}, people=people)
 slow = RateLimits.of(robot, velocity=1.5, acceleration=4.0)
-ways = [time_path(way, robot, slow, motion=shield.motion) for way in ([PICK, GIVE], [GIVE, PICK])]
+ways = [time_path(way, robot, slow, motion=shield.prover) for way in ([PICK, GIVE], [GIVE, PICK])]
 anna = Walker(people, np.array([0.0, 0.0, -0.8]), np.array([1.2, 0.5]), seed=1)
 policy = Policy(shield)
 if sys.argv[1:2] == ["--mcap"]:  # and a file, for Foxglove and `safe-ompl view FILE`

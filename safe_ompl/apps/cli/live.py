@@ -210,7 +210,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         found.speeds,
         people=people,
         options=ReplanningOptions(reach, tick=options.tick),
-        motion=setup.motion_prover,
+        prover=setup.motion_prover,
     )
     return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
 
@@ -230,7 +230,7 @@ def _drive(
         error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
         return 1
     ways = [
-        timed_way(way, replanner.robot, replanner.motion, scenario)
+        timed_way(way, replanner.robot, replanner.prover, scenario)
         for way in (result.path, result.path[::-1])
     ]
     simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)

@@ -239,20 +239,17 @@ def cell_of(
         setup = asked(limited, _with_cloud(still, cloud), start, goal)
         everything = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
         beside = robot, _with_cloud(everything, cloud), trackers, moving
-        how: dict[str, Any] = {
-            "people": people,
-            "options": control.replanning,
-            "motion": setup.motion_prover,
-        }
+        how: dict[str, Any] = {"people": people, "prover": setup.motion_prover}
         if options.shield:
             own = scenario.motion
             rates = RateLimits.of(robot, own.velocity, own.acceleration)
-            shield = Shield(*beside, limits=PathLimits(rates, own.tool_speed, own.link_speed), **how)
+            limits = PathLimits(rates, own.tool_speed, own.link_speed)
+            shield = Shield(*beside, options=replace(control.replanning, limits=limits), **how)
             shield.start(start)
             return shield
         way = planned(setup).path
         assert way is not None
-        replanner = Replanner(*beside, **how)
+        replanner = Replanner(*beside, options=control.replanning, **how)
         replanner.start(timed_way(way, robot, setup.motion_prover, scenario))
         return replanner
 

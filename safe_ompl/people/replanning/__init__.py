@@ -7,17 +7,11 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
+    from safe_ompl.people.replanning.bodies import RobotBodies
     from safe_ompl.people.replanning.detours import DetourRoadmap, Detours, PeopleNow
-    from safe_ompl.people.replanning.guarded_path import (
-        Command,
-        Doing,
-        GuardedPath,
-        MotionMargin,
-        PathLimits,
-        RobotBodies,
-        StopMotion,
-    )
-    from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
+    from safe_ompl.people.replanning.guard import Command, Doing, Guard, ReplanningOptions
+    from safe_ompl.people.replanning.guarded_path import GuardedPath, MotionMargin, PathLimits, StopMotion
+    from safe_ompl.people.replanning.replanner import Replanner
     from safe_ompl.people.replanning.shield import Shield, ShieldCommand
 
 __all__ = [
@@ -25,6 +19,7 @@ __all__ = [
     "DetourRoadmap",
     "Detours",
     "Doing",
+    "Guard",
     "GuardedPath",
     "MotionMargin",
     "PathLimits",

@@ -13,7 +13,9 @@ import numpy as np
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning.guarded_path import Command, GuardedPath, PathLimits, RobotBodies
+from safe_ompl.people.replanning.bodies import RobotBodies
+from safe_ompl.people.replanning.guard import Command
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits
 from safe_ompl.people.replanning.retreat import line
 from safe_ompl.trajectories import BlendedCurve, ContactLimits, blended
 
@@ -88,14 +90,14 @@ class DetourRoadmap:
 
     def __init__(
         self,
-        motion: MotionProver,
+        prover: MotionProver,
         bodies: RobotBodies,
         limits: PathLimits,
         milestones: int = 150,
         seed: int = 0,
     ) -> None:
-        self._motion, self._bodies, self.limits = motion, bodies, limits
-        self._robot = motion.checker.robot
+        self._prover, self._bodies, self.limits = prover, bodies, limits
+        self._robot = prover.checker.robot
         self._count = milestones
         self._rng = np.random.default_rng(seed)
         self.milestones: FloatArray = np.empty((0, self._robot.n))
@@ -132,7 +134,7 @@ class DetourRoadmap:
             way = curve.at(self._rng.uniform(0.0, curve.length, 1)).q[0]
             q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)]
             q = np.clip(q, self._robot.lower, self._robot.upper)
-            if not self._motion.checker.touches(q):
+            if not self._prover.checker.touches(q):
                 samples.append(q)
         self._add(samples)
         self._near = [[] for _ in self.milestones]
@@ -181,7 +183,7 @@ class DetourRoadmap:
         if key not in self._free:
             if not budget.spend(_PROOF):
                 return None
-            self._free[key] = self._motion.is_free(self.milestones[key[0]], self.milestones[key[1]])
+            self._free[key] = self._prover.is_free(self.milestones[key[0]], self.milestones[key[1]])
         return self._free[key]
 
     def _estimate(self, a: int, b: int, people: PeopleNow, budget: Budget) -> float | None:
@@ -297,11 +299,11 @@ class DetourRoadmap:
 class Detours:
     """Searches paths that are quicker beside people as they are now, on a roadmap of a `seed`, and keep limits."""
 
-    def __init__(self, motion: MotionProver, bodies: RobotBodies, limits: PathLimits, seed: int = 0) -> None:
-        self._motion, self._bodies, self._limits = motion, bodies, limits
+    def __init__(self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits, seed: int = 0) -> None:
+        self._prover, self._bodies, self._limits = prover, bodies, limits
         # A path that nobody can slow down before a time [s].
         self._undisturbed: tuple[GuardedPath | None, float] = (None, 0.0)
-        self.roadmap = DetourRoadmap(motion, bodies, limits, seed=seed)
+        self.roadmap = DetourRoadmap(prover, bodies, limits, seed=seed)
 
     def keep_to(self, limits: PathLimits) -> None:
         """Have detours keep other limits from now on."""
@@ -336,7 +338,7 @@ class Detours:
         if found is None:
             return None
         points = self._shortened(found[0], people, budget)
-        curve = blended(np.array(points), self._motion.checker.robot, _TOLERANCE, self._motion)
+        curve = blended(np.array(points), self._prover.checker.robot, _TOLERANCE, self._prover)
         way = GuardedPath.along(self._bodies, curve, self._limits)
         takes = self._remaining(way, 0.0, people)
         if takes > within:
@@ -360,7 +362,7 @@ class Detours:
             for other in range(len(points) - 1, k, -1):
                 if other == k + 1 or (
                     budget.spend(_SHORTCUT)
-                    and self._motion.is_free(points[k], points[other])
+                    and self._prover.is_free(points[k], points[other])
                     and self._straight_time([points[k], points[other]], people)
                     <= self._straight_time(points[k : other + 1], people)
                 ):
@@ -370,7 +372,7 @@ class Detours:
         return kept
 
     def _straight_time(self, points: list[FloatArray], people: PeopleNow) -> float:
-        robot, total = self._motion.checker.robot, 0.0
+        robot, total = self._prover.checker.robot, 0.0
         for a, b in pairwise(points):
             curve = blended(np.array([a, b]), robot, 0.0, None)
             total += self._remaining(GuardedPath.along(self._bodies, curve, self._limits), 0.0, people)

@@ -1,20 +1,18 @@
-"""A path as the replanner follows it: cells with bounds of speed and braking; and commands that drive along it."""
+"""A path as the replanner follows it: cells with bounds of speed and braking, and motions with their stops along it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import Enum
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray
-from safe_ompl.danger import JointMotions
-from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
+from safe_ompl.geometry.kernels import Borne, CellFrames, cell_gaps, gaps
 from safe_ompl.people import ReachSets
-from safe_ompl.robot import Robot, bounding_hull
+from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.trajectories import (
     CLAMPING,
     CONTACT,
@@ -23,12 +21,10 @@ from safe_ompl.trajectories import (
     SEPARATION,
     TOOL_SPEED,
     BlendedCurve,
-    BodySpeeds,
     Cells,
     ContactLimits,
     RateLimits,
     SpeedCap,
-    State,
     Trajectory,
     bending_cap,
     braking,
@@ -51,17 +47,6 @@ _SAME = 1e-9  # [rad] places nearer than this are one
 # Caps of trajectories that the replanner derives itself at every tick.
 _DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
-
-
-class Doing(str, Enum):
-    """What the robot does, in one word."""
-
-    MOVING = "moving"
-    SLOWED = "slowed"
-    BRAKING = "braking"
-    STANDING = "standing"
-    RETREATING = "retreating"
-    DONE = "done"
 
 
 class MotionMargin(NamedTuple):
@@ -109,150 +94,6 @@ class StopMotion(NamedTuple):
         push = (after - speed) / span if span > 0 else 0.0
         place = self.places[k] + since * (speed + 0.5 * since * push)
         return float(min(place, self.places[k + 1])), float(max(speed + since * push, 0.0)), float(push)
-
-
-@dataclass(frozen=True)
-class Command:
-    """A motion of one tick and the stop after it, both proven against what was measured.
-
-    A controller follows `at`. If no other command comes, it follows this one to its end, and stands.
-
-    Attributes
-    ----------
-    time : float
-        From when on it holds [s].
-    measured : float
-        When that was measured against which it is proven [s].
-    path : GuardedPath
-        The path that it follows.
-    motion : StopMotion
-        The motion and the stop.
-    doing : Doing
-        What the robot does.
-    left : MotionMargin
-        The smallest margin along the motion. Where that is the rest of an earlier stop, or the robot stands: the margin
-        of the motion that could not be proven.
-    reason : str
-        Why the robot is not as fast as it could be; empty if it is.
-    rule : str
-        Which rule keeps people from making it faster: ``separation``, ``contact`` or ``clamping``; empty if none does.
-    """
-
-    time: float
-    measured: float
-    path: GuardedPath
-    motion: StopMotion
-    doing: Doing
-    left: MotionMargin
-    reason: str = ""
-    rule: str = ""
-
-    @property
-    def standstill(self) -> float:
-        """When the robot stands at the latest [s]."""
-        return self.time + self.motion.duration
-
-    def at(self, time: float) -> State:
-        """Return joint values, velocities and accelerations (n,) at a time [s] from `time` on."""
-        s, speed, push = self.motion.at(time - self.time)
-        place = self.path.curve.at(np.array([s]))
-        slope, bend = place.slope[0], place.bend[0]
-        return State(place.q[0], slope * speed, slope * push + bend * speed * speed)
-
-    def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
-        """Return times (K,) from `time` on, `step` apart, the last one when the robot stands; and what holds then [s].
-
-        There is one if it stands already.
-        """
-        steps = np.arange(time, self.standstill - 1e-6, step)
-        states = [*(self.at(each) for each in steps.tolist()), self.at(np.inf)]
-        return np.append(steps, max(time, self.standstill)), states
-
-    def tick_at(self, time: float, step: float) -> dict[str, Any]:
-        """Return what a tick (`safe_ompl.io.ticks`) says of the robot at a time [s]; the rest is in steps [s]."""
-        times, states = self.until_rest(max(time, self.time), step)
-        return {
-            "time": time,
-            "q": states[0].q.tolist(),
-            "qd": states[0].qd.tolist(),
-            "stop": {
-                "times": times.tolist(),
-                "q": [state.q.tolist() for state in states],
-                "qd": [state.qd.tolist() for state in states],
-            },
-            "state": self.doing.value,
-            "margin": self.left.margin,
-            "reason": self.reason,
-            "rule": self.rule or None,
-            "measured": self.measured,
-        }
-
-    def moves(self, time: float) -> bool:
-        """Return whether the robot moves at a time [s]."""
-        return self.motion.at(time - self.time)[1] > 0
-
-
-class RobotBodies:
-    """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        parts = list(robot.shared.collision_model.geometryObjects)
-        self._moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
-        hulls = [bounding_hull(parts[k].geometry).moved(parts[k].placement) for k in self._moving]
-        self.links = tuple(parts[k].name.rsplit("_", 1)[0] for k in self._moving)
-        carriers: IntArray = np.array([parts[k].parentJoint - 1 for k in self._moving], dtype=np.intp)
-        first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
-        middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
-        extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
-        self.arrays = Hulls(
-            carriers,
-            np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
-            first,
-            np.array([hull.radius for hull in hulls]),
-            middles,
-            np.array(extents),
-        )
-        self._joints = JointMotions(robot)
-        self._first_axis = self._joints.frames(np.zeros((1, robot.n)))[2][0, 0]
-        self._speeds = BodySpeeds(robot)
-
-    def frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
-        return self._joints.frames(Q)[:2]
-
-    def vertices(self, body: int, frames: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
-        joint, (first, last) = self.arrays.carriers[body], self.arrays.first_vertex[body : body + 2]
-        turned = np.einsum("bxy,vy->bvx", frames[0][:, joint], self.arrays.vertices[first:last])
-        return np.asarray(turned + frames[1][:, joint, None])
-
-    @cached_property
-    def turning(self) -> BoolArray:
-        """Which moving bodies (G,) only turn, about the axis of the first joint."""
-        return np.asarray((self.arrays.carriers == 0) & ~self._joints.prismatic[0])
-
-    def swept(self, body: int, frames: tuple[FloatArray, FloatArray], axes: FloatArray) -> FloatArray:
-        """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""
-        vertices, turn = self.vertices(body, frames)[0], self._first_axis
-        arms = vertices - frames[1][0, 0]
-        along, heights = arms @ turn, axes @ turn
-        radii = np.sqrt(np.maximum((arms * arms).sum(axis=1) - along * along, 0.0))
-        across = np.sqrt(np.maximum(1.0 - heights * heights, 0.0))
-        nearest = (np.outer(along, heights) - np.outer(radii, across)).min(axis=0)
-        return np.asarray((arms @ axes.T).min(axis=0) - nearest)
-
-    def accelerations(self, cells: Cells) -> FloatArray:
-        """Return bounds (N, G) of how fast the velocities of points of the moving bodies change [m/rad²]."""
-        return np.asarray(self._speeds.accelerations(cells)[:, self._moving])
-
-    def speeds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
-        """Return the bounds of `BodySpeeds` (N, all bodies and the tip) [m/rad]."""
-        return self._speeds.bounds(curve, cells)
-
-    def travel(self, speeds: FloatArray, cells: Cells) -> FloatArray:
-        """Return how far (N, G) the moving bodies get from where they are at the centres of cells, at most [m]."""
-        return np.asarray(np.ascontiguousarray(speeds[:, self._moving] * cells.sizes[:, None] / 2))
 
 
 @dataclass(frozen=True)

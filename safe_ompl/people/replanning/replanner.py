@@ -3,82 +3,25 @@
 from __future__ import annotations
 
 import logging
-import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import InputError, number, positive, whole_number
-from safe_ompl.people import CalibratedReach, ReachModel, ReachViolation, Surroundings, Tracker
+from safe_ompl.collision import MotionProver
+from safe_ompl.common import InputError
 from safe_ompl.people.replanning.detours import Detours, PeopleNow
-from safe_ompl.people.replanning.guarded_path import (
-    Command,
-    Doing,
-    GuardedPath,
-    MotionMargin,
-    PathLimits,
-    RobotBodies,
-    own_caps,
-)
-from safe_ompl.people.replanning.retreat import Receding, Retreats
-from safe_ompl.robot import Robot
-from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import SEPARATION, BlendedCurve, BlendProof, ContactLimits, Trajectory
+from safe_ompl.people.replanning.guard import Command, Doing, Guard
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, own_caps
+from safe_ompl.people.replanning.retreat import Retreats
+from safe_ompl.trajectories import BlendedCurve, BlendProof, Trajectory
 
 _log = logging.getLogger(__name__)
-_Given = TypeVar("_Given", bound=Command)
 
-TICK = 0.05  # [s]
-# Accelerations that are tried between full braking (−1) and full acceleration (1).
-_PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
-_RETREATS = (1.0, 0.2, 0.0, -1.0)  # the same of retreats
 _CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
 _FARTHER = 2.0  # so many times as far
 _SAME = 1e-6  # [rad] configurations nearer than this are one
 
 
-@dataclass(frozen=True)
-class ReplanningOptions:
-    """How a `Replanner` works.
-
-    Parameters
-    ----------
-    reach : ReachModel, optional
-        The assumption about how people move; default: the reach file of `People`, or else its speeds.
-    tick : float
-        Time between two commands [s].
-    lost_after : float
-        A person or object that is not seen for so long is lost: the robot stops [s].
-    detours, retreats : bool
-        Whether `Replanner.think` searches detours, and motions away from people who are near a robot that stands. A
-        robot that retreats may be touched by who runs after it, as one that stands.
-    seed : int
-        Seed of the roadmap on which they are searched.
-
-    Raises
-    ------
-    InputError
-        If a number is out of its range.
-    """
-
-    reach: ReachModel | None = None
-    tick: float = TICK
-    lost_after: float = 0.5
-    detours: bool = True
-    retreats: bool = True
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        positive(self.tick, "tick", "number of seconds")
-        number("lost_after", self.lost_after, above=0.0)
-        whole_number("seed", self.seed, at_least=0)
-
-
-class Replanner:
+class Replanner(Guard):
     """Drives a robot along trajectories beside people and things that move.
 
     What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
@@ -88,66 +31,15 @@ class Replanner:
     them, but who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because
     it covers all that people may do until the robot stands. It goes on as soon as a motion is proven again.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        What is around it. Obstacles that are named in `people` or `objects` move; the others stand still.
-    trackers : mapping of str to Tracker
-        The people that are tracked, and how. They need not be obstacles of the scene.
-    objects : mapping of str to float, optional
-        Obstacles of the scene that move, and bounds of their speeds [m/s].
-    people : People, optional
-        How fast limbs may move, the clearance from the robot that must be left, and whether the robot may touch people
-        at speeds that they bear. Its `reaction_time` is not used: the delay is known at every tick.
-    options : ReplanningOptions, optional
-        Reach model, time between commands, when somebody is lost, detours.
-    motion : MotionProver, optional
-        Proves motions among still obstacles, with limits such as of danger or clearance; trajectories and detours keep
-        them. Its scene is `scene` without what moves. Default: trajectories and detours must be free of collisions.
-    **former
-        Options by their own names; deprecated.
-
-    Raises
-    ------
-    UnknownNameError
-        If the scene has no obstacle of a name in `objects`.
-    InputError
-        If a number is out of its range; if the motion is of another robot or of another scene.
+    Parameters are those of `Guard`. Trajectories and detours keep the limits of the prover.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        trackers: Mapping[str, Tracker],
-        objects: Mapping[str, float] | None = None,
-        *,
-        people: People | None = None,
-        options: ReplanningOptions | None = None,
-        motion: MotionProver | None = None,
-        **former: Any,
-    ) -> None:
-        options = ReplanningOptions() if options is None else options
-        if former:
-            options = replace(options, **former)
-            words = ", ".join(f"{name}=…" for name in former)
-            warnings.warn(f"give options=ReplanningOptions({words})", DeprecationWarning, stacklevel=2)
-        self._guard = guard = Guard(robot, scene, trackers, objects, people, options, motion)
-        self.robot, self.options, self.people = robot, options, guard.people
-        self.tick, self.lost_after, self.motion = guard.tick, guard.lost_after, guard.motion
-        self.surroundings, self.still = guard.surroundings, guard.surroundings.still
-        self._bodies = guard.bodies
-        self._path: GuardedPath | None = None
-        self._detours: Detours | None = None
-        self._may_turn = False
-        self._detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
-        self._retreats: Retreats | None = None
-        self._retreat: GuardedPath | None = None  # from where the robot stands
-
-    def __repr__(self) -> str:
-        return f"Replanner({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
+    _path: GuardedPath | None = None
+    _detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
+    _retreat: GuardedPath | None = None  # from where the robot stands
+    _detours: Detours | None = None
+    _retreats: Retreats | None = None
+    _may_turn = False
 
     @property
     def detours(self) -> Detours | None:
@@ -171,8 +63,8 @@ class Replanner:
             raise InputError(
                 f"the trajectory is of the joints {trajectory.joint_names}, the robot's are {self.robot.joint_names}"
             )
-        path = GuardedPath.of(self._bodies, trajectory)
-        last = self._guard.last
+        path = GuardedPath.of(self.bodies, trajectory)
+        last = self._last
         if last is not None:
             if last.doing not in (Doing.DONE, Doing.STANDING):
                 raise InputError("the robot still moves: start when it stands or is done")
@@ -181,16 +73,16 @@ class Replanner:
                 raise InputError(
                     f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands"
                 )
-        _prove(trajectory.curve, self.motion)
-        self._path, self._guard.last, self._detour, self._retreat = path, None, None, None
+        _prove(trajectory.curve, self.prover)
+        self._path, self._last, self._detour, self._retreat = path, None, None, None
         self._cover(trajectory)
 
     def _cover(self, trajectory: Trajectory) -> None:
         """Add milestones around a trajectory, if detours may be taken."""
         caps = own_caps(trajectory)
         self._retreats = None
-        if self.options.retreats and not caps and not self.motion.separation.tube:
-            self._retreats = Retreats(self.motion, self._bodies, PathLimits.of(trajectory))
+        if self.options.retreats and not caps and not self.prover.separation.tube:
+            self._retreats = Retreats(self.prover, self.bodies, PathLimits.of(trajectory))
         self._may_turn = self.options.detours and not caps
         if not self._may_turn:
             if caps:
@@ -198,32 +90,9 @@ class Replanner:
             return
         limits = PathLimits.of(trajectory)
         if self._detours is None:
-            self._detours = Detours(self.motion, self._bodies, limits, self.options.seed)
+            self._detours = Detours(self.prover, self.bodies, limits, self.options.seed)
         self._detours.keep_to(limits)
         self._detours.roadmap.cover(trajectory.curve)
-
-    def update(
-        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
-    ) -> list[ReachViolation]:
-        """Take what sensors saw, and return who moved farther than promised; while anyone did, the robot stops.
-
-        Parameters
-        ----------
-        people : mapping of str to array_like of shape (J, 3)
-            Key points of those that were seen, as their skeletons have them; NaN: not seen.
-        objects : mapping of str to Pose, pin.SE3 or 4×4 matrix
-            Poses of the objects that were seen.
-        time : float
-            When that was measured [s].
-
-        Raises
-        ------
-        InputError
-            If the time goes backwards, or key points or a pose cannot be used.
-        UnknownNameError
-            If a name is not known.
-        """
-        return self._guard.update(people, objects, time)
 
     def command(self, time: float) -> Command:
         """Return what the robot does from a time [s] on; see `Command`.
@@ -236,7 +105,7 @@ class Replanner:
         path = self._path
         if path is None:
             raise InputError("start a trajectory first")
-        s, speed = self._guard.place(time)
+        s, speed = self._place(time)
         found = None
         if self._detour is not None:
             way, begin = self._detour
@@ -248,9 +117,9 @@ class Replanner:
             found = self._retreating(found, path, s, speed, time)
         self._retreat = None
         if found is None:
-            found = self._guard.kept(path, s, speed, time)
+            found = self._kept(path, s, speed, time)
         self._path = found.path
-        return self._guard.given(found, time)
+        return self._given(found, time)
 
     def think(self, units: int = 60) -> bool:
         """Search a detour if the path ahead is barred or slow; return whether the next command has one to take.
@@ -263,12 +132,12 @@ class Replanner:
         units : int
             How much work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
         """
-        command = self._guard.last
+        command = self._last
         if command is None or not self.surroundings.known or command.doing is Doing.DONE:
             return False
         reaction = self.tick + max(0.0, command.time - self.surroundings.time)
         now = max(command.time, self.surroundings.time)
-        people = PeopleNow(self.surroundings.sets, self.people.clearance, reaction, now, self._guard.contact)
+        people = PeopleNow(self.surroundings.sets, self.people.clearance, reaction, now, self.contact)
         if self._detours is not None and self._may_turn:
             self._detour = self._detours.search(command, people, units)
         if self._detour is None and self._retreats is not None and command.doing is Doing.STANDING:
@@ -285,204 +154,26 @@ class Replanner:
         """Return a retreat if it gets much farther than what was found, or goes on; else what was found."""
         if found is not None and (found.path is not path or found.doing in (Doing.MOVING, Doing.DONE)):
             return found
-        last = self._guard.last
+        last = self._last
         gets = 0.0 if found is None else found.motion.at(self.tick)[0] - s
         if last is None or last.doing is not Doing.RETREATING:
             if max(speed * self.tick, gets) > _CRAWL * self.tick:
                 return found
             gets *= _FARTHER
-        away = self._guard.retreat(path, s, speed, time)
+        away = self._recede(path, s, speed, time)
         if away is not None:
             return away if away.motion.at(self.tick)[0] - s > gets else found
         if found is None and self._retreat is not None and speed == 0:
-            return self._guard.retreat(self._retreat, 0.0, 0.0, time)
+            return self._recede(self._retreat, 0.0, 0.0, time)
         return found
 
-    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
-        return self._guard.next(path, s, speed, time)
 
-
-class Guard:
-    """Who is around a robot, and the commands that are proven against them: what replanner and shield share.
-
-    Parameters are those of `Replanner`.
-
-    Attributes
-    ----------
-    surroundings : Surroundings
-        All people and objects that move.
-    motion : MotionProver
-        Proves motions among still obstacles.
-    bodies : RobotBodies
-        Of the robot.
-    contact : ContactLimits or None
-        At what speeds contact is borne; None: it is not allowed.
-    last : Command or None
-        The newest command; None before the first one.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        trackers: Mapping[str, Tracker],
-        objects: Mapping[str, float] | None,
-        people: People | None,
-        options: ReplanningOptions,
-        motion: MotionProver | None,
-    ) -> None:
-        people = People() if people is None else people
-        self.tick, self.lost_after = float(options.tick), float(options.lost_after)
-        reach = options.reach
-        if reach is None and people.reach is not None:
-            reach = CalibratedReach.load(people.reach)
-        self.surroundings = Surroundings(scene, trackers, objects or {}, people, reach)
-        still = self.surroundings.still
-        self.motion = MotionProver(CollisionChecker(robot, still)) if motion is None else motion
-        _check_motion(self.motion, robot, still)
-        # A robot that is elsewhere in its tube is nearer to people.
-        nearer = self.motion.separation.swing(self.motion.checker)
-        if nearer and people.contact:
-            raise InputError("bounds positions, not velocities: contact cannot be proven within it", "tube")
-        self.people = replace(people, clearance=people.clearance + nearer)
-        self.contact = contact_limits(robot, self.surroundings, people) if people.contact else None
-        self.bodies = RobotBodies(robot)
-        self.last: Command | None = None
-        self._margin = MotionMargin(np.inf)  # of the motion that was tried last
-        self._violated = False
-
-    def update(
-        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
-    ) -> list[ReachViolation]:
-        """Take what sensors saw; see `Replanner.update`."""
-        violations = self.surroundings.update(people, objects, time)
-        if violations and not self._violated:
-            _log.warning("%.3f s: %s: stop", time, violations[0])
-        self._violated = bool(violations)
-        return violations
-
-    def place(self, time: float) -> tuple[float, float]:
-        """Return s and ṡ on the path of the last command at a time [s]; raise InputError if time goes backwards."""
-        last = self.last
-        if not time >= self.surroundings.time or not (last is None or time >= last.time):
-            raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
-        return (0.0, 0.0) if last is None else last.motion.at(time - last.time)[:2]
-
-    # ----------------------------------------------------------------------------------------------------- proofs
-
-    def next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
-        measured = self.surroundings.time
-        if speed == 0 and s >= path.length - _SAME:
-            rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
-            return Command(time, measured, path, rest, Doing.DONE, MotionMargin(np.inf))
-        if not self.surroundings.known:
-            return None
-        trouble = self.surroundings.trouble(time, self.lost_after)
-        violated = trouble is not None
-
-        def command(push: float, doing: Doing, reason: str) -> Command | None:
-            motion = path.motion_from(s, speed * speed, push, self.tick)
-            since = time - measured
-            around = self.surroundings.sets, since, self.people.clearance
-            margin = path.margin(motion, *around, self.contact)
-            if margin.margin < 0:
-                self._margin = margin
-                return None
-            rule = self._margin.rule if reason and not violated else ""
-            if rule not in ("", SEPARATION) and path.margin(motion, *around).margin >= 0:
-                rule = SEPARATION
-            return Command(time, measured, path, motion, doing, margin, reason, rule)
-
-        if trouble is None:
-            fastest = command(1.0, Doing.MOVING, "")
-            if fastest is not None:
-                return fastest
-            trouble = self._margin.description
-            pushes = [-1.0, *_PUSHES]
-        else:
-            pushes = [-1.0]
-        if speed == 0:
-            pushes = [push for push in pushes if push > 0]
-        found, blamed, first, last = None, self._margin, 0, len(pushes)
-        while first < last:  # by bisection: a motion that is slower than a proven one most often is proven
-            middle, self._margin = (first + last) // 2, blamed
-            push = pushes[middle]
-            slower = command(push, Doing.SLOWED if push > -1 else Doing.BRAKING, trouble)
-            found = slower or found
-            first, last = (first, middle) if slower is None else (middle + 1, last)
-        return found
-
-    def retreat(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest motion from (s, ṡ) that recedes from all who are near; see `retreat`. None if none is."""
-        sets, since = self.surroundings.sets, time - self.surroundings.time
-        if self.surroundings.trouble(time, self.lost_after) is not None:
-            return None
-        receding = Receding(path, s, sets)
-        for push in _RETREATS:
-            motion = path.motion_from(s, speed * speed, push, self.tick)
-            if motion.places[-1] - s < _SAME:
-                continue
-            near = receding.along(motion)
-            margin = path.margin(motion, sets, since, self.people.clearance, self.contact, receding=near)
-            if margin.margin >= 0:
-                why = margin, self._margin.description, SEPARATION
-                return Command(time, self.surroundings.time, path, motion, Doing.RETREATING, *why)
-        return None
-
-    def kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
-        """Return what is left of the stop that was proven before, or rest."""
-        last = self.last
-        trouble = self.surroundings.trouble(time, self.lost_after)
-        why = self._margin, trouble or self._margin.description, "" if trouble else self._margin.rule
-        if last is None or speed == 0:
-            rest = path.motion_from(s, 0.0, -1.0, self.tick)
-            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, *why)
-        doing = last.doing if last.doing is Doing.RETREATING else Doing.BRAKING
-        return Command(last.time, last.measured, path, last.motion, doing, *why)
-
-    # ------------------------------------------------------------------------------------------------------- log
-
-    def given(self, command: _Given, time: float) -> _Given:
-        """Keep a command as the last one, and return it; what the robot does now goes to the log if it is new."""
-        before = None if self.last is None else self.last.doing
-        self.last = command
-        if command.doing is before:
-            return command
-        why = f": {command.reason}" if command.reason else ""
-        drives = (Doing.MOVING, Doing.SLOWED)
-        level = logging.DEBUG if command.doing in drives and before in drives else logging.INFO
-        _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
-        return command
-
-
-def contact_limits(robot: Robot, surroundings: Surroundings, people: People) -> ContactLimits:
-    """Return at what speeds contact is borne, for limbs and objects in the order of their reach sets."""
-    bodies = {name: track.tracker.body for name, track in surroundings.people.items()}
-    limbs = [(name, limb) for name, body in bodies.items() for limb in body.limbs]
-    limbs += [(name, "") for name, shape in surroundings.shapes.items() for _ in shape.parts()]
-    heights = {name: body.height for name, body in bodies.items()}
-    # A limb may be clamped against an object, wherever that is by then.
-    always = bool(surroundings.objects)
-    return ContactLimits(robot, surroundings.still, people, limbs, heights, always_clamped=always)
-
-
-def _check_motion(motion: MotionProver, robot: Robot, still: Scene) -> None:
-    """Raise InputError unless a motion is of this robot among exactly the still obstacles."""
-    checker = motion.checker
-    if checker.robot.joint_names != robot.joint_names:
-        raise InputError(f"is of the robot {checker.robot.name!r}, not of {robot.name!r}", "motion")
-    for name in sorted(set(checker.scene.names) ^ set(still.names)):
-        where = "in its scene, but it moves" if name in checker.scene.names else "not in its scene"
-        raise InputError(f"{name!r} is {where}: give it the scene of what stands still", "motion")
-
-
-def _prove(curve: BlendedCurve, motion: MotionProver) -> None:
+def _prove(curve: BlendedCurve, prover: MotionProver) -> None:
     """Raise InputError unless all of a curve is proven free of still obstacles."""
-    blends = BlendProof(motion)
+    blends = BlendProof(prover)
     for k, piece in enumerate(curve.pieces):
         if piece.straight:
-            free = motion.is_free(piece.start, piece.start + piece.length * piece.slope)
+            free = prover.is_free(piece.start, piece.start + piece.length * piece.slope)
         else:
             free = blends.holds(piece)
         if not free:

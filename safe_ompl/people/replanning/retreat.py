@@ -25,7 +25,8 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.geometry.kernels import CellFrames, chords_ahead, separating_axes
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, StopMotion
+from safe_ompl.people.replanning.bodies import RobotBodies
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, StopMotion
 from safe_ompl.trajectories import BlendedCurve, Piece
 
 # Who may be at the robot so soon [s] is retreated from; if that fails only from the nearest.
@@ -88,8 +89,8 @@ def _ahead(
 class Retreats:
     """Searches motions that recede from people, free of what stands still."""
 
-    def __init__(self, motion: MotionProver, bodies: RobotBodies, limits: PathLimits) -> None:
-        self._motion, self._bodies, self._limits = motion, bodies, limits
+    def __init__(self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits) -> None:
+        self._prover, self._bodies, self._limits = prover, bodies, limits
 
     def search(self, path: GuardedPath, s: float, sets: ReachSets) -> GuardedPath | None:
         """Return a motion away from all who are near a robot that stands at s of a path, back, and on; or None."""
@@ -105,7 +106,7 @@ class Retreats:
 
     def _away(self, q: FloatArray, sets: ReachSets) -> FloatArray | None:
         """Return the end of a free motion away from all who are near; None if nobody is, or none is found."""
-        n, robot, bodies = len(q), self._motion.checker.robot, self._bodies
+        n, robot, bodies = len(q), self._prover.checker.robot, self._bodies
         frames = bodies.frames(np.vstack([q, q + _NUDGE * np.eye(n)]))
         axes, apart = _ahead(bodies, frames, sets)
         after = [sets.grown(soon) - sets.grown(0.0) for soon in _SOON]
@@ -120,7 +121,7 @@ class Retreats:
                 continue
             for length in _LENGTHS:
                 end = q + length * way
-                if robot.within_limits(end).all() and self._motion.is_free(q, end):
+                if robot.within_limits(end).all() and self._prover.is_free(q, end):
                     return np.asarray(end)
         return None
 

@@ -20,23 +20,22 @@ covers all that people may do until the robot stands, and does not depend on the
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import MotionProver, MotionVerdict, Verdict
+from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
 from safe_ompl.geometry import Pose
 from safe_ompl.io import ticks_header
-from safe_ompl.people import KEYPOINTS, ReachSets, ReachViolation, Tracker
-from safe_ompl.people.replanning.guarded_path import Command, Doing, GuardedPath, PathLimits
+from safe_ompl.people import KEYPOINTS, ReachSets
+from safe_ompl.people.replanning.guard import Command, Doing, Guard
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits
 from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
-from safe_ompl.people.replanning.replanner import Guard, ReplanningOptions
-from safe_ompl.robot import Robot
-from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State, braking
 
 _log = logging.getLogger(__name__)
@@ -65,72 +64,34 @@ class ShieldCommand(Command):
     delay: float = 0.0
 
 
-class Shield:
+class Shield(Guard):
     """Lets a robot follow what a policy, a teleoperator or another planner proposes, as far as that is proven.
 
     At every tick: `update` with what sensors saw, one of `propose`, `propose_velocity` and `propose_twist`, and
     `command`. The robot stays on the proposed path and is as near to the proposed timing as limits and proofs allow.
     Without a new proposal it goes on with the last one. Without a new command it ends in the stop of the last one.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        What is around it. Obstacles that are named in `trackers` or `objects` move; the others stand still.
-    trackers : mapping of str to Tracker
-        The people that are tracked, and how.
-    objects : mapping of str to float, optional
-        Obstacles of the scene that move, and bounds of their speeds [m/s].
-    people : People, optional
-        How fast limbs may move, and the clearance that must be left; as for the `Replanner`.
-    options : ReplanningOptions, optional
-        Reach model, time between commands, when somebody is lost.
-    limits : PathLimits, optional
-        Of joints, tool and links. Default: those of the robot's joints.
-    motion : MotionProver, optional
-        Proves motions among still obstacles, as for the `Replanner`. If it has a tube (`Separation.tube`), all that is
-        said holds for every robot whose joints are that near to the command at any time, beside people, too.
-
-    Raises
-    ------
-    UnknownNameError
-        If the scene has no obstacle of a name in `objects`.
-    InputError
-        If a number is out of its range; if the motion is of another robot or of another scene; if the speed of tool or
-        links is limited within a tube, which bounds positions only.
+    Parameters are those of `Guard`.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        trackers: Mapping[str, Tracker],
-        objects: Mapping[str, float] | None = None,
-        *,
-        people: People | None = None,
-        options: ReplanningOptions | None = None,
-        limits: PathLimits | None = None,
-        motion: MotionProver | None = None,
-    ) -> None:
-        options = ReplanningOptions() if options is None else options
-        self._guard = guard = Guard(robot, scene, trackers, objects, people, options, motion)
-        self.robot, self.tick, self.motion = robot, guard.tick, guard.motion
-        self.surroundings = guard.surroundings
-        self.limits = PathLimits(RateLimits.of(robot)) if limits is None else limits
-        if self.motion.separation.tube and (self.limits.tool_speed or self.limits.link_speed):
-            raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
-        self._window = self.tick + 0.5 / least_brake(self.limits.joints) + 2 * _CELL
-        self._rest: GuardedPath | None = None
-        self._time = 0.0  # of the newest command
-        self._proposal: Positions | Velocity | None = None
-        self._refused = _NOTHING
-        self._way: _Way | None = None  # that the last command follows
-        # When the newest proposal began [s], unknown until its first command, and where in it the robot joins.
-        self._clock = self._begin = np.nan
+    _rest: GuardedPath | None = None
+    _time = 0.0  # of the newest command
+    _proposal: Positions | Velocity | None = None
+    _refused = _NOTHING
+    _way: _Way | None = None  # that the last command follows
+    # When the newest proposal began [s], unknown until its first command, and where in it the robot joins.
+    _clock = _begin = np.nan
 
-    def __repr__(self) -> str:
-        return f"Shield({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
+    @cached_property
+    def limits(self) -> PathLimits:
+        """Limits of joints, tool and links."""
+        given = self.options.limits
+        return PathLimits(RateLimits.of(self.robot)) if given is None else given
+
+    @cached_property
+    def _window(self) -> float:
+        """How much of a proposal is proven at a time [s]: a tick and the longest stop."""
+        return self.tick + 0.5 / least_brake(self.limits.joints) + 2 * _CELL
 
     # ----------------------------------------------------------------------------------------------- what is called
 
@@ -142,7 +103,7 @@ class Shield:
         InputError
             If the robot moves, or `q` is no configuration within the joint limits.
         """
-        last = self._guard.last
+        last = self._last
         if last is not None and last.doing not in (Doing.DONE, Doing.STANDING):
             raise InputError("the robot still moves: start when it stands or is done")
         here = self.robot.configuration(q)
@@ -156,14 +117,8 @@ class Shield:
         # The first proof makes and loads what all need: here, and not within the first tick.
         self._verdict(piece)
         rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), ReachSets.none(), 0.0, 0.0)
-        self._guard.last, self._way = None, None
+        self._last, self._way = None, None
         self._proposal, self._refused = None, _NOTHING
-
-    def update(
-        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
-    ) -> list[ReachViolation]:
-        """Take what sensors saw, and return who moved farther than promised; see `Replanner.update`."""
-        return self._guard.update(people, objects, time)
 
     def propose(self, motion: Any, rate: float | None = None, start: float | None = None) -> bool:
         """Propose a chunk of positions, or a spline; return whether it can be used.
@@ -217,8 +172,8 @@ class Shield:
         """
         if self._rest is None:
             raise InputError("start where the robot stands first")
-        guard, last = self._guard, self._guard.last
-        s, speed = guard.place(time)
+        last = self._last
+        s, speed = self._place(time)
         path = self._rest if last is None else last.path
         found, why, progress = None, self._refused, 0.0
         if self._proposal is not None:
@@ -232,14 +187,14 @@ class Shield:
                     found = _explained(found, way, s0, self.tick)
         follows = found is not None
         if found is None:
-            found = guard.kept(path, s, speed, time)
+            found = self._kept(path, s, speed, time)
             found = replace(found, reason=why) if why else found
         delay, self._time = 0.0, time
         if not follows and isinstance(self._proposal, Velocity):  # whoever gives velocities gives a new one
             self._proposal, self._refused = None, "no new velocity was proposed"
         if self._proposal is not None:
             delay = max(0.0, min(time + self.tick - self._clock, self._proposal.duration) - progress)
-        return guard.given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
+        return self._given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
 
     def log_header(self) -> dict[str, Any]:
         """Return the header of a log of ticks (`safe_ompl.io.TicksFile`, `safe_ompl.apps.exchange.McapLog`)."""
@@ -254,7 +209,7 @@ class Shield:
         InputError
             If there was no command yet.
         """
-        last, around = self._guard.last, self.surroundings
+        last, around = self._last, self.surroundings
         if not isinstance(last, ShieldCommand):
             raise InputError("there was no command yet")
         seen = {name: track.keypoints for name, track in around.people.items()}
@@ -281,13 +236,13 @@ class Shield:
         Where people do not allow the proposed speed, ṡ is also bounded near to what it is: bends then take less of the
         accelerations, so that the stop is shorter.
         """
-        found = self._guard.next(path, s, speed, time)
+        found = self._next(path, s, speed, time)
         if found is not None and found.doing in (Doing.MOVING, Doing.DONE):
             return found
         speeds = np.minimum(np.sqrt(path.squares), speed + _FASTER)
         brakes = braking(path.curve.cells(_CELL), self.limits.joints, speeds)
         slow = replace(path, squares=speeds * speeds, brakes=np.minimum(brakes, _HARDEST))
-        other = self._guard.next(slow, s, speed, time)
+        other = self._next(slow, s, speed, time)
         commands = [command for command in (found, other) if command is not None]
         return max(commands, key=lambda command: command.motion.at(self.tick)[0], default=None)
 
@@ -309,7 +264,7 @@ class Shield:
 
     def _next_way(self, time: float, s: float, speed: float) -> tuple[_Way | None, float, float, str]:
         """Return on which way the robot goes on, from which s and ṡ on; if there is none, why."""
-        proposal, way, last = self._proposal, self._way, self._guard.last
+        proposal, way, last = self._proposal, self._way, self._last
         assert proposal is not None
         assert self._rest is not None
         if np.isnan(self._clock):
@@ -369,11 +324,11 @@ class Shield:
         """Return the verdict on a piece among what stands still."""
         t = piece.length
         powers = np.array([piece.start, t * piece.slope, t * t / 2 * piece.bend, t * t * t / 6 * piece.swing])
-        return self.motion.check_curve(powers)
+        return self.prover.check_curve(powers)
 
     def _path(self, pieces: list[Piece]) -> GuardedPath:
         curve = BlendedCurve(pieces, [])
-        path = GuardedPath.along(self._guard.bodies, curve, self.limits, _CELL, proposed_cap)
+        path = GuardedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
         return replace(path, brakes=np.minimum(path.brakes, _HARDEST))
 
 

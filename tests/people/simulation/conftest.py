@@ -54,6 +54,6 @@ def to_and_fro(panda):
 
     def make(replanner):
         limits = RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS)
-        return [time_path(way, panda, limits, motion=replanner.motion) for way in (WAYS, WAYS[::-1])]
+        return [time_path(way, panda, limits, motion=replanner.prover) for way in (WAYS, WAYS[::-1])]
 
     return make

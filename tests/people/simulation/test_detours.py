@@ -51,7 +51,7 @@ def test_what_is_driven_on_other_ways_is_free(replanner_for, to_and_fro):
     commands = driven(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
     for command in commands:
         for t in np.linspace(command.time, command.time + 0.05, 4):
-            assert not replanner.motion.checker.in_collision(command.at(t).q)
+            assert not replanner.prover.checker.in_collision(command.at(t).q)
 
 
 def test_nothing_is_looked_for_where_the_way_is_clear(replanner_for, to_and_fro):
@@ -66,7 +66,7 @@ def test_nothing_is_looked_for_where_the_way_is_clear(replanner_for, to_and_fro)
 def roadmap(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
     limits = PathLimits(RateLimits.of(panda, acceleration=10.0))
-    found = DetourRoadmap(replanner.motion, RobotBodies(panda), limits)
+    found = DetourRoadmap(replanner.prover, RobotBodies(panda), limits)
     way = to_and_fro(replanner)[0]
     found.cover(way.curve)
     return found, replanner, way
@@ -117,7 +117,7 @@ def test_ways_are_free_and_end_where_they_must(roadmap):
     points, time = roadmap.quickest(start, goal, around(replanner, FAR), 30.0, Budget(2000))
     np.testing.assert_array_equal(points[0], start)
     np.testing.assert_allclose(points[-1], goal, atol=1e-9)
-    assert all(replanner.motion.is_free(a, b) for a, b in pairwise(points))
+    assert all(replanner.prover.is_free(a, b) for a, b in pairwise(points))
     assert 0 < time < 30
     assert roadmap.quickest(start, goal, around(replanner, FAR), 0.1, Budget(2000)) is None
 
@@ -130,7 +130,7 @@ def slowed(replanner, to_and_fro, panda, way=0, **speeds):
         [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785],
     ]
     limits = to_and_fro(replanner)[0].limits
-    return time_path(path[::-1] if way else path, panda, limits, motion=replanner.motion, **speeds)
+    return time_path(path[::-1] if way else path, panda, limits, motion=replanner.prover, **speeds)
 
 
 def fastest(panda, commands, points):
@@ -229,20 +229,20 @@ def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro):
     scene = Scene((*table, post))
     still = MotionProver(CollisionChecker(panda, scene.without("ball")))
     motion = still.with_min_clearance(0.1, ["post"])
-    replanner = Replanner(panda, scene, {}, {"ball": 0.1}, motion=motion)
+    replanner = Replanner(panda, scene, {}, {"ball": 0.1}, prover=motion)
     commands = driven(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
     assert len({id(command.path) for command in commands}) > 1
     nearest = [
-        replanner.motion.separation.required(motion.checker).violating_pair(command.at(t).q)
+        replanner.prover.separation.required(motion.checker).violating_pair(command.at(t).q)
         for command in commands
         for t in np.linspace(command.time, command.time + 0.05, 4)
     ]
     assert not any(nearest)
-    with pytest.raises(InputError, match=r"motion: 'ball' is in its scene, but it moves"):
-        Replanner(panda, table, {}, {"ball": 0.1}, motion=MotionProver(CollisionChecker(panda, table)))
+    with pytest.raises(InputError, match=r"prover: 'ball' is in its scene, but it moves"):
+        Replanner(panda, table, {}, {"ball": 0.1}, prover=MotionProver(CollisionChecker(panda, table)))
     empty = MotionProver(CollisionChecker(panda, scene.without("ball", "post")))
-    with pytest.raises(InputError, match=r"motion: 'post' is not in its scene"):
-        Replanner(panda, scene, {}, {"ball": 0.1}, motion=empty)
+    with pytest.raises(InputError, match=r"prover: 'post' is not in its scene"):
+        Replanner(panda, scene, {}, {"ball": 0.1}, prover=empty)
 
 
 def test_paths_are_cut_and_joined_as_they_were(panda):

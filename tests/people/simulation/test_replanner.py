@@ -8,7 +8,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError, People, Pose, RateLimits, Replanner, UnknownNameError, time_path
+from safe_ompl import (
+    CollisionChecker,
+    InputError,
+    MotionProver,
+    People,
+    Pose,
+    RateLimits,
+    Replanner,
+    UnknownNameError,
+    time_path,
+)
 from safe_ompl.geometry import STANDING
 from safe_ompl.people import AccelerationReach, IntersectedReach, SpeedReach
 from safe_ompl.people.replanning import Doing, ReplanningOptions
@@ -106,7 +116,7 @@ def test_a_ball_never_touches_a_robot_on_other_ways_under_caps(replanner_for, to
     replanner = replanner_for("ball", ball=0.1)
     way = to_and_fro(replanner)[0]
     points = way.curve.at(np.array([0.0, 0.5, 1.0]) * way.curve.length).q
-    slow = time_path(points, panda, way.limits, motion=replanner.motion, tool_speed=1.0, link_speed=1.5)
+    slow = time_path(points, panda, way.limits, motion=replanner.prover, tool_speed=1.0, link_speed=1.5)
     assert ball_attack(replanner, slow, begin, (0.55, 0.0, 0.45), 0.1, think=True) > 0
 
 
@@ -282,5 +292,8 @@ def test_former_names_still_work_and_say_what_to_write(panda, table):
         replanner = Replanner(panda, table, {}, {"ball": 0.1}, tick=0.04, seed=3)
     assert replanner.tick == 0.04
     assert replanner.options == ReplanningOptions(tick=0.04, seed=3)
+    prover = MotionProver(CollisionChecker(panda, table.without("ball")))
+    with pytest.warns(DeprecationWarning, match=r"give prover=…"):
+        assert Replanner(panda, table, {}, {"ball": 0.1}, motion=prover).prover is prover
     with pytest.raises(TypeError, match="speed"):
         Replanner(panda, table, {}, speed=1.0)

@@ -89,7 +89,7 @@ def test_what_is_touched_already_or_passed_a_corner_does_not_recede(panda, bodie
 def test_a_retreat_leads_away_from_all_who_are_near_and_back_and_none_if_nobody_is(
     panda, replanner_for, bodies, limits
 ):
-    retreats = Retreats(replanner_for("ball").motion, bodies, limits)
+    retreats = Retreats(replanner_for("ball").prover, bodies, limits)
     q = np.array([0.0, -0.4, 0, -2.0, 0, 2.0, 0.785])
     goal = q + 0.6 * np.eye(7)[0]
     way = GuardedPath.along(bodies, line(q, goal), limits)

@@ -19,7 +19,7 @@ from safe_ompl import (
     Shield,
 )
 from safe_ompl.collision import Separation
-from safe_ompl.people.replanning import Doing, PathLimits
+from safe_ompl.people.replanning import Doing, PathLimits, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor
 from safe_ompl.people.simulation.movers import Solid
 
@@ -43,8 +43,8 @@ def shield_for(panda, table):
             {},
             {"ball": speed},
             people=People(**people),
-            limits=PathLimits(limits),
-            motion=proof,
+            options=ReplanningOptions(limits=PathLimits(limits)),
+            prover=proof,
         )
         shield.start(HOME)
         return shield
@@ -383,4 +383,4 @@ def test_what_cannot_be_is_refused(shield_for, panda, table):
     wide = MotionProver(CollisionChecker(panda, table), separation=Separation(tube=(0.01,) * 7))
     fast = PathLimits(RateLimits.of(panda), tool_speed=1.0)
     with pytest.raises(InputError, match="tube: bounds positions"):
-        Shield(panda, table, {}, limits=fast, motion=wide)
+        Shield(panda, table, {}, options=ReplanningOptions(limits=fast), prover=wide)

@@ -370,10 +370,10 @@ def test_a_scenarios_limits_reach_the_replanner(tmp_path):
     job = options.prepare(options)
     replanner = job.keywords["replanner"]
     assert replanner.people.clearance == 0.04
-    kept = replanner.motion.separation.min_clearance
+    kept = replanner.prover.separation.min_clearance
     assert (kept.distance, kept.obstacles) == (0.04, ("table",))
     assert replanner.surroundings.objects["parcel"].speed == 0.1
-    assert "parcel" not in replanner.still.names
+    assert "parcel" not in replanner.surroundings.still.names
     assert job() == 0
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["contacts_while_moving"] == 0
 
@@ -385,4 +385,4 @@ def test_limits_of_danger_hold_for_what_stands_still_and_are_said_not_to_for_who
     options = command_line().parse_args(["live", *words, "--movers", "1"])
     job = options.prepare(options)
     replanner = job.keywords["replanner"]
-    assert [limit.limit for limit in replanner.motion.limits] == [50.0]
+    assert [limit.limit for limit in replanner.prover.limits] == [50.0]
