@@ -86,13 +86,17 @@ def simulation(
     count: int = 20,
     reach: CalibratedReach | None = None,
     near: bool = False,
+    gate: float | None = None,
 ) -> Simulation:
-    """Return the simulation of one clip at one place; with a reach of the limbs that were calibrated."""
+    """Return the simulation of one clip at one place; with a reach of the limbs that were calibrated.
+
+    Key points that are faster than the gate [m/s] are glitches; a reach has a gate of its own.
+    """
     scenario = Scenario.load(find_scenario("panda_shelf"))
     robot = scenario.build_robot()
     recording = Recording.load(file, clip)
     pose = places(recording, count, seed=sum(map(ord, file.stem + clip)), near=near)[place]
-    tracker = Tracker(recording.skeleton, TrackedBody(), pose)
+    tracker = Tracker(recording.skeleton, TrackedBody(), pose, gate=gate)
     if reach is not None:
         tracker = replace(tracker, body=TrackedBody(only=reach.limbs), gate=reach.gate)
     people = People(speed=1.6, speeds=HANDS, contact=policy == "contact")
@@ -113,12 +117,15 @@ def simulation(
     return one
 
 
-def run(job: tuple[Path, str, int, str, float, int, CalibratedReach | None, bool]) -> dict[str, Any]:
+def run(
+    job: tuple[Path, str, int, str, float, int, CalibratedReach | None, bool, float | None],
+) -> dict[str, Any]:
     """Run one simulation, and return its summary."""
-    file, clip, place, policy, seconds, count, reach, near = job
+    file, clip, place, policy, seconds, *how = job
     logging.disable(logging.WARNING)
     begin = process_time()
-    one = simulation(file, clip, place, policy, count=count, reach=reach, near=near)
+    options = dict(zip(("count", "reach", "near", "gate"), how, strict=True))
+    one = simulation(file, clip, place, policy, **options)
     duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
     ticks = list(one.ticks(duration))
     beside = [tick["state"] for tick in ticks if (tick["distance"] or 0.0) < _BESIDE]
@@ -238,6 +245,8 @@ def main() -> None:
     parser.add_argument(
         "--near", action="store_true", help="people within arm's reach, who face the robot, at every place"
     )
+    parser.add_argument("--gate", type=float, metavar="V", help="key points above V m/s are glitches")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the sample")
     parser.add_argument("--policies", default=",".join(POLICIES))
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     parser.add_argument("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
@@ -245,6 +254,8 @@ def main() -> None:
     files = sorted(options.folder.glob("*.npz"))
     if not files:
         parser.error(f"no .npz files in {options.folder}")
+    if options.gate is not None and options.reach is not None:
+        parser.error("--gate: a reach has a gate of its own")
     logging.disable(logging.WARNING)
     reach = None if options.reach is None else CalibratedReach.load(options.reach)
     if options.memory:
@@ -257,10 +268,10 @@ def main() -> None:
         for place in range(options.places)
     ]
     if 0 < options.sample < len(situations):
-        chosen = np.random.default_rng(0).choice(len(situations), options.sample, replace=False)
+        chosen = np.random.default_rng(options.seed).choice(len(situations), options.sample, replace=False)
         situations = [situations[k] for k in sorted(chosen.tolist())]
     jobs = [
-        (*situation, policy, options.seconds, options.places, reach, options.near)
+        (*situation, policy, options.seconds, options.places, reach, options.near, options.gate)
         for situation in situations
         for policy in options.policies.split(",")
     ]

@@ -239,7 +239,8 @@ class BlendedCurve:
     def between(self, edges: FloatArray) -> Cells:
         """Return the cells between arc lengths `edges: (N + 1,)`, among which are all ends of pieces."""
         ends = np.append(self.starts[1:], self.length)
-        last = np.searchsorted(edges, ends, side="right") - 1
+        # Sums of lengths are rounded: an end of a piece is the edge that is nearest.
+        last = np.searchsorted(0.5 * (edges[1:] + edges[:-1]), ends)
         first = np.append(0, last[:-1])
         rows = zip(self.starts, first, last, strict=True)
         return self._cells([edges[a : b + 1] - start for start, a, b in rows])

@@ -11,6 +11,7 @@ from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Re
 from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.people.replanning import DetourRoadmap, Doing, GuardedPath, PathLimits, PeopleNow, RobotBodies
 from safe_ompl.people.replanning.detours import Budget
+from safe_ompl.people.replanning.retreat import line
 
 FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
 BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}
@@ -266,3 +267,15 @@ def test_paths_are_cut_and_joined_as_they_were(panda):
     assert whole.ceiling[len(part.brakes)] == 0  # it stops where they meet
     np.testing.assert_allclose(whole.curve.at(np.array([whole.length])).q[0], points[0], atol=1e-12)
     assert len(whole.brakes) == len(whole.travel) == len(whole.frames[0]) == len(whole.edges) - 1
+
+
+def test_joined_paths_have_an_acceleration_in_every_cell_however_lengths_are_rounded(panda):
+    limits, bodies = PathLimits(RateLimits.of(panda, acceleration=10.0)), RobotBodies(panda)
+    points = np.array([0, 0, 0, -2.0, 0, 2, 0.7]) + 0.1 * np.random.default_rng(0).uniform(size=(31, 7))
+    ways = [GuardedPath.along(bodies, line(a, b), limits) for a, b in pairwise(points)]
+    whole, rounded = ways[-1], 0
+    for way in ways[-2::-1]:
+        whole = way.then(whole)
+        rounded += whole.length != whole.curve.length
+        assert len(whole.accelerations) == len(whole.brakes)
+    assert rounded
