@@ -31,7 +31,7 @@ from safe_ompl import People, Pose, RateLimits, Scenario, time_path
 from safe_ompl.people import CalibratedReach
 from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
-from safe_ompl.people.simulation.simulation import Simulation
+from safe_ompl.people.simulation.simulation import Faults, Simulation
 from safe_ompl.people.skeletons import Recording, TrackedBody, facing, list_clips
 from safe_ompl.people.tracking import Tracker
 from safe_ompl.scene.scenario import find_scenario
@@ -48,11 +48,13 @@ POLICIES: dict[str, Any] = {
     "quarter-speed": QuarterSpeed,
     "alone": Careless,
 }
+TICK = 0.05  # [s]
 OURS = ("ours", "contact", "staying")
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
 _HIP = 0.15  # [m] above the base
 _ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
 _CONTACTS = ("while_moving", "after_violations", "at_rest", "retreating")
+_LATENCY = 0.4  # of a tick, from a measurement to the command that answers it
 _BESIDE = 0.4  # [m] who is nearer than that is beside the robot
 
 
@@ -87,10 +89,12 @@ def simulation(
     reach: CalibratedReach | None = None,
     near: bool = False,
     gate: float | None = None,
+    tick: float = TICK,
 ) -> Simulation:
     """Return the simulation of one clip at one place; with a reach of the limbs that were calibrated.
 
-    Key points that are faster than the gate [m/s] are glitches; a reach has a gate of its own.
+    Key points that are faster than the gate [m/s] are glitches; a reach has a gate of its own. People are measured, and
+    commands given, at every tick [s], and a command holds two fifths of a tick after its measurement.
     """
     scenario = Scenario.load(find_scenario("panda_shelf"))
     robot = scenario.build_robot()
@@ -105,26 +109,27 @@ def simulation(
         scenario.scene,
         {"operator": tracker},
         people=people,
-        options=ReplanningOptions(reach, detours=policy in OURS, retreats=policy in OURS[:2]),
+        options=ReplanningOptions(reach, tick, detours=policy in OURS, retreats=policy in OURS[:2]),
     )
     limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
     path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
     ways = [time_path(way, robot, limits, motion=replanner.prover) for way in (path, path[::-1])]
-    one = Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, monitored=monitored)
+    operator, faults = Playback(recording, tracker), Faults(latency=_LATENCY * tick)
+    one = Simulation(replanner, ways, {"operator": operator}, faults=faults, monitored=monitored)
     if monitored:
         one.monitor = TouchJudge(robot, replanner.surroundings.still, people, tracker.body.height)
     return one
 
 
 def run(
-    job: tuple[Path, str, int, str, float, int, CalibratedReach | None, bool, float | None],
+    job: tuple[Path, str, int, str, float, int, CalibratedReach | None, bool, float | None, float],
 ) -> dict[str, Any]:
     """Run one simulation, and return its summary."""
     file, clip, place, policy, seconds, *how = job
     logging.disable(logging.WARNING)
     begin = process_time()
-    options = dict(zip(("count", "reach", "near", "gate"), how, strict=True))
+    options = dict(zip(("count", "reach", "near", "gate", "tick"), how, strict=True))
     one = simulation(file, clip, place, policy, **options)
     duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
     ticks = list(one.ticks(duration))
@@ -246,6 +251,9 @@ def main() -> None:
         "--near", action="store_true", help="people within arm's reach, who face the robot, at every place"
     )
     parser.add_argument("--gate", type=float, metavar="V", help="key points above V m/s are glitches")
+    parser.add_argument(
+        "--tick", type=float, default=TICK, metavar="S", help="between measurements, and between commands"
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the sample")
     parser.add_argument("--policies", default=",".join(POLICIES))
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
@@ -271,7 +279,7 @@ def main() -> None:
         chosen = np.random.default_rng(options.seed).choice(len(situations), options.sample, replace=False)
         situations = [situations[k] for k in sorted(chosen.tolist())]
     jobs = [
-        (*situation, policy, options.seconds, options.places, reach, options.near, options.gate)
+        (*situation, policy, options.seconds, options.places, reach, options.near, options.gate, options.tick)
         for situation in situations
         for policy in options.policies.split(",")
     ]
