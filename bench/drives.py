@@ -48,7 +48,7 @@ def main() -> None:
         drive |= {"sha256": checksum(file), "clip": clip, "gate": GLITCH, "seconds": options.seconds}
         drive |= {"place": one.world.people["operator"].tracker.place.to_mapping()}
         drives.append({**drive, "start": there, "goals": [back, there]})
-    problems, scene = out / "drives.json", carried_scene(one.replanner.still)
+    problems, scene = out / "drives.json", carried_scene(one.replanner.surroundings.still)
     content = {"format": "safe-ompl drives", "robot": "panda", "scene": scene, "drives": drives}
     problems.write_text(json.dumps(content), encoding="utf-8")
     for policy in options.policies.split(","):
