@@ -15,7 +15,8 @@ from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person
 from safe_ompl.geometry.kernels import extreme_vertices
-from safe_ompl.robot import Robot
+from safe_ompl.robot import JointLimits, Robot
+from safe_ompl.robot.kernels import descend, steer
 from safe_ompl.scene import Scenario, Scene, find_scenario
 
 _MARGIN = 1.0  # [m] any
@@ -34,8 +35,12 @@ def small_robot() -> Robot:
 
 
 def ask_for_danger() -> None:
-    """Call what the danger of a configuration needs."""
+    """Call what danger and steps need."""
     robot = small_robot()
+    step, q, wraps = np.ones((2, robot.n)), np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
+    steer(q, q + _MARGIN, wraps, _MARGIN, step)
+    descend(step, q, _MARGIN, q, q, wraps)
+    JointLimits(robot).hold(q)
     DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
 
 

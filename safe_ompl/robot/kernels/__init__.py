@@ -8,6 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.robot.kernels.kinematics import (
+        descend,
         joint_frames,
         lay_edge,
         move_joints,
@@ -16,11 +17,13 @@ if TYPE_CHECKING:
         place_keypoints,
         pull,
         pull_back_motion,
+        steer,
         way,
         within,
     )
 
 __all__ = [
+    "descend",
     "joint_frames",
     "lay_edge",
     "move_joints",
@@ -29,6 +32,7 @@ __all__ = [
     "place_keypoints",
     "pull",
     "pull_back_motion",
+    "steer",
     "way",
     "within",
 ]

@@ -1,4 +1,4 @@
-"""Kinematics of a tree of joints: frames, key points, their velocities, and gradients pulled back to the joints.
+"""Kinematics of a tree of joints: frames, key points, their velocities, gradients pulled back to the joints; steps.
 
 Joint i turns about its axis a_i, or slides along it. With its placement (R⁰_i, t⁰_i) in the frame of its parent
 
@@ -10,12 +10,12 @@ children, and have Pinocchio's numbers: 0 is the base, joint i of a table is Pin
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import cos, inf, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, compiled, part
+from safe_ompl.common import BoolArray, FloatArray, compiled, part
 
 _ROUND = 2 * pi
 JOINT = np.dtype(
@@ -269,6 +269,47 @@ def way(start: float, end: float, wraps: bool) -> float:
     """Return the motion from one value of a joint to another, the short way round if it wraps."""
     delta = end - start
     return delta - _ROUND * np.rint(delta / _ROUND) if wraps else delta
+
+
+@compiled
+def steer(q: FloatArray, target: FloatArray, wraps: BoolArray, step: float, out: FloatArray) -> float:
+    """Write where a step from q towards a target (n,) leads, and its direction, (2, n); return ρ(q, target).
+
+    A step leads no farther than to the target. There is no direction, NaN, where the target is q itself.
+    """
+    length = 0.0
+    for i in range(len(q)):
+        out[1, i] = way(q[i], target[i], wraps[i])
+        length += out[1, i] * out[1, i]
+    length = sqrt(length)
+    for i in range(len(q)):
+        out[0, i] = target[i] if length <= step else q[i] + (step / length) * out[1, i]
+        out[1, i] /= length
+    return length
+
+
+@compiled
+def descend(
+    step: FloatArray, slope: FloatArray, reach: float, lower: FloatArray, upper: FloatArray, wraps: BoolArray
+) -> bool:
+    """Write into the second row of `step: (2, n)`, a place and a direction, the place moved down a slope (n,).
+
+    It is moved at right angles to the direction, by at most `reach`, less where the slope is below 1, and stays within
+    the bounds; those that wrap are brought into [−π, π). Returns whether there is such a motion.
+    """
+    n, along, steepness = len(slope), 0.0, 0.0
+    for i in range(n):
+        along += slope[i] * step[1, i]
+    for i in range(n):
+        step[1, i] = slope[i] - along * step[1, i]
+        steepness += step[1, i] * step[1, i]
+    steepness = sqrt(steepness)
+    if not 0.0 < steepness < inf:
+        return False
+    for i in range(n):
+        q = step[0, i] - (reach * min(1.0, steepness) / steepness) * step[1, i]
+        step[1, i] = (q + pi) % _ROUND - pi if wraps[i] else min(max(q, lower[i]), upper[i])
+    return True
 
 
 @part

@@ -6,8 +6,7 @@ import pytest
 from safe_ompl import CollisionChecker, SafeSetup, Scenario
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import CertifiedMotionValidator, StateBridge, joint_space
-from safe_ompl.planning.planners.parts import kernels
-from safe_ompl.robot import JointLimits
+from safe_ompl.robot import JointLimits, kernels
 from safe_ompl.scene import find_scenario
 
 PLANNERS = ["SafeRRTConnect", "ClassicRRTConnect"]

@@ -12,10 +12,10 @@ import numpy as np
 
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import StateBridge
-from safe_ompl.planning.planners.parts import kernels as kernel
 from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 from safe_ompl.robot import plain
+from safe_ompl.robot.kernels import descend, steer
 
 _RARE = 4  # if obstacles refuse so many times as many steps as danger does, proofs go first
 _SHORTEST = 0.05  # of a whole step
@@ -35,7 +35,7 @@ def steered(bridge: StateBridge, q: FloatArray, target: FloatArray, step: float)
     A step leads no farther than to the target. There is no direction, NaN, where the target is `q` itself.
     """
     moved: FloatArray = np.empty((2, len(q)))
-    return float(kernel.steer(q, plain(target), bridge.circular, step, moved)), moved
+    return float(steer(q, plain(target), bridge.circular, step, moved)), moved
 
 
 def straight_extension(
@@ -82,7 +82,7 @@ class TangentialDescent:
             return None
         slope = gradient() if gradient else self._danger.cost.value_and_gradient(step[0])[1]
         bridge, slope = self._bridge, slope / self._danger.slope
-        if not kernel.descend(step, slope, reach, bridge.lower, bridge.upper, bridge.circular):
+        if not descend(step, slope, reach, bridge.lower, bridge.upper, bridge.circular):
             return None
         moved: FloatArray = step[1]
         return moved

@@ -1,4 +1,4 @@
-"""Steps, and the nearest of many nodes: a scan, and a tree of boxes for many nodes.
+"""Nearest of many nodes: a scan, and a tree of boxes for many nodes.
 
 The distance ρ is Euclidean, coordinates that wrap going the short way round. Sought is argmin ρ + α·cost, of equal ones
 the first. The leaves of the tree hold up to 32 nodes each, coordinate by coordinate, so that processors compute their
@@ -42,47 +42,6 @@ class BoxTree(NamedTuple):
     homes: IntArray  # (N,)
     prices: FloatArray  # (N,)
     used: IntArray  # (3,)
-
-
-@compiled
-def steer(q: FloatArray, target: FloatArray, wraps: BoolArray, step: float, out: FloatArray) -> float:
-    """Write where a step from q towards a target (n,) leads, and its direction, (2, n); return ρ(q, target).
-
-    A step leads no farther than to the target. There is no direction, NaN, where the target is q itself.
-    """
-    length = 0.0
-    for i in range(len(q)):
-        out[1, i] = way(q[i], target[i], wraps[i])
-        length += out[1, i] * out[1, i]
-    length = sqrt(length)
-    for i in range(len(q)):
-        out[0, i] = target[i] if length <= step else q[i] + (step / length) * out[1, i]
-        out[1, i] /= length
-    return length
-
-
-@compiled
-def descend(
-    step: FloatArray, slope: FloatArray, reach: float, lower: FloatArray, upper: FloatArray, wraps: BoolArray
-) -> bool:
-    """Write into the second row of `step: (2, n)`, a place and a direction, the place moved down a slope (n,).
-
-    It is moved at right angles to the direction, by at most `reach`, less where the slope is below 1, and stays within
-    the bounds; those that wrap are brought into [−π, π). Returns whether there is such a motion.
-    """
-    n, along, steepness = len(slope), 0.0, 0.0
-    for i in range(n):
-        along += slope[i] * step[1, i]
-    for i in range(n):
-        step[1, i] = slope[i] - along * step[1, i]
-        steepness += step[1, i] * step[1, i]
-    steepness = sqrt(steepness)
-    if not 0.0 < steepness < inf:
-        return False
-    for i in range(n):
-        q = step[0, i] - (reach * min(1.0, steepness) / steepness) * step[1, i]
-        step[1, i] = (q + pi) % _ROUND - pi if wraps[i] else min(max(q, lower[i]), upper[i])
-    return True
 
 
 @part
