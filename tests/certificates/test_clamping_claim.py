@@ -32,7 +32,7 @@ from safe_ompl.io.schema import digest
 from safe_ompl.scene import find_scenario
 
 WIDTHS = np.array([0.05, 0.2, np.inf])
-CELLS, SAMPLES = 6, 15
+CELLS, SAMPLES = 6, 8
 REACTION = 0.3  # [s]
 
 
@@ -46,7 +46,7 @@ def test_no_gap_closes_faster_than_its_bound(name):
         tuple(Obstacle(f"box{k}", Box((0.1, 0.2, 0.3)), Pose(tuple(at))) for k, at in enumerate(boxes))
     )
     gaps, plain, closest = Gaps(robot, scene), PlainGaps(robot, scene, ()), 0.0
-    for _ in range(4):
+    for _ in range(3):
         start, first, second, third = rng.uniform(-1, 1, (4, robot.n))
         piece = PlainPiece(start, first, second, third, 0.6)
         edges = np.linspace(0.0, piece.length, CELLS + 1)
@@ -102,7 +102,7 @@ def test_no_limb_is_clamped_faster_than_is_claimed(handover):
     )
     slow = np.array([stops["contact"][part][1] for part in parts])
     gaps, plain, met = Gaps(robot, scene.without(who)), PlainGeometry(robot, scene), 0
-    for begin in np.linspace(0, 0.999 * made.duration, 60):
+    for begin in np.linspace(0, 0.999 * made.duration, 40):
         stop = made.stop_from(begin)
         for t in np.linspace(0, stop.duration * (1 - 1e-6), 6):
             q, qd, _ = stop.at(float(t))
@@ -115,7 +115,7 @@ def test_no_limb_is_clamped_faster_than_is_claimed(handover):
             gaps.place(q, qd)
             met += int(there.sum())
             assert (gaps.closing(widths)[there] <= slow[there] * (1 + 1e-9)).all()
-    assert met > 500
+    assert met > 300
 
 
 def test_slower_gaps_are_refused_whatever_the_speed_of_contact(handover):

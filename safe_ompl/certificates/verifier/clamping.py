@@ -112,22 +112,18 @@ class PlainGaps:
         world = np.append(world, np.zeros(len(self._obstacles)))
         pairs, sides = np.array(self._pairs).reshape(-1, 2), np.array(self._sides).reshape(-1, 2)
         rates = np.minimum(own[sides].sum(axis=1), world[pairs].sum(axis=1))
-        found = np.zeros(len(widths))
+        # Whatever is of no known thickness may be caught in any gap.
+        found = np.where(np.isinf(widths), rates.max(initial=0.0), 0.0)
+        left = np.where(np.isinf(widths), -inf, widths)
         places = [self._speeds.place_of(link) for link in self._links]
-        left = widths.copy()
+        sides_of = [*zip((link.geometry for link in self._links), places, strict=True), *self._obstacles]
         for p in np.argsort(-rates).tolist():  # the first one that a limb fits in says how fast
-            reach = float(left.max(initial=-inf))
-            if reach == -inf or rates[p] <= 0:
+            if left.max(initial=-inf) == -inf or rates[p] <= 0:
                 break
-            (a, b), rate = self._pairs[p], float(rates[p])
-            other = (
-                (self._links[b].geometry, places[b]) if b < len(places) else self._obstacles[b - len(places)]
-            )
-            apart = -inf
-            if np.isfinite(reach):
-                apart = Separations.distance(self._links[a].geometry, places[a], *other) - _GJK - half * rate
+            a, b = self._pairs[p]
+            apart = Separations.distance(*sides_of[a], *sides_of[b]) - _GJK - half * float(rates[p])
             fits = apart <= left
-            found[fits], left[fits] = rate, -inf
+            found[fits], left[fits] = rates[p], -inf
         return found
 
 
