@@ -22,7 +22,7 @@ import pinocchio as pin
 from safe_ompl.apps.benchmark import PlainGeometry
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.pose import Pose
+from safe_ompl.geometry import Person, Pose
 from safe_ompl.robot.loading import Attachment
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
@@ -30,6 +30,7 @@ from safe_ompl.scene.scene import Scene
 SAMPLES = 12  # of an edge
 INSTANTS, BEGINS, STOPS = 150, 10, 25  # of a motion, of stops, and of one stop
 ROUNDING = 1e-5
+SOON = 1e-5  # [s] in which a gap closes by a difference
 N = r"(-?[\d.]+(?:e[+-]?\d+)?|inf)"
 SENTENCES = {
     "free": r"every motion is free(, for the (robot|scene|robot and the scene) that the file itself carries)?",
@@ -44,8 +45,9 @@ SENTENCES = {
     "tool speed": rf"the tip is no faster than {N} m/s",
     "link speed": rf"no point of a link, nor the tip, is faster than {N} m/s",
     "stops": rf"it stands before anyone of (.*) who moves no faster than {N} m/s((?:, \S+ {N} m/s)*) "
-    rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*?); "
-    r"that is its own speed, the person's is not counted, and where a limb may be clamped is not claimed)?",
+    rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*?), "
+    r"and no gap that may clamp the limb across closes faster than (.*?); gaps are those between its links, its base "
+    r"and other obstacles where the scene has them; the person's own speed is not counted)?",
     "moving danger": rf"danger in motion at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), "
     rf"k1 {N}, k2 {N}, gamma {N}, points {N} m apart\)",
     "margin": rf"no moving link nearer than {N} mm to any obstacle",
@@ -190,6 +192,16 @@ def samples(claim: Mapping[str, Any], order: int) -> FloatArray:
 
 
 # --------------------------------------------------------------------------------------------------- the judge
+
+
+def breadth(shape: Any, limb: str) -> float:
+    """Return how thick a limb is across [m], the trunk from shoulder to shoulder; infinite of what is no person."""
+    if not isinstance(shape, Person) or not limb:
+        return inf
+    parts = {part.name: part.geometry for part in Person(shape.height).parts()}
+    if limb.split("_")[-1] in ("neck", "shoulders", "torso", "hips", "flank"):
+        return 2.0 * float(parts["shoulders"].halfLength + parts["shoulders"].radius)
+    return 2.0 * float(parts[limb].radius)
 
 
 @dataclass
@@ -405,9 +417,9 @@ class Judge:
     def _stops(
         self, said: tuple[Any, ...], motion: Motion, claim: Mapping[str, Any], acceleration: FloatArray
     ) -> bool:
-        who, speed, limbs, _, clearance, reaction, contact = said
+        who, speed, limbs, _, clearance, reaction, contact, clamping = said
         asked, names = self.terms.get("people", {}), who.split(", ")
-        bears = speeds(contact or "")
+        bears, clamped = speeds(contact or ""), speeds(clamping or "")
         mine = {
             "who": names,
             "speed": float(speed),
@@ -416,8 +428,12 @@ class Judge:
         }
         if any(key in asked and asked[key] != value for key, value in mine.items()):
             return False
-        most = asked.get("contact", {}) if asked else bears
-        if any(bears[part] > most.get(part, 0.0) * (1 + ROUNDING) for part in bears):
+        most = asked.get("contact", {}) if asked else {part: (bears[part], clamped[part]) for part in bears}
+        if bears.keys() != clamped.keys() or any(
+            said > allowed * (1 + ROUNDING)
+            for part in bears
+            for said, allowed in zip((bears[part], clamped[part]), most.get(part, (0.0, 0.0)), strict=True)
+        ):
             return False
         if asked and float(clearance) / 1e3 < asked["clearance"] * (1 - ROUNDING):
             return False
@@ -430,6 +446,24 @@ class Judge:
                 for (_, obstacle, part), distance in zip(self.pairs, apart, strict=True):
                     limb = mine["speeds"].get(part[len(obstacle) + 1 :], mine["speed"])
                     near = distance - limb * (mine["reaction_time"] + t) - float(clearance) / 1e3
-                    if obstacle in names and near < -1e-6 and fast > bears.get(part, 0.0) * (1 + ROUNDING):
+                    if obstacle not in names or near >= -1e-6:
+                        continue
+                    if fast > bears.get(part, 0.0) * (1 + ROUNDING):
                         return False
+                    if not self._gaps(q, qd, names, part, clamped.get(part, 0.0)):
+                        return False
+        return True
+
+    def _gaps(self, q: FloatArray, qd: FloatArray, who: list[str], part: str, slow: float) -> bool:
+        """Return whether no gap in which a part of somebody fits closes faster than a speed [m/s]."""
+        owner = next(name for name in who if part.startswith(name))
+        width = breadth(self.scene[owner].shape, part[len(owner) + 1 :])
+        now, soon = self.distances(q), self.distances(q + SOON * qd)
+        for (_, obstacle, _), here, there in zip(self.pairs, now, soon, strict=True):
+            if (
+                obstacle not in who
+                and 0 < here <= width
+                and here - there > SOON * slow * (1 + ROUNDING) + 1e-9
+            ):
+                return False
         return True

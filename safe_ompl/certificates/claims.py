@@ -198,7 +198,8 @@ def _surface(scene: Scene) -> float:
 class Stops:
     """At whatever instant a person begins to run, the robot stands before they are nearer than the clearance [m].
 
-    Where a contact is claimed no point of the robot is then faster than its speed [m/s].
+    Where a contact is claimed no point of the robot is then faster than the first speed of the limb, and no gap that
+    may clamp the limb closes faster than the second [m/s].
     """
 
     who: tuple[str, ...] = schema.key(_obstacle_names)
@@ -207,7 +208,9 @@ class Stops:
     reaction_time: float = schema.key(_zero_or_more)
     clearance: float = schema.key(_zero_or_more)
     brakes: FloatArray = schema.key(schema.array(None))
-    contact: Mapping[str, float] | None = schema.key(schema.by_name(_zero_or_more), optional=True)
+    contact: Mapping[str, tuple[float, float]] | None = schema.key(
+        schema.by_name(schema.some(_zero_or_more, count=2)), optional=True
+    )
 
     def check(self, scene: Scene) -> None:
         """Raise InputError unless the scene has the people, and they have the limbs."""
@@ -230,11 +233,15 @@ class Stops:
             f"{exact(self.reaction_time)} s"
         )
         if self.contact:
-            slow = ", ".join(f"{part} {at_most(speed)} m/s" for part, speed in self.contact.items())
-            said += (
-                f", or no point of it is faster then than {slow}; that is its own speed, the person's is not "
+            slow, slower = (
+                ", ".join(f"{part} {at_most(speeds[k])} m/s" for part, speeds in self.contact.items())
+                for k in range(2)
             )
-            said += "counted, and where a limb may be clamped is not claimed"
+            said += (
+                f", or no point of it is faster then than {slow}, and no gap that may clamp the limb across closes "
+                f"faster than {slower}; gaps are those between its links, its base and other obstacles where the scene "
+                "has them; the person's own speed is not counted"
+            )
         return said
 
 

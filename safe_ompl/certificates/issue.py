@@ -345,7 +345,10 @@ def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
         "clearance": people.clearance,
     }
     if people.contact:
-        found["contact"] = {part: limb_contact_speed(robot, people, limb) for part, limb in parts.items()}
+        found["contact"] = {
+            part: [limb_contact_speed(robot, people, limb, clamped=clamped) for clamped in (False, True)]
+            for part, limb in parts.items()
+        }
     return found
 
 

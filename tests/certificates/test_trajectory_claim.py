@@ -161,9 +161,9 @@ def test_contacts_are_slow_enough(touching, ur5, scene, plain_check):
     """Whenever the ball may be there, in motion or in a stop, no point of the robot is faster than is claimed."""
     found = verify(touching, ur5, scene)
     stops = touching["trajectory"]["stops"]
-    bears = stops["contact"]["ball"]
-    assert f"or no point of it is faster then than ball {at_most(bears)} m/s; " in found.claims[-1]
-    assert "person's is not counted" in found.claims[-1]
+    bears, _ = stops["contact"]["ball"]
+    assert f"or no point of it is faster then than ball {at_most(bears)} m/s, and no gap " in found.claims[-1]
+    assert "the person's own speed is not counted" in found.claims[-1]
     motion, plain, met = motion_of(touching["trajectory"], ur5), plain_check(ur5, scene), 0
     for begin in np.linspace(0, motion.duration, 15):
         stop = motion.stop_from(begin)
@@ -179,9 +179,13 @@ def test_contacts_are_slow_enough(touching, ur5, scene, plain_check):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"contact": {"ball": 0.0}}, "are needed"),
-        ({"contact": {"table": 0.5}}, "unknown limb"),
-        ({"contact": {"ball": -0.1}}, "contact.ball: must be"),
+        ({"contact": {"ball": [0.0, 0.0]}}, "are needed"),
+        ({"contact": {"ball": [9.0, 0.0]}}, "are needed"),
+        ({"contact": {"ball": [0.0, 9.0]}}, "are needed"),
+        ({"contact": {"table": [0.5, 0.5]}}, "unknown limb"),
+        ({"contact": {"ball": 0.5}}, "contact.ball: must be"),
+        ({"contact": {"ball": [0.5]}}, "contact.ball: must"),
+        ({"contact": {"ball": [0.5, -0.1]}}, "contact.ball.* must be"),
         ({"contact": {}}, "are needed"),
         ({"contact": 1}, "contact"),
     ],
@@ -194,7 +198,7 @@ def test_contacts_that_are_not_so_slow_are_refused(touching, ur5, scene, change,
 def test_contacts_a_tenth_slower_are_refused_where_the_robot_is_as_fast_as_it_may(touching, ur5, scene):
     # What is no limb counts as clamped wherever it is.
     bears = contact_speed(BodyRegion(100, 4.4, 150), robot_mass(ur5, People(), clamped=True), clamped=True)
-    slower = {"contact": {"ball": 0.9 * bears}}
+    slower = {"contact": {"ball": [9.0, 0.9 * bears]}}
     with pytest.raises(CertificateError, match="are needed"):
         verify(again(touching, stronger(**slower)), ur5, scene)
 

@@ -52,7 +52,6 @@ class Separations:
             (int(pair.first), int(pair.second)) for pair in robot.shared.collision_model.collisionPairs
         ]
         self._axes = robot.shared.chain.axes
-        self._request = coal.DistanceRequest()
         self._required = [
             [claims.required(plain_name(link.name), name) for _, name, _, _ in self._obstacles]
             for link in self._links
@@ -74,7 +73,7 @@ class Separations:
         for a, b in self._own:
             if only is not None and (links[a].name, links[b].name) not in only:
                 continue
-            apart = self._distance(links[a].geometry, poses[a], links[b].geometry, poses[b])
+            apart = self.distance(links[a].geometry, poses[a], links[b].geometry, poses[b])
             only_a = [i for i in self._movers[a] if i not in self._movers[b]]
             only_b = [i for i in self._movers[b] if i not in self._movers[a]]
             approach = sum(radii[a][i] * steps[i] for i in only_a) + sum(
@@ -88,13 +87,15 @@ class Separations:
             for (name, _, shape, pose), required in zip(self._obstacles, self._required[k], strict=True):
                 if only is not None and (link.name, name) not in only:
                     continue
-                apart = self._distance(link.geometry, poses[k], shape, pose)
+                apart = self.distance(link.geometry, poses[k], shape, pose)
                 yield (link.name, name), apart, approach, required
 
-    def _distance(self, shape: Any, pose: Any, other: Any, other_pose: Any) -> float:
+    @staticmethod
+    def distance(shape: Any, pose: Any, other: Any, other_pose: Any) -> float:
+        """Return the distance of two shapes in their poses [m]."""
         # A result that is used twice keeps the smaller distance of the two, or overwrites it: never share one.
         result = coal.DistanceResult()
-        return float(coal.distance(shape, pose, other, other_pose, self._request, result))
+        return float(coal.distance(shape, pose, other, other_pose, coal.DistanceRequest(), result))
 
     def _radii(self, places: list[pin.SE3]) -> FloatArray:
         """Return how far each body's farthest point is from the axes of the joints that move it; 1 if one slides."""
@@ -165,11 +166,20 @@ class PlainSpeeds:
         self._tip = self._body(np.array(frame.placement.translation)[None], 0.0, int(frame.parentJoint))
         self._all = [self._tip]
         for link in robot.shared.collision_model.geometryObjects:
-            points, pad = corners(link.geometry)
-            place = link.placement
-            points = points @ place.rotation.T + place.translation
-            self._all.append(self._body(points, pad, int(link.parentJoint)))
+            self._all.append(self.body_of(link))
         self._all = [body for body in self._all if body.movers]
+
+    def body_of(self, link: pin.GeometryObject) -> _Body:
+        """Return a body of the robot."""
+        points, pad = corners(link.geometry)
+        place = link.placement
+        points = points @ place.rotation.T + place.translation
+        return self._body(points, pad, int(link.parentJoint))
+
+    def place_of(self, link: pin.GeometryObject) -> coal.Transform3s:
+        """Return where a body is at the middle of the interval that was looked at last."""
+        place = self._data.oMi[int(link.parentJoint)] * link.placement
+        return coal.Transform3s(place.rotation, place.translation)
 
     def _body(self, points: FloatArray, pad: float, carrier: int) -> _Body:
         return _Body(points, pad, carrier, joints_below(self._robot, carrier))
@@ -207,17 +217,45 @@ class PlainSpeeds:
         self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
     ) -> tuple[float, float]:
         """Return the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
+        slow, fast = self._each(piece, middle, half, bodies)
+        return float(slow.max(initial=0.0)), float(fast.max(initial=0.0))
+
+    def each(self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]) -> FloatArray:
+        """Return bounds (B,) of the ‖x′‖ that the movers of bodies make throughout an interval [m/rad].
+
+        A joint makes no point faster than |q′| times its distance from the axis. The distances are those at the middle
+        and what the joints between change of them.
+        """
+        bounds = self._each(piece, middle, half, bodies)[1]
+        steps, places = self._robot.coupling.reach(piece.steps(1.0)), list(self._data.oMi)
+        for k, body in enumerate(bodies):
+            points, fastest = (
+                body.points @ places[body.carrier].rotation.T + places[body.carrier].translation,
+                0.0,
+            )
+            for joint in body.movers:
+                at, radius = places[joint + 1], 1.0
+                if not self._robot.joint_prismatic[joint]:
+                    (x, y, z), (u, v, w) = (points - at.translation).T, at.rotation @ self._axes[joint]
+                    squares = (y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2
+                    radius = sqrt(float(squares.max())) + body.pad
+                fastest += float(steps[joint]) * (radius + half * fastest)
+            bounds[k] = min(bounds[k], fastest)
+        return bounds
+
+    def _each(
+        self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return for each body the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
         robot = self._robot
         q, coupling = piece.at(middle), robot.coupling
         pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
         turns, drifts = self._joint_motions(coupling.motions(piece.slope(middle)))
         steps = coupling.reach(piece.steps(1.0))
         slid = np.abs(coupling.values(q)) + half * steps
-        exact = bound = 0.0
-        for body in bodies:
-            here = self._speed(body, turns, drifts)
-            exact, bound = max(exact, here), max(bound, here + half * self._bend(body, steps, piece, slid))
-        return exact, bound
+        exact = np.array([self._speed(body, turns, drifts) for body in bodies])
+        bends = np.array([self._bend(body, steps, piece, slid) for body in bodies])
+        return exact, exact + half * bends
 
     def _joint_motions(self, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what each joint (m, 3) adds to the motion of what it carries: x moves with turn × x + drift."""

@@ -6,7 +6,7 @@ it is in cell k, then no later than the stop from the start of cell j that ends 
 over all j that get there is the latest instant τ_k at which a stop can still move in cell k. The robot must be farther
 from every limb there than the clearance, and what the limb covers at its speed in the reaction time and in τ_k. Where a
 contact is claimed to be slow only those stops count that enter the cell with a speed at which some point of the robot
-may be faster than the limit of contact with the limb.
+may be faster than the limit of contact with the limb, or a gap in which the limb fits may close faster than its own.
 
 **Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
 what they must keep, holds; pairs that are not are looked at again in both halves.
@@ -14,12 +14,14 @@ what they must keep, holds; pairs that are not are looked at again in both halve
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
 from safe_ompl.certificates.verifier.bodies import PlainSpeeds, PlainTool, Separations, plain_name
+from safe_ompl.certificates.verifier.clamping import slowest
 from safe_ompl.certificates.verifier.danger import PlainDanger, PlainMovingDanger
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray
@@ -30,7 +32,6 @@ from safe_ompl.scene import Scene
 _GJK = 1e-5  # [m] coal's distances are at most this far off
 _SMALLEST = 1e-7  # [m] intervals in which bodies approach less are not divided any more
 _ROUNDING = 1e-9
-_TINY = 1e-12  # [m/rad]
 
 
 def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separations: Separations) -> None:
@@ -66,8 +67,8 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
         failure = motion.exceeded(squares, pushes, *limits)
         if failure is not None:
             raise CertificateError(f"trajectory: in a stop {failure}")
-        swiftness = PlainSpeeds(robot).bounds(motion) if stops.contact else np.zeros(len(sizes))
-        required = Required(scene, stops, visits, swiftness, motion)
+        slow = slowest(stops.contact, robot, scene, stops.who, motion) if stops.contact else {}
+        required = Required(scene, stops, visits, slow, motion)
     _check_free(motion, separations, required)
     _check_danger_and_tool(claims, motion, robot, scene)
 
@@ -161,7 +162,7 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
 class Required:
     """What bodies must keep from limbs of people in the cells of a motion [m].
 
-    `swiftness: (C,)` is the largest speed of any point of the robot in each cell by arc length [m/rad].
+    `slow` has for each part ṡ (C,) in the cells at which contact and clamping are as slow as is claimed [rad/s].
     """
 
     def __init__(
@@ -169,20 +170,19 @@ class Required:
         scene: Scene,
         stops: Stops | None = None,
         visits: Visits | None = None,
-        swiftness: FloatArray | None = None,
+        slow: Mapping[str, FloatArray] | None = None,
         motion: PlainMotion | None = None,
     ) -> None:
         self._stops = stops
         self._limbs: dict[str, tuple[float, FloatArray]] = {}
-        if stops is None or visits is None or swiftness is None or motion is None:
+        if stops is None or visits is None or slow is None or motion is None:
             return
-        contact, whenever = stops.contact or {}, visits.latest() + motion.window
+        whenever = visits.latest() + motion.window
         for name in stops.who:
             for part, _, _ in scene[name].geometries():
                 latest = whenever
-                if part in contact:
-                    slow = contact[part] / np.maximum(swiftness, _TINY)
-                    latest = visits.latest_above(slow, motion) + motion.window
+                if part in slow:
+                    latest = visits.latest_above(slow[part], motion) + motion.window
                 self._limbs[schema.OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :]), latest
 
     def of(self, part: str, first: int, last: int) -> float:

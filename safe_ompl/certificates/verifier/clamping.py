@@ -1,0 +1,146 @@
+"""How fast gaps close in which a limb may be clamped, by plain means.
+
+A gap is between a moving body and an obstacle that is no person, or between two bodies that joints move against each
+other. Both sides hang on a carrier: what all joints move that move both, or the base. Relative to the carrier a point
+of a side is no faster than the joints between make it. Two points approach each other by no more than the sum of both
+sides, for the motion of the carrier changes no distance; and by no more than the sum of their speeds in the world.
+
+A limb fits where the distance is no more than its thickness. In an interval the distance is not less than that at the
+middle, less half the length times the bound of how fast the gap closes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf
+from typing import Any
+
+import coal
+import numpy as np
+
+from safe_ompl.certificates.verifier.bodies import PlainSpeeds, Separations
+from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
+from safe_ompl.common import FloatArray
+from safe_ompl.geometry import Person
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+_PARTS = 4  # of a cell, for the bounds over whole cells
+_GJK = 1e-5  # [m] coal's distances are at most this far off
+_SLENDER = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot", "head")
+
+
+def thicknesses(scene: Scene, name: str) -> dict[str, float]:
+    """Return how thick the parts of somebody are [m]; infinite for what is no limb of a person.
+
+    It is the diameter of their capsules, and of all parts of the trunk the breadth of the shoulders of somebody as
+    tall who stands.
+    """
+    somebody = scene[name].shape
+    if not isinstance(somebody, Person):
+        return {part: inf for part, _, _ in scene[name].geometries()}
+    shoulders = next(part.geometry for part in Person(somebody.height).parts() if part.name == "shoulders")
+    breadth = 2.0 * (shoulders.halfLength + shoulders.radius)
+    found = {}
+    for part, shape, _ in scene[name].geometries():
+        limb = part[len(name) + 1 :]
+        found[part] = 2.0 * shape.radius if limb.endswith(_SLENDER) else breadth if limb else inf
+    return found
+
+
+class PlainGaps:
+    """Gaps of a robot in a scene without people, and how fast they close.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    scene : Scene
+        Where everything is.
+    who : sequence of str
+        Obstacles that are people: no gaps are between these and the robot.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, who: tuple[str, ...]) -> None:
+        self._speeds = speeds = PlainSpeeds(robot)
+        links = list(robot.shared.collision_model.geometryObjects)
+        moving = [k for k, link in enumerate(links) if link.parentJoint != 0]
+        obstacles = [
+            (shape, coal.Transform3s(place.rotation, place.translation))
+            for obstacle in scene
+            if obstacle.name not in who
+            for _, shape, place in obstacle.geometries()
+        ]
+        self._links, self._obstacles = links, obstacles
+        self._bodies = [speeds.body_of(link) for link in links]
+        self._pairs: list[tuple[int, int]] = []  # bodies, and obstacles after them
+        self._sides: list[tuple[int, int]] = []  # of each pair, in `_relative`; −1: it hangs on the base
+        self._relative: list[Any] = []
+        known: dict[tuple[int, tuple[int, ...]], int] = {}
+
+        def side(of: int, other: int) -> int:
+            mine = self._bodies[of].movers if of < len(links) else []
+            others = self._bodies[other].movers if other < len(links) else []
+            own = tuple(joint for joint in mine if joint not in others)
+            if not own:
+                return -1
+            if (of, own) not in known:
+                known[of, own] = len(self._relative)
+                self._relative.append(self._bodies[of]._replace(movers=list(own)))
+            return known[of, own]
+
+        for a in range(len(links)):
+            for b in range(a + 1, len(links) + len(obstacles)):
+                sides = side(a, b), side(b, a)
+                if sides != (-1, -1) and (a in moving or b in moving):
+                    self._pairs.append((a, b))
+                    self._sides.append(sides)
+
+    def closing(self, motion: PlainMotion, widths: FloatArray) -> FloatArray:
+        """Return bounds (C, K) of how fast gaps close by arc length that are no wider than `widths: (K,)` [m/rad]."""
+        found = np.zeros((len(motion.of), len(widths)))
+        for j, number in enumerate(motion.of):
+            edges = np.linspace(motion.edges[j], motion.edges[j + 1], _PARTS + 1) - motion.starts[number]
+            half = float(edges[1] - edges[0]) / 2
+            for middle in ((edges[1:] + edges[:-1]) / 2).tolist():
+                found[j] = np.maximum(found[j], self._closing(motion.pieces[number], middle, half, widths))
+        return found
+
+    def _closing(self, piece: PlainPiece, middle: float, half: float, widths: FloatArray) -> FloatArray:
+        bounds = self._speeds.each(piece, middle, half, [*self._relative, *self._bodies])
+        own, world = np.append(bounds[: len(self._relative)], 0.0), bounds[len(self._relative) :]
+        world = np.append(world, np.zeros(len(self._obstacles)))
+        pairs, sides = np.array(self._pairs).reshape(-1, 2), np.array(self._sides).reshape(-1, 2)
+        rates = np.minimum(own[sides].sum(axis=1), world[pairs].sum(axis=1))
+        # Whatever is of no known thickness may be caught in any gap.
+        found = np.where(np.isinf(widths), rates.max(initial=0.0), 0.0)
+        left = np.where(np.isinf(widths), -inf, widths)
+        places = [self._speeds.place_of(link) for link in self._links]
+        sides_of = [*zip((link.geometry for link in self._links), places, strict=True), *self._obstacles]
+        for p in np.argsort(-rates).tolist():  # the first one that a limb fits in says how fast
+            if left.max(initial=-inf) == -inf or rates[p] <= 0:
+                break
+            a, b = self._pairs[p]
+            apart = Separations.distance(*sides_of[a], *sides_of[b]) - _GJK - half * float(rates[p])
+            fits = apart <= left
+            found[fits], left[fits] = rates[p], -inf
+        return found
+
+
+def slowest(
+    contact: Mapping[str, tuple[float, ...]],
+    robot: Robot,
+    scene: Scene,
+    who: tuple[str, ...],
+    motion: PlainMotion,
+) -> dict[str, FloatArray]:
+    """Return for each part ṡ (C,) in the cells of a motion at which contact and clamping are as slow as is claimed."""
+    thick = {part: width for name in who for part, width in thicknesses(scene, name).items()}
+    widths = np.unique([thick[part] for part in contact])
+    swiftness = PlainSpeeds(robot).bounds(motion)
+    closing = PlainGaps(robot, scene, who).closing(motion, widths)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return {
+            part: np.fmin(free / swiftness, clamped / closing[:, np.searchsorted(widths, thick[part])])
+            for part, (free, clamped) in contact.items()
+        }
