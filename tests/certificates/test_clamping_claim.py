@@ -120,7 +120,6 @@ def test_no_limb_is_clamped_faster_than_is_claimed(handover):
 
 def test_slower_gaps_are_refused_whatever_the_speed_of_contact(handover):
     robot, scene, _, content = handover
-    verify(changed(content, lambda free, clamped: [9.0, clamped]), robot, scene)
     with pytest.raises(CertificateError, match="are needed"):
         verify(changed(content, lambda free, clamped: [9.0, 0.8 * clamped]), robot, scene)
 
