@@ -221,13 +221,18 @@ class PlainSpeeds:
         return float(slow.max(initial=0.0)), float(fast.max(initial=0.0))
 
     def each(self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]) -> FloatArray:
-        """Return bounds (B,) of the ‖x′‖ that the movers of bodies make throughout an interval [m/rad].
+        """Return bounds (B,) of the ‖x′‖ of bodies throughout an interval [m/rad]."""
+        return self._each(piece, middle, half, bodies)[1]
+
+    def of_movers(self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]) -> FloatArray:
+        """Return bounds (B,) of the ‖x′‖ that the movers of bodies alone make in the interval that `each` looked at.
 
         A joint makes no point faster than |q′| times its distance from the axis. The distances are those at the middle
         and what the joints between change of them.
         """
-        bounds = self._each(piece, middle, half, bodies)[1]
-        steps, places = self._robot.coupling.reach(piece.steps(1.0)), list(self._data.oMi)
+        low, high = piece.slopes(middle - half, middle + half)
+        steps, places = self._robot.coupling.reach(np.maximum(-low, high)), list(self._data.oMi)
+        bounds = np.empty(len(bodies))
         for k, body in enumerate(bodies):
             points, fastest = (
                 body.points @ places[body.carrier].rotation.T + places[body.carrier].translation,
@@ -240,7 +245,7 @@ class PlainSpeeds:
                     squares = (y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2
                     radius = sqrt(float(squares.max())) + body.pad
                 fastest += float(steps[joint]) * (radius + half * fastest)
-            bounds[k] = min(bounds[k], fastest)
+            bounds[k] = fastest
         return bounds
 
     def _each(

@@ -25,7 +25,6 @@ from safe_ompl.geometry import Person
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_PARTS = 4  # of a cell, for the bounds over whole cells
 _GJK = 1e-5  # [m] coal's distances are at most this far off
 _SLENDER = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot", "head")
 
@@ -100,16 +99,15 @@ class PlainGaps:
         """Return bounds (C, K) of how fast gaps close by arc length that are no wider than `widths: (K,)` [m/rad]."""
         found = np.zeros((len(motion.of), len(widths)))
         for j, number in enumerate(motion.of):
-            edges = np.linspace(motion.edges[j], motion.edges[j + 1], _PARTS + 1) - motion.starts[number]
-            half = float(edges[1] - edges[0]) / 2
-            for middle in ((edges[1:] + edges[:-1]) / 2).tolist():
-                found[j] = np.maximum(found[j], self._closing(motion.pieces[number], middle, half, widths))
+            middle = float(motion.edges[j] + motion.edges[j + 1]) / 2 - motion.starts[number]
+            half = float(motion.edges[j + 1] - motion.edges[j]) / 2
+            found[j] = self._closing(motion.pieces[number], middle, half, widths)
         return found
 
     def _closing(self, piece: PlainPiece, middle: float, half: float, widths: FloatArray) -> FloatArray:
-        bounds = self._speeds.each(piece, middle, half, [*self._relative, *self._bodies])
-        own, world = np.append(bounds[: len(self._relative)], 0.0), bounds[len(self._relative) :]
+        world = self._speeds.each(piece, middle, half, self._bodies)
         world = np.append(world, np.zeros(len(self._obstacles)))
+        own = np.append(self._speeds.of_movers(piece, middle, half, self._relative), 0.0)
         pairs, sides = np.array(self._pairs).reshape(-1, 2), np.array(self._sides).reshape(-1, 2)
         rates = np.minimum(own[sides].sum(axis=1), world[pairs].sum(axis=1))
         # Whatever is of no known thickness may be caught in any gap.
