@@ -104,7 +104,7 @@ class Visits(NamedTuple):
     def latest_above(self, slow: FloatArray, motion: PlainMotion) -> FloatArray:
         """Return the latest instants (C,) at which the robot may be in a cell faster than `slow: (C,)`."""
         found = np.full(self.number, -np.inf)
-        above = np.sqrt(self.squares)
+        above = np.sqrt(np.maximum(self.squares, 0.0))  # rounded below 0 where a stop ends
         for k in range(self.number):
             near = motion.near(k, above, self.cells) & (self.squares > slow[k] ** 2 * (1 + _ROUNDING))
             found[k] = self.times[near].max(initial=-np.inf)
