@@ -25,6 +25,7 @@ from safe_ompl.geometry import Person
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
+_PARTS = 4  # of a cell, for the bounds over whole cells
 _GJK = 1e-5  # [m] coal's distances are at most this far off
 _SLENDER = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot", "head")
 
@@ -99,9 +100,10 @@ class PlainGaps:
         """Return bounds (C, K) of how fast gaps close by arc length that are no wider than `widths: (K,)` [m/rad]."""
         found = np.zeros((len(motion.of), len(widths)))
         for j, number in enumerate(motion.of):
-            middle = float(motion.edges[j] + motion.edges[j + 1]) / 2 - motion.starts[number]
-            half = float(motion.edges[j + 1] - motion.edges[j]) / 2
-            found[j] = self._closing(motion.pieces[number], middle, half, widths)
+            edges = np.linspace(motion.edges[j], motion.edges[j + 1], _PARTS + 1) - motion.starts[number]
+            half = float(edges[1] - edges[0]) / 2
+            for middle in ((edges[1:] + edges[:-1]) / 2).tolist():
+                found[j] = np.maximum(found[j], self._closing(motion.pieces[number], middle, half, widths))
         return found
 
     def _closing(self, piece: PlainPiece, middle: float, half: float, widths: FloatArray) -> FloatArray:
