@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from _touches import thickness
 
 from safe_ompl.apps.benchmark import PlainGeometry
 from safe_ompl.common import FloatArray
@@ -192,16 +193,6 @@ def samples(claim: Mapping[str, Any], order: int) -> FloatArray:
 
 
 # --------------------------------------------------------------------------------------------------- the judge
-
-
-def breadth(shape: Any, limb: str) -> float:
-    """Return how thick a limb is across [m], the trunk from shoulder to shoulder; infinite of what is no person."""
-    if not isinstance(shape, Person) or not limb:
-        return inf
-    parts = {part.name: part.geometry for part in Person(shape.height).parts()}
-    if limb.split("_")[-1] in ("neck", "shoulders", "torso", "hips", "flank"):
-        return 2.0 * float(parts["shoulders"].halfLength + parts["shoulders"].radius)
-    return 2.0 * float(parts[limb].radius)
 
 
 @dataclass
@@ -437,12 +428,14 @@ class Judge:
             return False
         if asked and float(clearance) / 1e3 < asked["clearance"] * (1 - ROUNDING):
             return False
+        gaps = np.array([obstacle not in names for _, obstacle, _ in self.pairs])
         for begin in np.linspace(0, motion.duration * (1 - 1e-9), BEGINS):
             for t, s, v, a in motion.stop(float(begin), claim["stops"]["brakes"]):
                 q, qd, qdd = self._state(motion, s, v, a)
                 if t == inf or (np.abs(qdd) > acceleration * (1 + ROUNDING) + 1e-9).any():
                     return False
                 fast, apart = self._speeds(q, qd)[1], self.distances(q)
+                closing = apart - self.distances(q + SOON * qd) if clamped else np.zeros_like(apart)
                 for (_, obstacle, part), distance in zip(self.pairs, apart, strict=True):
                     limb = mine["speeds"].get(part[len(obstacle) + 1 :], mine["speed"])
                     near = distance - limb * (mine["reaction_time"] + t) - float(clearance) / 1e3
@@ -450,20 +443,11 @@ class Judge:
                         continue
                     if fast > bears.get(part, 0.0) * (1 + ROUNDING):
                         return False
-                    if not self._gaps(q, qd, names, part, clamped.get(part, 0.0)):
+                    body = self.scene[obstacle].shape
+                    width = (
+                        thickness(part[len(obstacle) + 1 :], body.height) if isinstance(body, Person) else inf
+                    )
+                    most = SOON * clamped.get(part, 0.0) * (1 + ROUNDING) + 1e-9
+                    if (closing[gaps & (apart > 0) & (apart <= width)] > most).any():
                         return False
-        return True
-
-    def _gaps(self, q: FloatArray, qd: FloatArray, who: list[str], part: str, slow: float) -> bool:
-        """Return whether no gap in which a part of somebody fits closes faster than a speed [m/s]."""
-        owner = next(name for name in who if part.startswith(name))
-        width = breadth(self.scene[owner].shape, part[len(owner) + 1 :])
-        now, soon = self.distances(q), self.distances(q + SOON * qd)
-        for (_, obstacle, _), here, there in zip(self.pairs, now, soon, strict=True):
-            if (
-                obstacle not in who
-                and 0 < here <= width
-                and here - there > SOON * slow * (1 + ROUNDING) + 1e-9
-            ):
-                return False
         return True

@@ -51,7 +51,7 @@ def test_no_gap_closes_faster_than_its_bound(name):
         piece = PlainPiece(start, first, second, third, 0.6)
         edges = np.linspace(0.0, piece.length, CELLS + 1)
         motion = SimpleNamespace(of=[0] * CELLS, edges=edges, starts=[0.0], pieces=[piece])
-        bounds = plain.closing(motion, WIDTHS)
+        bounds = plain.closing(motion, WIDTHS)[1]
         for j, (low, high) in enumerate(pairwise(edges)):
             for s in np.linspace(low, high, SAMPLES):
                 gaps.place(piece.at(s), piece.slope(s))

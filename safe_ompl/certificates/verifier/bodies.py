@@ -29,6 +29,8 @@ from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
+GJK = 1e-5  # [m] coal's distances are at most this far off
+
 
 class Separations:
     """Distances of bodies and obstacles by `names`, pair by pair, how far these can approach, what they must keep."""
@@ -143,7 +145,6 @@ def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
 
 _ROUNDING = 1e-9  # relative
 _SMALLEST = 1e-7  # [rad] intervals that are not divided any more
-_PARTS = 4  # of a cell, for the bounds over whole cells
 
 
 class _Body(NamedTuple):
@@ -156,7 +157,7 @@ class _Body(NamedTuple):
 
 
 class PlainSpeeds:
-    """The largest speeds of the tip, or of every body and the tip."""
+    """The largest speeds of the tip, or of every body, of `links`, and the tip."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -164,13 +165,10 @@ class PlainSpeeds:
         self._axes = robot.shared.chain.axes
         frame = self._model.frames[robot.tip_frame]
         self._tip = self._body(np.array(frame.placement.translation)[None], 0.0, int(frame.parentJoint))
-        self._all = [self._tip]
-        for link in robot.shared.collision_model.geometryObjects:
-            self._all.append(self.body_of(link))
-        self._all = [body for body in self._all if body.movers]
+        self.links = [self._link(link) for link in robot.shared.collision_model.geometryObjects]
+        self._all = [body for body in (self._tip, *self.links) if body.movers]
 
-    def body_of(self, link: pin.GeometryObject) -> _Body:
-        """Return a body of the robot."""
+    def _link(self, link: pin.GeometryObject) -> _Body:
         points, pad = corners(link.geometry)
         place = link.placement
         points = points @ place.rotation.T + place.translation
@@ -202,17 +200,6 @@ class PlainSpeeds:
                 waiting += [(first, middle), (middle, last)]
         return None
 
-    def bounds(self, motion: PlainMotion) -> FloatArray:
-        """Return bounds (C,) of the speed of all points by arc length in the cells of a motion [m/rad]."""
-        found = np.zeros(len(motion.of))
-        for j, number in enumerate(motion.of):
-            edges = np.linspace(motion.edges[j], motion.edges[j + 1], _PARTS + 1) - motion.starts[number]
-            half = (edges[1] - edges[0]) / 2
-            for middle in (edges[1:] + edges[:-1]) / 2:
-                bound = self._bounds(motion.pieces[number], float(middle), float(half), self._all)[1]
-                found[j] = max(found[j], bound)
-        return found
-
     def _bounds(
         self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
     ) -> tuple[float, float]:
@@ -220,9 +207,9 @@ class PlainSpeeds:
         slow, fast = self._each(piece, middle, half, bodies)
         return float(slow.max(initial=0.0)), float(fast.max(initial=0.0))
 
-    def each(self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]) -> FloatArray:
-        """Return bounds (B,) of the ‖x′‖ of bodies throughout an interval [m/rad]."""
-        return self._each(piece, middle, half, bodies)[1]
+    def each(self, piece: PlainPiece, middle: float, half: float) -> FloatArray:
+        """Return bounds (B + 1,) of the ‖x′‖ of the `links` and of the tip throughout an interval [m/rad]."""
+        return self._each(piece, middle, half, [*self.links, self._tip])[1]
 
     def of_movers(self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]) -> FloatArray:
         """Return bounds (B,) of the ‖x′‖ that the movers of bodies alone make in the interval that `each` looked at.
@@ -234,10 +221,8 @@ class PlainSpeeds:
         steps, places = self._robot.coupling.reach(np.maximum(-low, high)), list(self._data.oMi)
         bounds = np.empty(len(bodies))
         for k, body in enumerate(bodies):
-            points, fastest = (
-                body.points @ places[body.carrier].rotation.T + places[body.carrier].translation,
-                0.0,
-            )
+            carrier, fastest = places[body.carrier], 0.0
+            points = body.points @ carrier.rotation.T + carrier.translation
             for joint in body.movers:
                 at, radius = places[joint + 1], 1.0
                 if not self._robot.joint_prismatic[joint]:

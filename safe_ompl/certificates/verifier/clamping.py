@@ -1,4 +1,4 @@
-"""How fast gaps close in which a limb may be clamped, by plain means.
+"""How fast a robot is, and gaps close in which a limb may be clamped, by plain means.
 
 A gap is between a moving body and an obstacle that is no person, or between two bodies that joints move against each
 other. Both sides hang on a carrier: what all joints move that move both, or the base. Relative to the carrier a point
@@ -18,7 +18,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from safe_ompl.certificates.verifier.bodies import PlainSpeeds, Separations
+from safe_ompl.certificates.verifier.bodies import GJK, PlainSpeeds, Separations
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import Person
@@ -26,7 +26,6 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _PARTS = 4  # of a cell, for the bounds over whole cells
-_GJK = 1e-5  # [m] coal's distances are at most this far off
 _SLENDER = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot", "head")
 
 
@@ -64,7 +63,6 @@ class PlainGaps:
     def __init__(self, robot: Robot, scene: Scene, who: tuple[str, ...]) -> None:
         self._speeds = speeds = PlainSpeeds(robot)
         links = list(robot.shared.collision_model.geometryObjects)
-        moving = [k for k, link in enumerate(links) if link.parentJoint != 0]
         obstacles = [
             (shape, coal.Transform3s(place.rotation, place.translation))
             for obstacle in scene
@@ -72,42 +70,50 @@ class PlainGaps:
             for _, shape, place in obstacle.geometries()
         ]
         self._links, self._obstacles = links, obstacles
-        self._bodies = [speeds.body_of(link) for link in links]
         self._pairs: list[tuple[int, int]] = []  # bodies, and obstacles after them
         self._sides: list[tuple[int, int]] = []  # of each pair, in `_relative`; −1: it hangs on the base
         self._relative: list[Any] = []
         known: dict[tuple[int, tuple[int, ...]], int] = {}
 
         def side(of: int, other: int) -> int:
-            mine = self._bodies[of].movers if of < len(links) else []
-            others = self._bodies[other].movers if other < len(links) else []
+            mine = speeds.links[of].movers if of < len(links) else []
+            others = speeds.links[other].movers if other < len(links) else []
             own = tuple(joint for joint in mine if joint not in others)
             if not own:
                 return -1
             if (of, own) not in known:
                 known[of, own] = len(self._relative)
-                self._relative.append(self._bodies[of]._replace(movers=list(own)))
+                self._relative.append(speeds.links[of]._replace(movers=list(own)))
             return known[of, own]
 
         for a in range(len(links)):
             for b in range(a + 1, len(links) + len(obstacles)):
                 sides = side(a, b), side(b, a)
-                if sides != (-1, -1) and (a in moving or b in moving):
+                if sides != (-1, -1):
                     self._pairs.append((a, b))
                     self._sides.append(sides)
 
-    def closing(self, motion: PlainMotion, widths: FloatArray) -> FloatArray:
-        """Return bounds (C, K) of how fast gaps close by arc length that are no wider than `widths: (K,)` [m/rad]."""
-        found = np.zeros((len(motion.of), len(widths)))
+    def closing(self, motion: PlainMotion, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds by arc length in the C cells of a motion [m/rad].
+
+        They are those of the speed of all points (C,), and of how fast gaps close (C, K) that are no wider than
+        `widths: (K,)`.
+        """
+        swiftness, found = np.zeros(len(motion.of)), np.zeros((len(motion.of), len(widths)))
         for j, number in enumerate(motion.of):
             edges = np.linspace(motion.edges[j], motion.edges[j + 1], _PARTS + 1) - motion.starts[number]
             half = float(edges[1] - edges[0]) / 2
             for middle in ((edges[1:] + edges[:-1]) / 2).tolist():
-                found[j] = np.maximum(found[j], self._closing(motion.pieces[number], middle, half, widths))
-        return found
+                world = self._speeds.each(motion.pieces[number], middle, half)
+                swiftness[j] = max(swiftness[j], world.max())
+                gaps = self._closing(motion.pieces[number], middle, half, widths, world[:-1])
+                found[j] = np.maximum(found[j], gaps)
+        return swiftness, found
 
-    def _closing(self, piece: PlainPiece, middle: float, half: float, widths: FloatArray) -> FloatArray:
-        world = self._speeds.each(piece, middle, half, self._bodies)
+    def _closing(
+        self, piece: PlainPiece, middle: float, half: float, widths: FloatArray, world: FloatArray
+    ) -> FloatArray:
+        """Return the same (K,) of an interval in which links are no faster than `world` [m/rad]."""
         world = np.append(world, np.zeros(len(self._obstacles)))
         own = np.append(self._speeds.of_movers(piece, middle, half, self._relative), 0.0)
         pairs, sides = np.array(self._pairs).reshape(-1, 2), np.array(self._sides).reshape(-1, 2)
@@ -121,7 +127,7 @@ class PlainGaps:
             if left.max(initial=-inf) == -inf or rates[p] <= 0:
                 break
             a, b = self._pairs[p]
-            apart = Separations.distance(*sides_of[a], *sides_of[b]) - _GJK - half * float(rates[p])
+            apart = Separations.distance(*sides_of[a], *sides_of[b]) - GJK - half * float(rates[p])
             fits = apart <= left
             found[fits], left[fits] = rates[p], -inf
         return found
@@ -137,8 +143,7 @@ def slowest(
     """Return for each part ṡ (C,) in the cells of a motion at which contact and clamping are as slow as is claimed."""
     thick = {part: width for name in who for part, width in thicknesses(scene, name).items()}
     widths = np.unique([thick[part] for part in contact])
-    swiftness = PlainSpeeds(robot).bounds(motion)
-    closing = PlainGaps(robot, scene, who).closing(motion, widths)
+    swiftness, closing = PlainGaps(robot, scene, who).closing(motion, widths)
     with np.errstate(divide="ignore", invalid="ignore"):
         return {
             part: np.fmin(free / swiftness, clamped / closing[:, np.searchsorted(widths, thick[part])])

@@ -16,14 +16,13 @@ from math import comb, perm
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, PolynomialMotion
-from safe_ompl.certificates.verifier.bodies import PlainTool, Separations, plain_name
+from safe_ompl.certificates.verifier.bodies import GJK, PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.common import CertificateError, FloatArray
 from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_GJK = 1e-5  # [m] coal's distances are at most this far off
 _FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
 _LARGEST_JUMP = 1e-6  # [rad or m] between pieces
 _WITHIN = 2e-9  # [rad or m] by which a joint may be outside its limits
@@ -70,7 +69,7 @@ def check_polynomials(
             for pair, distance, approach, kept in separations.examined((low + high) / 2, half + width, pairs):
                 distances += 1
                 wanted = approach + kept + speeds.get(pair[1], 0.0) * (start + last * span)
-                if distance - _GJK > wanted:
+                if distance - GJK > wanted:
                     continue
                 if half.max() < _SMALLEST:
                     between = " and ".join(repr(plain_name(name)) for name in pair)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
-from safe_ompl.certificates.verifier.bodies import PlainSpeeds, PlainTool, Separations, plain_name
+from safe_ompl.certificates.verifier.bodies import GJK, PlainSpeeds, PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.clamping import slowest
 from safe_ompl.certificates.verifier.danger import PlainDanger, PlainMovingDanger
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
@@ -29,7 +29,6 @@ from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_GJK = 1e-5  # [m] coal's distances are at most this far off
 _SMALLEST = 1e-7  # [m] intervals in which bodies approach less are not divided any more
 _ROUNDING = 1e-9
 
@@ -212,9 +211,9 @@ def _check_free(motion: PlainMotion, separations: Separations, required: Require
                 piece.at(middle), piece.steps(half), pairs
             ):
                 wanted = kept + required.of(pair[1], low, high)
-                if distance - _GJK > approach + wanted:
+                if distance - GJK > approach + wanted:
                     continue
-                if approach < _SMALLEST or (low == high and distance - _GJK <= wanted):
+                if approach < _SMALLEST or (low == high and distance - GJK <= wanted):
                     between = " and ".join(repr(plain_name(name)) for name in pair)
                     raise CertificateError(
                         f"trajectory: {between} are {1e3 * distance:.3f} mm apart near {start + middle:.6f} rad, "

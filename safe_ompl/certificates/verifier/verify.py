@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Interval
-from safe_ompl.certificates.verifier.bodies import PlainTool, Separations, plain_name
+from safe_ompl.certificates.verifier.bodies import GJK, PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
@@ -25,7 +25,6 @@ from safe_ompl.io import built_robot, built_scene, links_without_collision, sche
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.scene import Scene
 
-_GJK = 1e-5  # [m] coal's distances are at most this far off
 _FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
 _GAP = 1e-9  # of an edge: intervals that are nearer to each other leave nothing out
 
@@ -219,7 +218,7 @@ def _check_interval(
                 f"{name}: the margin of {_between(pair)} is {1e3 * margins[pair]:.3f} mm, "
                 f"{1e3 * (approach + required):.3f} mm are needed"
             )
-        if not distance - _GJK > margins[pair]:
+        if not distance - GJK > margins[pair]:
             raise CertificateError(
                 f"{name}: {_between(pair)} are {1e3 * distance:.3f} mm apart, "
                 f"{1e3 * margins[pair]:.3f} mm are claimed"

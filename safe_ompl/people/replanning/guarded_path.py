@@ -250,9 +250,7 @@ class GuardedPath:
         allowed, who bears it at the speed of the motion need not be kept from; nor need those from whom a body is
         `receding: (G, M)`, no faster than `RETREAT_SPEED`.
         """
-        if (
-            contact is not None and not exact
-        ):  # what contact allows costs more than to look whether it matters
+        if contact is not None and not exact:  # to look whether it matters costs less than what it allows
             alone = self.margin(motion, sets, since, clearance, receding=receding)
             if alone.margin >= 0:
                 return alone
