@@ -333,6 +333,30 @@ def _is_too_near(p: int, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _
 
 
 @part
+def _comes_nearer(
+    p: int, pairs: Pairs, curve: FloatArray, t: float, place: _Place, joints: Any, axis: FloatArray
+) -> bool:
+    """Return whether the centres of a pair of bodies approach each other at t, along an axis from second to first."""
+    rate, origins, axes = 0.0, place.origins, place.axes
+    for i in range(len(joints)):
+        if pairs.radii[i, p] == 0.0:
+            continue
+        speed = 0.0
+        for k in range(len(curve) - 1, 0, -1):
+            speed = k * curve[k, i] + t * speed
+        first = pairs.moved[pairs.bodies[p, 0], i]
+        at = place.poses[pairs.bodies[p, 0] if first else pairs.bodies[p, 1]].centre
+        x, y, z = at[0] - origins[i, 0], at[1] - origins[i, 1], at[2] - origins[i, 2]
+        a, b, c = axes[i, 0], axes[i, 1], axes[i, 2]
+        if joints[i].slides:
+            along = axis[0] * a + axis[1] * b + axis[2] * c
+        else:
+            along = axis[0] * (b * z - c * y) + axis[1] * (c * x - a * z) + axis[2] * (a * y - b * x)
+        rate += along * speed if first else -along * speed
+    return rate < 0.0
+
+
+@part
 def _suspect(suspects: IntArray, pair: int) -> None:
     """Put a pair before all others that are suspected; the last of these is dropped if it is a new one."""
     place = 0
@@ -445,8 +469,10 @@ def prove_curve(
         elif half * widest < least or number == len(left):
             return number, -1.0 if half > 0.0 else t, places
         else:
-            left[number - 1, 0], left[number - 1, 1] = t + half, high
-            left[number, 0], left[number, 1] = low, t - half
+            # The part in which these bodies come nearer is looked at next: there the motion is blocked, if it is.
+            later = 1 if _comes_nearer(first, pairs, curve, t, place, joints, search.axes[first]) else 0
+            left[number - later, 0], left[number - later, 1] = low, t - half
+            left[number - 1 + later, 0], left[number - 1 + later, 1] = t + half, high
             number += 1
     return 0, -1.0, places
 
