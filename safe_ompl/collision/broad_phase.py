@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import as_strided
 
 from safe_ompl.collision.kernels import near_boxes
 from safe_ompl.collision.tree_distances import TreeDistances
-from safe_ompl.common import BoolArray, Changes, FloatArray, IntArray, PerThread
+from safe_ompl.common import Changes, FloatArray, IntArray, PerThread
 
 _PROBE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.5, 0.7), np.array([1.0, 2.0, 3.0]))
 DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
@@ -97,7 +97,7 @@ class Queries:
             memory.broad_phase.take_shapes(bodies)
 
     def touching(self, q: FloatArray, margins: FloatArray) -> int | None:
-        """Return a pair that is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`, or None."""
+        """Return the first pair that is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`, or None."""
         own, changes = self._memory.own, self._changes
         done, found = changes.done, None
         if margins is not own.unchanging:
@@ -112,14 +112,6 @@ class Queries:
         with changes.none():
             return self.touching(q, margins)
 
-    def all_contacts(self, q: FloatArray, margins: FloatArray) -> BoolArray:
-        """Return for each pair (P,) whether it is nearer than its margin (P,) [m] at Pinocchio's `q: (nq,)`."""
-        own = self._memory.own
-        with self._changes.none():
-            own.set_margins(margins)
-            pin.computeCollisions(self.model, own.kinematics, self.geometry, own.data, q, False)
-        return np.array([result.isCollision() for result in own.data.collisionResults], dtype=bool)
-
 
 class _Memory:
     """Working memory of queries: where bodies are, the margins that coal has, and what is near."""
@@ -129,7 +121,7 @@ class _Memory:
         self.unchanging: FloatArray | None = None
         self._written: bytes | None = None
         self.kinematics = model.createData()
-        self.data = fresh_data(geometry)
+        self.data = fresh_data(geometry, distances=False)
         self._geometry = geometry
         # Pinocchio takes margins as a matrix over bodies; writing it is ten times faster than request by request.
         bodies = len(geometry.geometryObjects)
@@ -210,15 +202,17 @@ class _DistanceMemory:
             self.data.deactivateCollisionPair(pair)
 
 
-def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
+def fresh_data(geometry: pin.GeometryModel, *, distances: bool = True) -> pin.GeometryData:
     """Return working memory in which a query does not start from the result of the one before.
 
     That would change distances by micrometres, and with them, now and then, what a planner finds with the same seed.
+    Where no `distances` will be asked for, only collisions are prepared.
     """
     data, template = pin.GeometryData(geometry), _fresh_pair()
     pairs = len(geometry.collisionPairs)
     data.collisionRequests[:] = [template.collisionRequests[0]] * pairs
-    data.distanceRequests[:] = [template.distanceRequests[0]] * pairs
+    if distances:
+        data.distanceRequests[:] = [template.distanceRequests[0]] * pairs
     return data
 
 

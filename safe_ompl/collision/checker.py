@@ -158,16 +158,17 @@ class CollisionChecker:
 
     def touches(self, q: FloatArray) -> bool:
         """Return the same as `in_collision` for a float array (n,) that is known to be finite: nothing is checked."""
+        return self._touching(q) is not None
+
+    def _touching(self, q: FloatArray) -> int | None:
         self.counts.collision_queries += 1
         contact = self._contact
-        return contact.touching(self.robot.pinocchio_configuration(q), contact.no_margins) is not None
+        return contact.touching(self.robot.pinocchio_configuration(q), contact.no_margins)
 
     def colliding_pair(self, q: ArrayLike) -> tuple[str, str] | None:
         """Return the names of a pair in contact at `q: (n,)`, or None."""
-        full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
-        self.counts.collision_queries += 1
-        contacts = self._contact.all_contacts(full, self._contact.no_margins)
-        return next((self.pair_names[k] for k in np.flatnonzero(contacts).tolist()), None)
+        pair = self._touching(configuration(q, self.robot.n))
+        return None if pair is None else self.pair_names[pair]
 
     def within_margins(self, q: ArrayLike, margins: ArrayLike) -> bool:
         """Return whether any pair that may touch is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.

@@ -366,14 +366,16 @@ class PairSet:
         Other margins than in the query before take 2 µs more for 50 to 200 pairs (`bench/motion.py`). To compare them
         takes 0.2 to 0.4 µs, and no time if they are the same read-only array.
         """
-        self._counts.margin_queries += 1
-        return self._queries.touching(self._robot.pinocchio_configuration(q), margins) is not None
+        return self._touching(q, margins) is not None
 
     def pair_within_margins(self, q: FloatArray, margins: FloatArray) -> tuple[str, str] | None:
         """Return the names of a pair that is nearer than its margin (P,) [m] at `q: (n,)`, or None."""
+        pair = self._touching(q, margins)
+        return None if pair is None else self.names[pair]
+
+    def _touching(self, q: FloatArray, margins: FloatArray) -> int | None:
         self._counts.margin_queries += 1
-        contacts = self._queries.all_contacts(self._robot.pinocchio_configuration(q), margins)
-        return next((self.names[k] for k in np.flatnonzero(contacts).tolist()), None)
+        return self._queries.touching(self._robot.pinocchio_configuration(q), margins)
 
 
 def _pair_radii(links: FloatArray, bodies: IntArray, obstacle_radii: FloatArray) -> FloatArray:

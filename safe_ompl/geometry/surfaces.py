@@ -17,14 +17,15 @@ def box_points(size: FloatArray, spacing: float) -> FloatArray:
     """Return grid points (M, 3) on the faces of a box of so many metres `size: (3,)` about the origin, edges included.
 
     The step between neighbours is at most `spacing` along x, y and z [m]: every point of the surface is within
-    ``spacing / √2`` of one of them.
+    ``spacing / √2`` of one of them. They are in order by x, then y, then z.
     """
-    ticks = [np.linspace(-s / 2, s / 2, _steps(s, spacing) + 1) for s in size]
-    faces = []
-    for axis in range(3):
-        sides = [ticks[k] if k != axis else ticks[k][[0, -1]] for k in range(3)]
-        faces.append(np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3))
-    return np.unique(np.concatenate(faces), axis=0)
+    xs, ys, zs = (np.linspace(-s / 2, s / 2, _steps(s, spacing) + 1) for s in size)
+    on_rim = np.ones((len(ys), len(zs)), dtype=bool)
+    on_rim[1:-1, 1:-1] = False
+    face = np.column_stack([np.repeat(ys, len(zs)), np.tile(zs, len(ys))])
+    slices = [face, *[face[on_rim.ravel()]] * (len(xs) - 2), face]
+    x = np.repeat(xs, [len(points) for points in slices])
+    return np.column_stack([x, np.concatenate(slices)])
 
 
 def box_triangles(size: FloatArray) -> Triangles:
