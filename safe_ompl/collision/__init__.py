@@ -12,10 +12,11 @@ if TYPE_CHECKING:
     from safe_ompl.collision.bubbles import BUBBLE_SHAPES, INSIDE, Bubble
     from safe_ompl.collision.checker import Clearance, CollisionChecker
     from safe_ompl.collision.distances import PairDistances, Proximity, Witnesses
+    from safe_ompl.collision.kernels import prove_curve
     from safe_ompl.collision.motion import FLOOR, MotionLimit, MotionProver, MotionVerdict, Verdict
-    from safe_ompl.collision.pairs import DistanceBounds, PairSet
+    from safe_ompl.collision.pairs import DistanceBounds, PairSet, edge_memory
     from safe_ompl.collision.self_filter import robot_points, without_robot
-    from safe_ompl.collision.separation import TOUCHING_ONLY, MinClearance, Separation
+    from safe_ompl.collision.separation import TOUCHING_ONLY, MinClearance, RequiredDistances, Separation
     from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "PairDistances",
     "PairSet",
     "Proximity",
+    "RequiredDistances",
     "Separation",
     "TipBounds",
     "ToolLimit",
@@ -42,7 +44,9 @@ __all__ = [
     "Verdict",
     "Witnesses",
     "bubbles",
+    "edge_memory",
     "fresh_data",
+    "prove_curve",
     "robot_points",
     "without_robot",
 ]

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, maker, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, maker, part
 from safe_ompl.geometry.kernels import (
     POSE,
     Records,
@@ -477,7 +477,7 @@ def prove_curve(
     return 0, -1.0, places
 
 
-@compiled
+@caller
 def prove_edges(
     joints: Any,
     shapes: Shapes,

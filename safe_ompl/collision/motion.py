@@ -198,7 +198,7 @@ class MotionProver:
         narrower `limits` than the robot's, motions that are not finite are not free.
         """
         start, end = self._edge(start, end)
-        required = self._widened(margin) if margin else self._required
+        required = self.required_with(margin)
         done = self._checker.changes.done
         bounds = required.pairs.bounds
         known = bounds.prove_edge((start, end), limits or self._joint_limits, required.bounded, self._floor)
@@ -300,8 +300,10 @@ class MotionProver:
             required = self._separation.required_during(self._checker, speeds, span)
         return self._of_curve(tuple(curve), required)
 
-    def _widened(self, margin: float) -> RequiredDistances:
-        """Return the required distances with a margin [m] besides; that of the last call is kept."""
+    def required_with(self, margin: float) -> RequiredDistances:
+        """Return the required distances with a margin [m] from obstacles besides; those of the last call are kept."""
+        if not margin:
+            return self._required
         known = self._last_widened  # another thread may put one of its own there
         if known is None or known[0] != margin:
             required = self._required

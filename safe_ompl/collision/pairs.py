@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import coal
 import numpy as np
@@ -76,7 +76,7 @@ class DistanceBounds:
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
         self._flat = robot.kinematics.joints, *bodies.shapes, *pair_table
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
-        self._memory = PerThread(partial(_memory, radii.shape[1], min(_SUSPECTS, len(pairs))))
+        self._memory = PerThread(partial(edge_memory, radii.shape[1], len(pairs)))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
@@ -134,6 +134,17 @@ class DistanceBounds:
             return None
         return self._proof(edge, *distances, floor) if self._bounded else _UNKNOWN
 
+    def edge_tables(self, limits: JointLimits, distances: Distances, floor: float) -> tuple[Any, ...] | None:
+        """Return what `lay_edge` and `prove_curve` need for what `prove_edge` does; None where nothing is bounded.
+
+        These are, one after the other, the first arguments of `prove_curve`, then coupling and limits, required
+        distances, growth, and floor. Whoever calls the kernels counts the places that they look at.
+        """
+        if not self._bounded:
+            return None
+        required, growth = distances
+        return *self._flat, *limits.tables, required, _NOTHING if growth is None else growth, floor
+
     def _proof(
         self, coefficients: FloatArray, required: FloatArray, growth: FloatArray | None, floor: float
     ) -> BoundsProof:
@@ -158,9 +169,9 @@ class DistanceBounds:
         return proven
 
 
-def _memory(joints: int, suspects: int) -> tuple[FloatArray, FloatArray, IntArray]:
+def edge_memory(joints: int, pairs: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return arrays for an edge (2, m), for the intervals that are not proven, and for pairs that blocked motions."""
-    return np.empty((2, joints)), np.empty((_INTERVALS, 2)), np.arange(suspects)
+    return np.empty((2, joints)), np.empty((_INTERVALS, 2)), np.arange(min(_SUSPECTS, pairs))
 
 
 class PairTable:

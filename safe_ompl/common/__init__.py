@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.common import cache, documents, polynomials
-    from safe_ompl.common.compilation import clock, compile_together, compiled, maker, part
+    from safe_ompl.common.compilation import caller, clock, compile_together, compiled, maker, part
     from safe_ompl.common.documents import within
     from safe_ompl.common.errors import (
         CertificateError,
@@ -57,6 +57,7 @@ __all__ = [
     "StaleSceneError",
     "UnknownNameError",
     "cache",
+    "caller",
     "clock",
     "compile_together",
     "compiled",

@@ -39,9 +39,9 @@ _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = __name__.partition(".")[0] + "."
 _BEGINNING = 8000  # bytes of a file that hold its imports
-_WORDS = b"compiled", b"part"
+_WORDS = b"compiled", b"part", b"caller"
 _IMPORTED = re.compile(
-    rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:compiled|part)\b".encode(), re.MULTILINE
+    rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:compiled|part|caller)\b".encode(), re.MULTILINE
 )
 
 # Of parts, too: Numba compiles its own functions, such as np.empty, once for each set of options.
@@ -55,11 +55,20 @@ threading.Thread(target=lambda: (os.read(0, 1), os._exit(1)), daemon=True).start
 
 def compiled(function: _Function) -> _Function:
     """Return a kernel: `function` compiled on its first call; free of the GIL, and x/0 is ±∞ as in NumPy."""
+    return _kernel(function, _OPTIONS)
+
+
+def caller(function: _Function) -> _Function:
+    """Return a kernel that does little but call other kernels, which are not optimised once more: half of the time."""
+    return _kernel(function, _OPTIONS | {"pipeline_class": _CallerCompiler})
+
+
+def _kernel(function: _Function, options: dict[str, Any]) -> _Function:
     try:
-        kernel: Any = njit(cache=True, **_OPTIONS)(function)
+        kernel: Any = njit(cache=True, **options)(function)
     except RuntimeError as error:  # Numba finds no folder that can be written to
         _log.info("%s", error)
-        kernel = njit(**_OPTIONS)(function)
+        kernel = njit(**options)(function)
     else:
         _depend_on_all_kernels(kernel)
     fast: _Function = _without_literals(kernel)
@@ -112,14 +121,42 @@ class _PartLowering(NativeLowering):  # type: ignore[misc]
         return True
 
 
+class _CallerLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """What LLVM is to know of a kernel that calls others: they are optimised already."""
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager(opt=0, loop_vectorize=False, slp_vectorize=False)
+        passes.run(self._final_module, builder)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _CallerLowering(NativeLowering):  # type: ignore[misc]
+    """Lowers a kernel to a library that keeps what others in it are."""
+
+    _name = "caller_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _CallerLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return bool(super().run_pass(state))
+
+
 class _PartCompiler(CompilerBase):  # type: ignore[misc]
-    """Numba's own passes with `_PartLowering` for the last but one."""
+    """Numba's own passes with another lowering for the last but one."""
+
+    lowering = _PartLowering
 
     def define_pipelines(self) -> list[Any]:
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [(_PartLowering if p is NativeLowering else p, words) for p, words in passes.passes]
+        passes.passes = [(self.lowering if p is NativeLowering else p, words) for p, words in passes.passes]
         passes.finalize()
         return [passes]
+
+
+class _CallerCompiler(_PartCompiler):
+    """The same for kernels that call others."""
+
+    lowering = _CallerLowering
 
 
 def _without_literals(kernel: Any) -> Any:

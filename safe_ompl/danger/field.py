@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, number, positive
+from safe_ompl.danger.kernels import PointDanger
 from safe_ompl.danger.kernels.groups import Points
 from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
 from safe_ompl.danger.link_field import RobotField, Weighting, segment_distances, segment_fields
@@ -186,6 +187,17 @@ class DangerField(RobotField):
     def points(self) -> FloatArray | None:
         """The danger points (M, 3) [m], read-only; None where a callable gives them."""
         return self._danger_points.fixed
+
+    def for_kernels(self) -> PointDanger | None:
+        """Return what `safe_ompl.danger.kernels.dangers` needs for the danger at present; None where points are moved.
+
+        The joints of its values and gradients are those of Pinocchio's model. Whoever calls it counts the evaluations.
+        """
+        field = self.frozen()
+        if field.points is None or not len(field.points):
+            return None
+        points = field._choice(field._danger_points.prepared(field.points[:0]))
+        return PointDanger(field._evaluation.tables, points, field._evaluation.aggregate)
 
     @property
     def weights(self) -> FloatArray | None:
@@ -379,8 +391,11 @@ class DangerField(RobotField):
         return points
 
     def _points_for(self, Q: FloatArray) -> Points:
-        """Return the same, in groups where not all of them need be looked at."""
-        points = self._every_point(Q)
+        """Return the same, in groups where not all of them need be looked at, and count an evaluation."""
+        return self._choice(self._every_point(Q))
+
+    def _choice(self, points: Points) -> Points:
+        """Return points, or groups of them where not all need be looked at."""
         if self.aggregate == "max":
             return points if points.charges.shape[1] < _MANY else self.groups or points
         groups = self._danger_points.groups if self.tolerance > 0.0 else None

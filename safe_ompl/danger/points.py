@@ -223,13 +223,13 @@ class Evaluation:
         self._robot = robot
         self.tables = kernel.Tables(tree.joints, tree.keypoints, segments.pairs, by_length)
         aggregate, sharpness, tolerance = measure
-        self._aggregate = group_kernel.Aggregate(_KINDS[aggregate], sharpness, tolerance)
+        self.aggregate = group_kernel.Aggregate(_KINDS[aggregate], sharpness, tolerance)
         self._no_gradients = np.empty((0, len(tree.joints)))
 
     def values(self, Q: FloatArray, points: Points) -> FloatArray:
         """Return the danger (B,) at `Q: (B, n)`."""
         values = plain(self._robot.coupling.values(Q))
-        dangers: FloatArray = kernel.dangers(self.tables, values, points, self._aggregate, self._no_gradients)
+        dangers: FloatArray = kernel.dangers(self.tables, values, points, self.aggregate, self._no_gradients)
         return dangers
 
     def mean(self, ends: FloatArray, points: Points, panels: int, tolerance: float) -> tuple[float, int]:
@@ -239,7 +239,7 @@ class Evaluation:
         """
         values = plain(self._robot.coupling.values(ends))
         found: tuple[float, int] = kernel.mean_danger(
-            self.tables, values, points, self._aggregate, panels, tolerance
+            self.tables, values, points, self.aggregate, panels, tolerance
         )
         return found
 
@@ -247,7 +247,7 @@ class Evaluation:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)`."""
         values = plain(self._robot.coupling.values(Q))
         gradients = np.empty(values.shape)
-        dangers = kernel.dangers(self.tables, values, points, self._aggregate, gradients)
+        dangers = kernel.dangers(self.tables, values, points, self.aggregate, gradients)
         return dangers, self._robot.coupling.columns(gradients)
 
     def levels(self, Q: FloatArray, points: Points) -> FloatArray:
@@ -260,8 +260,8 @@ class Evaluation:
         """Return the danger (B,) of levels (B, M); zero where there are none."""
         if not levels.shape[1]:
             return np.zeros(len(levels))
-        return kernel.aggregates(plain(levels), self._aggregate.kind, self._aggregate.sharpness)
+        return kernel.aggregates(plain(levels), self.aggregate.kind, self.aggregate.sharpness)
 
     def shares(self, levels: FloatArray) -> FloatArray:
         """Return the derivatives (B, M) of the danger by levels (B, M)."""
-        return kernel.all_shares(levels, self._aggregate.kind, self._aggregate.sharpness)
+        return kernel.all_shares(levels, self.aggregate.kind, self.aggregate.sharpness)

@@ -224,6 +224,11 @@ class JointLimits:
     def __repr__(self) -> str:
         return f"JointLimits({self._bounds.shape[1]} joints)"
 
+    @property
+    def tables(self) -> tuple[FloatArray, FloatArray]:
+        """The coupling (m, 4) and the limits (2, n) of `safe_ompl.robot.kernels.lay_edge`."""
+        return self._coupling, self._bounds
+
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
         return bool(kernel.within(q, self._bounds))

@@ -178,31 +178,35 @@ def test_ctrl_c_is_not_lost_where_the_compiler_calls_python_from_c(made, heard, 
 
 
 CALLER = """
-from safe_ompl.common.compilation import compiled
+from safe_ompl.common.compilation import {0}
 from safe_ompl.third.callee import one
 
 
-@compiled
+@{0}
 def two(x):
     return one(x) + one(x)
 """
 CALLEE = """
 from safe_ompl.common.compilation import (
-    part,
+    {0},
 )
 
 
-@part
+@{0}
 def one(x):
-    return {} * x
+    return {1} * x
 """
 
 
-def test_a_kernel_is_compiled_anew_when_what_it_calls_in_another_folder_changes(tmp_path):
+@pytest.mark.parametrize(("outer", "inner"), [("compiled", "part"), ("caller", "compiled")])
+def test_a_kernel_is_compiled_anew_when_what_it_calls_in_another_folder_changes(tmp_path, outer, inner):
     """What it calls is compiled into it: else a stale proof would run."""
     package = tmp_path / "safe_ompl"
     shutil.copytree(Path(safe_ompl.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    for folder, name, text in (("other", "caller", CALLER), ("third", "callee", CALLEE.format(1.0))):
+    for folder, name, text in (
+        ("other", "caller", CALLER.format(outer)),
+        ("third", "callee", CALLEE.format(inner, 1.0)),
+    ):
         (package / folder).mkdir()
         (package / folder / "__init__.py").touch()
         (package / folder / f"{name}.py").write_text(text)
@@ -217,7 +221,7 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_in_another_folder_changes(
         return done.stdout.split()
 
     assert [answer(), answer()] == [["2.0", "0"], ["2.0", "1"]]
-    (package / "third" / "callee.py").write_text(CALLEE.format(10.0))
+    (package / "third" / "callee.py").write_text(CALLEE.format(inner, 10.0))
     assert answer() == ["20.0", "0"]
     (package / "third" / "__init__.py").write_text("# no kernel\n")
     assert answer() == ["20.0", "1"], "a file without kernels leaves them as they are"

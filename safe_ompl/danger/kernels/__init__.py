@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.danger.kernels.danger import dangers
+    from safe_ompl.danger.kernels.danger import PointDanger, dangers
     from safe_ompl.danger.kernels.kinetostatic import CellMotions, cell_bounds
 
 __all__ = [
     "CellMotions",
+    "PointDanger",
     "cell_bounds",
     "dangers",
 ]

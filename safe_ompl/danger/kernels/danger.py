@@ -42,6 +42,14 @@ class Tables(NamedTuple):
     by_length: bool
 
 
+class PointDanger(NamedTuple):
+    """Danger at fixed points, as `dangers` computes it: points have columns (1, 3, M ≥ 1) and charges (1, M)."""
+
+    tables: Tables
+    points: Points
+    aggregate: Aggregate
+
+
 @part
 def _aggregate(levels: FloatArray, kind: int, sharpness: float) -> float:
     """Return the danger of `levels: (M ≥ 1,)`."""

@@ -311,6 +311,12 @@ class StateCost:
         """Whether the objective offers exact gradients (`values_and_gradients(Q)`)."""
         return not self.is_zero and hasattr(self._objective, "values_and_gradients")
 
+    @property
+    def field(self) -> DangerField | None:
+        """The danger field whose values the costs are; None where they may be anything else."""
+        own = type(self._objective) in (DangerObjective, PeakDangerObjective)
+        return self._objective.field if own and type(self._objective.field) is DangerField else None
+
     def value_and_gradient(self, q: FloatArray) -> tuple[float, FloatArray]:
         """Return the cost and its exact gradient (n,) at `q: (n,)`; only where `has_gradients`."""
         values, gradients = self._objective.values_and_gradients(q[None])

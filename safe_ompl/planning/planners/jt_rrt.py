@@ -138,9 +138,8 @@ class SafeJTRRT(SafePlanner):
         self._threshold = AdaptiveThreshold(self._danger)
         self._margin = AdaptiveMargin(self._problem, self._danger, _LEAST_MARGIN)
         self._fixed_threshold = FixedThreshold(self._problem, self._margin.motion_is_free)
-        self._random_step = SafeStep(
-            self._bridge, self._danger, self._descent, self._threshold, self._fixed_threshold.motion_is_free
-        )
+        parts = self._descent, self._threshold, self._margin, self._fixed_threshold
+        self._random_step = SafeStep(self._problem, self._danger, *parts)
         self._step = GoalStep(self._problem)
         self._goal: Any = None
         self._place: Place

@@ -111,9 +111,7 @@ class SafeRRTConnect(SafePlanner):
         self._margin = AdaptiveMargin(self._problem, self._danger)
         self._short_steps = ShortSteps(self._bridge, self._danger)
         self._schedule = TreeSchedule()
-        self._step = SafeStep(
-            self._bridge, self._danger, self._descent, self._threshold, self._margin.motion_is_free
-        )
+        self._step = SafeStep(self._problem, self._danger, self._descent, self._threshold, self._margin)
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_RRT-CONNECT."""

@@ -1,11 +1,14 @@
 """Steps in kernels: as NumPy has them, and the same paths whether a motion is proven at once or asked of OMPL."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from safe_ompl import CollisionChecker, SafeSetup, Scenario
+from safe_ompl import CollisionChecker, SafeSetup, Scenario, Scene
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import CertifiedMotionValidator, StateBridge, joint_space
+from safe_ompl.planning.planners.parts.steps import ADVANCED, REACHED, StepKernel
 from safe_ompl.robot import JointLimits, kernels
 from safe_ompl.scene import find_scenario
 
@@ -32,35 +35,50 @@ def planned(setup, planner, seed, clearance=0.0):
     return setup.solution(), (setup.counts - before).nodes
 
 
-def assert_same_paths(setup, seeds=range(3)):
+@pytest.fixture
+def taken(monkeypatch):
+    """Return the outcomes of all steps that a kernel took."""
+    outcomes, take = [], StepKernel.take
+
+    def noted(self, *args):
+        found = take(self, *args)
+        outcomes.append(None if found is None else found.outcome)
+        return found
+
+    monkeypatch.setattr(StepKernel, "take", noted)
+    return outcomes
+
+
+def assert_same_paths(setup, taken, seeds=range(3)):
     si = setup.getSpaceInformation()
-    own = si.getMotionValidator()
     asked = AnyValidator(si, setup.checker)
-    for planner in PLANNERS:
-        for seed in seeds:
-            si.setMotionValidator(own)
-            path, nodes = planned(setup, planner, seed)
-            si.setMotionValidator(asked)
-            composed, as_many = planned(setup, planner, seed)
-            assert nodes == as_many
-            assert asked.asked > 0
-            assert np.array_equal(path, composed)
-    si.setMotionValidator(own)
+    runs = [(planner, seed) for planner in PLANNERS for seed in seeds]
+    at_once = [planned(setup, *run) for run in runs]
+    assert {ADVANCED, REACHED} <= set(taken)
+    taken.clear()
+    si.setMotionValidator(asked)
+    for run, (path, nodes) in zip(runs, at_once, strict=True):
+        before = asked.asked
+        composed, as_many = planned(setup, *run)
+        assert nodes == as_many
+        assert asked.asked > before
+        assert np.array_equal(path, composed)
+    assert set(taken) == {None}
 
 
 @pytest.mark.parametrize("scenario", ["planar2", "panda_shelf", "ur5_handover"])
-def test_paths_are_those_of_a_validator_of_ones_own(scenario):
-    assert_same_paths(setup_scenario(Scenario.load(find_scenario(scenario))))
+def test_paths_are_those_of_a_validator_of_ones_own(scenario, taken):
+    assert_same_paths(setup_scenario(Scenario.load(find_scenario(scenario))), taken)
 
 
-def test_paths_are_the_same_where_joints_wrap(robot_named, clutter):
+def test_paths_are_the_same_where_joints_wrap(robot_named, clutter, taken):
     robot = robot_named("kinova")
     assert robot.continuous.any()
-    setup = SafeSetup(robot, clutter)
+    setup = SafeSetup(robot, Scene(tuple(replace(obstacle, weight=1.0) for obstacle in clutter)))
     rng = np.random.default_rng(3)
     Q = [q for q in rng.uniform(robot.lower, robot.upper, (40, robot.n)) if not setup.checker.in_collision(q)]
     setup.setConfigurations(Q[0], Q[1])
-    assert_same_paths(setup)
+    assert_same_paths(setup, taken)
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "slider", "twin_arm"])

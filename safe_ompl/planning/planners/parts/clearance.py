@@ -143,6 +143,11 @@ class AdaptiveMargin(Margin):
             self.refuse()
         return False
 
+    @property
+    def falls_next(self) -> bool:
+        """Whether the next refusal lowers the margin."""
+        return self._refusals % _REFUSALS == _REFUSALS - 1
+
     def refuse(self) -> None:
         """Count a refusal; every twelfth lowers the margin."""
         self._refusals += 1

@@ -12,12 +12,18 @@ import numpy as np
 
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import StateBridge
-from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
+from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
+from safe_ompl.planning.planners.parts.problem import (
+    AdaptiveThreshold,
+    DangerWeight,
+    FixedThreshold,
+    PlanningProblem,
+)
+from safe_ompl.planning.planners.parts.steps import ADVANCED, MISSED, RARE, REACHED, Look, StepKernel
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 from safe_ompl.robot import plain
 from safe_ompl.robot.kernels import descend, steer
 
-_RARE = 4  # if obstacles refuse so many times as many steps as danger does, proofs go first
 _SHORTEST = 0.05  # of a whole step
 
 
@@ -27,6 +33,10 @@ class Extension(Enum):
     TRAPPED = "no new node"
     ADVANCED = "a new node on the way"
     REACHED = "a new node at the target"
+
+
+_LED = {ADVANCED: Extension.ADVANCED, REACHED: Extension.REACHED}
+_LEVEL: FloatArray = np.empty(0)
 
 
 def steered(bridge: StateBridge, q: FloatArray, target: FloatArray, step: float) -> tuple[float, FloatArray]:
@@ -90,13 +100,21 @@ class TangentialDescent:
 
 @dataclass(eq=False)
 class SafeStep:
-    """EXTEND of the safe RRTs (§4.3, §4.4): a step with a tangential descent, below a threshold on danger."""
+    """EXTEND of the safe RRTs (§4.3, §4.4): a step with a tangential descent, below a threshold on danger.
 
-    bridge: StateBridge
+    With a `fixed` threshold steps must be below that, too.
+    """
+
+    problem: PlanningProblem
     danger: DangerWeight
     descent: TangentialDescent
     threshold: AdaptiveThreshold
-    is_free: Callable[[FloatArray, FloatArray], bool]
+    margin: AdaptiveMargin
+    fixed: FixedThreshold | None = None
+
+    def __post_init__(self) -> None:
+        self._kernel = StepKernel(self.problem)
+        self._is_free = (self.fixed or self.margin).motion_is_free
 
     def extend(
         self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
@@ -106,22 +124,67 @@ class SafeStep:
         Where the step with descent is not free the straight one is tried. Targets within a step are neither moved nor
         held to the threshold: they are configurations that the path needs.
         """
+        taken = self._at_once(trees, tree, old, target, step) if self.danger.weight else None
+        return self._composed(trees, tree, old, target, step) if taken is None else taken
+
+    def _at_once(
+        self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
+    ) -> tuple[Extension, int] | None:
+        """Do so in one call of a kernel; None, and nothing is done, where that cannot be.
+
+        Without danger steps take as long composed.
+        """
+        margin = self.margin.in_force
+        if (margin and self.margin.falls_next) or (self.fixed is not None and self.fixed.acts):
+            return None
+        look = self._look(trees, tree, old)
+        if look is None:
+            return None
+        taken = self._kernel.take(tree, old, target, step, margin, look)
+        if taken is None:
+            return None
+        trees.blocked += 0 if taken.outcome == MISSED else taken.refused
+        for _ in range(taken.refused if margin else 0):
+            self.margin.refuse()
+        if taken.dangerous:
+            trees.dangerous += 1
+            self.threshold.refuse()
+        if taken.outcome not in _LED:
+            return Extension.TRAPPED, old
+        new = trees.add(tree, self._kernel.places[0], old, taken.cost, taken.gradient)
+        return _LED[taken.outcome], new
+
+    def _look(self, trees: Trees, tree: Tree, old: int) -> Look | None:
+        """Return how a step looks at danger; None where the kernel cannot."""
+        danger = self._kernel.danger()
+        if danger is None:
+            return None
+        slope, share, ceiling = _LEVEL, 0.0, np.nan
+        if self.descent.acts:
+            slope, share = tree.gradient(old) / self.danger.slope, self.descent.share
+        if self.threshold.acts:
+            ceiling = self.threshold.ceiling(tree, old, trees)
+            if np.isnan(ceiling):
+                return None
+        return Look(danger, slope, share, ceiling, trees.blocked, trees.dangerous)
+
+    def _composed(
+        self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
+    ) -> tuple[Extension, int]:
+        """Do so with whatever says what is free and dangerous."""
         q_old = tree.configurations[old]
-        length, moved_to = steered(self.bridge, q_old, target, step)
+        length, moved_to = steered(self.problem.bridge, q_old, target, step)
         if length <= step or not self.danger.weight:
-            free = self.is_free(*tree.as_driven(q_old, moved_to[0]))
+            free = self._is_free(*tree.as_driven(q_old, moved_to[0]))
             outcome = Extension.REACHED if length <= step else Extension.ADVANCED
             if free:
                 return outcome, trees.add(tree, moved_to[0], old)
             trees.blocked += outcome is Extension.ADVANCED
             return Extension.TRAPPED, old
-        # The reach of the descent shrinks as the target comes near, so that every step comes nearer to it.
         reach = self.descent.share * min(step, length - step)
         moved = self.descent.moved(moved_to, reach, lambda: tree.gradient(old))
         for q_new in (moved_to[0],) if moved is None else (moved, moved_to[0]):
-            # A proof costs as much as a danger. The danger comes first, because a motion that is refused for obstacles
-            # lowers the margin; but where danger refuses few steps, computing it first would be wasted.
-            proof_first = trees.blocked > _RARE * trees.dangerous
+            proof_first = trees.blocked > RARE * trees.dangerous
             if proof_first and not self._is_unblocked(trees, tree, q_old, q_new):
                 continue
             cost, gradient = self._examined(q_new)
@@ -134,7 +197,7 @@ class SafeStep:
 
     def _is_unblocked(self, trees: Trees, tree: Tree, q_old: FloatArray, q_new: FloatArray) -> bool:
         """Return whether a step of a tree is free; count it where it is not."""
-        free = self.is_free(*tree.as_driven(q_old, q_new))
+        free = self._is_free(*tree.as_driven(q_old, q_new))
         trees.blocked += not free
         return free
 

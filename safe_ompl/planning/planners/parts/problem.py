@@ -59,12 +59,12 @@ class PlanningProblem:
         """
         motion = self.motion_prover
         if motion is not None:
-            free = motion.is_free(start, end, margin, self._limits_of(motion))
+            free = motion.is_free(start, end, margin, self.limits_of(motion))
         else:
             free = self._si.checkMotion(self._from.set(start), self._to.set(end))
         return free and (self.limit is None or self.limit.allows_motion(start, end))
 
-    def _limits_of(self, motion: MotionProver) -> JointLimits:
+    def limits_of(self, motion: MotionProver) -> JointLimits:
         """Return the joint limits of the robot that are also within the bounds of the space."""
         known = self._limits
         if known is None or known[0] is not motion:
@@ -207,18 +207,24 @@ class AdaptiveThreshold:
         """Whether there is a threshold."""
         return self.rise > 0 and self._danger.weight > 0
 
-    def tolerates(self, cost: float, tree: Tree, old: int, trees: Trees) -> bool:
-        """Return whether a danger is no larger than the threshold, or than that of node `old` of a tree."""
-        if not self.acts:
-            return True
+    def ceiling(self, tree: Tree, old: int, trees: Trees) -> float:
+        """Return the larger one of the threshold and the danger of node `old` of a tree: what steps from there keep."""
         if not self.level:
             self.level = trees.forced_cost()
-        if cost <= max(self.level, tree.costs[old]):
+        return max(self.level, float(tree.costs[old]))
+
+    def tolerates(self, cost: float, tree: Tree, old: int, trees: Trees) -> bool:
+        """Return whether a danger is no larger than the ceiling of node `old` of a tree; count it if it is."""
+        if not self.acts or cost <= self.ceiling(tree, old, trees):
             return True
+        self.refuse()
+        return False
+
+    def refuse(self) -> None:
+        """Count a refusal; every eighth raises the threshold."""
         self._refusals += 1
         if self._refusals % _REFUSALS == 0:
             self.level *= 1 + self.rise
-        return False
 
 
 class FixedThreshold:
@@ -228,11 +234,16 @@ class FixedThreshold:
         self._problem, self._is_free = problem, is_free
         self.level = np.inf
 
+    @property
+    def acts(self) -> bool:
+        """Whether there is a threshold."""
+        return not np.isinf(self.level)
+
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether a motion is free, and its end less dangerous than the threshold or than its start."""
         if not self._is_free(start, end):
             return False
-        if np.isinf(self.level):
+        if not self.acts:
             return True
         before, after = self._problem.cost.values(np.array([start, end]))
         return bool(after < max(self.level, before))

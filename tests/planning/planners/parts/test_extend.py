@@ -8,6 +8,7 @@ from plane import PlaneProblem, wall_with_a_gap
 
 from safe_ompl import SafeRRTConnect, Scenario
 from safe_ompl.common import Counts
+from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
 from safe_ompl.planning.planners.parts.extend import (
     Extension,
     SafeStep,
@@ -15,7 +16,12 @@ from safe_ompl.planning.planners.parts.extend import (
     TangentialDescent,
     straight_extension,
 )
-from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
+from safe_ompl.planning.planners.parts.problem import (
+    AdaptiveThreshold,
+    DangerWeight,
+    FixedThreshold,
+    PlanningProblem,
+)
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 from safe_ompl.scene import find_scenario
 
@@ -43,7 +49,10 @@ def test_the_danger_of_blocked_steps_is_spared_where_danger_refuses_little(shelf
     danger = DangerWeight(shelf_problem)
     descent, threshold = TangentialDescent(shelf_problem.bridge, danger), AdaptiveThreshold(danger)
     descent.share, threshold.rise, threshold.level = 0.8, 0.05, float("inf")
-    step = SafeStep(shelf_problem.bridge, danger, descent, threshold, lambda start, end: False)
+    nothing_free = FixedThreshold(shelf_problem, lambda start, end: False)
+    nothing_free.level = 1.0
+    margin = AdaptiveMargin(shelf_problem, danger)
+    step = SafeStep(shelf_problem, danger, descent, threshold, margin, nothing_free)
     trees = Trees(shelf_problem.bridge, shelf_problem.cost, Counts())
     trees.add_start(Scenario.load(find_scenario("panda_shelf")).start_configuration(shelf.robot))
     trees.blocked, trees.dangerous = 10, dangerous
