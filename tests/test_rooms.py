@@ -99,7 +99,13 @@ BETWEEN_ROOMS = [
 
 
 def test_rooms_import_names_of_doors_only():
-    past = [found for found in BETWEEN_ROOMS if found.name not in (DOORS.get(found.source) or ())]
+    """Or a whole door, behind which nothing is imported before one of its names is used."""
+    past = [
+        found
+        for found in BETWEEN_ROOMS
+        if found.name not in (DOORS.get(found.source) or ())
+        and not (not found.name and DOORS.get(found.source))
+    ]
     assert not past, "\n".join(map(str, past))
 
 

@@ -10,16 +10,16 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+import safe_ompl.motions as motions
+import safe_ompl.trajectories as trajectories
 from safe_ompl.common import clock
 from safe_ompl.common import documents as document
-from safe_ompl.motions import Repair
 from safe_ompl.planning.ompl import Constraints
 from safe_ompl.planning.optimise import Cost
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
 from safe_ompl.scene import MbmProblem, People, Scenario, Scene, find_scenario
-from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
 
@@ -117,10 +117,10 @@ def repair(
     *,
     constraints: Constraints | None = None,
     tube: ArrayLike | Mapping[str, float] | None = None,
-    limits: RateLimits | None = None,
+    limits: trajectories.RateLimits | None = None,
     people: People | None = None,
     time: float = 2.0,
-) -> Repair:
+) -> motions.Repair:
     """Return a motion that something else made with as little changed as a proof needs.
 
     Parameters

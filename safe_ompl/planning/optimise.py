@@ -13,9 +13,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from ompl import base as ob
 
+import safe_ompl.trajectories as trajectories
 from safe_ompl.common import FloatArray, clock, positive
 from safe_ompl.paths import Simplifier, Stop, timed, unrolled
-from safe_ompl.trajectories import PathTimer, duration_of, faster
 
 Cost: TypeAlias = Literal["danger", "duration"]
 COSTS: tuple[Cost, ...] = ("danger", "duration")
@@ -154,7 +154,7 @@ class FastestPath:
     is faster than those before; only the first may be one that people allow no motion on: its duration is +inf.
     """
 
-    def __init__(self, timer: PathTimer, simplifier: Simplifier, seed: int) -> None:
+    def __init__(self, timer: trajectories.PathTimer, simplifier: Simplifier, seed: int) -> None:
         self.times: list[float] = []
         self.paths: list[FloatArray] = []
         self.durations: list[float] = []
@@ -212,10 +212,10 @@ class FastestPath:
         return min(candidates, key=lambda pair: pair[0])
 
     def _make_faster(self, path: FloatArray, over: Stop) -> None:
-        faster(path, self._timer, self._simplifier.motion, self._rng, over, self._better)
+        trajectories.faster(path, self._timer, self._simplifier.motion, self._rng, over, self._better)
 
     def _timed(self, path: FloatArray) -> float:
-        duration = duration_of(self._timer, path)
+        duration = trajectories.duration_of(self._timer, path)
         self._better(path, duration)
         return duration
 

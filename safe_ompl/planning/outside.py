@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+import safe_ompl.motions as motions
 from safe_ompl.common import FloatArray, InputError, clock, finite_array
-from safe_ompl.motions import Motion, repair_with
 from safe_ompl.planning.planners import SafePlanner
 
 _log = logging.getLogger(__name__)
@@ -45,7 +45,9 @@ class OutsidePlanner(SafePlanner):
             path = self._led_to_its_ends(found, start, goals)
             if before is not None and np.array_equal(path, before):
                 return None
-            repair = repair_with(Motion.through(path), self._setup.motion_prover, connect=connect)
+            repair = motions.repair_with(
+                motions.Motion.through(path), self._setup.motion_prover, connect=connect
+            )
             if repair:
                 _log.info("%s: %s", self.getName(), repair)
                 return repair.motion.knots

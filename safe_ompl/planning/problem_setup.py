@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from ompl import geometric as og
 
+import safe_ompl.motions as motions
+import safe_ompl.trajectories as trajectories
 from safe_ompl.collision import (
     FLOOR,
     CollisionChecker,
@@ -23,7 +25,6 @@ from safe_ompl.collision import (
 from safe_ompl.common import Counts, FloatArray, InputError, finite_array, number
 from safe_ompl.danger import DangerLimit
 from safe_ompl.geometry import Obstacle
-from safe_ompl.motions import tube_of
 from safe_ompl.paths import PathReport, Validation, validate
 from safe_ompl.planning.first_plan import compile_kernels
 from safe_ompl.planning.ompl import (
@@ -40,7 +41,6 @@ from safe_ompl.planning.ompl import (
 from safe_ompl.planning.problem import Problem, Wiring, danger_field
 from safe_ompl.robot import GoalRegion, Robot
 from safe_ompl.scene import MotionLimits, People, Scene
-from safe_ompl.trajectories import MotionCaps, PathTimer, RateLimits
 
 _log = logging.getLogger(__name__)
 
@@ -196,7 +196,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         widths : float or array_like, shape (n,)
             How far each joint may be from where it should be, such as errors of control [rad or m]; 0 for no tube.
         """
-        self.setConstraints(self.getConstraints().with_tube(tube_of(widths, self.robot)))
+        self.setConstraints(self.getConstraints().with_tube(motions.tube_of(widths, self.robot)))
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
@@ -349,10 +349,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setMotionLimits(self, motion: MotionLimits | None = None, people: People | None = None) -> None:
         """Say what trajectories keep to, for `plan(cost="duration")`: motion of joints, tool and links; and people."""
         self._motion_limits, self._people = motion or MotionLimits(), people
-        self._timer: PathTimer | None = None
+        self._timer: trajectories.PathTimer | None = None
 
     @property
-    def timer(self) -> PathTimer:
+    def timer(self) -> trajectories.PathTimer:
         """What times paths within the limits that `setMotionLimits` set.
 
         An InputError if limits are missing, people are not in the scene, or a danger is limited but none is planned
@@ -361,9 +361,11 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         made_for, limits = (self.motion_prover, self.scene), self._motion_limits
         if self._timer is None or any(a is not b for a, b in zip(self._timed_for, made_for, strict=True)):
             danger = None if limits.max_danger is None or self.field is None else self.field.moving
-            rates = RateLimits.of(self.robot, limits.velocity, limits.acceleration, limits.jerk)
-            caps = MotionCaps(self._people, limits.tool_speed, limits.link_speed, danger, limits.max_danger)
-            self._timer = PathTimer(self.robot, rates, motion=self.motion_prover, caps=caps)
+            rates = trajectories.RateLimits.of(self.robot, limits.velocity, limits.acceleration, limits.jerk)
+            caps = trajectories.MotionCaps(
+                self._people, limits.tool_speed, limits.link_speed, danger, limits.max_danger
+            )
+            self._timer = trajectories.PathTimer(self.robot, rates, motion=self.motion_prover, caps=caps)
             self._timed_for = made_for
         return self._timer
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import safe_ompl.trajectories as trajectories
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError
 from safe_ompl.danger import DangerField
@@ -14,7 +15,6 @@ from safe_ompl.planning.optimise import Improvement
 from safe_ompl.planning.problem import danger_field
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.trajectories import RateLimits, Trajectory, time_path
 
 _TIMES = ("setup_time", "planning_time", "simplification_time", "report_time")
 _TOLD = ("planner", "seed", "status", "solved", *_TIMES)  # as they are, in the JSON of a result
@@ -76,7 +76,7 @@ class PlanResult:
     motion: MotionProver | None = field(default=None, compare=False, repr=False)
     planned_path: FloatArray | None = field(default=None, compare=False, repr=False)
 
-    def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:
+    def timed(self, limits: trajectories.RateLimits | None = None, **options: Any) -> trajectories.Trajectory:
         """Return the path as a trajectory; parameters and errors of `time_path`.
 
         It knows `robot`, `motion` and, where `max_danger` is given, `danger`: what was planned for. An InputError if
@@ -93,7 +93,9 @@ class PlanResult:
             )
         if options.get("max_danger") is not None and self.danger is not None:
             options = {"danger": self.danger_field().moving, **options}
-        return time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
+        return trajectories.time_path(
+            self.path, self.motion.checker.robot, limits, motion=self.motion, **options
+        )
 
     def danger_field(self) -> DangerField:
         """Return the danger field that was planned with; that of the robot in motion is its `moving`.

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from ompl import base as ob
 
+import safe_ompl.motions as motions
+import safe_ompl.trajectories as trajectories
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError, clock, positive
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.danger import DangerLimit
-from safe_ompl.motions import MotionCheck, Repair, check_with, repair_with
 from safe_ompl.paths import PathReport, Simplifier, Stop, timed
 from safe_ompl.planning.ompl import DangerObjective, DurationObjective
 from safe_ompl.planning.optimise import (
@@ -40,7 +41,6 @@ from safe_ompl.planning.planners import (
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.scene import People
-from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
 
@@ -229,24 +229,24 @@ class SafeSetup(ProblemSetup):
     # ----------------------------------------------------------------------------------- motions from outside
 
     def check(
-        self, motion: Any, limits: RateLimits | None = None, people: People | None = None
-    ) -> MotionCheck:
+        self, motion: Any, limits: trajectories.RateLimits | None = None, people: People | None = None
+    ) -> motions.MotionCheck:
         """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
         self.problem.adopt_plugins()
-        return check_with(motion, self.motion_prover, limits, people=people)
+        return motions.check_with(motion, self.motion_prover, limits, people=people)
 
     def repair(
         self,
         motion: Any,
-        limits: RateLimits | None = None,
+        limits: trajectories.RateLimits | None = None,
         people: People | None = None,
         *,
         time: float = 2.0,
-    ) -> Repair:
+    ) -> motions.Repair:
         """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
         self.problem.adopt_plugins()
         limit = positive(time, "time limit", "number of seconds")
-        return repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
+        return motions.repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
 
     # ----------------------------------------------------------------------------------------- simplification
 
