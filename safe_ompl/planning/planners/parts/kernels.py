@@ -1,10 +1,10 @@
 """Nearest of many nodes: a scan, and a tree of boxes for many nodes.
 
 The distance ρ is Euclidean, coordinates that wrap going the short way round. Sought is argmin ρ + α·cost, of equal ones
-the first. The leaves of the tree hold up to 32 nodes each, coordinate by coordinate, so that processors compute their
-distances by lanes. A full leaf is divided in the middle of its longest side. Every branch has the box and the least
-cost of its nodes, and is left out where even the nearest place of its box, at its least cost, is worse than what was
-found.
+the first. The tree's leaves hold up to 16 nodes. A full one is divided in the middle of the longest side of its box.
+Its pages hold up to eight boxes: what three divisions make of one. Both are kept coordinate by coordinate, so that
+processors compute the distances of all nodes of a leaf, or of all boxes of a page, by lanes. A box is left out where
+even its nearest place, at the least cost in it, is worse than what was found.
 """
 
 from __future__ import annotations
@@ -14,34 +14,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, maker, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.robot.kernels import way
 
 _ROUND = 2 * pi
 _SLACK = 1 - 1e-12  # bounds of boxes are taken for less by this: no rounding may hide a node
-SIZE = 32  # nodes that a leaf holds
-LINKS = 7
-LESS, MORE, ABOVE, SLOT, BY, COUNT, DEPTH = range(LINKS)  # columns of links
+_TURN_SLACK = 1e-12  # the same for the sides of boxes that wrap [rad]
+_FINITE = float(np.finfo(np.float64).max)
+BOXES, SIZE = 8, 16  # boxes in a page, nodes in a leaf
+COUNT, HOME = SIZE, SIZE + 1  # columns of members
+PAGES, LEAVES, NODES, PRICED, DEPTH = range(5)
 
 
 class BoxTree(NamedTuple):
-    """A tree of boxes, in arrays that may have room for more branches, leaves and nodes.
+    """A tree of boxes, in arrays that may have room for more pages, leaves and nodes.
 
-    Branches have `links`: those beneath and above, −1 for none; the slot of a leaf, −1 of others; the coordinate that
-    divides it; how many nodes a leaf holds; and how deep it is. `cuts` are where they are divided. Slots have the
-    members of a leaf and their coordinates; nodes have the leaf that is their home, and a price, ∞ until it is known.
-    `used` counts branches and slots, and tells how deep the tree is.
+    Boxes of a page have numbers 8 to 15: box k was divided into 2k and 2k + 1, and box 1 is all of the page. One that
+    is not divided is where the first would be that it could be divided into. `links` of a page are what is in its
+    boxes, a page or, as ~leaf, a leaf; the box that the page is in, 8·page + box, −1 for none; and by which coordinate
+    boxes 1 to 7 are divided, −1 for none. `boxes` are the lowest and the greatest coordinates of nodes, the least cost,
+    and where boxes 1 to 7 are divided. `members` are the nodes of a leaf, their number and the leaf's box; `places`
+    their coordinates and costs, ∞ until they are known. `homes` are the leaves of nodes. `used` counts pages, leaves,
+    nodes, nodes with known costs, and the pages above a leaf at most.
     """
 
-    links: IntArray  # (M, 7)
-    cuts: FloatArray  # (M,)
-    lowest: FloatArray  # (M,)
-    boxes: FloatArray  # (M, 2, n)
-    members: IntArray  # (S, 32)
-    places: FloatArray  # (S, n, 32)
+    wraps: BoolArray  # (n,)
+    links: IntArray  # (P, 16)
+    boxes: FloatArray  # (P, 2n + 2, 8)
+    members: IntArray  # (S, 18)
+    places: FloatArray  # (S, n + 1, 16)
     homes: IntArray  # (N,)
-    prices: FloatArray  # (N,)
-    used: IntArray  # (3,)
+    used: IntArray  # (5,)
 
 
 @part
@@ -52,20 +55,6 @@ def _distance(rows: FloatArray, node: int, q: FloatArray, wraps: BoolArray) -> f
         delta = way(rows[node, i], q[i], wraps[i])
         total += delta * delta
     return sqrt(total)
-
-
-@part
-def _box_distance(boxes: FloatArray, node: int, q: FloatArray, wraps: BoolArray) -> float:
-    """Return ρ from the nearest place of a box to q."""
-    total = 0.0
-    for i in range(len(q)):
-        low, high = boxes[node, 0, i], boxes[node, 1, i]
-        gap = max(low - q[i], q[i] - high, 0.0)
-        if wraps[i] and gap > 0.0:
-            inside = (q[i] - low) % _ROUND <= high - low
-            gap = 0.0 if inside else min((low - q[i]) % _ROUND, (q[i] - high) % _ROUND)
-        total += gap * gap
-    return sqrt(total) * _SLACK
 
 
 @compiled
@@ -81,132 +70,208 @@ def scan(rows: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, costs:
     return best
 
 
+@compiled
+def nearest(rows: FloatArray, q: FloatArray, alpha: float, costs: FloatArray, tree: BoxTree) -> int:
+    """Return argmin ρ + α·cost, like `scan`; first put the nodes into the tree that are new, and their costs if α > 0.
+
+    −1 says that the tree has no room for them.
+    """
+    if not _insert(rows, tree):
+        return -1
+    if alpha != 0.0:
+        _price(costs, tree)
+    room = BOXES * (tree.used[DEPTH] + 1)
+    return _search(q, alpha, tree, np.empty(room, np.int64), np.empty(room), np.empty(SIZE))
+
+
 @part
-def _new_leaf(tree: BoxTree, above: int, depth: int, slot: int) -> int:
+def _insert(rows: FloatArray, tree: BoxTree) -> bool:
+    """Put new nodes into the tree, and return whether it has room for all of them."""
+    links, boxes, used, n = tree.links, tree.boxes, tree.used, rows.shape[1]
+    for node in range(used[NODES], len(rows)):
+        # A node divides no more than one leaf, since neither half is full, and no more than one leaf becomes a page.
+        if node == len(tree.homes) or used[PAGES] == len(links) or used[LEAVES] == len(tree.members):
+            return False
+        if node == 0:
+            _new_page(tree, -1, ~_new_leaf(tree))
+        page, depth = 0, 1
+        while True:
+            k = 1
+            while k < BOXES and links[page, BOXES + k] >= 0:
+                k = 2 * k + int(rows[node, links[page, BOXES + k]] >= boxes[page, 2 * n + 1, k])
+            box = _first(k)
+            inside = links[page, box]
+            if inside < 0 and tree.members[~inside, COUNT] == SIZE:
+                if k < BOXES:
+                    _divide(tree, page, k, rows)
+                    continue
+                inside = _new_page(tree, BOXES * page + box, inside)
+            if inside < 0:
+                break
+            _widen(tree, page, box, rows, node)
+            page, depth = inside, depth + 1
+        _put(tree, page, box, rows, node, inf)
+        used[NODES], used[DEPTH] = node + 1, max(used[DEPTH], depth)
+    return True
+
+
+@part
+def _first(k: int) -> int:
+    """Return where box k of a page is, or the first of those that it is divided into."""
+    while k < BOXES:
+        k *= 2
+    return k - BOXES
+
+
+@part
+def _new_leaf(tree: BoxTree) -> int:
     """Add a leaf without nodes, and return it."""
-    leaf = tree.used[0]
-    tree.used[0] += 1
-    tree.used[1], tree.used[2] = max(tree.used[1], slot + 1), max(tree.used[2], depth)
-    tree.links[leaf, :] = -1
-    tree.links[leaf, ABOVE], tree.links[leaf, SLOT] = above, slot
-    tree.links[leaf, COUNT], tree.links[leaf, DEPTH] = 0, depth
-    tree.lowest[leaf] = inf
-    tree.boxes[leaf, 0, :], tree.boxes[leaf, 1, :] = inf, -inf
+    leaf = tree.used[LEAVES]
+    tree.used[LEAVES] += 1
+    tree.members[leaf, COUNT] = 0
+    tree.places[leaf] = inf
     return int(leaf)
 
 
 @part
-def _put(tree: BoxTree, leaf: int, node: int, rows: FloatArray) -> None:
-    """Append a node to a leaf, which has room, and whose box holds it from then on."""
-    slot, count = tree.links[leaf, SLOT], tree.links[leaf, COUNT]
-    tree.members[slot, count] = node
-    for i in range(rows.shape[1]):
-        tree.places[slot, i, count] = rows[node, i]
-    tree.links[leaf, COUNT], tree.homes[node] = count + 1, leaf
-    tree.lowest[leaf] = min(tree.lowest[leaf], tree.prices[node])
-    _widen(tree, leaf, node, rows)
+def _new_page(tree: BoxTree, above: int, inside: int) -> int:
+    """Add a page with one box, that of a leaf: what was in the box `above`, where the page is from then on."""
+    page, last = tree.used[PAGES], 2 * len(tree.wraps)
+    tree.used[PAGES] += 1
+    tree.links[page] = -1
+    tree.boxes[page] = inf
+    tree.boxes[page, last // 2 : last] = -inf
+    if above >= 0:
+        tree.links[above // BOXES, above % BOXES] = page
+        for i in range(last + 1):
+            tree.boxes[page, i, 0] = tree.boxes[above // BOXES, i, above % BOXES]
+    tree.links[page, 0], tree.links[page, BOXES] = inside, above
+    tree.members[~inside, HOME] = BOXES * page
+    return int(page)
 
 
 @part
-def _widen(tree: BoxTree, at: int, node: int, rows: FloatArray) -> None:
-    for i in range(rows.shape[1]):
-        tree.boxes[at, 0, i] = min(tree.boxes[at, 0, i], rows[node, i])
-        tree.boxes[at, 1, i] = max(tree.boxes[at, 1, i], rows[node, i])
+def _divide(tree: BoxTree, page: int, k: int, rows: FloatArray) -> None:
+    """Divide box k of a page, with a full leaf; where its nodes are all at one place each half gets half of them."""
+    n, box, by, least, widest = rows.shape[1], _first(k), 0, 0.0, -inf
+    for i in range(n):
+        low, high = tree.boxes[page, i, box], tree.boxes[page, n + i, box]
+        if high - low > widest:
+            by, least, widest = i, low, high - low
+    cut = 0.5 * (least + tree.boxes[page, n + by, box])
+    cut = cut if cut > least else tree.boxes[page, n + by, box]
+    leaf, more = ~tree.links[page, box], _first(2 * k + 1)
+    new = _new_leaf(tree)
+    tree.links[page, more], tree.links[page, BOXES + k], tree.boxes[page, 2 * n + 1, k] = ~new, by, cut
+    tree.members[leaf, COUNT], tree.members[new, HOME] = 0, BOXES * page + more
+    tree.boxes[page, :n, box], tree.boxes[page, n : 2 * n, box], tree.boxes[page, 2 * n, box] = inf, -inf, inf
+    for lane in range(SIZE):
+        node = tree.members[leaf, lane]
+        first = lane < SIZE // 2 if widest == 0.0 else rows[node, by] < cut
+        _put(tree, page, box if first else more, rows, node, tree.places[leaf, n, lane])
 
 
-@maker
-def _divide(tree: BoxTree, leaf: int, rows: FloatArray) -> None:
-    """Make a full leaf a branch with two leaves; where its nodes are all at one place each gets half of them."""
-    links, box, by = tree.links, tree.boxes[leaf], 0
-    for i in range(rows.shape[1]):
-        if box[1, i] - box[0, i] > box[1, by] - box[0, by]:
-            by = i
-    cut = 0.5 * (box[0, by] + box[1, by])
-    cut = cut if cut > box[0, by] else box[1, by]
-    same, slot = box[0, by] == box[1, by], links[leaf, SLOT]
-    held = tree.members[slot].copy()
-    less = _new_leaf(tree, leaf, links[leaf, DEPTH] + 1, slot)
-    more = _new_leaf(tree, leaf, links[leaf, DEPTH] + 1, tree.used[1])
-    links[leaf, LESS], links[leaf, MORE], links[leaf, SLOT], links[leaf, BY] = less, more, -1, by
-    tree.cuts[leaf] = cut
-    for k in range(SIZE):
-        first = k < SIZE // 2 if same else rows[held[k], by] < cut
-        _put(tree, less if first else more, held[k], rows)
+@part
+def _put(tree: BoxTree, page: int, box: int, rows: FloatArray, node: int, cost: float) -> None:
+    """Append a node to the leaf in a box, which has room."""
+    leaf, n = ~tree.links[page, box], rows.shape[1]
+    lane = tree.members[leaf, COUNT]
+    tree.members[leaf, lane], tree.members[leaf, COUNT], tree.homes[node] = node, lane + 1, leaf
+    for i in range(n):
+        tree.places[leaf, i, lane] = rows[node, i]
+    tree.places[leaf, n, lane] = cost
+    tree.boxes[page, 2 * n, box] = min(tree.boxes[page, 2 * n, box], cost)
+    _widen(tree, page, box, rows, node)
 
 
-@compiled
-def insert(rows: FloatArray, begin: int, tree: BoxTree) -> int:
-    """Put the nodes from `begin` on into the tree, until there is no room for one; return the first that is not in."""
-    links, used = tree.links, tree.used
-    for node in range(begin, len(rows)):
-        # A leaf is divided as often as it holds nodes at most before there is room for another.
-        if used[0] + 2 * SIZE + 3 > len(links) or used[1] + SIZE + 2 > len(tree.members):
-            return node
-        tree.prices[node] = inf
-        at = 0 if used[0] else _new_leaf(tree, -1, 0, 0)
-        while links[at, SLOT] < 0 or links[at, COUNT] == SIZE:
-            _widen(tree, at, node, rows)
-            if links[at, SLOT] >= 0:
-                _divide(tree, at, rows)
-            at = links[at, LESS if rows[node, links[at, BY]] < tree.cuts[at] else MORE]
-        _put(tree, at, node, rows)
-    return len(rows)
+@part
+def _widen(tree: BoxTree, page: int, box: int, rows: FloatArray, node: int) -> None:
+    n = rows.shape[1]
+    for i in range(n):
+        tree.boxes[page, i, box] = min(tree.boxes[page, i, box], rows[node, i])
+        tree.boxes[page, n + i, box] = max(tree.boxes[page, n + i, box], rows[node, i])
 
 
-@compiled
-def price(costs: FloatArray, begin: int, tree: BoxTree) -> None:
-    """Let the tree know the costs (N,) of the nodes from `begin` on."""
-    for node in range(begin, len(costs)):
-        at = tree.homes[node]
-        tree.prices[node] = costs[node] if costs[node] == costs[node] else inf
-        while at >= 0 and tree.lowest[at] > costs[node]:
-            tree.lowest[at] = costs[node]
-            at = tree.links[at, ABOVE]
+@part
+def _price(costs: FloatArray, tree: BoxTree) -> None:
+    """Let the tree know the costs (N,) of nodes that have none in it."""
+    n = len(tree.wraps)
+    for node in range(tree.used[PRICED], len(costs)):
+        leaf, lane = tree.homes[node], 0
+        while tree.members[leaf, lane] != node:
+            lane += 1
+        cost = costs[node] if costs[node] == costs[node] else inf
+        tree.places[leaf, n, lane] = cost
+        at = tree.members[leaf, HOME]
+        while at >= 0 and tree.boxes[at // BOXES, 2 * n, at % BOXES] > cost:
+            tree.boxes[at // BOXES, 2 * n, at % BOXES] = cost
+            at = tree.links[at // BOXES, BOXES]
+    tree.used[PRICED] = max(tree.used[PRICED], len(costs))
 
 
-@compiled
-def search(q: FloatArray, wraps: BoolArray, alpha: float, costs: FloatArray, tree: BoxTree) -> int:
-    """Return argmin ρ + α·cost of the nodes, all of which are in the tree, with their prices if α > 0; like `scan`."""
-    links, deepest = tree.links, tree.used[2]
-    stack, bounds, squares = np.empty(deepest + 2, np.int64), np.empty(deepest + 2), np.empty(SIZE)
+@part
+def _search(
+    q: FloatArray, alpha: float, tree: BoxTree, stack: IntArray, bounds: FloatArray, lanes: FloatArray
+) -> int:
+    """Return the nearest of all nodes, with memory for what is still to be looked at and for `lanes`: (16,)."""
     stack[0], bounds[0], size = 0, -inf, 1
-    best, least = 0, inf
+    best, least = 0, _FINITE
     while size > 0:
         size -= 1
-        at = stack[size]
+        at, bottom = stack[size], size
         if bounds[size] > least:
             continue
-        if links[at, SLOT] < 0:
-            first, second = links[at, LESS], links[at, MORE]
-            near, far = _least(first, q, wraps, alpha, tree), _least(second, q, wraps, alpha, tree)
-            if near > far:
-                first, second, near, far = second, first, far, near
-            if far <= least:
-                stack[size], bounds[size] = second, far
-                size += 1
-            if near <= least:
-                stack[size], bounds[size] = first, near
-                size += 1
+        if at >= 0:
+            _bounds(tree.boxes[at], q, tree.wraps, alpha, lanes)
+            for box in range(BOXES):
+                if lanes[box] <= least:
+                    k = size
+                    while k > bottom and bounds[k - 1] < lanes[box]:
+                        stack[k], bounds[k] = stack[k - 1], bounds[k - 1]
+                        k -= 1
+                    stack[k], bounds[k] = tree.links[at, box], lanes[box]
+                    size += 1
             continue
-        slot = links[at, SLOT]
-        _squares(tree.places[slot], q, wraps, squares)
-        for k in range(links[at, COUNT]):
-            node, score = tree.members[slot, k], sqrt(squares[k])
-            if alpha != 0.0:
-                if score + alpha * tree.lowest[at] > least:
-                    continue
-                score += alpha * costs[node]
+        _scores(tree.places[~at], q, tree.wraps, alpha, lanes)
+        for lane in range(tree.members[~at, COUNT]):
+            node, score = tree.members[~at, lane], lanes[lane]
             if score < least or (score == least and node < best):
                 best, least = node, score
-    return best
+    return int(best)
 
 
 @part
-def _squares(places: FloatArray, q: FloatArray, wraps: BoolArray, out: FloatArray) -> None:
-    """Write ρ² from the nodes of a leaf, by coordinates (n, 32), to q; summed like `_distance`."""
+def _bounds(boxes: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, out: FloatArray) -> None:
+    """Write lower bounds of ρ + α·cost in the boxes of a page; ∞ or NaN where there is none."""
+    n = len(q)
+    for box in range(BOXES):
+        out[box] = 0.0
+    for i in range(n):
+        if wraps[i]:
+            for box in range(BOXES):
+                low, high = boxes[i, box], boxes[n + i, box]
+                delta = q[i] - 0.5 * (low + high)
+                delta -= _ROUND * np.rint(delta / _ROUND)
+                gap = max(abs(delta) - 0.5 * (high - low) - _TURN_SLACK, 0.0)
+                out[box] += gap * gap
+        else:
+            for box in range(BOXES):
+                gap = max(boxes[i, box] - q[i], q[i] - boxes[n + i, box], 0.0)
+                out[box] += gap * gap
+    for box in range(BOXES):
+        out[box] = sqrt(out[box]) * _SLACK
+    if alpha != 0.0:
+        for box in range(BOXES):
+            out[box] += alpha * boxes[2 * n, box]
+
+
+@part
+def _scores(places: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, out: FloatArray) -> None:
+    """Write ρ + α·cost of the nodes of a leaf, summed like `_distance`."""
+    n = len(q)
     for k in range(SIZE):
         out[k] = 0.0
-    for i in range(len(q)):
+    for i in range(n):
         if wraps[i]:
             for k in range(SIZE):
                 delta = q[i] - places[i, k]
@@ -216,10 +281,8 @@ def _squares(places: FloatArray, q: FloatArray, wraps: BoolArray, out: FloatArra
             for k in range(SIZE):
                 delta = q[i] - places[i, k]
                 out[k] += delta * delta
-
-
-@part
-def _least(at: int, q: FloatArray, wraps: BoolArray, alpha: float, tree: BoxTree) -> float:
-    """Return a lower bound of ρ + α·cost in a branch."""
-    bound = _box_distance(tree.boxes, at, q, wraps)
-    return bound + alpha * tree.lowest[at] if alpha != 0.0 else bound
+    for k in range(SIZE):
+        out[k] = sqrt(out[k])
+    if alpha != 0.0:
+        for k in range(SIZE):
+            out[k] += alpha * places[n, k]
