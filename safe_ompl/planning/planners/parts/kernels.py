@@ -1,50 +1,62 @@
 """Nearest of many nodes: a scan, and a tree of boxes for many nodes.
 
 The distance ρ is Euclidean, coordinates that wrap going the short way round. Sought is argmin ρ + α·cost, of equal ones
-the first. The tree's leaves hold up to 16 nodes. A full one is divided in the middle of the longest side of its box.
-Its pages hold up to eight boxes: what three divisions make of one. Both are kept coordinate by coordinate, so that
-processors compute the distances of all nodes of a leaf, or of all boxes of a page, by lanes. A box is left out where
-even its nearest place, at the least cost in it, is worse than what was found.
+the first. A k-d tree divides the nodes among leaves: a full leaf in the middle of the longest side of its box. The
+search does not descend it, but looks at the boxes of leaves, 32 to a page, and at boxes of pages, as in a B-tree.
+Leaves and pages are kept coordinate by coordinate, so that processors compute distances by lanes, and in single
+precision, as reading them takes longer than computing. These distances only say what may be left out: those of the
+nodes that remain are computed from their rows.
 """
 
 from __future__ import annotations
 
 from math import inf, pi, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.robot.kernels import way
 
+SingleArray: TypeAlias = NDArray[np.float32]
+
 _ROUND = 2 * pi
-_SLACK = 1 - 1e-12  # bounds of boxes are taken for less by this: no rounding may hide a node
-_TURN_SLACK = 1e-12  # the same for the sides of boxes that wrap [rad]
-_FINITE = float(np.finfo(np.float64).max)
-BOXES, SIZE = 8, 16  # boxes in a page, nodes in a leaf
-COUNT, HOME = SIZE, SIZE + 1  # columns of members
-PAGES, LEAVES, NODES, PRICED, DEPTH = range(5)
+_TURN, _HALF, _ZERO, _FAR = np.float32(_ROUND), np.float32(0.5), np.float32(0.0), np.float32(inf)
+# Shares by which single precision is taken for less, more than it can be wrong by: no rounding may hide a node.
+_LESS, _UNIT = np.float32(1 - 1e-5), 1e-6  # of distances; of coordinates and costs
+_GREAT, _MOST = 1e15, 1e18  # coordinates and scores from which on singles might overflow
+BOXES, SIZE = 32, 16  # boxes in a page, nodes in a leaf
+COUNT, HOME, CELL, OWN = range(4)  # columns of pages and leaves
+LESS, MORE, BY, ABOVE = range(4)  # columns of cells
+PAGES, LEAVES, CELLS, NODES, PRICED, DEPTH, ROOT = range(7)
 
 
 class BoxTree(NamedTuple):
-    """A tree of boxes, in arrays that may have room for more pages, leaves and nodes.
+    """A tree of boxes, in arrays that may have room for more pages and leaves.
 
-    Boxes of a page have numbers 8 to 15: box k was divided into 2k and 2k + 1, and box 1 is all of the page. One that
-    is not divided is where the first would be that it could be divided into. `links` of a page are what is in its
-    boxes, a page or, as ~leaf, a leaf; the box that the page is in, 8·page + box, −1 for none; and by which coordinate
-    boxes 1 to 7 are divided, −1 for none. `boxes` are the lowest and the greatest coordinates of nodes, the least cost,
-    and where boxes 1 to 7 are divided. `members` are the nodes of a leaf, their number and the leaf's box; `places`
-    their coordinates and costs, ∞ until they are known. `homes` are the leaves of nodes. `used` counts pages, leaves,
-    nodes, nodes with known costs, and the pages above a leaf at most.
+    Cells of the k-d tree have the two that they are divided into, the coordinate by which, and the cell that they are
+    half of; `cuts` are where. Those that are not divided have their leaf for LESS, and MORE is −1. A cell whose nodes
+    are all at one place is divided by their numbers, as if they were coordinate n.
+
+    Pages and leaves have the counts of their boxes and nodes, the box that they are in, 32·page + box, −1 for none, and
+    their cell. Then `pages` have what is in each box, a page or, as ~leaf, a leaf, and `leaves` their nodes. `boxes`
+    are the least and the greatest coordinates in each box of a page, and the least cost; `places` the coordinates and
+    costs of a leaf's nodes. Costs are ∞ until they are known, and are not where there is no box or node.
+
+    `used` counts pages, leaves, cells, nodes, and those with known costs; then how many pages are above a leaf, and
+    which page is above all. `extent` is the greatest absolute coordinate.
     """
 
     wraps: BoolArray  # (n,)
-    links: IntArray  # (P, 16)
-    boxes: FloatArray  # (P, 2n + 2, 8)
-    members: IntArray  # (S, 18)
-    places: FloatArray  # (S, n + 1, 16)
-    homes: IntArray  # (N,)
-    used: IntArray  # (5,)
+    cells: IntArray  # (2 S, 4)
+    cuts: FloatArray  # (2 S,)
+    pages: IntArray  # (P, OWN + 32)
+    boxes: SingleArray  # (P, 2n + 1, 32)
+    leaves: IntArray  # (S, OWN + 16)
+    places: SingleArray  # (S, n + 1, 16)
+    used: IntArray  # (7,)
+    extent: FloatArray  # (1,)
 
 
 @part
@@ -79,210 +91,290 @@ def nearest(rows: FloatArray, q: FloatArray, alpha: float, costs: FloatArray, tr
     if not _insert(rows, tree):
         return -1
     if alpha != 0.0:
-        _price(costs, tree)
-    room = BOXES * (tree.used[DEPTH] + 1)
-    return _search(q, alpha, tree, np.empty(room, np.int64), np.empty(room), np.empty(SIZE))
+        _price(rows, costs, tree)
+    extent, n = _extent(q, tree), len(q)
+    if not extent < _GREAT:
+        return scan(rows, q, tree.wraps, alpha, costs)
+    # Arrays of their own, so that the compiler knows that what is written to one does not change another.
+    room = BOXES * tree.used[DEPTH] + 1
+    stack, bounds, single = np.empty(room, np.int64), np.empty(room, np.float32), q.astype(np.float32)
+    squares, margins = np.empty(max(BOXES, SIZE), np.float32), np.empty(max(BOXES, SIZE), np.float32)
+    slack = _UNIT * extent * sqrt(n) + 1e-18
+    stack[0], bounds[0], size = tree.used[ROOT], -_FAR, 1
+    best, least = 0, inf
+    while size > 0:
+        size -= 1
+        at, bottom = stack[size], size
+        if bounds[size] > least + slack:
+            continue
+        limit = min(least + slack + 1e-5 * abs(least), _MOST)
+        if at < 0:
+            _squares(tree.places[~at], single, tree.wraps, squares)
+            _margins(squares, tree.places[~at, n], alpha, limit, margins[:SIZE])
+            for lane in range(tree.leaves[~at, COUNT]):
+                if margins[lane] >= _ZERO:
+                    node = tree.leaves[~at, OWN + lane]
+                    score = _distance(rows, node, q, tree.wraps)
+                    if alpha != 0.0:
+                        score += alpha * costs[node]
+                    if score < least or (score == least and node < best):
+                        best, least = node, score
+            continue
+        _gaps(tree.boxes[at], single, tree.wraps, squares)
+        _margins(squares, tree.boxes[at, 2 * n], alpha, limit, margins[:BOXES])
+        for box in range(tree.pages[at, COUNT]):
+            if margins[box] >= _ZERO:
+                bound = np.sqrt(squares[box]) * _LESS
+                if alpha != 0.0:
+                    bound += np.float32(alpha) * tree.boxes[at, 2 * n, box]
+                k = size
+                while k > bottom and bounds[k - 1] < bound:
+                    stack[k], bounds[k] = stack[k - 1], bounds[k - 1]
+                    k -= 1
+                stack[k], bounds[k], size = tree.pages[at, OWN + box], bound, size + 1
+    return int(best) if least < _MOST else scan(rows, q, tree.wraps, alpha, costs)
+
+
+@part
+def _extent(q: FloatArray, tree: BoxTree) -> float:
+    """Return the greatest absolute coordinate of q and of all nodes."""
+    extent = tree.extent[0]
+    for i in range(len(q)):
+        extent = max(extent, abs(q[i]))
+    return float(extent)
 
 
 @part
 def _insert(rows: FloatArray, tree: BoxTree) -> bool:
     """Put new nodes into the tree, and return whether it has room for all of them."""
-    links, boxes, used, n = tree.links, tree.boxes, tree.used, rows.shape[1]
+    used, n = tree.used, rows.shape[1]
     for node in range(used[NODES], len(rows)):
-        # A node divides no more than one leaf, since neither half is full, and no more than one leaf becomes a page.
-        if node == len(tree.homes) or used[PAGES] == len(links) or used[LEAVES] == len(tree.members):
+        # A node divides no more than one leaf, since neither half is full, and the pages above it.
+        if used[PAGES] + used[DEPTH] + 2 > len(tree.pages) or used[LEAVES] + 2 > len(tree.leaves):
             return False
         if node == 0:
-            _new_page(tree, -1, ~_new_leaf(tree))
-        page, depth = 0, 1
-        while True:
-            k = 1
-            while k < BOXES and links[page, BOXES + k] >= 0:
-                k = 2 * k + int(rows[node, links[page, BOXES + k]] >= boxes[page, 2 * n + 1, k])
-            box = _first(k)
-            inside = links[page, box]
-            if inside < 0 and tree.members[~inside, COUNT] == SIZE:
-                if k < BOXES:
-                    _divide(tree, page, k, rows)
-                    continue
-                inside = _new_page(tree, BOXES * page + box, inside)
-            if inside < 0:
-                break
-            _widen(tree, page, box, rows, node)
-            page, depth = inside, depth + 1
-        _put(tree, page, box, rows, node, inf)
-        used[NODES], used[DEPTH] = node + 1, max(used[DEPTH], depth)
+            used[DEPTH] = 1
+            _append(tree, _new_page(tree, 0), ~_new_leaf(tree, -1))
+        leaf = _leaf_of(rows, node, tree)
+        if tree.leaves[leaf, COUNT] == SIZE:
+            _make_room(tree, leaf)
+            _divide(tree, leaf, rows)
+            leaf = _leaf_of(rows, node, tree)
+        lane = tree.leaves[leaf, COUNT]
+        tree.leaves[leaf, COUNT], tree.leaves[leaf, OWN + lane] = lane + 1, node
+        for i in range(n):
+            tree.places[leaf, i, lane] = rows[node, i]
+        home = tree.leaves[leaf, HOME]
+        while home >= 0:
+            page, box = home // BOXES, home % BOXES
+            for i in range(n):
+                place = tree.places[leaf, i, lane]
+                tree.boxes[page, i, box] = min(tree.boxes[page, i, box], place)
+                tree.boxes[page, n + i, box] = max(tree.boxes[page, n + i, box], place)
+            home = tree.pages[page, HOME]
+        tree.extent[0] = _extent(rows[node], tree)
+        used[NODES] = node + 1
     return True
 
 
 @part
-def _first(k: int) -> int:
-    """Return where box k of a page is, or the first of those that it is divided into."""
-    while k < BOXES:
-        k *= 2
-    return k - BOXES
+def _leaf_of(rows: FloatArray, node: int, tree: BoxTree) -> int:
+    """Return the leaf that a node is in, or belongs to."""
+    at = 0
+    while tree.cells[at, MORE] >= 0:
+        at = tree.cells[at, MORE if _place(rows, node, tree.cells[at, BY]) >= tree.cuts[at] else LESS]
+    return int(tree.cells[at, LESS])
 
 
 @part
-def _new_leaf(tree: BoxTree) -> int:
-    """Add a leaf without nodes, and return it."""
-    leaf = tree.used[LEAVES]
-    tree.used[LEAVES] += 1
-    tree.members[leaf, COUNT] = 0
-    tree.places[leaf] = inf
+def _place(rows: FloatArray, node: int, by: int) -> float:
+    """Return by what a node is divided from others: a coordinate, as a single, or its number."""
+    return float(np.float32(rows[node, by])) if by < rows.shape[1] else float(node)
+
+
+@part
+def _new_leaf(tree: BoxTree, above: int) -> int:
+    """Add a leaf without nodes and a cell for it, half of the one above, and return it."""
+    leaf, cell = tree.used[LEAVES], tree.used[CELLS]
+    tree.used[LEAVES], tree.used[CELLS] = leaf + 1, cell + 1
+    tree.leaves[leaf, COUNT], tree.leaves[leaf, CELL] = 0, cell
+    tree.cells[cell, LESS], tree.cells[cell, MORE], tree.cells[cell, ABOVE] = leaf, -1, above
+    tree.places[leaf] = _FAR
     return int(leaf)
 
 
 @part
-def _new_page(tree: BoxTree, above: int, inside: int) -> int:
-    """Add a page with one box, that of a leaf: what was in the box `above`, where the page is from then on."""
-    page, last = tree.used[PAGES], 2 * len(tree.wraps)
+def _new_page(tree: BoxTree, cell: int) -> int:
+    """Add a page without boxes, and return it."""
+    page = tree.used[PAGES]
     tree.used[PAGES] += 1
-    tree.links[page] = -1
-    tree.boxes[page] = inf
-    tree.boxes[page, last // 2 : last] = -inf
-    if above >= 0:
-        tree.links[above // BOXES, above % BOXES] = page
-        for i in range(last + 1):
-            tree.boxes[page, i, 0] = tree.boxes[above // BOXES, i, above % BOXES]
-    tree.links[page, 0], tree.links[page, BOXES] = inside, above
-    tree.members[~inside, HOME] = BOXES * page
+    tree.pages[page, COUNT], tree.pages[page, HOME], tree.pages[page, CELL] = 0, -1, cell
+    tree.boxes[page] = _FAR
     return int(page)
 
 
 @part
-def _divide(tree: BoxTree, page: int, k: int, rows: FloatArray) -> None:
-    """Divide box k of a page, with a full leaf; where its nodes are all at one place each half gets half of them."""
-    n, box, by, least, widest = rows.shape[1], _first(k), 0, 0.0, -inf
+def _append(tree: BoxTree, page: int, inside: int) -> None:
+    """Let a page, which has room, have another box with a page or, as ~leaf, a leaf."""
+    box = tree.pages[page, COUNT]
+    tree.pages[page, COUNT] = box + 1
+    _hold(tree, page, box, inside)
+
+
+@part
+def _hold(tree: BoxTree, page: int, box: int, inside: int) -> None:
+    """Let a box have a page or, as ~leaf, a leaf in it, and measure it."""
+    n = len(tree.wraps)
+    tree.pages[page, OWN + box] = inside
+    if inside < 0:
+        count, lows, highs = tree.leaves[~inside, COUNT], tree.places[~inside], tree.places[~inside]
+        tree.leaves[~inside, HOME] = BOXES * page + box
+    else:
+        count, lows, highs = tree.pages[inside, COUNT], tree.boxes[inside], tree.boxes[inside, n:]
+        tree.pages[inside, HOME] = BOXES * page + box
     for i in range(n):
-        low, high = tree.boxes[page, i, box], tree.boxes[page, n + i, box]
+        low, high = _FAR, -_FAR
+        for k in range(count):
+            low, high = min(low, lows[i, k]), max(high, highs[i, k])
+        tree.boxes[page, i, box], tree.boxes[page, n + i, box] = low, high
+    cost = _FAR
+    for k in range(count):
+        cost = min(cost, highs[n, k])
+    tree.boxes[page, 2 * n, box] = cost
+
+
+@part
+def _divide(tree: BoxTree, leaf: int, rows: FloatArray) -> None:
+    """Divide a full leaf, whose page has room; where its nodes are all at one place, into the earlier and the later."""
+    n, home = rows.shape[1], tree.leaves[leaf, HOME]
+    box = tree.boxes[home // BOXES, :, home % BOXES]
+    by, widest, value = n, 0.0, float(tree.leaves[leaf, OWN + SIZE // 2])
+    for i in range(n):
+        low, high = float(box[i]), float(box[n + i])
         if high - low > widest:
-            by, least, widest = i, low, high - low
-    cut = 0.5 * (least + tree.boxes[page, n + by, box])
-    cut = cut if cut > least else tree.boxes[page, n + by, box]
-    leaf, more = ~tree.links[page, box], _first(2 * k + 1)
-    new = _new_leaf(tree)
-    tree.links[page, more], tree.links[page, BOXES + k], tree.boxes[page, 2 * n + 1, k] = ~new, by, cut
-    tree.members[leaf, COUNT], tree.members[new, HOME] = 0, BOXES * page + more
-    tree.boxes[page, :n, box], tree.boxes[page, n : 2 * n, box], tree.boxes[page, 2 * n, box] = inf, -inf, inf
-    for lane in range(SIZE):
-        node = tree.members[leaf, lane]
-        first = lane < SIZE // 2 if widest == 0.0 else rows[node, by] < cut
-        _put(tree, page, box if first else more, rows, node, tree.places[leaf, n, lane])
+            by, widest, value = i, high - low, 0.5 * (low + high)
+    whole = tree.leaves[leaf, CELL]
+    less, tree.leaves[leaf, CELL] = tree.used[CELLS], tree.used[CELLS]
+    tree.used[CELLS] += 1
+    tree.cells[less, LESS], tree.cells[less, MORE], tree.cells[less, ABOVE] = leaf, -1, whole
+    more = _new_leaf(tree, whole)
+    tree.cells[whole, LESS], tree.cells[whole, MORE], tree.cells[whole, BY] = (
+        less,
+        tree.leaves[more, CELL],
+        by,
+    )
+    tree.cuts[whole] = value
+    tree.leaves[leaf, COUNT] = 0
+    for k in range(SIZE):
+        node = tree.leaves[leaf, OWN + k]
+        half = more if _place(rows, node, by) >= value else leaf
+        lane = tree.leaves[half, COUNT]
+        tree.leaves[half, COUNT], tree.leaves[half, OWN + lane] = lane + 1, node
+        for i in range(n + 1):
+            tree.places[half, i, lane] = tree.places[leaf, i, k]
+    tree.places[leaf, :, tree.leaves[leaf, COUNT] :] = _FAR
+    _hold(tree, home // BOXES, home % BOXES, ~leaf)
+    _append(tree, home // BOXES, ~more)
 
 
 @part
-def _put(tree: BoxTree, page: int, box: int, rows: FloatArray, node: int, cost: float) -> None:
-    """Append a node to the leaf in a box, which has room."""
-    leaf, n = ~tree.links[page, box], rows.shape[1]
-    lane = tree.members[leaf, COUNT]
-    tree.members[leaf, lane], tree.members[leaf, COUNT], tree.homes[node] = node, lane + 1, leaf
-    for i in range(n):
-        tree.places[leaf, i, lane] = rows[node, i]
-    tree.places[leaf, n, lane] = cost
-    tree.boxes[page, 2 * n, box] = min(tree.boxes[page, 2 * n, box], cost)
-    _widen(tree, page, box, rows, node)
+def _make_room(tree: BoxTree, leaf: int) -> None:
+    """Divide pages until that of a leaf has room for another box: first those above it that are full."""
+    pages = tree.pages
+    while pages[tree.leaves[leaf, HOME] // BOXES, COUNT] == BOXES:
+        page = tree.leaves[leaf, HOME] // BOXES
+        while pages[page, HOME] >= 0 and pages[pages[page, HOME] // BOXES, COUNT] == BOXES:
+            page = pages[page, HOME] // BOXES
+        if pages[page, HOME] < 0:
+            tree.used[ROOT] = _new_page(tree, 0)
+            tree.used[DEPTH] += 1
+            _append(tree, tree.used[ROOT], page)
+        _split(tree, page)
 
 
 @part
-def _widen(tree: BoxTree, page: int, box: int, rows: FloatArray, node: int) -> None:
-    n = rows.shape[1]
-    for i in range(n):
-        tree.boxes[page, i, box] = min(tree.boxes[page, i, box], rows[node, i])
-        tree.boxes[page, n + i, box] = max(tree.boxes[page, n + i, box], rows[node, i])
+def _split(tree: BoxTree, page: int) -> None:
+    """Divide a page like its cell; the page that it is in has room."""
+    pages, whole, home = tree.pages, tree.pages[page, CELL], tree.pages[page, HOME]
+    less, more = tree.cells[whole, LESS], tree.cells[whole, MORE]
+    new = _new_page(tree, more)
+    pages[page, CELL], pages[page, COUNT] = less, 0
+    for box in range(BOXES):
+        inside = pages[page, OWN + box]
+        at = tree.leaves[~inside, CELL] if inside < 0 else pages[inside, CELL]
+        while at != less and at != more:
+            at = tree.cells[at, ABOVE]
+        _append(tree, page if at == less else new, inside)
+    tree.boxes[page, :, pages[page, COUNT] :] = _FAR
+    _hold(tree, home // BOXES, home % BOXES, page)
+    _append(tree, home // BOXES, new)
 
 
 @part
-def _price(costs: FloatArray, tree: BoxTree) -> None:
+def _price(rows: FloatArray, costs: FloatArray, tree: BoxTree) -> None:
     """Let the tree know the costs (N,) of nodes that have none in it."""
     n = len(tree.wraps)
     for node in range(tree.used[PRICED], len(costs)):
-        leaf, lane = tree.homes[node], 0
-        while tree.members[leaf, lane] != node:
+        leaf, lane = _leaf_of(rows, node, tree), 0
+        while tree.leaves[leaf, OWN + lane] != node:
             lane += 1
-        cost = costs[node] if costs[node] == costs[node] else inf
+        cost = costs[node] - _UNIT * abs(costs[node])
+        cost = np.float32(cost if cost < _MOST else _MOST)  # also of ∞ and NaN
         tree.places[leaf, n, lane] = cost
-        at = tree.members[leaf, HOME]
-        while at >= 0 and tree.boxes[at // BOXES, 2 * n, at % BOXES] > cost:
-            tree.boxes[at // BOXES, 2 * n, at % BOXES] = cost
-            at = tree.links[at // BOXES, BOXES]
-    tree.used[PRICED] = max(tree.used[PRICED], len(costs))
+        home = tree.leaves[leaf, HOME]
+        while home >= 0 and tree.boxes[home // BOXES, 2 * n, home % BOXES] > cost:
+            tree.boxes[home // BOXES, 2 * n, home % BOXES] = cost
+            home = tree.pages[home // BOXES, HOME]
+        tree.used[PRICED] = node + 1
 
 
 @part
-def _search(
-    q: FloatArray, alpha: float, tree: BoxTree, stack: IntArray, bounds: FloatArray, lanes: FloatArray
-) -> int:
-    """Return the nearest of all nodes, with memory for what is still to be looked at and for `lanes`: (16,)."""
-    stack[0], bounds[0], size = 0, -inf, 1
-    best, least = 0, _FINITE
-    while size > 0:
-        size -= 1
-        at, bottom = stack[size], size
-        if bounds[size] > least:
-            continue
-        if at >= 0:
-            _bounds(tree.boxes[at], q, tree.wraps, alpha, lanes)
-            for box in range(BOXES):
-                if lanes[box] <= least:
-                    k = size
-                    while k > bottom and bounds[k - 1] < lanes[box]:
-                        stack[k], bounds[k] = stack[k - 1], bounds[k - 1]
-                        k -= 1
-                    stack[k], bounds[k] = tree.links[at, box], lanes[box]
-                    size += 1
-            continue
-        _scores(tree.places[~at], q, tree.wraps, alpha, lanes)
-        for lane in range(tree.members[~at, COUNT]):
-            node, score = tree.members[~at, lane], lanes[lane]
-            if score < least or (score == least and node < best):
-                best, least = node, score
-    return int(best)
-
-
-@part
-def _bounds(boxes: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, out: FloatArray) -> None:
-    """Write lower bounds of ρ + α·cost in the boxes of a page; ∞ or NaN where there is none."""
-    n = len(q)
+def _gaps(boxes: SingleArray, q: SingleArray, wraps: BoolArray, out: SingleArray) -> None:
+    """Write ρ² from the nearest places of the boxes of a page to q."""
+    n = len(wraps)
     for box in range(BOXES):
-        out[box] = 0.0
+        out[box] = _ZERO
     for i in range(n):
+        at = q[i]
         if wraps[i]:
             for box in range(BOXES):
                 low, high = boxes[i, box], boxes[n + i, box]
-                delta = q[i] - 0.5 * (low + high)
-                delta -= _ROUND * np.rint(delta / _ROUND)
-                gap = max(abs(delta) - 0.5 * (high - low) - _TURN_SLACK, 0.0)
+                delta = at - _HALF * (low + high)
+                delta -= _TURN * np.rint(delta / _TURN)
+                gap = max(abs(delta) - _HALF * (high - low), _ZERO)
                 out[box] += gap * gap
         else:
             for box in range(BOXES):
-                gap = max(boxes[i, box] - q[i], q[i] - boxes[n + i, box], 0.0)
+                gap = max(boxes[i, box] - at, at - boxes[n + i, box], _ZERO)
                 out[box] += gap * gap
-    for box in range(BOXES):
-        out[box] = sqrt(out[box]) * _SLACK
-    if alpha != 0.0:
-        for box in range(BOXES):
-            out[box] += alpha * boxes[2 * n, box]
 
 
 @part
-def _scores(places: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, out: FloatArray) -> None:
-    """Write ρ + α·cost of the nodes of a leaf, summed like `_distance`."""
-    n = len(q)
+def _squares(places: SingleArray, q: SingleArray, wraps: BoolArray, out: SingleArray) -> None:
+    """Write ρ² from the nodes of a leaf to q."""
     for k in range(SIZE):
-        out[k] = 0.0
-    for i in range(n):
+        out[k] = _ZERO
+    for i in range(len(wraps)):
+        at = q[i]
         if wraps[i]:
             for k in range(SIZE):
-                delta = q[i] - places[i, k]
-                delta -= _ROUND * np.rint(delta / _ROUND)
+                delta = at - places[i, k]
+                delta -= _TURN * np.rint(delta / _TURN)
                 out[k] += delta * delta
         else:
             for k in range(SIZE):
-                delta = q[i] - places[i, k]
+                delta = at - places[i, k]
                 out[k] += delta * delta
-    for k in range(SIZE):
-        out[k] = sqrt(out[k])
+
+
+@part
+def _margins(squares: SingleArray, costs: SingleArray, alpha: float, limit: float, out: SingleArray) -> None:
+    """Write by how much ρ² is less than what the limit of ρ + α·cost allows; negative: what may be left out."""
+    weight, most = np.float32(alpha), np.float32(limit)
     if alpha != 0.0:
-        for k in range(SIZE):
-            out[k] += alpha * places[n, k]
+        for k in range(len(out)):
+            room = max(most - weight * costs[k], _ZERO)
+            out[k] = room * room - _LESS * squares[k]
+    else:
+        for k in range(len(out)):
+            out[k] = most * most - _LESS * squares[k]

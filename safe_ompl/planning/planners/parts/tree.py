@@ -27,7 +27,7 @@ class NearestNode:
 
     def __init__(self, wraps: BoolArray) -> None:
         self._wraps = np.array(wraps, dtype=bool)
-        self._tree = _box_tree(self._wraps, 0, 0, 0)
+        self._tree = _box_tree(self._wraps, 0, 0)
 
     def find(self, rows: FloatArray, q: FloatArray, alpha: float = 0.0, costs: FloatArray = _NOTHING) -> int:
         """Return the node for `q: (n,)` and α ≥ 0; 0 where there are none.
@@ -38,30 +38,26 @@ class NearestNode:
         if len(rows) <= _FEW:
             return int(kernel.scan(rows, q, self._wraps, alpha, costs))
         while (found := kernel.nearest(rows, q, alpha, costs, self._tree)) < 0:
-            self._tree = self._larger(len(rows))
+            self._tree = self._larger()
         return int(found)
 
-    def _larger(self, nodes: int) -> kernel.BoxTree:
-        """Return the tree with room for twice as many nodes, or else for twice as many pages and leaves."""
+    def _larger(self) -> kernel.BoxTree:
+        """Return the tree with room for more than twice as many pages and leaves."""
         old = self._tree
-        if nodes > len(old.homes):
-            larger = _box_tree(self._wraps, len(old.links), len(old.members), 2 * nodes)
-        else:
-            larger = _box_tree(
-                self._wraps, 2 * len(old.links) + _FEW, 2 * len(old.members) + _FEW, len(old.homes)
-            )
-        for array, room in zip(old, larger, strict=True):
-            room[: len(array)] = array
+        larger = _box_tree(self._wraps, 2 * len(old.pages) + _FEW, 2 * len(old.leaves) + _FEW)
+        for name, array in old._asdict().items():
+            getattr(larger, name)[: len(array)] = array
         return larger
 
 
-def _box_tree(wraps: BoolArray, pages: int, leaves: int, nodes: int) -> kernel.BoxTree:
+def _box_tree(wraps: BoolArray, pages: int, leaves: int) -> kernel.BoxTree:
     """Return a tree of boxes without nodes, with room for some."""
     n, boxes, size = len(wraps), kernel.BOXES, kernel.SIZE
     return kernel.BoxTree(
-        wraps, np.empty((pages, 2 * boxes), np.intp), np.empty((pages, 2 * n + 2, boxes)),
-        np.empty((leaves, size + 2), np.intp), np.empty((leaves, n + 1, size)), np.empty(nodes, np.intp),
-        np.zeros(5, np.intp),
+        wraps, np.empty((2 * leaves, 4), np.intp), np.empty(2 * leaves),
+        np.empty((pages, kernel.OWN + boxes), np.intp), np.empty((pages, 2 * n + 1, boxes), np.float32),
+        np.empty((leaves, kernel.OWN + size), np.intp), np.empty((leaves, n + 1, size), np.float32),
+        np.zeros(7, np.intp), np.zeros(1),
     )  # fmt: skip
 
 

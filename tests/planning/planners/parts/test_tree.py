@@ -236,5 +236,4 @@ def test_nodes_without_a_finite_cost_come_last(rng):
     for number in (100, 1000):
         search = NearestNode(np.zeros(2, dtype=bool))
         assert search.find(rows[:number], rows[50], 0.5, costs[:number]) == 3
-        search = NearestNode(np.zeros(2, dtype=bool))
         assert search.find(rows[:number], rows[50], 0.5, np.full(number, np.inf)) == 0
