@@ -97,10 +97,10 @@ def nearest(rows: FloatArray, q: FloatArray, alpha: float, costs: FloatArray, tr
         return scan(rows, q, tree.wraps, alpha, costs)
     # Arrays of their own, so that the compiler knows that what is written to one does not change another.
     room = BOXES * tree.used[DEPTH] + 1
-    stack, bounds, single = np.empty(room, np.int64), np.empty(room, np.float32), q.astype(np.float32)
+    stack, bounds, single = np.empty(room, np.int64), np.empty(room), q.astype(np.float32)
     squares, margins = np.empty(max(BOXES, SIZE), np.float32), np.empty(max(BOXES, SIZE), np.float32)
     slack = _UNIT * extent * sqrt(n) + 1e-18
-    stack[0], bounds[0], size = tree.used[ROOT], -_FAR, 1
+    stack[0], bounds[0], size = tree.used[ROOT], -inf, 1
     best, least = 0, inf
     while size > 0:
         size -= 1
@@ -110,9 +110,10 @@ def nearest(rows: FloatArray, q: FloatArray, alpha: float, costs: FloatArray, tr
         limit = min(least + slack + 1e-5 * abs(least), _MOST)
         if at < 0:
             _squares(tree.places[~at], single, tree.wraps, squares)
-            _margins(squares, tree.places[~at, n], alpha, limit, margins[:SIZE])
+            prices = tree.places[~at, n]
+            _margins(squares, prices, alpha, limit, margins[:SIZE])
             for lane in range(tree.leaves[~at, COUNT]):
-                if margins[lane] >= _ZERO:
+                if margins[lane] >= _ZERO and _bound(squares, prices, alpha, lane) <= least + slack:
                     node = tree.leaves[~at, OWN + lane]
                     score = _distance(rows, node, q, tree.wraps)
                     if alpha != 0.0:
@@ -124,10 +125,7 @@ def nearest(rows: FloatArray, q: FloatArray, alpha: float, costs: FloatArray, tr
         _margins(squares, tree.boxes[at, 2 * n], alpha, limit, margins[:BOXES])
         for box in range(tree.pages[at, COUNT]):
             if margins[box] >= _ZERO:
-                bound = np.sqrt(squares[box]) * _LESS
-                if alpha != 0.0:
-                    bound += np.float32(alpha) * tree.boxes[at, 2 * n, box]
-                k = size
+                bound, k = _bound(squares, tree.boxes[at, 2 * n], alpha, box), size
                 while k > bottom and bounds[k - 1] < bound:
                     stack[k], bounds[k] = stack[k - 1], bounds[k - 1]
                     k -= 1
@@ -378,3 +376,10 @@ def _margins(squares: SingleArray, costs: SingleArray, alpha: float, limit: floa
     else:
         for k in range(len(out)):
             out[k] = most * most - _LESS * squares[k]
+
+
+@part
+def _bound(squares: SingleArray, costs: SingleArray, alpha: float, k: int) -> float:
+    """Return a lower bound of ρ + α·cost."""
+    distance = float(np.sqrt(squares[k]) * _LESS)
+    return distance + alpha * float(costs[k]) if alpha != 0.0 else distance
