@@ -24,7 +24,7 @@ SingleArray: TypeAlias = NDArray[np.float32]
 _ROUND = 2 * pi
 _TURN, _HALF, _ZERO, _FAR = np.float32(_ROUND), np.float32(0.5), np.float32(0.0), np.float32(inf)
 # Shares by which single precision is taken for less, more than it can be wrong by: no rounding may hide a node.
-_LESS, _UNIT = np.float32(1 - 1e-5), 1e-6  # of distances; of coordinates and costs
+_LESS, _UNIT = np.float32(1 - 1e-4), 1e-6  # of distances; of coordinates and costs
 _GREAT, _MOST = 1e15, 1e18  # coordinates and scores from which on singles might overflow
 BOXES, SIZE = 32, 16  # boxes in a page, nodes in a leaf
 COUNT, HOME, CELL, OWN = range(4)  # columns of pages and leaves
@@ -90,11 +90,11 @@ def nearest(rows: FloatArray, q: FloatArray, alpha: float, costs: FloatArray, tr
     """
     if not _insert(rows, tree):
         return -1
-    if alpha != 0.0:
-        _price(rows, costs, tree)
     extent, n = _extent(q, tree), len(q)
     if not extent < _GREAT:
         return scan(rows, q, tree.wraps, alpha, costs)
+    if alpha != 0.0:
+        _price(rows, costs, tree)
     # Arrays of their own, so that the compiler knows that what is written to one does not change another.
     room = BOXES * tree.used[DEPTH] + 1
     stack, bounds, single = np.empty(room, np.int64), np.empty(room), q.astype(np.float32)
@@ -144,12 +144,15 @@ def _extent(q: FloatArray, tree: BoxTree) -> float:
 
 @part
 def _insert(rows: FloatArray, tree: BoxTree) -> bool:
-    """Put new nodes into the tree, and return whether it has room for all of them."""
+    """Put new nodes into the tree, and return whether it has room for all of them; none from a too great one on."""
     used, n = tree.used, rows.shape[1]
     for node in range(used[NODES], len(rows)):
         # A node divides no more than one leaf, since neither half is full, and the pages above it.
         if used[PAGES] + used[DEPTH] + 2 > len(tree.pages) or used[LEAVES] + 2 > len(tree.leaves):
             return False
+        tree.extent[0] = _extent(rows[node], tree)
+        if not tree.extent[0] < _GREAT:
+            return True
         if node == 0:
             used[DEPTH] = 1
             _append(tree, _new_page(tree, 0), ~_new_leaf(tree, -1))
@@ -170,7 +173,6 @@ def _insert(rows: FloatArray, tree: BoxTree) -> bool:
                 tree.boxes[page, i, box] = min(tree.boxes[page, i, box], place)
                 tree.boxes[page, n + i, box] = max(tree.boxes[page, n + i, box], place)
             home = tree.pages[page, HOME]
-        tree.extent[0] = _extent(rows[node], tree)
         used[NODES] = node + 1
     return True
 

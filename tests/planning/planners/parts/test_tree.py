@@ -262,10 +262,12 @@ def test_nodes_at_one_place_and_nodes_that_singles_cannot_tell_apart(rng):
             assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
 
 
-@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e6, 1e14, 1e30])
+@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e6, 1e14, 1e30, 1e100])
 def test_coordinates_and_costs_of_any_size(rng, scale):
     rows, costs = scale * (3.0 + nodes(rng, 1500, 3)), scale * rng.normal(size=1500)
+    rows[:450] /= max(scale, 1.0)  # the first ones are in the tree before there are great ones
     search = NearestNode(np.zeros(3, dtype=bool))
+    assert search.find(rows[:450], rows[7]) == 7
     for q in scale * (3.0 + rng.uniform(-3.5, 3.5, (50, 3))):
         for alpha in (0.0, 1.0):
             assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
