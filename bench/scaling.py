@@ -89,7 +89,8 @@ def some(robot: Robot, number: int = ITEMS) -> FloatArray:
 def nodes(size: int) -> Row:
     """Return times at a tree of so many nodes."""
     setup = SafeSetup(Robot.from_example("panda"), scattered(6))
-    robot, field, motion = setup.robot, setup.field, MotionProver(setup.checker)
+    robot, motion = setup.robot, MotionProver(setup.checker)
+    field = DangerField(robot, surfaces(10))
     bridge = StateBridge(setup.getStateSpace())
     cost = StateCost(DangerObjective(setup.getSpaceInformation(), field), bridge)
     tree, alpha = Tree(bridge, cost), 0.1

@@ -276,9 +276,9 @@ class Approach(Trees):
 
     def _rank(self, weight: float) -> None:
         """Put the new nodes among those ranked by WS_DISTANCE + weight·CDF."""
-        danger = self.start.costs if weight and self.untried else np.zeros(len(self.start))
         for node in self.untried:
-            heappush(self._ranked, (self.distances[node] + weight * float(danger[node]), node))
+            danger = weight * float(self.start.costs[node]) if weight else 0.0
+            heappush(self._ranked, (self.distances[node] + danger, node))
         self.untried.clear()
 
     @property

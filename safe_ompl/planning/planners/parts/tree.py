@@ -27,8 +27,7 @@ class NearestNode:
 
     def __init__(self, wraps: BoolArray) -> None:
         self._wraps = np.array(wraps, dtype=bool)
-        self._tree = _box_tree(0, 0, 0, len(self._wraps))
-        self._known = self._priced = 0
+        self._tree = _box_tree(self._wraps, 0, 0)
 
     def find(self, rows: FloatArray, q: FloatArray, alpha: float = 0.0, costs: FloatArray = _NOTHING) -> int:
         """Return the node for `q: (n,)` and α ≥ 0; 0 where there are none.
@@ -38,40 +37,28 @@ class NearestNode:
         q = plain(q)
         if len(rows) <= _FEW:
             return int(kernel.scan(rows, q, self._wraps, alpha, costs))
-        while len(rows) > self._known:
-            if len(rows) > len(self._tree.homes):
-                self._tree = self._larger(nodes=2 * len(rows))
-            self._known = kernel.insert(rows, self._known, self._tree)
-            if len(rows) > self._known:
-                self._tree = self._larger()
-        if alpha and len(costs) > self._priced:
-            kernel.price(costs, self._priced, self._tree)
-            self._priced = len(costs)
-        return int(kernel.search(q, self._wraps, alpha, costs, self._tree))
+        while (found := kernel.nearest(rows, q, alpha, costs, self._tree)) < 0:
+            self._tree = self._larger()
+        return int(found)
 
-    def _larger(self, nodes: int = 0) -> kernel.BoxTree:
-        """Return the tree with room for so many nodes, or else for twice as many branches and leaves."""
+    def _larger(self) -> kernel.BoxTree:
+        """Return the tree with room for more than twice as many pages and leaves."""
         old = self._tree
-        branches, slots = (0, 0) if nodes else (2 * len(old.links) + _FEW, 2 * len(old.members) + _FEW)
-        larger = _box_tree(branches, slots, nodes, len(self._wraps))
-        return kernel.BoxTree(*(_longer(array, room) for array, room in zip(old, larger, strict=True)))
+        larger = _box_tree(self._wraps, 2 * len(old.pages) + _FEW, 2 * len(old.leaves) + _FEW)
+        for name, array in old._asdict().items():
+            getattr(larger, name)[: len(array)] = array
+        return larger
 
 
-def _box_tree(branches: int, slots: int, nodes: int, n: int) -> kernel.BoxTree:
+def _box_tree(wraps: BoolArray, pages: int, leaves: int) -> kernel.BoxTree:
     """Return a tree of boxes without nodes, with room for some."""
+    n, boxes, size = len(wraps), kernel.BOXES, kernel.SIZE
     return kernel.BoxTree(
-        np.empty((branches, kernel.LINKS), np.intp), np.empty(branches), np.empty(branches),
-        np.empty((branches, 2, n)), np.empty((slots, kernel.SIZE), np.intp), np.zeros((slots, n, kernel.SIZE)),
-        np.empty(nodes, np.intp), np.empty(nodes), np.zeros(3, np.intp),
+        wraps, np.empty((2 * leaves, 4), np.intp), np.empty(2 * leaves),
+        np.empty((pages, kernel.OWN + boxes), np.intp), np.empty((pages, 2 * n + 1, boxes), np.float32),
+        np.empty((leaves, kernel.OWN + size), np.intp), np.empty((leaves, n + 1, size), np.float32),
+        np.zeros(7, np.intp), np.zeros(1),
     )  # fmt: skip
-
-
-def _longer(array: Any, room: Any) -> Any:
-    """Return the longer one of two arrays, which begins with the first."""
-    if len(room) <= len(array):
-        return array
-    room[: len(array)] = array
-    return room
 
 
 ROOT = -1

@@ -9,6 +9,7 @@ from plane import TIMEOUT, PlaneProblem, SlopedHotSpot, walled_in
 
 from safe_ompl import make_planner
 from safe_ompl.planning.ompl import StateBridge, StateCost
+from safe_ompl.planning.planners.parts import kernels
 from safe_ompl.planning.planners.parts.tree import NearestNode, Tree, TreeSchedule
 
 
@@ -237,3 +238,43 @@ def test_nodes_without_a_finite_cost_come_last(rng):
         search = NearestNode(np.zeros(2, dtype=bool))
         assert search.find(rows[:number], rows[50], 0.5, costs[:number]) == 3
         assert search.find(rows[:number], rows[50], 0.5, np.full(number, np.inf)) == 0
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_many_nodes_in_pages_above_pages(rng, wraps):
+    rows, costs = nodes(rng, 30_000, 3), rng.uniform(size=30_000)
+    search = NearestNode(np.full(3, wraps))
+    for number in (*range(500, 2000, 7), 5000, 30_000):
+        q = rng.uniform(-3.5, 3.5, 3)
+        assert search.find(rows[:number], q) == plainly(rows[:number], q, wraps, 0.0, costs[:number])
+        assert search.find(rows[:number], q, 0.5, costs[:number]) == plainly(
+            rows[:number], q, wraps, 0.5, costs[:number]
+        )
+    assert search._tree.used[kernels.DEPTH] > 2
+
+
+def test_nodes_at_one_place_and_nodes_that_singles_cannot_tell_apart(rng):
+    rows = np.repeat(rng.normal(size=(3, 2)), 1000, axis=0)
+    rows[1000:2000] += 1e-12 * rng.normal(size=(1000, 2))
+    search, costs = NearestNode(np.zeros(2, dtype=bool)), rng.integers(5, size=3000).astype(float)
+    for q in (*rows[::250], *rng.normal(size=(20, 2))):
+        for alpha in (0.0, 1e-13, 1.0):
+            assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e6, 1e14, 1e30, 1e100])
+def test_coordinates_and_costs_of_any_size(rng, scale):
+    rows, costs = scale * (3.0 + nodes(rng, 1500, 3)), scale * rng.normal(size=1500)
+    rows[:450] /= max(scale, 1.0)  # the first ones are in the tree before there are great ones
+    search = NearestNode(np.zeros(3, dtype=bool))
+    assert search.find(rows[:450], rows[7]) == 7
+    for q in scale * (3.0 + rng.uniform(-3.5, 3.5, (50, 3))):
+        for alpha in (0.0, 1.0):
+            assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
+
+
+def test_costs_that_are_greater_than_singles_may_be(rng):
+    rows, costs = rng.normal(size=(1000, 2)), 1e20 * rng.uniform(1, 2, 1000)
+    search = NearestNode(np.zeros(2, dtype=bool))
+    for q in rng.normal(size=(10, 2)):
+        assert search.find(rows, q, 1.0, costs) == plainly(rows, q, False, 1.0, costs)
