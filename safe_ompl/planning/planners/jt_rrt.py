@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 from itertools import count
 from math import sqrt
 from typing import Any
@@ -244,6 +244,7 @@ class Approach(Trees):
         self.untried: list[int] = []
         self.arrived: int | None = None
         self._ranked: list[tuple[float, int]] = []  # a heap
+        self._drawn: set[int] = set()  # nodes in it that were chosen by chance
 
     def measure(self) -> None:
         """Note the distance of the tip from the goal at new nodes, and which node is the first at the goal."""
@@ -266,13 +267,17 @@ class Approach(Trees):
         `at_random` of the choices any node is taken: the best ones may all be in the same dead end.
         """
         self._rank(weight)
-        if not self._ranked:
-            return None
-        if not at_random or rng.random() >= at_random:
-            return heappop(self._ranked)[1]
-        _, node = self._ranked.pop(int(rng.integers(len(self._ranked))))
-        heapify(self._ranked)
-        return node
+        ranked, drawn = self._ranked, self._drawn
+        by_chance = at_random > 0 and len(drawn) < len(ranked) and rng.random() < at_random
+        while len(drawn) < len(ranked):
+            node = ranked[int(rng.integers(len(ranked)))][1] if by_chance else heappop(ranked)[1]
+            if node not in drawn:
+                if by_chance:
+                    drawn.add(node)  # and left in the heap, which would take long to order anew
+                return node
+            if not by_chance:
+                drawn.remove(node)
+        return None
 
     def _rank(self, weight: float) -> None:
         """Put the new nodes among those ranked by WS_DISTANCE + weight·CDF."""

@@ -8,9 +8,11 @@ import pinocchio as pin
 import pytest
 from ompl import base as ob
 
-from safe_ompl import Box, InputError, Obstacle, Pose, SafeJTRRT, SafeSetup, Sphere, make_planner
+from safe_ompl import Box, InputError, Obstacle, Pose, Robot, SafeJTRRT, SafeSetup, Sphere, make_planner
+from safe_ompl.common import Counts
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import ScratchState
+from safe_ompl.planning.planners.jt_rrt import Approach
 from safe_ompl.scene import Scenario, Scene, find_scenario
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
@@ -267,3 +269,21 @@ def test_goal_configurations_are_refused(ur5, scene, caplog):
 def test_parameters_that_make_no_sense(setup, options, message):
     with pytest.raises(InputError, match=message):
         SafeJTRRT(setup.getSpaceInformation(), **options)
+
+
+def test_each_node_is_chosen_once_the_best_first_but_for_chance(scene):
+    setup = SafeSetup(Robot.from_example("ur5"), scene)
+    setup.setWorkspaceGoal(POSITION)
+    goal = setup.getGoal()
+    planner = SafeJTRRT(setup.getSpaceInformation())
+    approach = Approach(planner._bridge, planner._problem.cost, Counts(), goal)
+    rng = np.random.default_rng(0)
+    for q in START + 0.3 * rng.normal(size=(60, 6)):
+        approach.start.add(q)
+    approach.take_new()
+    chosen = [approach.best(0.0, 0.5, rng) for _ in range(60)]
+    assert sorted(chosen) == list(range(60))
+    assert approach.best(0.0, 0.5, rng) is None
+    approach.aim(goal)
+    approach.take_new()
+    assert [approach.best(0.0, 0.0, rng) for _ in range(60)] == np.argsort(approach.distances).tolist()
