@@ -64,14 +64,11 @@ def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
     The `profile: (K, 2)` has distance from the axis and height of the rings, from the bottom pole to the top pole, at
     most `spacing` apart along the surface [m].
     """
-    rings = []
-    for radius, height in profile:
-        count = _steps(2 * np.pi * radius, spacing)
-        angle = 2 * np.pi * np.arange(count) / count
-        rings.append(
-            np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, height)])
-        )
-    return np.concatenate(rings)
+    counts = np.array([_steps(2 * np.pi * radius, spacing) for radius in profile[:, 0].tolist()])
+    radii, heights = np.repeat(profile, counts, axis=0).T
+    numbers = np.arange(len(radii)) - np.repeat(np.cumsum(counts) - counts, counts)
+    angles = 2 * np.pi * numbers / np.repeat(counts, counts)
+    return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights])
 
 
 def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
