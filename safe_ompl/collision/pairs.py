@@ -187,10 +187,12 @@ class PairTable:
 
     def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
         self.robot, self.geometry = robot, geometry
-        own, parts, reaches = geometry.self_pairs, geometry.parts, robot.bounds.body_reaches
-        pairs = [*own, *((body, part.index) for part in parts for body in reaches)]
-        self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        self.with_obstacle: IntArray = np.arange(len(own), len(pairs))
+        own, parts, reaches = robot.shared.body_pairs, geometry.parts, robot.bounds.body_reaches
+        with_parts = np.empty((len(parts), len(reaches), 2), dtype=np.intp)
+        with_parts[..., 0] = list(reaches)
+        with_parts[..., 1] = np.reshape([part.index for part in parts], (-1, 1))
+        self.bodies: IntArray = np.concatenate([own, with_parts.reshape(-1, 2)])
+        self.with_obstacle: IntArray = np.arange(len(own), len(self.bodies))
         self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
         hulls = [part.hull for part in parts]
         self._measure_from_axes(parts, hulls)
@@ -318,11 +320,13 @@ class PairSet:
     def _queries(self) -> Queries:
         if self._coal is None:
             with self.changes.none():
-                geometry = self.geometry
-                self._coal = self._coal or Queries(
-                    self._robot.shared.model, geometry, self.bodies, self.changes
-                )
+                self._coal = self._coal or self.new_queries()
         return self._coal
+
+    def new_queries(self) -> Queries:
+        """Return queries of these pairs, with working memory of their own."""
+        boxes = self._table.geometry.boxes
+        return Queries(self._robot.shared.model, self.geometry, self.bodies, boxes, self.changes)
 
     @property
     def carriers(self) -> IntArray:
@@ -336,10 +340,8 @@ class PairSet:
         self.radii: FloatArray = self._robot.coupling.radii(self._joint_radii)
         self.radii.setflags(write=False)
 
-    def follow(self, measured: Sequence[int]) -> None:
-        """Renew what follows from the places of obstacles, which have moved, and of bodies that were measured anew."""
-        if self._coal is not None:
-            self._coal.take_shapes(measured)
+    def follow(self) -> None:
+        """Renew what follows from the places of obstacles, which have moved."""
         self._take_radii()
         vars(self).pop("bounds", None)
         self.revision += 1

@@ -48,11 +48,16 @@ def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> 
     if isinstance(geometry, (coal.ConvexBase, coal.BVHModelBase)) and not coarse:
         vertices = geometry.points() if isinstance(geometry, coal.ConvexBase) else geometry.vertices()
         return Hull(np.array(vertices, dtype=np.float64).reshape(-1, 3), 0.0)
+    box = bounding_box(geometry)
+    return Hull(box[:3] + _BOX_CORNERS * box[3:], 0.0)
+
+
+def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
+    """Return the box (6,) about `geometry` in its own frame: its centre, and half its sides [m]."""
     geometry.computeLocalAABB()
     box = geometry.aabb_local
-    center = (np.asarray(box.max_) + np.asarray(box.min_)) / 2
-    half = (np.asarray(box.max_) - np.asarray(box.min_)) / 2
-    return Hull(center.ravel() + _BOX_CORNERS * half.ravel(), 0.0)
+    low, high = box.min_, box.max_
+    return np.concatenate([high + low, high - low], dtype=np.float64) / 2
 
 
 @dataclass(frozen=True)
