@@ -68,8 +68,8 @@ class SceneGeometry:
             raise InputError(f"movable must be a list of names of obstacles, got {movable!r}")
         self.movable = frozenset(scene[name].name for name in movable)
         self.names = list(robot.shared.body_links)
-        self._without_pairs = robot.shared.collision_model.copy()
-        self._without_pairs.removeAllCollisionPairs()
+        self._own_pairs = robot.shared.body_pairs
+        self._bodies = robot.shared.collision_model.copy()
         self._parts: list[list[ObstaclePart]] = []  # of each obstacle
         for obstacle in scene.obstacles:
             parts = []
@@ -77,19 +77,22 @@ class SceneGeometry:
             for part in obstacle.shape.parts():
                 world = pose * part.placement
                 entry = pin.GeometryObject(f"obstacle:{obstacle.part_name(part)}", 0, world, part.geometry)
-                index = self._without_pairs.addGeometryObject(entry)
+                index = self._bodies.addGeometryObject(entry)
                 parts.append(ObstaclePart(int(index), part.geometry, part.placement, world))
                 self.names.append(obstacle.name)
             self._parts.append(parts)
         boxes = [bounding_box(part.shape) for part in self.parts]
         self.boxes: FloatArray = np.concatenate([robot.shared.body_boxes, np.reshape(boxes, (-1, 6))])
-        self._models = [self._without_pairs]
+        self._models = [self._bodies]
         self._scene = scene
 
     def with_pairs(self, pairs: IntArray) -> pin.GeometryModel:
         """Return a model of all bodies with `pairs: (P, 2)` of them; obstacles move in it as they do here."""
-        model = self._without_pairs.copy()
-        for first, second in pairs.tolist():
+        model, own = self._bodies.copy(), len(self._own_pairs)
+        if not np.array_equal(pairs[:own], self._own_pairs):
+            model.removeAllCollisionPairs()
+            own = 0
+        for first, second in pairs[own:].tolist():
             model.addCollisionPair(pin.CollisionPair(first, second))
         self._models.append(model)
         return model
@@ -97,9 +100,7 @@ class SceneGeometry:
     @property
     def obstacle_bodies(self) -> list[pin.GeometryObject]:
         """The bodies of the parts of all obstacles."""
-        return list(self._without_pairs.geometryObjects)[
-            len(self._without_pairs.geometryObjects) - len(self.parts) :
-        ]
+        return list(self._bodies.geometryObjects)[len(self._bodies.geometryObjects) - len(self.parts) :]
 
     @property
     def parts(self) -> list[ObstaclePart]:

@@ -14,7 +14,7 @@ from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.robot import ConvexBodies, Hull, JointLimits, ReachCylinder, Robot, plain
+from safe_ompl.robot import ConvexBodies, Hull, JointLimits, Robot, plain
 
 # [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
 # configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.
@@ -24,6 +24,7 @@ _INTERVALS = 64  # the most that may wait to be proven
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
 _NOTHING = np.zeros(0)
 _ROUNDING = 1e-9  # [m] of distances between balls
+_REQUEST = coal.DistanceRequest()
 _HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
 
@@ -196,11 +197,9 @@ class PairTable:
         self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
         hulls = [part.hull for part in parts]
         self._measure_from_axes(parts, hulls)
-        cylinders = list(reaches.values())
-        self._reaches = [_as_object(reach) for reach in cylinders]
         self._parts = parts
         centres, radii = _balls(hulls)
-        away = _distances(cylinders, centres)
+        away = robot.bounds.reach_cylinders.distances(centres)
         movable = np.array([geometry.names[part.index] in geometry.movable for part in parts], dtype=bool)
         # Bounds (K, M) of the least distance of each of K parts from all that each of M moving bodies can reach.
         self._lower = np.where(movable[:, None], -np.inf, away - radii[:, None] - _ROUNDING)
@@ -226,8 +225,14 @@ class PairTable:
 
     def _nearer_than(self, distance: float) -> BoolArray:
         """Return for each pair (T,) whether its bodies can come nearer to each other than a distance [m]."""
-        for k, m in np.argwhere((self._lower < distance) & (self._upper >= distance)).tolist():
-            self._lower[k, m] = self._upper[k, m] = _distance(self._reaches[m], self._parts[k])
+        undecided = (self._lower < distance) & (self._upper >= distance)
+        cylinders = self.robot.bounds.reach_cylinders.shapes
+        for k in np.flatnonzero(undecided.any(axis=1)).tolist():
+            part = self._parts[k]
+            place = coal.Transform3s(part.world.rotation, part.world.translation)
+            for m in np.flatnonzero(undecided[k]).tolist():
+                found = coal.distance(*cylinders[m], part.shape, place, _REQUEST, coal.DistanceResult())
+                self._lower[k, m] = self._upper[k, m] = found
         nearer = np.ones(len(self.bodies), dtype=bool)
         nearer[self.with_obstacle] = (self._lower < distance).ravel()
         return nearer
@@ -251,32 +256,6 @@ def _balls(hulls: Sequence[Hull]) -> tuple[FloatArray, FloatArray]:
     centres = np.add.reduceat(points, begins) / numbers[:, None]
     away = np.linalg.norm(points - np.repeat(centres, numbers, axis=0), axis=1)
     return centres, np.maximum.reduceat(away, begins) + [hull.radius for hull in hulls]
-
-
-def _distances(reaches: Sequence[ReachCylinder], points: FloatArray) -> FloatArray:
-    """Return the distances (K, M) [m] of points (K, 3) from M cylinders; 0 inside."""
-    if not reaches:
-        return np.zeros((len(points), 0))
-    axes = np.array([reach.axis for reach in reaches])
-    arms = points[:, None] - np.array([reach.center for reach in reaches])
-    along = np.einsum("kmx,mx->km", arms, axes)
-    lateral = np.linalg.norm(arms - along[..., None] * axes, axis=2)
-    beside = np.maximum(0.0, lateral - [reach.radius for reach in reaches])
-    beyond = np.maximum(0.0, np.abs(along) - [reach.half_length for reach in reaches])
-    distances: FloatArray = np.hypot(beside, beyond)
-    return distances
-
-
-def _as_object(reach: ReachCylinder) -> coal.CollisionObject:
-    rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
-    return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
-
-
-def _distance(reach: coal.CollisionObject, part: ObstaclePart) -> float:
-    place = coal.Transform3s(part.world.rotation, part.world.translation)
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    shape = reach.collisionGeometry()
-    return float(coal.distance(shape, reach.getTransform(), part.shape, place, request, result))
 
 
 class PairSet:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
 from safe_ompl.geometry.kernels import BODY, Records, Shapes, extreme_vertices
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
-from safe_ompl.robot.reach import Hull, ReachCylinder, Regions, bounding_hull
+from safe_ompl.robot.reach import Hull, ReachCylinder, ReachCylinders, Regions, bounding_hull
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
 
@@ -48,6 +48,11 @@ class DisplacementBounds:
     def body_reaches(self) -> dict[int, ReachCylinder]:
         """For each body that moves, by its index, a cylinder in the world that it never leaves."""
         return {k: self._chain.reach(regions) for k, regions in enumerate(self._regions) if regions}
+
+    @cached_property
+    def reach_cylinders(self) -> ReachCylinders:
+        """The cylinders of `body_reaches`, in its order, as tables."""
+        return ReachCylinders.of(list(self.body_reaches.values()))
 
     @cached_property
     def _regions(self) -> list[Regions]:

@@ -111,6 +111,49 @@ class ReachCylinder:
         return ReachCylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
 
 
+@dataclass(frozen=True)
+class ReachCylinders:
+    """M cylinders as tables: centers and unit axes (M, 3), radii and half lengths (M,) [m]; see `ReachCylinder`."""
+
+    centers: FloatArray
+    axes: FloatArray
+    radii: FloatArray
+    half_lengths: FloatArray
+
+    @classmethod
+    def of(cls, cylinders: Sequence[ReachCylinder]) -> ReachCylinders:
+        """Return the tables of some cylinders."""
+        vectors, lengths = (
+            [(c.center, c.axis) for c in cylinders],
+            [(c.radius, c.half_length) for c in cylinders],
+        )
+        centers, axes = np.reshape(vectors, (-1, 2, 3)).swapaxes(0, 1)
+        radii, half_lengths = np.reshape(lengths, (-1, 2)).T
+        return cls(centers, axes, radii, half_lengths)
+
+    def from_axes(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how far `points: (K, 3)` are from the M axes, and how far along these from the centers, (K, M) [m]."""
+        arms = points[:, None] - self.centers
+        along = np.einsum("kmx,mx->km", arms, self.axes)
+        return np.linalg.norm(arms - along[..., None] * self.axes, axis=2), np.abs(along)
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Return the distances (K, M) [m] of points (K, 3); 0 inside."""
+        lateral, along = self.from_axes(points)
+        beside, beyond = lateral - self.radii, along - self.half_lengths
+        distances: FloatArray = np.hypot(np.maximum(0.0, beside), np.maximum(0.0, beyond))
+        return distances
+
+    @cached_property
+    def shapes(self) -> list[tuple[coal.Cylinder, coal.Transform3s]]:
+        """The cylinders as coal has them, each with its place in the world."""
+        up = np.array([0.0, 0.0, 1.0])
+        turns = [pin.Quaternion.FromTwoVectors(up, axis).matrix() for axis in self.axes]
+        shapes = [coal.Cylinder(r, 2 * h) for r, h in zip(self.radii, self.half_lengths, strict=True)]
+        places = [coal.Transform3s(*place) for place in zip(turns, self.centers, strict=True)]
+        return list(zip(shapes, places, strict=True))
+
+
 Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body can be in their frames
 
 
@@ -183,11 +226,9 @@ class JointChain:
         """
         if not bodies:
             return np.zeros((0, len(self.parents)))
-        centers, axes, radii, half_lengths = self._axis_reaches
-        arms = np.concatenate([body.points for body in bodies])[:, None] - centers
-        along = np.einsum("pjx,jx->pj", arms, axes)
-        lateral = np.linalg.norm(arms - along[..., None] * axes, axis=2)
-        reached = np.hypot(lateral + radii, np.abs(along) + half_lengths)
+        axes = self._axis_reaches
+        lateral, along = axes.from_axes(np.concatenate([body.points for body in bodies]))
+        reached = np.hypot(lateral + axes.radii, along + axes.half_lengths)
         starts = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
         fixed = np.array(self.parents) == 0  # axes that stay where they are: they go on along the center's
         farthest = np.maximum.reduceat(np.where(fixed, lateral, reached), starts)
@@ -196,21 +237,15 @@ class JointChain:
         return distances
 
     @cached_property
-    def _axis_reaches(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Cylinders in the world that hold the joints' origins: centers, axes (n, 3), radii, half lengths (n,)."""
+    def _axis_reaches(self) -> ReachCylinders:
+        """Cylinders in the world that hold the n joints' origins, about their axes."""
         found = []
         for parent, placement, axis in zip(self.parents, self.placements, self.axes, strict=True):
             if parent == 0:
                 found.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
             else:
                 found.append(self.reach(self.regions(parent, Hull(placement.translation[None], 0.0))))
-        centers, axes = (
-            np.array([getattr(r, key) for r in found]).reshape(-1, 3) for key in ("center", "axis")
-        )
-        radii, half_lengths = (
-            np.array([getattr(r, key) for r in found]) for key in ("radius", "half_length")
-        )
-        return centers, axes, radii, half_lengths
+        return ReachCylinders.of(found)
 
     def regions(self, joint: int, body: Hull) -> Regions:
         """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame.

@@ -157,7 +157,9 @@ class ConfigurationCheck:
         pair = self.checker.colliding_pair(q)
         if pair is not None:
             return f" is in collision: {pair[0]!r} touches {pair[1]!r}"
-        at_rest = replace(separation, speeds={}, time=0.0).required(self.checker)
+        at_rest = self._required
+        if separation.speeds:
+            at_rest = replace(separation, speeds={}, time=0.0).required(self.checker)
         near = at_rest.violating_pair(q)
         if near is not None:
             least = f"{1e3 * at_rest.at_start.max():g} mm"
