@@ -287,7 +287,6 @@ class PairSet:
             array.setflags(write=False)
         self.revision = 0
         self._take_radii()
-        self._coal: Queries | None = None  # made when it is asked first
 
     @cached_property
     def geometry(self) -> pin.GeometryModel:
@@ -295,12 +294,9 @@ class PairSet:
         with self.changes.none():
             return self._table.geometry.with_pairs(self.bodies)
 
-    @property
+    @cached_property
     def _queries(self) -> Queries:
-        if self._coal is None:
-            with self.changes.none():
-                self._coal = self._coal or self.new_queries()
-        return self._coal
+        return self.new_queries()
 
     def new_queries(self) -> Queries:
         """Return queries of these pairs, with working memory of their own."""

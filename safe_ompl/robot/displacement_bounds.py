@@ -80,15 +80,8 @@ class DisplacementBounds:
 
     def keypoint_reaches(self, points: ArrayLike) -> FloatArray:
         """Return how far (K, M) [m] each key point can ever be from fixed `points: (M, 3)`, at most; proven."""
-        points = finite_array(points, (None, 3), "points")
-        reaches = np.empty((len(self._key_points), len(points)))
-        for k, (joint, offset) in enumerate(self._key_points):
-            if joint == 0:
-                reaches[k] = np.linalg.norm(points - offset, axis=1)
-            else:
-                region = self._chain.reach(self._chain.regions(joint, Hull(offset[None], 0.0)))
-                reaches[k] = [region.farthest(Hull(point[None], 0.0)) for point in points]
-        return reaches
+        cylinders = ReachCylinders.of([self._chain.point_reach(*point) for point in self._key_points])
+        return cylinders.farthest(finite_array(points, (None, 3), "points")).T
 
     def displacement_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.
