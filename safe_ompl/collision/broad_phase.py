@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
 from functools import cache, partial
-from weakref import WeakSet
 
 import coal
 import numpy as np
@@ -23,25 +21,16 @@ DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far of
 class BroadPhase:
     """Finds those of P pairs of a geometry model whose bounding boxes are nearer than `margins: (P,)` [m], 0 at first.
 
-    Pairs of two obstacles are never tested. The bodies are where `data`, which is kept alive, has them.
+    Pairs of two obstacles are never tested. The bodies are where `data`, which is kept alive, has them, and within the
+    `boxes: (G, 6)` of `SceneGeometry`, which is not copied.
     """
 
-    def __init__(self, geometry: pin.GeometryModel, data: pin.GeometryData, pairs: IntArray) -> None:
-        self._geometry, self._data = geometry, data
+    def __init__(self, data: pin.GeometryData, pairs: IntArray, boxes: FloatArray) -> None:
+        self._data, self._boxes = data, boxes
         self._places = _places(data)
         self._pairs = np.array(pairs)  # which can be written to, as kernels want it
         self._near = np.empty(len(pairs), dtype=np.intp)
         self.margins: FloatArray = np.zeros(len(pairs))
-        self._boxes: FloatArray = np.empty((len(self._places), 6))
-        self.take_shapes(range(len(self._boxes)))
-
-    def take_shapes(self, bodies: Iterable[int]) -> None:
-        """Take the boxes about the shapes that some bodies have now."""
-        for index in bodies:
-            row, shape = self._boxes[index], self._geometry.geometryObjects[index].geometry
-            shape.computeLocalAABB()
-            box = shape.aabb_local
-            row[:3], row[3:] = (box.max_ + box.min_) / 2, (box.max_ - box.min_) / 2
 
     def found(self) -> list[int]:
         """Return the pairs that may be nearer than their margins, where the bodies are now; no other is."""
@@ -66,7 +55,7 @@ def _places(data: pin.GeometryData) -> FloatArray:
 
 
 class Queries:
-    """Boolean queries over the P pairs of one geometry model; any thread may ask.
+    """Boolean queries over the P pairs of one geometry model, boxes as `BroadPhase` has; any thread may ask.
 
     Margins are an argument of every query; they are written to coal's requests where they are not those of the query
     before. Coal is only asked about pairs whose boxes are near each other (`BroadPhase`): Pinocchio's managers compare
@@ -74,27 +63,24 @@ class Queries:
     """
 
     def __init__(
-        self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray, changes: Changes
+        self,
+        model: pin.Model,
+        geometry: pin.GeometryModel,
+        pairs: IntArray,
+        boxes: FloatArray,
+        changes: Changes,
     ) -> None:
         self.model = model
         self.geometry = geometry
         self._changes = changes
         self.no_margins: FloatArray = np.zeros(len(pairs))
         self.no_margins.setflags(write=False)
-        self._all: WeakSet[_Memory] = WeakSet()
 
         def remembered() -> _Memory:
             with changes.none():
-                memory = _Memory(model, geometry, pairs)
-                self._all.add(memory)  # which takes the shapes that bodies have from now on
-                return memory
+                return _Memory(model, geometry, pairs, boxes)
 
         self._memory = PerThread(remembered)
-
-    def take_shapes(self, bodies: Sequence[int]) -> None:
-        """Renew what follows from the shapes of some bodies, which have changed."""
-        for memory in self._all:
-            memory.broad_phase.take_shapes(bodies)
 
     def touching(self, q: FloatArray, margins: FloatArray) -> int | None:
         """Return the first pair that is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`, or None."""
@@ -116,7 +102,9 @@ class Queries:
 class _Memory:
     """Working memory of queries: where bodies are, the margins that coal has, and what is near."""
 
-    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray) -> None:
+    def __init__(
+        self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray, boxes: FloatArray
+    ) -> None:
         # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
         self.unchanging: FloatArray | None = None
         self._written: bytes | None = None
@@ -128,7 +116,7 @@ class _Memory:
         self._margins: FloatArray = np.zeros((bodies, bodies), order="F")
         self._margin_entries: FloatArray = self._margins.reshape(-1, order="F")  # a view
         self._entries = pairs[:, 0] + bodies * pairs[:, 1]
-        self.broad_phase = BroadPhase(geometry, self.data, pairs)
+        self.broad_phase = BroadPhase(self.data, pairs, boxes)
         self._write(np.zeros(len(pairs)))
 
     def set_margins(self, margins: FloatArray) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.broad_phase import Distances, Queries
+from safe_ompl.collision.broad_phase import Distances
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairSet, PairTable
 from safe_ompl.common import Changes, Counts, FloatArray, InputError, configuration, finite_array
@@ -72,15 +72,14 @@ class CollisionChecker:
         self.robot = robot
         self.scene = scene
         self.counts = Counts() if counts is None else counts
-        self._bodies = SceneGeometry(robot.shared.collision_model, scene, movable)
+        self._bodies = SceneGeometry(robot, scene, movable)
         self._table = PairTable(robot, self._bodies)
-        self.links = tuple(self._bodies.names[: len(robot.shared.collision_model.geometryObjects)])
+        self.links = robot.shared.body_links
         self.revision = 0
         self.changes = Changes()
         self._pair_sets: dict[float, PairSet] = {}  # by the reach that they are of
         self.pairs = self.pairs_within(0.0)
-        model, pairs = robot.shared.model, self.pairs
-        self._contact = Queries(model, pairs.geometry, pairs.bodies, self.changes)
+        self._contact = self.pairs.new_queries()
 
     def __repr__(self) -> str:
         obstacles, pairs = len(self.scene.obstacles), len(self.pair_names)
@@ -139,15 +138,14 @@ class CollisionChecker:
             with another number of points. Then nothing moves.
         """
         with self.changes.one():
-            moved, measured = self._bodies.move(scene)
+            moved = self._bodies.move(scene)
             self.scene = scene
             if not moved:
                 return
             self.revision += 1
             self._table.follow(moved)
-            self._contact.take_shapes(measured)
             for pairs in set(self._pair_sets.values()):
-                pairs.follow(measured)
+                pairs.follow()
 
     def in_collision(self, q: ArrayLike) -> bool:
         """Return whether the robot touches an obstacle or itself at `q: (n,)`; limits are not looked at.

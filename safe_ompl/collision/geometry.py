@@ -6,11 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import coal
+import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import InputError, IntArray
+from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.geometry import Obstacle, Part
-from safe_ompl.robot import Hull, bounding_hull
+from safe_ompl.robot import Hull, Robot, bounding_box, bounding_hull
 from safe_ompl.scene import Scene
 
 _KEPT = (coal.Capsule, coal.Sphere)  # stay the same objects when they are measured anew
@@ -57,35 +58,41 @@ class ObstaclePart:
 class SceneGeometry:
     """The bodies of a robot and, after them, the parts of the obstacles of a scene, of which some may move.
 
-    `names` has the link or obstacle of each body, `self_pairs` the pairs of the robot's own bodies that are checked, by
-    their indices. Raises InputError if the scene has no movable obstacle of a name, or the names are no list.
+    `names` has the link or obstacle of each of the G bodies, and `boxes: (G, 6)` the boxes about the shapes that they
+    have now, as `bounding_box` returns them [m]. Raises InputError if the scene has no movable obstacle of a name, or
+    the names are no list.
     """
 
-    def __init__(self, bodies: pin.GeometryModel, scene: Scene, movable: Sequence[str]) -> None:
+    def __init__(self, robot: Robot, scene: Scene, movable: Sequence[str]) -> None:
         if isinstance(movable, str) or not isinstance(movable, Iterable):
             raise InputError(f"movable must be a list of names of obstacles, got {movable!r}")
         self.movable = frozenset(scene[name].name for name in movable)
-        self.self_pairs = [(int(pair.first), int(pair.second)) for pair in bodies.collisionPairs]
-        self.names = [body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects]
-        self._without_pairs = bodies.copy()
-        self._without_pairs.removeAllCollisionPairs()
+        self.names = list(robot.shared.body_links)
+        self._own_pairs = robot.shared.body_pairs
+        self._bodies = robot.shared.collision_model.copy()
         self._parts: list[list[ObstaclePart]] = []  # of each obstacle
         for obstacle in scene.obstacles:
             parts = []
+            pose = obstacle.pose.se3
             for part in obstacle.shape.parts():
-                world = obstacle.pose.se3 * part.placement
+                world = pose * part.placement
                 entry = pin.GeometryObject(f"obstacle:{obstacle.part_name(part)}", 0, world, part.geometry)
-                index = self._without_pairs.addGeometryObject(entry)
+                index = self._bodies.addGeometryObject(entry)
                 parts.append(ObstaclePart(int(index), part.geometry, part.placement, world))
                 self.names.append(obstacle.name)
             self._parts.append(parts)
-        self._models = [self._without_pairs]
+        boxes = [bounding_box(part.shape) for part in self.parts]
+        self.boxes: FloatArray = np.concatenate([robot.shared.body_boxes, np.reshape(boxes, (-1, 6))])
+        self._models = [self._bodies]
         self._scene = scene
 
     def with_pairs(self, pairs: IntArray) -> pin.GeometryModel:
         """Return a model of all bodies with `pairs: (P, 2)` of them; obstacles move in it as they do here."""
-        model = self._without_pairs.copy()
-        for first, second in pairs.tolist():
+        model, own = self._bodies.copy(), len(self._own_pairs)
+        if not np.array_equal(pairs[:own], self._own_pairs):
+            model.removeAllCollisionPairs()
+            own = 0
+        for first, second in pairs[own:].tolist():
             model.addCollisionPair(pin.CollisionPair(first, second))
         self._models.append(model)
         return model
@@ -93,27 +100,25 @@ class SceneGeometry:
     @property
     def obstacle_bodies(self) -> list[pin.GeometryObject]:
         """The bodies of the parts of all obstacles."""
-        return list(self._without_pairs.geometryObjects)[
-            len(self._without_pairs.geometryObjects) - len(self.parts) :
-        ]
+        return list(self._bodies.geometryObjects)[len(self._bodies.geometryObjects) - len(self.parts) :]
 
     @property
     def parts(self) -> list[ObstaclePart]:
         """The parts of all obstacles."""
         return [part for parts in self._parts for part in parts]
 
-    def move(self, scene: Scene) -> tuple[list[ObstaclePart], list[int]]:
-        """Take the places of another scene; return what has moved, and the indices of what was measured anew.
+    def move(self, scene: Scene) -> list[ObstaclePart]:
+        """Take the places of another scene; return what has moved.
 
         Raises InputError if anything but the place of a movable obstacle differs. Then nothing moves.
         """
         moves = self._moves(scene)
-        moved, measured = list[ObstaclePart](), list[int]()
+        moved = list[ObstaclePart]()
         for k, obstacle, shapes in moves:
             pose = obstacle.pose.se3
             for part, shape in zip(self._parts[k], shapes, strict=False):
                 part.measure_anew(shape.geometry, shape.placement)
-                measured.append(part.index)
+                self.boxes[part.index] = bounding_box(part.shape)
             for part in self._parts[k]:
                 part.world = pose * part.local
                 moved.append(part)
@@ -121,7 +126,7 @@ class SceneGeometry:
             for part in moved:
                 part.write(model)
         self._scene = scene
-        return moved, measured
+        return moved
 
     def _moves(self, scene: Scene) -> list[tuple[int, Obstacle, list[Part]]]:
         """Return which obstacles are elsewhere, and their parts where these were measured anew, else none."""

@@ -14,7 +14,7 @@ from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.robot import ConvexBodies, Hull, JointLimits, ReachCylinder, Robot, plain
+from safe_ompl.robot import ConvexBodies, Hull, JointLimits, Robot, plain
 
 # [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
 # configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.
@@ -24,6 +24,7 @@ _INTERVALS = 64  # the most that may wait to be proven
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
 _NOTHING = np.zeros(0)
 _ROUNDING = 1e-9  # [m] of distances between balls
+_REQUEST = coal.DistanceRequest()
 _HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
 
@@ -187,18 +188,18 @@ class PairTable:
 
     def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
         self.robot, self.geometry = robot, geometry
-        own, parts, reaches = geometry.self_pairs, geometry.parts, robot.bounds.body_reaches
-        pairs = [*own, *((body, part.index) for part in parts for body in reaches)]
-        self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        self.with_obstacle: IntArray = np.arange(len(own), len(pairs))
+        own, parts, reaches = robot.shared.body_pairs, geometry.parts, robot.bounds.body_reaches
+        with_parts = np.empty((len(parts), len(reaches), 2), dtype=np.intp)
+        with_parts[..., 0] = list(reaches)
+        with_parts[..., 1] = np.reshape([part.index for part in parts], (-1, 1))
+        self.bodies: IntArray = np.concatenate([own, with_parts.reshape(-1, 2)])
+        self.with_obstacle: IntArray = np.arange(len(own), len(self.bodies))
         self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
         hulls = [part.hull for part in parts]
         self._measure_from_axes(parts, hulls)
-        cylinders = list(reaches.values())
-        self._reaches = [_as_object(reach) for reach in cylinders]
         self._parts = parts
         centres, radii = _balls(hulls)
-        away = _distances(cylinders, centres)
+        away = robot.bounds.reach_cylinders.distances(centres)
         movable = np.array([geometry.names[part.index] in geometry.movable for part in parts], dtype=bool)
         # Bounds (K, M) of the least distance of each of K parts from all that each of M moving bodies can reach.
         self._lower = np.where(movable[:, None], -np.inf, away - radii[:, None] - _ROUNDING)
@@ -224,8 +225,14 @@ class PairTable:
 
     def _nearer_than(self, distance: float) -> BoolArray:
         """Return for each pair (T,) whether its bodies can come nearer to each other than a distance [m]."""
-        for k, m in np.argwhere((self._lower < distance) & (self._upper >= distance)).tolist():
-            self._lower[k, m] = self._upper[k, m] = _distance(self._reaches[m], self._parts[k])
+        undecided = (self._lower < distance) & (self._upper >= distance)
+        cylinders = self.robot.bounds.reach_cylinders.shapes
+        for k in np.flatnonzero(undecided.any(axis=1)).tolist():
+            part = self._parts[k]
+            place = coal.Transform3s(part.world.rotation, part.world.translation)
+            for m in np.flatnonzero(undecided[k]).tolist():
+                found = coal.distance(*cylinders[m], part.shape, place, _REQUEST, coal.DistanceResult())
+                self._lower[k, m] = self._upper[k, m] = found
         nearer = np.ones(len(self.bodies), dtype=bool)
         nearer[self.with_obstacle] = (self._lower < distance).ravel()
         return nearer
@@ -249,32 +256,6 @@ def _balls(hulls: Sequence[Hull]) -> tuple[FloatArray, FloatArray]:
     centres = np.add.reduceat(points, begins) / numbers[:, None]
     away = np.linalg.norm(points - np.repeat(centres, numbers, axis=0), axis=1)
     return centres, np.maximum.reduceat(away, begins) + [hull.radius for hull in hulls]
-
-
-def _distances(reaches: Sequence[ReachCylinder], points: FloatArray) -> FloatArray:
-    """Return the distances (K, M) [m] of points (K, 3) from M cylinders; 0 inside."""
-    if not reaches:
-        return np.zeros((len(points), 0))
-    axes = np.array([reach.axis for reach in reaches])
-    arms = points[:, None] - np.array([reach.center for reach in reaches])
-    along = np.einsum("kmx,mx->km", arms, axes)
-    lateral = np.linalg.norm(arms - along[..., None] * axes, axis=2)
-    beside = np.maximum(0.0, lateral - [reach.radius for reach in reaches])
-    beyond = np.maximum(0.0, np.abs(along) - [reach.half_length for reach in reaches])
-    distances: FloatArray = np.hypot(beside, beyond)
-    return distances
-
-
-def _as_object(reach: ReachCylinder) -> coal.CollisionObject:
-    rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
-    return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
-
-
-def _distance(reach: coal.CollisionObject, part: ObstaclePart) -> float:
-    place = coal.Transform3s(part.world.rotation, part.world.translation)
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    shape = reach.collisionGeometry()
-    return float(coal.distance(shape, reach.getTransform(), part.shape, place, request, result))
 
 
 class PairSet:
@@ -306,7 +287,6 @@ class PairSet:
             array.setflags(write=False)
         self.revision = 0
         self._take_radii()
-        self._coal: Queries | None = None  # made when it is asked first
 
     @cached_property
     def geometry(self) -> pin.GeometryModel:
@@ -314,15 +294,14 @@ class PairSet:
         with self.changes.none():
             return self._table.geometry.with_pairs(self.bodies)
 
-    @property
+    @cached_property
     def _queries(self) -> Queries:
-        if self._coal is None:
-            with self.changes.none():
-                geometry = self.geometry
-                self._coal = self._coal or Queries(
-                    self._robot.shared.model, geometry, self.bodies, self.changes
-                )
-        return self._coal
+        return self.new_queries()
+
+    def new_queries(self) -> Queries:
+        """Return queries of these pairs, with working memory of their own."""
+        boxes = self._table.geometry.boxes
+        return Queries(self._robot.shared.model, self.geometry, self.bodies, boxes, self.changes)
 
     @property
     def carriers(self) -> IntArray:
@@ -336,10 +315,8 @@ class PairSet:
         self.radii: FloatArray = self._robot.coupling.radii(self._joint_radii)
         self.radii.setflags(write=False)
 
-    def follow(self, measured: Sequence[int]) -> None:
-        """Renew what follows from the places of obstacles, which have moved, and of bodies that were measured anew."""
-        if self._coal is not None:
-            self._coal.take_shapes(measured)
+    def follow(self) -> None:
+        """Renew what follows from the places of obstacles, which have moved."""
         self._take_radii()
         vars(self).pop("bounds", None)
         self.revision += 1

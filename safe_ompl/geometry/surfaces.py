@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
@@ -19,11 +18,12 @@ def box_points(size: FloatArray, spacing: float) -> FloatArray:
     The step between neighbours is at most `spacing` along x, y and z [m]: every point of the surface is within
     ``spacing / √2`` of one of them. They are in order by x, then y, then z.
     """
-    xs, ys, zs = (np.linspace(-s / 2, s / 2, _steps(s, spacing) + 1) for s in size)
-    on_rim = np.ones((len(ys), len(zs)), dtype=bool)
+    xs, ys, zs = (_ticks(s, spacing) for s in size.tolist())
+    face = np.empty((len(ys), len(zs), 2))
+    face[..., 0], face[..., 1] = ys[:, None], zs
+    on_rim = np.ones(face.shape[:2], dtype=bool)
     on_rim[1:-1, 1:-1] = False
-    face = np.column_stack([np.repeat(ys, len(zs)), np.tile(zs, len(ys))])
-    slices = [face, *[face[on_rim.ravel()]] * (len(xs) - 2), face]
+    slices = [face.reshape(-1, 2), *[face[on_rim]] * (len(xs) - 2), face.reshape(-1, 2)]
     x = np.repeat(xs, [len(points) for points in slices])
     return np.column_stack([x, np.concatenate(slices)])
 
@@ -42,12 +42,11 @@ def sphere_profile(radius: float, step: float) -> FloatArray:
 
 def cylinder_profile(radius: float, length: float, step: float) -> FloatArray:
     """Return the polyline whose revolution about z is a cylinder with flat ends; see `revolved_points`."""
-    corners = np.array([[0.0, -length / 2], [radius, -length / 2], [radius, length / 2], [0.0, length / 2]])
-    pieces = [
-        np.linspace(a, b, _steps(float(np.linalg.norm(b - a)), step), endpoint=False)
-        for a, b in itertools.pairwise(corners)
-    ]
-    return np.concatenate([*pieces, corners[-1:]])
+    across, up = (np.arange(count) / count for count in (_steps(radius, step), _steps(length, step)))
+    radii = np.concatenate([across * radius, np.full(len(up), radius), radius - across * radius, [0.0]])
+    ends = np.full(len(across), length / 2)
+    heights = np.concatenate([-ends, up * length - length / 2, ends, [length / 2]])
+    return np.column_stack([radii, heights])
 
 
 def capsule_profile(radius: float, length: float, arc_step: float, line_step: float) -> FloatArray:
@@ -64,14 +63,11 @@ def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
     The `profile: (K, 2)` has distance from the axis and height of the rings, from the bottom pole to the top pole, at
     most `spacing` apart along the surface [m].
     """
-    rings = []
-    for radius, height in profile:
-        count = _steps(2 * np.pi * radius, spacing)
-        angle = 2 * np.pi * np.arange(count) / count
-        rings.append(
-            np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, height)])
-        )
-    return np.concatenate(rings)
+    counts = np.array([_steps(2 * np.pi * radius, spacing) for radius in profile[:, 0].tolist()])
+    radii, heights = np.repeat(profile, counts, axis=0).T
+    numbers = np.arange(len(radii)) - np.repeat(np.cumsum(counts) - counts, counts)
+    angles = 2 * np.pi * numbers / np.repeat(counts, counts)
+    return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights])
 
 
 def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
@@ -158,8 +154,16 @@ def _arc(radius: float, height: float, start: float, stop: float, step: float) -
     return np.column_stack([np.maximum(radius * np.cos(angle), 0.0), height + radius * np.sin(angle)])
 
 
+def _ticks(length: float, step: float) -> FloatArray:
+    """Return numbers from −length/2 to length/2, at most a step apart."""
+    count = _steps(length, step)
+    ticks = np.arange(count + 1, dtype=np.float64) * (length / count) - length / 2
+    ticks[-1] = length / 2  # exactly
+    return ticks
+
+
 def _steps(length: float, step: float) -> int:
-    return max(1, int(np.ceil(length / step - 1e-9)))
+    return max(1, ceil(length / step - 1e-9))
 
 
 # --------------------------------------------------------------------------- bodies made of capsules, compiled

@@ -33,7 +33,6 @@ from safe_ompl.planning.ompl import (
     Constraints,
     SampledValidity,
     ScratchState,
-    StateBridge,
     UserCheck,
     WorkspaceGoal,
 )
@@ -50,10 +49,11 @@ class Wiring:
 
     def __init__(self, si: Any, checker: CollisionChecker, floor: float = FLOOR) -> None:
         self.si = si
-        self.bridge = StateBridge(si.getStateSpace())
         self._resolution = RESOLUTION
         self._registered = False  # to let go of the user's checks when the program ends
-        self.plug_in(CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker, floor))
+        validity = CollisionFreeValidity(si, checker)
+        self.bridge = validity.bridge
+        self.plug_in(validity, CertifiedMotionValidator(si, checker, floor, bridge=self.bridge))
 
     def plug_in(self, validity: CollisionFreeValidity, validator: CertifiedMotionValidator) -> None:
         """Replace our own plug-ins; those of a user are asked besides ours."""

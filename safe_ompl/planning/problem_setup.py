@@ -75,7 +75,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.wiring = Wiring(si, checker, floor)
         self.problem = Problem(self, self.wiring)
         if self.field is not None:
-            self.setOptimizationObjective(DangerObjective(si, self.field))
+            self.setOptimizationObjective(DangerObjective(si, self.field, bridge=self.wiring.bridge))
         self._timed_for: tuple[Any, ...] = ()  # the motion prover and the scene that the timer was made for
         self.setMotionLimits()
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         transpose_step,
     )
     from safe_ompl.robot.joint_tables import Mimic, frame_index, plain
-    from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_hull
+    from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_box, bounding_hull
     from safe_ompl.robot.region import GoalRegion, RegionPlace
     from safe_ompl.robot.robot import Robot
     from safe_ompl.robot.spec import RobotSpec
@@ -46,6 +46,7 @@ __all__ = [
     "StepLimits",
     "approach",
     "arm_joints",
+    "bounding_box",
     "bounding_hull",
     "default_tip",
     "finger_joints",

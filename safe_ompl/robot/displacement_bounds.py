@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
 from safe_ompl.geometry.kernels import BODY, Records, Shapes, extreme_vertices
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
-from safe_ompl.robot.reach import Hull, ReachCylinder, Regions, bounding_hull
+from safe_ompl.robot.reach import Hull, ReachCylinder, ReachCylinders, Regions, bounding_hull
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
 
@@ -50,6 +50,11 @@ class DisplacementBounds:
         return {k: self._chain.reach(regions) for k, regions in enumerate(self._regions) if regions}
 
     @cached_property
+    def reach_cylinders(self) -> ReachCylinders:
+        """The cylinders of `body_reaches`, in its order, as tables."""
+        return ReachCylinders.of(list(self.body_reaches.values()))
+
+    @cached_property
     def _regions(self) -> list[Regions]:
         return [
             self._chain.regions(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
@@ -75,15 +80,8 @@ class DisplacementBounds:
 
     def keypoint_reaches(self, points: ArrayLike) -> FloatArray:
         """Return how far (K, M) [m] each key point can ever be from fixed `points: (M, 3)`, at most; proven."""
-        points = finite_array(points, (None, 3), "points")
-        reaches = np.empty((len(self._key_points), len(points)))
-        for k, (joint, offset) in enumerate(self._key_points):
-            if joint == 0:
-                reaches[k] = np.linalg.norm(points - offset, axis=1)
-            else:
-                region = self._chain.reach(self._chain.regions(joint, Hull(offset[None], 0.0)))
-                reaches[k] = [region.farthest(Hull(point[None], 0.0)) for point in points]
-        return reaches
+        cylinders = ReachCylinders.of([self._chain.point_reach(*point) for point in self._key_points])
+        return cylinders.farthest(finite_array(points, (None, 3), "points")).T
 
     def displacement_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.

@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from safe_ompl.common import BoolArray, FloatArray
 
+_UP = np.array([0.0, 0.0, 1.0])
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
@@ -48,11 +49,16 @@ def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> 
     if isinstance(geometry, (coal.ConvexBase, coal.BVHModelBase)) and not coarse:
         vertices = geometry.points() if isinstance(geometry, coal.ConvexBase) else geometry.vertices()
         return Hull(np.array(vertices, dtype=np.float64).reshape(-1, 3), 0.0)
+    box = bounding_box(geometry)
+    return Hull(box[:3] + _BOX_CORNERS * box[3:], 0.0)
+
+
+def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
+    """Return the box (6,) about `geometry` in its own frame: its centre, and half its sides [m]."""
     geometry.computeLocalAABB()
     box = geometry.aabb_local
-    center = (np.asarray(box.max_) + np.asarray(box.min_)) / 2
-    half = (np.asarray(box.max_) - np.asarray(box.min_)) / 2
-    return Hull(center.ravel() + _BOX_CORNERS * half.ravel(), 0.0)
+    low, high = box.min_, box.max_
+    return np.concatenate([high + low, high - low], dtype=np.float64) / 2
 
 
 @dataclass(frozen=True)
@@ -93,17 +99,58 @@ class ReachCylinder:
             radius = max(radius, math.sqrt(c @ c + 2 * self.radius * lateral + self.radius**2))
         return ReachCylinder((self.center @ axis) * axis, axis, radius, float(reach))
 
-    def farthest(self, body: Hull) -> float:
-        """Return the largest distance [m] between a point of a body and a point of the cylinder."""
-        arms = body.points - self.center
-        along = arms @ self.axis
-        lateral = np.linalg.norm(arms - along[:, None] * self.axis, axis=1)
-        return float(np.hypot(lateral + self.radius, np.abs(along) + self.half_length).max()) + body.radius
-
     def stretched(self, low: float, high: float) -> ReachCylinder:
         """Return what the cylinder sweeps when it slides along its axis by `low` … `high` [m]."""
         center = self.center + (low + high) / 2 * self.axis
         return ReachCylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
+
+
+@dataclass(frozen=True)
+class ReachCylinders:
+    """M cylinders as tables: centers and unit axes (M, 3), radii and half lengths (M,) [m]; see `ReachCylinder`."""
+
+    centers: FloatArray
+    axes: FloatArray
+    radii: FloatArray
+    half_lengths: FloatArray
+
+    @classmethod
+    def of(cls, cylinders: Sequence[ReachCylinder]) -> ReachCylinders:
+        """Return the tables of some cylinders."""
+        vectors, lengths = (
+            [(c.center, c.axis) for c in cylinders],
+            [(c.radius, c.half_length) for c in cylinders],
+        )
+        centers, axes = np.reshape(vectors, (-1, 2, 3)).swapaxes(0, 1)
+        radii, half_lengths = np.reshape(lengths, (-1, 2)).T
+        return cls(centers, axes, radii, half_lengths)
+
+    def from_axes(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how far `points: (K, 3)` are from the M axes, and how far along these from the centers, (K, M) [m]."""
+        arms = points[:, None] - self.centers
+        along = np.einsum("kmx,mx->km", arms, self.axes)
+        return np.linalg.norm(arms - along[..., None] * self.axes, axis=2), np.abs(along)
+
+    def farthest(self, points: FloatArray) -> FloatArray:
+        """Return the largest distance (K, M) [m] between each of points (K, 3) and any point of each cylinder."""
+        lateral, along = self.from_axes(points)
+        distances: FloatArray = np.hypot(lateral + self.radii, along + self.half_lengths)
+        return distances
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Return the distances (K, M) [m] of points (K, 3); 0 inside."""
+        lateral, along = self.from_axes(points)
+        beside, beyond = lateral - self.radii, along - self.half_lengths
+        distances: FloatArray = np.hypot(np.maximum(0.0, beside), np.maximum(0.0, beyond))
+        return distances
+
+    @cached_property
+    def shapes(self) -> list[tuple[coal.Cylinder, coal.Transform3s]]:
+        """The cylinders as coal has them, each with its place in the world."""
+        turns = [pin.Quaternion.FromTwoVectors(_UP, axis).matrix() for axis in self.axes]
+        shapes = [coal.Cylinder(r, 2 * h) for r, h in zip(self.radii, self.half_lengths, strict=True)]
+        places = [coal.Transform3s(*place) for place in zip(turns, self.centers, strict=True)]
+        return list(zip(shapes, places, strict=True))
 
 
 Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body can be in their frames
@@ -169,6 +216,15 @@ class JointChain:
         i, region = regions[-1]
         return region.moved(self.placements[i])
 
+    def point_reach(self, joint: int, point: FloatArray, axis: FloatArray = _UP) -> ReachCylinder:
+        """Return a cylinder in the world that a point (3,) [m] in the frame of Pinocchio's joint `joint` never leaves.
+
+        About the `axis` (3,) where nothing moves the point.
+        """
+        if joint == 0:
+            return ReachCylinder(point, axis, 0.0, 0.0)
+        return self.reach(self.regions(joint, Hull(point[None], 0.0)))
+
     def axis_distances(self, bodies: Sequence[Hull]) -> FloatArray:
         """Return how far G bodies that stand still in the world are from each joint's axis [m], at most, (G, n).
 
@@ -178,34 +234,21 @@ class JointChain:
         """
         if not bodies:
             return np.zeros((0, len(self.parents)))
-        centers, axes, radii, half_lengths = self._axis_reaches
-        arms = np.concatenate([body.points for body in bodies])[:, None] - centers
-        along = np.einsum("pjx,jx->pj", arms, axes)
-        lateral = np.linalg.norm(arms - along[..., None] * axes, axis=2)
-        reached = np.hypot(lateral + radii, np.abs(along) + half_lengths)
+        axes, points = self._axis_reaches, np.concatenate([body.points for body in bodies])
         starts = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
         fixed = np.array(self.parents) == 0  # axes that stay where they are: they go on along the center's
-        farthest = np.maximum.reduceat(np.where(fixed, lateral, reached), starts)
+        reached = np.where(fixed, axes.from_axes(points)[0], axes.farthest(points))
+        farthest = np.maximum.reduceat(reached, starts)
         distances: FloatArray = farthest + np.array([body.radius for body in bodies])[:, None]
         distances[:, self.prismatic] = np.inf
         return distances
 
     @cached_property
-    def _axis_reaches(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Cylinders in the world that hold the joints' origins: centers, axes (n, 3), radii, half lengths (n,)."""
-        found = []
-        for parent, placement, axis in zip(self.parents, self.placements, self.axes, strict=True):
-            if parent == 0:
-                found.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
-            else:
-                found.append(self.reach(self.regions(parent, Hull(placement.translation[None], 0.0))))
-        centers, axes = (
-            np.array([getattr(r, key) for r in found]).reshape(-1, 3) for key in ("center", "axis")
-        )
-        radii, half_lengths = (
-            np.array([getattr(r, key) for r in found]) for key in ("radius", "half_length")
-        )
-        return centers, axes, radii, half_lengths
+    def _axis_reaches(self) -> ReachCylinders:
+        """Cylinders in the world that hold the n joints' origins, about their axes."""
+        joints = zip(self.parents, self.placements, self.axes, strict=True)
+        reaches = [self.point_reach(k, place.translation, place.rotation @ axis) for k, place, axis in joints]
+        return ReachCylinders.of(reaches)
 
     def regions(self, joint: int, body: Hull) -> Regions:
         """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame.

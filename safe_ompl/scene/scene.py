@@ -184,19 +184,15 @@ class Scene:
         spacing is not positive, or there would be more than a million points; none are made then.
         """
         step = self.spacing if spacing is None else spacing
-        dangerous = [obstacle for obstacle in self.obstacles if obstacle.weight > 0]
+        dangerous = [k for k, obstacle in enumerate(self.obstacles) if obstacle.weight > 0]
         if len(dangerous) > 1:
             step = document.number("spacing", step, above=0.0)
-            most = sum(obstacle.shape.most_danger_points(step) for obstacle in dangerous)
+            most = sum(self.obstacles[k].shape.most_danger_points(step) for k in dangerous)
             check_number(most, step, f"{len(dangerous)} obstacles")
-        points, owner = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)]
-        for k, obstacle in enumerate(self.obstacles):
-            if obstacle.weight > 0:
-                points.append(obstacle.danger_points(step))
-                owner.append(np.full(len(points[-1]), k, dtype=np.intp))
-        owners = np.concatenate(owner)
+        points = [self.obstacles[k].danger_points(step) for k in dangerous]
+        owners = np.repeat(np.array(dangerous, dtype=np.intp), [len(own) for own in points])
         weights = np.array([obstacle.weight for obstacle in self.obstacles], dtype=float)
-        return np.concatenate(points), weights[owners], owners
+        return np.concatenate([np.zeros((0, 3)), *points]), weights[owners], owners
 
     def __repr__(self) -> str:
         listed = ", ".join(f"{o.name!r}: {o.shape.kind}" for o in self.obstacles)

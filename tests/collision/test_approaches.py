@@ -32,7 +32,7 @@ def test_pairs_that_can_come_near_are_those_that_coal_finds(robot_named, rng, na
     shapes += [PointCloud(0.02, points=rng.normal(0, 0.1, (50, 3)).tolist())]
     places = [Pose.from_rpy(rng.uniform(-2.0, 2.0, 3), rng.uniform(-3, 3, 3)) for _ in range(8 * len(shapes))]
     scene = Scene([Obstacle(str(k), shapes[k % len(shapes)], place) for k, place in enumerate(places)])
-    geometry = SceneGeometry(robot.collision_model, scene, ())
+    geometry = SceneGeometry(robot, scene, ())
     table = PairTable(robot, geometry)
     reaches = robot.bounds.body_reaches.values()
     expected = np.array([coal_distance(reach, part) for part in geometry.parts for reach in reaches])
@@ -45,7 +45,7 @@ def test_pairs_that_can_come_near_are_those_that_coal_finds(robot_named, rng, na
 
 def test_what_may_be_anywhere_is_always_near(panda):
     scene = Scene([Obstacle("far", Sphere(0.1), Pose((50.0, 0.0, 0.0)))])
-    table = PairTable(panda, SceneGeometry(panda.collision_model, scene, ["far"]))
+    table = PairTable(panda, SceneGeometry(panda, scene, ["far"]))
     assert np.isin(table.with_obstacle, table.within(0.0)).all()
 
 
@@ -71,11 +71,11 @@ PAIRS = np.array([(i, j) for i in range(BODIES) for j in range(i)])
 def test_another_layout_of_places_is_noticed(geometry, monkeypatch):
     monkeypatch.setattr(broad_phase, "as_strided", lambda first, shape, _: as_strided(first, shape, (96, 0)))
     with pytest.raises(RuntimeError, match="another layout"):
-        BroadPhase(geometry, geometry.createData(), PAIRS)
+        BroadPhase(geometry.createData(), PAIRS, np.ones((BODIES, 6)))
 
 
 def test_looking_at_the_layout_changes_no_place(geometry):
     data = geometry.createData()
     data.oMg[BODIES - 1] = place = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([0.4, 0.5, 0.6]))
-    BroadPhase(geometry, data, PAIRS)
+    BroadPhase(data, PAIRS, np.ones((BODIES, 6)))
     assert data.oMg[BODIES - 1] == place

@@ -99,14 +99,16 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     configuration the trapezoidal rule, refined until its last change is as small. Planners ask for many motions again,
     also the other way round: the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
     `motionCostHeuristic` is CDF_min times the distance, with a proven lower bound CDF_min of the danger
-    (`DangerField.minimum`).
+    (`DangerField.minimum`). A `bridge` of the same space may be shared.
     """
 
-    def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
+    def __init__(
+        self, si: Any, field: DangerField, tolerance: float = 0.01, *, bridge: StateBridge | None = None
+    ) -> None:
         super().__init__(si)
         self.field = field
         self.tolerance = positive(tolerance, "tolerance")
-        self._bridge = StateBridge(si.getStateSpace())
+        self._bridge = bridge or StateBridge(si.getStateSpace())
         self._integral = _kept_integrals(field, self._bridge)
         self._scales: dict[Any, float] = {}
         self._revision = field.revision  # that the scales are of

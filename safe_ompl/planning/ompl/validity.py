@@ -157,7 +157,9 @@ class ConfigurationCheck:
         pair = self.checker.colliding_pair(q)
         if pair is not None:
             return f" is in collision: {pair[0]!r} touches {pair[1]!r}"
-        at_rest = replace(separation, speeds={}, time=0.0).required(self.checker)
+        at_rest = self._required
+        if separation.speeds:
+            at_rest = replace(separation, speeds={}, time=0.0).required(self.checker)
         near = at_rest.violating_pair(q)
         if near is not None:
             least = f"{1e3 * at_rest.at_start.max():g} mm"
@@ -185,7 +187,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         super().__init__(si)
         self._check = ConfigurationCheck(checker, constraints or Constraints())
         self._space = si.getStateSpace()
-        self._bridge = StateBridge(self._space)
+        self.bridge = StateBridge(self._space)
 
     def __repr__(self) -> str:
         return f"CollisionFreeValidity({self.checker!r})"
@@ -230,11 +232,11 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         # OMPL's bounds let NaN pass, and a space may be wider than the robot's limits.
         if not self._space.satisfiesBounds(state):
             return False
-        return self._check.allows(self._bridge.view(state), state)
+        return self._check.allows(self.bridge.view(state), state)
 
     def clearance(self, state: Any) -> float:
         """Return the distance [m] between the robot and the nearest obstacle."""
-        return self.checker.clearance(self._bridge.read(state)).distance
+        return self.checker.clearance(self.bridge.read(state)).distance
 
 
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
@@ -243,16 +245,23 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     Any OMPL planner that asks `si.checkMotion` plans certified paths with it. The coordinates of the space must be the
     robot's joints (see `joint_space`). An edge with less clearance than about the `floor` [m] stays undecided, and
     counts as blocked. The state validity checker should have the same constraints. The user's checks among them are
-    asked about what is proven free. They are not kept alive: `CollisionFreeValidity` does that.
+    asked about what is proven free. They are not kept alive: `CollisionFreeValidity` does that. A `bridge` of the same
+    space may be shared.
     """
 
     def __init__(
-        self, si: Any, checker: CollisionChecker, floor: float = FLOOR, constraints: Constraints | None = None
+        self,
+        si: Any,
+        checker: CollisionChecker,
+        floor: float = FLOOR,
+        constraints: Constraints | None = None,
+        *,
+        bridge: StateBridge | None = None,
     ) -> None:
         super().__init__(si)
         self._floor = floor
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
-        self._bridge = StateBridge(self._space)
+        self._bridge = bridge or StateBridge(self._space)
         self.setConstraints(constraints or Constraints(), checker)
 
     def __repr__(self) -> str:

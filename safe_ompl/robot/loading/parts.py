@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import InputError
+from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.robot.joint_tables import Mimic
 from safe_ompl.robot.loading.collision import warn_of_unchecked
 from safe_ompl.robot.loading.reduction import joint_limits
-from safe_ompl.robot.reach import JointChain
+from safe_ompl.robot.reach import JointChain, bounding_box
 
 if TYPE_CHECKING:
     from safe_ompl.robot.loading.blueprint import Attachment
@@ -62,6 +62,23 @@ class RobotParts:
             if frame.type == pin.FrameType.BODY and frame.parentJoint
         }
         return tuple(name for name in self.bare_links if name in moving)
+
+    @cached_property
+    def body_links(self) -> tuple[str, ...]:
+        """The link of each of the G bodies of the collision model."""
+        return tuple(body.name.rsplit("_", 1)[0] for body in self.collision_model.geometryObjects)
+
+    @cached_property
+    def body_pairs(self) -> IntArray:
+        """The pairs (P, 2) of bodies that are checked against each other, by their indices."""
+        pairs = [(pair.first, pair.second) for pair in self.collision_model.collisionPairs]
+        return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+
+    @cached_property
+    def body_boxes(self) -> FloatArray:
+        """The boxes (G, 6) about the bodies, as `bounding_box` has them [m]."""
+        boxes = [bounding_box(body.geometry) for body in self.collision_model.geometryObjects]
+        return np.array(boxes, dtype=np.float64).reshape(-1, 6)
 
     @cached_property
     def chain(self) -> JointChain:
