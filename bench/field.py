@@ -2,8 +2,7 @@
 
 Rows are sizes (configurations × points). `naive` is the textbook formula, a logarithm of sums broadcast
 over (…, M, 3) arrays; `field` is the package's; `lengths known` the same for a robot without prismatic
-joints, as `DangerField` calls it, and `ratio` its time over that of `naive`; `active gradient` the gradient
-with respect to the key points, of the most dangerous point of each configuration. All run in turn in the
+joints, as `DangerField` calls it, and `ratio` its time over that of `naive`. All run in turn in the
 same process; figures are the best of all rounds in µs of CPU time. Kinematics are not included, but in the last
 lines: danger and exact C-space gradient of a UR5 at the samples of a path, as a descent asks for them; and the
 kinetostatic danger of 200 configurations of two scenarios in motion, over the static one.
@@ -20,7 +19,7 @@ import numpy as np
 from safe_ompl import DangerField, Robot
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.kinetostatic import KinetostaticField
-from safe_ompl.danger.link_field import Segments, field, keypoint_gradient
+from safe_ompl.danger.link_field import Segments, field
 from safe_ompl.scene.scenario import Scenario, find_scenario
 
 PATH = (60, 16)
@@ -63,14 +62,11 @@ def measure(configurations: int, number: int, rounds: int) -> dict[str, float]:
     points = np.asfortranarray(rng.normal(size=(number, 3)) * 0.3 + [0.5, 0.5, 0.5])
     pairs = np.array([[k, k + 1] for k in range(len(LENGTHS))])
     segments, rigid = Segments(pairs), Segments(pairs, LENGTHS)
-    values = field(keypoints, rigid, points)
-    np.testing.assert_allclose(values, naive(keypoints, pairs, points), rtol=1e-9)
-    active, ones = points[values.argmax(axis=1)][:, None], np.ones((configurations, 1))
+    np.testing.assert_allclose(field(keypoints, rigid, points), naive(keypoints, pairs, points), rtol=1e-9)
     calls = {
         "naive": lambda: naive(keypoints, pairs, points),
         "field": lambda: field(keypoints, segments, points),
         "lengths known": lambda: field(keypoints, rigid, points),
-        "active gradient": lambda: keypoint_gradient(keypoints, rigid, active, ones),
     }
     return best_times(calls, rounds)
 
@@ -113,13 +109,13 @@ def main() -> None:
     )
     parser.add_argument("--rounds", type=int, default=300)
     rounds = parser.parse_args().rounds
-    print(f"{'size':>9} {'naive':>9} {'field':>9} {'lengths known':>14} {'ratio':>7} {'active gradient':>16}")
+    print(f"{'size':>9} {'naive':>9} {'field':>9} {'lengths known':>14} {'ratio':>7}")
     for size in SIZES:
         best = measure(*size, rounds)
         ratio = best["lengths known"] / best["naive"]
         print(
             f"{size[0]:>4}×{size[1]:<4} {best['naive']:>9.1f} {best['field']:>9.1f} "
-            f"{best['lengths known']:>14.1f} {ratio:>7.2f} {best['active gradient']:>16.1f}"
+            f"{best['lengths known']:>14.1f} {ratio:>7.2f}"
         )
     print(f"{PATH[0]:>4}×{PATH[1]:<4} danger and C-space gradient, UR5: {path_gradient(rounds):.0f} µs")
     for scenario in ("panda_shelf", "ur5_handover"):

@@ -24,7 +24,7 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 _SHOWN = 200  # characters of a value in a message
 _LISTED = 12  # numbers of an array in a message
 _SEEDS = 2**32
-_FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: comparing with it costs least
+_FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
 
 
 def number(
@@ -122,14 +122,14 @@ def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> F
 
 def configuration(q: ArrayLike, n: int, name: str = "configuration") -> FloatArray:
     """Return `q` as a float array (n,), itself where it is one (half a microsecond); errors as `finite_array`."""
-    if type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == (n,) and math.isfinite(q.dot(q)):
+    if type(q) is np.ndarray and q.dtype == _FLOAT and q.shape == (n,) and math.isfinite(q.dot(q)):
         return q
     return finite_array(q, (n,), name)
 
 
 def configurations(Q: ArrayLike, n: int) -> FloatArray:
     """Return `Q` as a float array (B, n); see `configuration`."""
-    is_batch = isinstance(Q, np.ndarray) and Q.dtype is _FLOAT and Q.ndim == 2 and Q.shape[1] == n
+    is_batch = isinstance(Q, np.ndarray) and Q.dtype == _FLOAT and Q.ndim == 2 and Q.shape[1] == n
     if isinstance(Q, np.ndarray) and is_batch and math.isfinite(np.vdot(Q, Q)):
         return Q
     return finite_array(Q, (None, n), "configurations")
@@ -142,7 +142,7 @@ def motion_ends(start: ArrayLike, end: ArrayLike, n: int) -> FloatArray:
 
 def shaped_configuration(q: ArrayLike, n: int, name: str) -> FloatArray:
     """Return `q` as a float array (n,); that what is one already is finite is for the caller to check."""
-    if type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == (n,):
+    if type(q) is np.ndarray and q.dtype == _FLOAT and q.shape == (n,):
         return q
     return finite_array(q, (n,), name)
 

@@ -162,12 +162,17 @@ class DangerField(RobotField):
 
     def _take_points(self, points: DangerPoints) -> None:
         """Take danger points and what follows from them, at once, as other threads may ask."""
-        frozen = object.__new__(DangerField)
-        vars(frozen).update(vars(self), _danger_points=points, _obstacles=None, _frozen=None)
-        for followed in ("moving", "_minimum"):
-            vars(frozen).pop(followed, None)
+        frozen = self._at(points)
         self._danger_points = points
         self._frozen = frozen
+
+    def _at(self, points: DangerPoints) -> DangerField:
+        """Return the field at other danger points, which stay where they are."""
+        other = object.__new__(DangerField)
+        vars(other).update(vars(self), _danger_points=points, _obstacles=None, _frozen=None)
+        for followed in ("moving", "_minimum"):
+            vars(other).pop(followed, None)
+        return other
 
     def frozen(self) -> DangerField:
         """Return the field at the present danger points, which stay where they are if this field moves.
@@ -267,13 +272,9 @@ class DangerField(RobotField):
             values, gradients = self.values_and_gradients(Q)
             above = np.flatnonzero(values > level)
             return above, values[above], gradients[above]
-        points = self._every_point(Q)
-        levels = self._evaluation.levels(Q, points)
-        rows, terms = np.nonzero(levels > level)
-        # Each term is the danger of its point alone.
-        alone = points.columns[rows % len(points.columns), :, terms][..., None]
-        own = points._replace(columns=alone, charges=points.charges[0, terms][:, None])
-        return rows, levels[rows, terms], self._evaluation.values_and_gradients(Q[rows], own)[1]
+        least = math.nextafter(level, math.inf)
+        rows, _, levels, slopes = self._evaluation.high_levels(Q, self._every_point(Q), least, sloped=True)
+        return rows, levels, slopes
 
     def most_dangerous_point(self, q: ArrayLike) -> int:
         """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`.
@@ -281,10 +282,10 @@ class DangerField(RobotField):
         Errors as `value`; also if there are no danger points.
         """
         Q = self._single(q)
-        levels = self._evaluation.levels(Q, self._every_point(Q))[0]
-        if not len(levels):
+        highest = self._evaluation.high_levels(Q, self._every_point(Q), share=1.0)[1]
+        if not len(highest):
             raise InputError("there are no danger points; give an obstacle a weight > 0")
-        return int(levels.argmax())
+        return int(highest[0])
 
     @property
     def minimum(self) -> float:
@@ -338,16 +339,15 @@ class DangerField(RobotField):
         if points is None or not len(points) or self.aggregate != "max":
             return self
         Q = self._batch(Q)
-        levels = self._evaluation.levels(Q, field._every_point(Q))
-        near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
+        near = np.zeros(len(points), dtype=bool)
+        near[self._evaluation.high_levels(Q, field._every_point(Q), share=share)[1]] = True
         if near.all():
             return self
         return self.with_points(points[near], None if weights is None else weights[near])
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""
-        keys = ("aggregate", "weighting", "k1", "sharpness", "tolerance", "k2", "gamma", "counts")
-        return DangerField(self.robot, points, weights, **{key: getattr(self, key) for key in keys})
+        return self._at(DangerPoints(points, weights, self.k1))
 
     def push(self, q: ArrayLike) -> FloatArray:
         """Return the joint motion (n,) that the field's vectors ask for at `q: (n,)`, Σ_m Σ_l J_lᵀ w_m CDF(p_m).

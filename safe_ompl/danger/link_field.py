@@ -158,21 +158,6 @@ def workspace_gradient(
     return kernel.space_gradients(*_arrays(keypoints, segments, points), by_length(weighting))
 
 
-def keypoint_gradient(
-    keypoints: FloatArray,
-    segments: Segments,
-    points: FloatArray,
-    weights: FloatArray,
-    *,
-    weighting: Weighting = "unit",
-) -> FloatArray:
-    """Return the gradient (B, K, 3) of Σ_m w_m CDF(p_m) by the key points, `weights: (B, M)`, the points held fixed.
-
-    Points on a segment contribute nothing. Other parameters as for `field`, with k₁ = 1.
-    """
-    return kernel.pulls(*_arrays(keypoints, segments, points), plain(weights), by_length(weighting))
-
-
 def vector_field(field: FloatArray, gradient: FloatArray) -> FloatArray:
     """Return the danger vectors CDF(p) ∇CDF(p)/‖∇CDF(p)‖, eq. (8), (…, 3), of a field (…) and its gradient (…, 3).
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, finite_array
 from safe_ompl.danger.kernels import danger as kernel
-from safe_ompl.danger.kernels import field as field_kernel
 from safe_ompl.danger.kernels import groups as group_kernel
 from safe_ompl.danger.kernels.groups import BALL, Points
 from safe_ompl.danger.link_field import Segments, columns
@@ -250,11 +249,19 @@ class Evaluation:
         dangers = kernel.dangers(self.tables, values, points, self.aggregate, gradients)
         return dangers, self._robot.coupling.columns(gradients)
 
-    def levels(self, Q: FloatArray, points: Points) -> FloatArray:
-        """Return k₁w CDF(p) of each point, (B, M), at `Q: (B, n)`."""
-        links, by_length = self.tables.links, self.tables.by_length
-        places = self._robot.keypoints_batch(Q)
-        return points.charges * field_kernel.link_fields(places, links, points.columns, by_length, True)[:, 0]
+    def high_levels(
+        self, Q: FloatArray, points: Points, least: float = 0.0, share: float = 0.0, *, sloped: bool = False
+    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Return rows, points and values (C,) of high levels k₁w CDF(p) at `Q: (B, n)`, and their gradients (C, n).
+
+        These are at least `least`, and at least a share of the highest of their row. No gradients unless `sloped`.
+        """
+        if not points.columns.size:
+            nothing = np.zeros(0, dtype=np.int64)
+            return nothing, nothing, np.zeros(0), np.zeros((0, Q.shape[1]))
+        values = plain(self._robot.coupling.values(Q))
+        found = kernel.high_levels(self.tables, values, points, least, share, sloped)
+        return *found[:3], self._robot.coupling.columns(found[3])
 
     def aggregated(self, levels: FloatArray) -> FloatArray:
         """Return the danger (B,) of levels (B, M); zero where there are none."""

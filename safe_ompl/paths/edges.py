@@ -12,7 +12,7 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost
-from safe_ompl.paths.kernels import chained
+from safe_ompl.paths.kernels import arc_lengths, chained
 from safe_ompl.robot import Place, Robot, motion_limits, solve_from_seed
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
@@ -84,8 +84,7 @@ class EdgeProofs:
         refused, reach = self.refused(path), _REACH
         if not refused:
             return path, np.zeros(len(path), dtype=bool)
-        lengths = np.linalg.norm(known[1:] - known[:-1], axis=1)
-        arc = np.concatenate([[0.0], np.cumsum(lengths)])
+        arc = arc_lengths(known[1:] - known[:-1])
         share, held = np.ones(len(path)), path
         for _ in range(_WIDENINGS):
             for k in refused:

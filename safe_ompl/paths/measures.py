@@ -10,7 +10,8 @@ import numpy as np
 from safe_ompl.collision import Clearance, CollisionChecker
 from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
-from safe_ompl.robot import Robot
+from safe_ompl.paths.kernels import arc_lengths, at_arc_lengths
+from safe_ompl.robot import Robot, plain
 
 
 class Curve:
@@ -19,14 +20,15 @@ class Curve:
     def __init__(self, robot: Robot, path: FloatArray) -> None:
         steps = robot.difference(path[:-1], path[1:])
         # Unrolled, so that interpolation does not jump where a continuous joint wraps.
-        self._points = path[0] + np.vstack([np.zeros((1, robot.n)), np.cumsum(steps, axis=0)])
-        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+        self._points = np.empty(path.shape)
+        self._points[0] = path[0]
+        np.add(path[0], steps.cumsum(axis=0), out=self._points[1:])
+        self._arc = arc_lengths(plain(steps))
         self.length = float(self._arc[-1])
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""
-        columns = [np.interp(s, self._arc, column) for column in self._points.T]
-        return np.stack(columns, axis=1)
+        return at_arc_lengths(self._points, self._arc, plain(s))
 
 
 _FINE = 0.25  # [rad] Segments near obstacles are divided until they are shorter: finer ones descend slowly.
@@ -71,7 +73,7 @@ def refined(path: FloatArray, near: Callable[[FloatArray], BoolArray]) -> FloatA
 def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> FloatArray:
     """Return the same path (N, n) with way points at arc lengths (K,), unless others are less than `apart` away."""
     steps = path[1:] - path[:-1]
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+    arc = arc_lengths(steps)
     for place in places:
         if np.abs(arc - place).min() >= apart:
             k = int(np.searchsorted(arc, place))

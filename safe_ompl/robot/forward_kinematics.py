@@ -25,7 +25,7 @@ from safe_ompl.robot.joint_tables import Coupling, KinematicTree, Skeleton, fram
 from safe_ompl.robot.kernels import kinematics as kernel
 from safe_ompl.robot.loading.parts import RobotParts
 
-_FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
+_FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
 _WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits
 _LARGEST = sys.float_info.max
 _SHORTEST = 1e-9  # interval of a motion in which joints that may leave their limits are taken to leave them
@@ -110,7 +110,7 @@ class ForwardKinematics:
 
         An array of floats of the right shape is not looked at further: NaN passes.
         """
-        if type(q) is not np.ndarray or q.shape != self._shape or q.dtype is not _FLOAT:
+        if type(q) is not np.ndarray or q.shape != self._shape or q.dtype != _FLOAT:
             q = self.configuration(q)
         if self._plain:
             return q
@@ -194,7 +194,7 @@ class ForwardKinematics:
 
     def model_values(self, Q: ArrayLike) -> FloatArray:
         """Return the values (B, m) of the model's joints at `Q: (B, n)`; what is an array of floats may hold NaN."""
-        if type(Q) is not np.ndarray or Q.ndim != 2 or Q.shape[1] != self.n or Q.dtype is not _FLOAT:
+        if type(Q) is not np.ndarray or Q.ndim != 2 or Q.shape[1] != self.n or Q.dtype != _FLOAT:
             Q = self.configurations(Q)
         return self.coupling.values(Q)
 

@@ -13,7 +13,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.robot.kernels import kinematics as kernel
 from safe_ompl.robot.reach import JointChain
 
-_FLOAT = np.dtype(np.float64)
+_FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
 
 
 class KinematicTree:
@@ -43,7 +43,7 @@ class KinematicTree:
 def plain(array: Any) -> FloatArray:
     """Return `array` as the one kind of array that kernels are compiled for, itself where it is one."""
     flags = array.flags
-    if array.dtype is _FLOAT and flags.c_contiguous and flags.writeable:
+    if array.dtype == _FLOAT and flags.c_contiguous and flags.writeable:
         return array  # type: ignore[no-any-return]
     return np.require(array, np.float64, ["C", "W"])
 

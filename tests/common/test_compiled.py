@@ -22,7 +22,10 @@ from numba.core.types import none
 import safe_ompl
 from safe_ompl import DangerField
 from safe_ompl.common import compilation as compiled
+from safe_ompl.common import configuration, configurations
 from safe_ompl.danger.kernels import danger, field
+from safe_ompl.paths.kernels import nodes
+from safe_ompl.robot import plain
 from safe_ompl.robot.kernels import kinematics as joints
 
 PROGRAM = """
@@ -394,3 +397,12 @@ def _runs(number):
         return Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_what_kernels_return_is_taken_as_it_is():
+    """Their arrays have a data type that equals NumPy's, but is another object."""
+    made = nodes(np.arange(6.0).reshape(3, 2))
+    assert plain(made) is made
+    assert configurations(made, 2) is made
+    row = made[0]
+    assert configuration(row, 2) is row

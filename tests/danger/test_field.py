@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from pulled import keypoint_gradient
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
@@ -17,7 +18,6 @@ from safe_ompl.danger.link_field import (
     WEIGHTINGS,
     Segments,
     field,
-    keypoint_gradient,
     segment_bounds,
     segment_distances,
     segment_fields,

@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from oracles import numpy_field
+from pulled import keypoint_gradient
 
 from safe_ompl.danger.link_field import (
     WEIGHTINGS,
     Segments,
     field,
-    keypoint_gradient,
     segment_distances,
     segment_fields,
     workspace_gradient,

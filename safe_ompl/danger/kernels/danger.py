@@ -280,6 +280,44 @@ def _each_danger(
         out[b] = _danger(tables, values[b], here, here.balls, aggregate, gradient, work)
 
 
+@compiled
+def high_levels(
+    tables: Tables, values: FloatArray, points: Points, least: float, share: float, sloped: bool
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Return the levels (C,) at `values: (B, m)` that are at least `least`, and at least a share of the row's highest.
+
+    Before them come their rows and points (C,), after them, if `sloped`, their gradients (C, m), else (0, m). Points
+    are those of `dangers`, without balls.
+    """
+    columns, charges, C = points.columns, points.charges, 0
+    B, M = len(values), columns.shape[2]
+    rows, found, levels = np.empty(B * M, np.int64), np.empty(B * M, np.int64), np.empty(B * M)
+    gradients = np.empty((B * M if sloped else 0, values.shape[1]))
+    work = _room(tables, charges, None)
+    skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
+    for b in range(B):
+        here = Points(columns[b if len(columns) > 1 else 0], charges[b if len(charges) > 1 else 0], None)
+        if b == 0 or len(columns) > 1:
+            _shorten(here.columns, work)
+        place_joints(tables.joints, values[b], work.rotation, work.origin, work.axis)
+        place_keypoints(tables.keys, work.rotation, work.origin, work.places)
+        lowest = max(least, share * _highest_level(skeleton, here, work)[0])
+        enough = np.float32(lowest * (1.0 - 1e-7))
+        for k in range(M):
+            if work.bounds[k] < enough:
+                continue
+            level = potential(skeleton, here.columns, k, work.alone) * here.charges[k]
+            if level >= lowest:
+                rows[C], found[C], levels[C] = b, k, level
+                if sloped:
+                    work.forces[:] = 0.0
+                    add_pull(skeleton, here.columns, k, here.charges[k], work.forces)
+                    frames = work.origin, work.axis, work.wrench
+                    pull(tables.joints, tables.keys, frames, work.places, work.forces, gradients[C])
+                C += 1
+    return rows[:C].copy(), found[:C].copy(), levels[:C].copy(), gradients[: C if sloped else 0].copy()
+
+
 _HALVINGS = 6  # of a panel at most
 
 

@@ -397,17 +397,3 @@ def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_
         for m in range(points.shape[2]):
             _space_slope(skeleton, at, m, out[b, m])
     return out
-
-
-@compiled
-def pulls(
-    places: FloatArray, links: IntArray, points: FloatArray, weights: FloatArray, by_length: bool
-) -> FloatArray:
-    """Return the gradients (B, K, 3) of Σ_m w_m CDF(p_m) by the key points; weights (B, M)."""
-    out, block = np.zeros(places.shape), new_block(places.shape[1])
-    for b in range(len(places)):
-        skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
-        for m in range(points.shape[2]):
-            if weights[b, m] != 0.0:
-                add_pull(skeleton, at, m, weights[b, m], out[b])
-    return out

@@ -10,7 +10,6 @@ from safe_ompl.common.compilation import sources
 
 RARE = {  # called by few, and compiled when they are
     "danger.kernels.danger.all_shares",
-    "danger.kernels.field.pulls",
     "geometry.kernels.hull_gaps.chords_ahead",
     "geometry.kernels.hull_gaps.separating_axes",
     "robot.kernels.kinematics.point_jacobians",

@@ -7,7 +7,7 @@ from test_cost import Density, Plane
 from safe_ompl.paths.cost import PathCost
 from safe_ompl.paths.descent import BestPath, Descent, _shortened
 from safe_ompl.paths.kernels import factored, solved
-from safe_ompl.paths.measures import divided, refined, with_way_points
+from safe_ompl.paths.measures import Curve, divided, refined, with_way_points
 
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
 # between two points is arcosh(1 + distance²/(2 y₁ y₂)) (Poincaré).
@@ -167,3 +167,16 @@ def test_a_path_that_turns_out_to_be_dearer_than_the_given_one_is_taken_back():
     assert not best.is_confirmed
     assert not best.confirm(10.5)
     assert best.path is FIRST
+
+
+def test_configurations_by_arc_length(panda, rng):
+    path = rng.uniform(-1, 1, (9, 7))
+    path[4] = path[3]
+    curve = Curve(panda, path)
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(path[1:] - path[:-1], axis=1))])
+    assert curve.length == pytest.approx(arc[-1], rel=1e-14)
+    s = np.concatenate([rng.uniform(-0.5, 1.1 * arc[-1], 50), arc, [2.0 * arc[-1]]])
+    expected = np.stack([np.interp(s, arc, column) for column in path.T], axis=1)
+    np.testing.assert_allclose(curve.at(s), expected, rtol=0, atol=1e-13)
+    at_way_points = curve.at(curve.length * np.array([0.0, 1.0]))
+    np.testing.assert_allclose(at_way_points, path[[0, -1]], rtol=0, atol=1e-14)
