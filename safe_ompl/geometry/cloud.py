@@ -16,11 +16,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, float_array, shown, warn_once
+from safe_ompl.common import FloatArray, InputError, IntArray, float_array, warn_once
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.basic import LONGEST, Part, Shape
-from safe_ompl.geometry.mesh import array_digest, triangle_tree
+from safe_ompl.geometry.mesh import array_digest
 from safe_ompl.geometry.point_files import POINT_FILES, message_points, read_points
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.surfaces import Triangles
@@ -54,10 +54,9 @@ class PointCloud(Shape):
         binary_compressed).
     points : array_like, shape (N, 3), optional
         The points [m], instead of a file. Kept as a read-only array.
-    resolution : float or "off", optional
+    resolution : float, optional
         Edge of the cells that cover the balls [m], an eighth of the radius at least. Default: half the radius;
-        doubled as often as is needed to keep few cells, which is logged where it goes beyond the radius. "off": no
-        cells but an icosahedron about each ball, hollow and slow.
+        doubled as often as is needed to keep few cells, which is logged where it goes beyond the radius.
 
     Raises
     ------
@@ -71,9 +70,6 @@ class PointCloud(Shape):
     (with margin or without) nor in a distance query; every point of a cell is within √3·`resolution` of a ball, so that
     distances come out smaller than they are by that much at most.
 
-    With "off" it is one bounding volume tree over an icosahedron about each ball. Distances come out at most 0.26 radii
-    too small; but its triangles are hollow: a link wholly inside *one* icosahedron would not be seen.
-
     The danger points are points of the cloud, thinned to the spacing.
     """
 
@@ -81,7 +77,7 @@ class PointCloud(Shape):
     radius: float
     file: Path | None = None
     points: ArrayLike | None = None
-    resolution: float | str | None = None
+    resolution: float | None = None
 
     def __post_init__(self) -> None:
         self._set("radius", document.number("radius", self.radius, at_least=_LEAST_RADIUS, at_most=LONGEST))
@@ -91,12 +87,13 @@ class PointCloud(Shape):
             self._set("file", document.file("file", self.file, POINT_FILES))
         self._set("points", None if self.points is None else _finite(_array(self.points), "points"))
         self.centres  # noqa: B018 (reads and checks the file now, so that it is needed no more)
-        self._set("resolution", self._checked_resolution())
+        if self.resolution is not None:
+            least = _FINEST * self.radius
+            found = document.number("resolution", self.resolution, at_least=least, at_most=LONGEST)
+            self._set("resolution", found)
 
     @classmethod
-    def from_message(
-        cls, message: Any, radius: float, *, resolution: float | str | None = None
-    ) -> PointCloud:
+    def from_message(cls, message: Any, radius: float, *, resolution: float | None = None) -> PointCloud:
         """Return the cloud of a ROS `sensor_msgs/PointCloud2` message, or of a mapping with its keys; ROS is needless.
 
         Points are in the frame of the message: the obstacle's pose is where that frame is in the world. Raises
@@ -108,16 +105,6 @@ class PointCloud(Shape):
     def centres(self) -> FloatArray:
         """The points that are finite, shape (N, 3) [m]; read-only."""
         return np.asarray(self.points) if self.file is None else _finite(read_points(self.file), "file")
-
-    def _checked_resolution(self) -> float | str | None:
-        if self.resolution is None:
-            return None
-        if isinstance(self.resolution, str):
-            if self.resolution != "off":
-                raise InputError(f"must be a length [m] or 'off', got {shown(self.resolution)}", "resolution")
-            return "off"
-        least = _FINEST * self.radius
-        return document.number("resolution", self.resolution, at_least=least, at_most=LONGEST)
 
     def __repr__(self) -> str:
         source = f"points=<{len(self.centres)} points>" if self.file is None else f"file={str(self.file)!r}"
@@ -156,15 +143,13 @@ class PointCloud(Shape):
     @cached_property
     def _solid(self) -> Part:
         """The balls as one geometry; kept, as building it takes a while."""
-        if self.resolution == "off":
-            return Part("", triangle_tree(*_icosahedra(self.centres, self.radius)), pin.SE3.Identity())
         edge = self.cell_edge
         return Part("", *cell_tree(touched_cells(self.centres, self.radius, edge), edge))
 
     @cached_property
     def cell_edge(self) -> float:
         """Edge of the cells that cover a large cloud [m]: `resolution`, or what is right for the number of points."""
-        if isinstance(self.resolution, float):
+        if self.resolution is not None:
             return self.resolution
         edge = self.radius / 2
         while occupied(self.centres, edge) > (_FEW_CELLS if edge < self.radius else _MANY_CELLS):
