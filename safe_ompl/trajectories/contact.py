@@ -32,19 +32,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
+from math import inf
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import DistanceBounds
-from safe_ompl.common import Counts, FloatArray, InputError, IntArray
+from safe_ompl.common import FloatArray, InputError, IntArray, compiled
 from safe_ompl.geometry import LIMBS, STANDING
-from safe_ompl.robot import ConvexBodies, Robot
+from safe_ompl.geometry.kernels import POSE, Shapes, distance_bound, place_bodies
+from safe_ompl.robot import ConvexBodies, Robot, plain
+from safe_ompl.robot.kernels import place_joints
 from safe_ompl.scene import BodyRegion, People, Scene
 
 CONTACT_RULES = SEPARATION, CONTACT, CLAMPING = "separation", "contact", "clamping"
 _TRUNK = ("neck", "shoulders", "torso", "hips", "left_flank", "right_flank")
 _SLOWEST = 1e-12  # [m/rad] bodies that move less stand still
+_ROUNDING = 1e-9  # [m]
 
 
 def contact_speed(region: BodyRegion, mass: float, *, clamped: bool = False) -> float:
@@ -94,6 +98,73 @@ def limb_thickness(limb: str, height: float) -> float:
         across = float(np.linalg.norm(STANDING["left_shoulder"] - STANDING["right_shoulder"]))
         return height * (across + 2 * LIMBS["shoulders"][2])
     return 2 * LIMBS[limb][2] * height if limb in LIMBS else np.inf
+
+
+class _Gaps(NamedTuple):
+    """The P gaps of a robot with G moving bodies, and the K widths of limbs."""
+
+    pairs: IntArray  # (P, 2), bodies among the shapes
+    sides: IntArray  # (P, 2), the same among those that move; G: it stands still
+    radii: FloatArray  # (P, m), by which each joint closes it at most [m/rad]; 1 for those that slide
+    widths: FloatArray  # (K,) [m]
+    harmless: FloatArray  # (K,), the share of a body's speed at which gaps may close that clamp no worse than it hits
+
+
+@compiled
+def closing_rates(
+    joints: Any,
+    shapes: Shapes,
+    gaps: _Gaps,
+    values: FloatArray,
+    sizes: FloatArray,
+    slopes: FloatArray,
+    bodies: FloatArray,
+) -> FloatArray:
+    """Return how fast gaps of each body close in which limbs of each width may fit, by arc length (N, G, K) [m/rad].
+
+    Gaps that close at a harmless rate do not count. Distances are asked only of those that close faster than another
+    of the body in which the limb fits.
+
+    Parameters
+    ----------
+    joints : (m,)
+        A table (`safe_ompl.robot.kernels.kinematics`).
+    shapes : Shapes
+        The bodies.
+    gaps : _Gaps
+        The gaps.
+    values : (N, m)
+        The joints in the middle of the cells.
+    sizes, slopes : (N,), (N, m)
+        Lengths of the cells [rad], and bounds of the joints' |q′| in them.
+    bodies : (N, G + 1)
+        Bounds of the speeds of the bodies that move [m/rad], and 0.
+    """
+    N, m, G, K = len(values), values.shape[1], bodies.shape[1] - 1, len(gaps.widths)
+    poses, simplex = np.empty(len(shapes.bodies), POSE), np.empty((4, 3))
+    axes, found = np.zeros((len(gaps.pairs), 3)), np.zeros((N, G, K))
+    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    for row in range(N):
+        place_joints(joints, values[row], rotations, origins, joint_axes)
+        if row == 0:
+            place_bodies(shapes.bodies, poses, rotations, origins, False)
+        place_bodies(shapes.bodies, poses, rotations, origins, True)
+        for p in range(len(gaps.pairs)):
+            g, rate = gaps.sides[p, 0], 0.0
+            for i in range(m):
+                rate += gaps.radii[p, i] * slopes[row, i]
+            rate = min(rate, bodies[row, g] + bodies[row, gaps.sides[p, 1]])
+            half, apart = 0.5 * sizes[row] * rate, -inf
+            for k in range(K - 1, -1, -1):
+                width = gaps.widths[k]
+                if rate <= max(found[row, g, k], gaps.harmless[k] * bodies[row, g]):
+                    continue
+                if width < inf and not apart > width:
+                    a, b, enough = gaps.pairs[p, 0], gaps.pairs[p, 1], width + half + _ROUNDING
+                    apart = distance_bound(shapes, poses, a, b, axes[p], simplex, enough) - half
+                if not apart > width:
+                    found[row, g, k] = rate
+    return found
 
 
 class ContactLimits:
@@ -152,19 +223,22 @@ class ContactLimits:
         joints = bodies.bodies["joint"].tolist()
         moving = [k for k, joint in enumerate(joints) if joint != 0]
         pairs = [(a, b) for a, b in product(moving, range(len(joints))) if joints[a] != joints[b]]
-        self._moving: IntArray = np.array(moving, dtype=np.intp)
-        self._still = len(joints)  # stands for all partners that stand still
-        self._body: IntArray = np.array([moving.index(a) for a, _ in pairs], dtype=np.intp)
-        # Either all bodies have a partner, or none has. Pairs are in the order of bodies.
-        self._first = np.searchsorted(self._body, np.arange(len(moving)))
         pair_bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         of_joints = np.zeros((len(joints), robot.bounds.joint_radii.shape[1]))
         of_joints[: len(robot.bounds.joint_radii)] = robot.bounds.joint_radii
         first, second = of_joints[pair_bodies[:, 0]], of_joints[pair_bodies[:, 1]]
-        self._pair_radii: FloatArray = np.where(second > 0, 0.0, first) + np.where(first > 0, 0.0, second)
-        self._partner: IntArray = np.where(np.isin(pair_bodies[:, 1], moving), pair_bodies[:, 1], self._still)
-        pair_bodies.sort(axis=1)
-        self._bounds = DistanceBounds(robot, bodies, pair_bodies, np.zeros_like(first), Counts())
+        radii = np.where(second > 0, 0.0, first) + np.where(first > 0, 0.0, second)
+        sides = np.full(len(joints), len(moving), dtype=np.intp)
+        sides[moving] = np.arange(len(moving))
+        touched = self.bears > 0
+        shares = np.divide(self.bears_clamped, self.bears, out=np.full(len(limbs), inf), where=touched)
+        widths, self._width_of = np.unique(self.thickness, return_inverse=True)
+        harmless = np.full(len(widths), inf)
+        np.minimum.at(harmless, self._width_of, shares)
+        if not bodies.bounded:  # any limb may fit between what has no end
+            widths = np.full_like(widths, inf)
+        self._data = robot.kinematics.joints, bodies.shapes
+        self._gaps = _Gaps(np.sort(pair_bodies, axis=1), sides[pair_bodies], radii, widths, harmless)
 
     def speeds(
         self, Q: FloatArray, sizes: FloatArray, slopes: FloatArray, bodies: FloatArray
@@ -183,22 +257,9 @@ class ContactLimits:
         free = self.bears / np.maximum(bodies, _SLOWEST)[:, :, None]
         if self._always:
             return np.minimum(self.bears_clamped / np.maximum(bodies, _SLOWEST)[:, :, None], free), free
-        fast = np.zeros((len(Q), self._still + 1))
-        fast[:, self._moving] = bodies
-        closing = self._coupling.reach(slopes) @ self._pair_radii.T  # (N, P), w
-        closing = np.minimum(closing, bodies[:, self._body] + fast[:, self._partner])
-        half = 0.5 * sizes[:, None] * closing
-        found, touched = free.copy(), self.bears > 0
-        widths = np.unique(self.thickness[touched])
-        widest = float(widths.max(initial=0.0, where=np.isfinite(widths)))
-        # One call, tight enough for all widths, costs less than one for each.
-        apart = self._bounds.of(Q, np.arange(len(self._body)), widest + float(half.max(initial=0.0))) - half
-        for thickness in widths.tolist():
-            near = apart <= thickness
-            most = np.zeros_like(bodies)
-            if len(self._body):
-                most = np.maximum.reduceat(np.where(near, closing, 0.0), self._first, axis=1)
-            which = touched & (self.thickness == thickness)
-            slow = self.bears_clamped[which] / np.maximum(most, _SLOWEST)[:, :, None]
-            found[:, :, which] = np.minimum(found[:, :, which], slow)
-        return found, free
+        speeds = np.zeros((len(Q), bodies.shape[1] + 1))
+        speeds[:, :-1] = bodies
+        values, reach = plain(self._coupling.values(Q)), plain(self._coupling.reach(slopes))
+        rates = closing_rates(*self._data, self._gaps, values, plain(sizes), reach, speeds)
+        slow = self.bears_clamped / np.maximum(rates, _SLOWEST)[:, :, self._width_of]
+        return np.minimum(slow, free), free

@@ -6,6 +6,7 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from bench._touches import Gaps, thickness
@@ -26,6 +27,7 @@ from safe_ompl import (
     verify,
 )
 from safe_ompl.apps.benchmark import PlainGeometry
+from safe_ompl.certificates.verifier.bodies import Separations, farthest
 from safe_ompl.certificates.verifier.clamping import PlainGaps, thicknesses
 from safe_ompl.certificates.verifier.motion import PlainPiece
 from safe_ompl.io.schema import digest
@@ -59,6 +61,46 @@ def test_no_gap_closes_faster_than_its_bound(name):
                 assert (found <= bounds[j] * (1 + 1e-9)).all()
                 closest = max(closest, float((found / np.maximum(bounds[j], 1e-12)).max()))
     assert closest > 0.3  # the bounds are worth something
+
+
+def test_the_farthest_point_is_as_far_from_an_axis_as_by_hand():
+    rng = np.random.default_rng(0)
+    points, origins, axes = rng.normal(size=(40, 3)), rng.normal(size=(4, 3)), rng.normal(size=(4, 3))
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    place = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+    found = [
+        max(np.linalg.norm(np.cross(place.act(point) - origin, axis)) for point in points)
+        for origin, axis in zip(origins, axes, strict=True)
+    ]
+    np.testing.assert_allclose(farthest(points, place, origins, axes), found, rtol=1e-12)
+
+
+def test_without_a_partner_there_is_no_gap(tmp_path):
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/><link name="arm"><collision><geometry><sphere radius="0.1"/>'
+        '</geometry></collision></link><joint name="turn" type="revolute"><parent link="base"/><child link="arm"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    robot = Robot.from_urdf(tmp_path / "arm.urdf", tip="arm")
+    piece = PlainPiece(*(np.array([value]) for value in (0.0, 1.0, 0.0, 0.0)), 0.5)
+    motion = SimpleNamespace(of=[0], edges=np.array([0.0, 0.5]), starts=[0.0], pieces=[piece])
+    swiftness, gaps = PlainGaps(robot, Scene(()), ()).closing(motion, WIDTHS)
+    assert 0.1 <= swiftness < 0.11
+    assert (gaps == 0).all()
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "z1"])
+def test_balls_about_bodies_are_no_farther_apart_than_these(name):
+    robot = Robot.from_example(name)
+    scene = Scene((Obstacle("box", Box((0.1, 0.2, 0.3)), Pose((0.5, 0.1, 0.3))),))
+    gaps, rng = PlainGaps(robot, scene, ()), np.random.default_rng(0)
+    for _ in range(5):
+        piece = PlainPiece(rng.uniform(-1, 1, robot.n), *rng.uniform(-1, 1, (3, robot.n)), 0.1)
+        gaps._speeds.each(piece, 0.05, 0.05)
+        places = [gaps._speeds.place_of(link) for link in gaps._links]
+        bodies = [*zip((link.geometry for link in gaps._links), places, strict=True), *gaps._obstacles]
+        for (a, b), bound in zip(gaps._pairs.tolist(), gaps._balls_apart(places), strict=True):
+            assert Separations.distance(*bodies[a], *bodies[b]) >= bound
 
 
 @pytest.fixture(scope="module")

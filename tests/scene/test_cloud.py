@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safe_ompl import Box, InputError, Obstacle, PointCloud, Scene
+from safe_ompl import Box, CollisionChecker, InputError, Obstacle, PointCloud, Scene
 from safe_ompl.common import warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.cloud import cell_tree, touched_cells
@@ -285,7 +285,10 @@ def test_truncated_ply_is_refused(tmp_path):
             {"points": [[0, 0, 0]], "resolution": 1e-9},
             "resolution: must be a finite number in [0.00125, 10000]",
         ),
-        ({"points": [[0, 0, 0]], "resolution": "off"}, "resolution: must be a finite number"),
+        (
+            {"points": [[0, 0, 0]], "resolution": "off"},
+            "resolution: must be a finite number in [0.00125, 10000]",
+        ),
         ({"points": [["0", 0, 0]]}, "points: must be numbers, got [['0', 0, 0]]"),
         ({"points": [[0, 0, 0]], "radius": 0}, "radius: must be a finite number in [0.0001, 10000], got 0"),
     ],
@@ -314,11 +317,21 @@ def test_a_small_cloud_is_made_of_balls():
     assert names == ["rubble/0", "rubble/1", "rubble/2"]
 
 
+@pytest.mark.parametrize("resolution", [None, 0.5, 0.125])
+def test_a_robot_wholly_inside_a_ball_of_a_large_cloud_collides(panda, resolution):
+    places = np.array([0.0, 0.0, 0.5]) + 1e-3 * np.random.default_rng(0).normal(size=(40, 3))
+    cloud = PointCloud(1.0, points=places, resolution=resolution)
+    checker = CollisionChecker(panda, Scene((Obstacle("cloud", cloud),)))
+    q = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 2.0, 0.785])
+    assert checker.in_collision(q)
+    assert checker.clearance(q).distance <= 0
+
+
 def raw_mesh():
     return triangle_tree(*Box((0.1, 0.15, 0.2)).triangles(8))
 
 
-@pytest.mark.parametrize("resolution", [None, 0.05])
+@pytest.mark.parametrize("resolution", [None, 0.05, 0.0025])
 @pytest.mark.parametrize("probe", [*PROBES, hull(), raw_mesh()], ids=lambda probe: type(probe).__name__)
 def test_a_large_cloud_contains_its_balls_in_every_query(probe, resolution):
     """One geometry for the cloud against one ball per point: never farther, never free where a ball is hit."""
@@ -429,7 +442,7 @@ def test_clouds_of_arrays_compare_hash_and_read_back():
     same, moved = PointCloud(np.float32(0.01), points=POINTS.tolist()), PointCloud(0.01, points=POINTS + 0.1)
     assert cloud == same
     assert hash(cloud) == hash(same)
-    assert cloud not in {moved, PointCloud(np.float32(0.01), points=POINTS, resolution=0.02)}
+    assert cloud not in {moved, PointCloud(np.float32(0.01), points=POINTS, resolution=0.002)}
     assert cloud != "cloud"
     scene = Scene((Obstacle("a", PointCloud(0.01, points=POINTS, resolution=0.02)),))
     again = Scene.from_yaml(scene.to_yaml())

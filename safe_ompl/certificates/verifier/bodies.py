@@ -106,10 +106,23 @@ class Separations:
         origins = np.array([joint.translation for joint in joints])
         radii = np.zeros((len(places), len(self._axes)))
         for k, ((points, pad), place, by) in enumerate(zip(self._points, places, self._movers, strict=True)):
-            arms = (points @ place.rotation.T + place.translation)[:, None, :] - origins[by]
-            across = arms - (arms * axes[by]).sum(axis=2)[:, :, None] * axes[by]
-            radii[k, by] = np.sqrt((across * across).sum(axis=2).max(axis=0)) + pad
+            radii[k, by] = farthest(points, place, origins[by], axes[by]) + pad
         return np.where(self._robot.joint_prismatic, 1.0, radii)
+
+
+def farthest(points: FloatArray, place: pin.SE3, origins: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return how far the farthest of points (V, 3) in a place is from axes (J, 3) of length 1 through origins (J, 3).
+
+    It is the largest ‖(p − o) × a‖, taken in the frame of the points.
+    """
+    (a, b, c), (x, y, z) = (axes @ place.rotation).T, ((origins - place.translation) @ place.rotation).T
+    nought = np.zeros_like(a)
+    across = np.array([[nought, c, -b], [-c, nought, a], [b, -a, nought]]).reshape(3, -1)
+    turned = points @ across  # (V, 3 J), a × p
+    turned -= np.concatenate([b * z - c * y, c * x - a * z, a * y - b * x])
+    turned *= turned
+    squares: FloatArray = turned.reshape(len(points), 3, len(axes)).sum(axis=1).max(axis=0, initial=0.0)
+    return np.sqrt(squares)
 
 
 def plain_name(name: str) -> str:
@@ -154,6 +167,7 @@ class _Body(NamedTuple):
     pad: float
     carrier: int
     movers: list[int]
+    length: float  # how far the balls reach from the origin of the frame
 
 
 class PlainSpeeds:
@@ -180,7 +194,8 @@ class PlainSpeeds:
         return coal.Transform3s(place.rotation, place.translation)
 
     def _body(self, points: FloatArray, pad: float, carrier: int) -> _Body:
-        return _Body(points, pad, carrier, joints_below(self._robot, carrier))
+        length = float(np.linalg.norm(points, axis=1).max()) + pad
+        return _Body(points, pad, carrier, joints_below(self._robot, carrier), length)
 
     def exceeded(self, motion: PlainMotion, limit: float, *, tool: bool) -> float | None:
         """Return where on the curve [rad] the tip, or any body, is not proven to keep to a speed [m/s]; else None."""
@@ -211,25 +226,28 @@ class PlainSpeeds:
         """Return bounds (B + 1,) of the ‖x′‖ of the `links` and of the tip throughout an interval [m/rad]."""
         return self._each(piece, middle, half, [*self.links, self._tip])[1]
 
-    def of_movers(self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]) -> FloatArray:
-        """Return bounds (B,) of the ‖x′‖ that the movers of bodies alone make in the interval that `each` looked at.
+    def of_movers(
+        self, piece: PlainPiece, middle: float, half: float, sides: list[tuple[int, list[int]]]
+    ) -> FloatArray:
+        """Return bounds (S,) of the ‖x′‖ that some joints alone make of links, in the interval that `each` looked at.
 
-        A joint makes no point faster than |q′| times its distance from the axis. The distances are those at the middle
-        and what the joints between change of them.
+        A side is the number of a link, and those joints, deepest first. A joint makes no point faster than |q′| times
+        its distance from the axis. The distances are those at the middle and what the joints between change of them.
         """
         low, high = piece.slopes(middle - half, middle + half)
-        steps, places = self._robot.coupling.reach(np.maximum(-low, high)), list(self._data.oMi)
-        bounds = np.empty(len(bodies))
-        for k, body in enumerate(bodies):
-            carrier, fastest = places[body.carrier], 0.0
-            points = body.points @ carrier.rotation.T + carrier.translation
-            for joint in body.movers:
-                at, radius = places[joint + 1], 1.0
-                if not self._robot.joint_prismatic[joint]:
-                    (x, y, z), (u, v, w) = (points - at.translation).T, at.rotation @ self._axes[joint]
-                    squares = (y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2
-                    radius = sqrt(float(squares.max())) + body.pad
-                fastest += float(steps[joint]) * (radius + half * fastest)
+        steps, places = self._robot.coupling.reach(np.maximum(-low, high)).tolist(), list(self._data.oMi)
+        origins, axes = self._joint_axes()
+        radii = []
+        for link in self.links:
+            by = link.movers
+            far = farthest(link.points, places[link.carrier], origins[by], axes[by]) + link.pad
+            far = np.where(self._robot.joint_prismatic[by], 1.0, far)
+            radii.append(dict(zip(by, far.tolist(), strict=True)))
+        bounds = np.empty(len(sides))
+        for k, (of, movers) in enumerate(sides):
+            fastest = 0.0
+            for joint in movers:
+                fastest += steps[joint] * (radii[of][joint] + half * fastest)
             bounds[k] = fastest
         return bounds
 
@@ -243,31 +261,34 @@ class PlainSpeeds:
         turns, drifts = self._joint_motions(coupling.motions(piece.slope(middle)))
         steps = coupling.reach(piece.steps(1.0))
         slid = np.abs(coupling.values(q)) + half * steps
+        most = coupling.reach(piece.bends)
         exact = np.array([self._speed(body, turns, drifts) for body in bodies])
-        bends = np.array([self._bend(body, steps, piece, slid) for body in bodies])
-        return exact, exact + half * bends
+        bends = [bend_bound(robot, body.movers, body.length, steps, most, slid) for body in bodies]
+        return exact, exact + half * np.array(bends)
+
+    def _joint_axes(self) -> tuple[FloatArray, FloatArray]:
+        """Return a point on the axis of each joint (m, 3) [m], and its direction (m, 3), in the world."""
+        joints = list(self._data.oMi)[1:]
+        axes = [joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)]
+        return np.array([joint.translation for joint in joints]), np.array(axes)
 
     def _joint_motions(self, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what each joint (m, 3) adds to the motion of what it carries: x moves with turn × x + drift."""
-        joints = list(self._data.oMi)[1:]
-        axes = [joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)]
-        motions = rates[:, None] * np.array(axes)
+        origins, axes = self._joint_axes()
+        motions = rates[:, None] * axes
         sliding = self._robot.joint_prismatic[:, None]
-        about = np.cross(np.array([joint.translation for joint in joints]), motions)
+        about = np.cross(origins, motions)
         return np.where(sliding, 0.0, motions), np.where(sliding, motions, about)
 
     def _speed(self, body: _Body, turns: FloatArray, drifts: FloatArray) -> float:
         place = self._data.oMi[body.carrier]
         turning, drift = turns[body.movers].sum(axis=0), drifts[body.movers].sum(axis=0)
-        points = body.points @ place.rotation.T + place.translation
-        velocity = np.cross(turning, points) + drift
-        return float(np.linalg.norm(velocity, axis=1).max() + body.pad * np.linalg.norm(turning))
-
-    def _bend(self, body: _Body, steps: FloatArray, piece: PlainPiece, slid: FloatArray) -> float:
-        """Return a bound of ‖x″‖ of the points of a body, by arc length."""
-        length = float(np.linalg.norm(body.points, axis=1).max()) + body.pad
-        bends = self._robot.coupling.reach(piece.bends)
-        return bend_bound(self._robot, body.movers, length, steps, bends, slid)
+        x, y, z = turning
+        across = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # p @ across is turning × p
+        velocity = body.points @ (place.rotation.T @ across) + (place.translation @ across + drift)
+        return sqrt(float((velocity * velocity).sum(axis=1).max())) + body.pad * sqrt(
+            float(turning @ turning)
+        )
 
 
 def bend_bound(
@@ -284,14 +305,15 @@ def bend_bound(
     steps, bends, slid : ndarray, shape (m,)
         Bounds of |q′| and |q″| of the joints of the model, and how far sliding joints are out at most [m].
     """
-    sliding = robot.joint_prismatic
+    sliding = robot.joint_prismatic.tolist()
     beneath = float(sum(steps[i] for i in movers if not sliding[i]))
     found = 0.0
     for i in movers:
         radius, own = (1.0, 0.0) if sliding[i] else (length, float(steps[i]))
         beneath -= own
         found += radius * float(steps[i] * (2 * beneath + own) + bends[i])
-        length += float(np.linalg.norm(robot.shared.model.jointPlacements[i + 1].translation))
+        offset = robot.shared.model.jointPlacements[i + 1].translation
+        length += sqrt(float(offset @ offset))
         length += float(slid[i]) if sliding[i] else 0.0
     return found
 

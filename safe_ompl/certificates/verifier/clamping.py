@@ -13,14 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf
-from typing import Any
 
 import coal
 import numpy as np
 
-from safe_ompl.certificates.verifier.bodies import GJK, PlainSpeeds, Separations
+from safe_ompl.certificates.verifier.bodies import GJK, PlainSpeeds, Separations, corners
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
-from safe_ompl.common import FloatArray
+from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.geometry import Person
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -47,6 +46,13 @@ def thicknesses(scene: Scene, name: str) -> dict[str, float]:
     return found
 
 
+def ball(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
+    """Return the centre (3,) and the radius of a ball that holds a shape, in its frame [m]."""
+    points, pad = corners(shape)
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    return centre, float(np.linalg.norm(points - centre, axis=1).max()) + pad
+
+
 class PlainGaps:
     """Gaps of a robot in a scene without people, and how fast they close.
 
@@ -70,9 +76,18 @@ class PlainGaps:
             for _, shape, place in obstacle.geometries()
         ]
         self._links, self._obstacles = links, obstacles
-        self._pairs: list[tuple[int, int]] = []  # bodies, and obstacles after them
-        self._sides: list[tuple[int, int]] = []  # of each pair, in `_relative`; −1: it hangs on the base
-        self._relative: list[Any] = []
+        still = [coal.Transform3s.Identity()] * len(links) + [pose for _, pose in obstacles]
+        shapes = [link.geometry for link in links] + [shape for shape, _ in obstacles]
+        balls = [ball(shape) for shape in shapes]
+        # Those of links in their own frames, those of obstacles in the world.
+        centres = [at.transform(centre) for at, (centre, _) in zip(still, balls, strict=True)]
+        self._centres, self._radii = (
+            np.array(centres).reshape(-1, 3),
+            np.array([radius for _, radius in balls]),
+        )
+        pairs: list[tuple[int, int]] = []  # bodies, and obstacles after them
+        sides_of_pairs: list[tuple[int, int]] = []  # in `_relative`; −1: it hangs on the base
+        self._relative: list[tuple[int, list[int]]] = []  # links, and joints that move them alone
         known: dict[tuple[int, tuple[int, ...]], int] = {}
 
         def side(of: int, other: int) -> int:
@@ -83,15 +98,17 @@ class PlainGaps:
                 return -1
             if (of, own) not in known:
                 known[of, own] = len(self._relative)
-                self._relative.append(speeds.links[of]._replace(movers=list(own)))
+                self._relative.append((of, list(own)))
             return known[of, own]
 
         for a in range(len(links)):
             for b in range(a + 1, len(links) + len(obstacles)):
                 sides = side(a, b), side(b, a)
                 if sides != (-1, -1):
-                    self._pairs.append((a, b))
-                    self._sides.append(sides)
+                    pairs.append((a, b))
+                    sides_of_pairs.append(sides)
+        self._pairs: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        self._sides: IntArray = np.array(sides_of_pairs, dtype=np.intp).reshape(-1, 2)
 
     def closing(self, motion: PlainMotion, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds by arc length in the C cells of a motion [m/rad].
@@ -116,20 +133,33 @@ class PlainGaps:
         """Return the same (K,) of an interval in which links are no faster than `world` [m/rad]."""
         world = np.append(world, np.zeros(len(self._obstacles)))
         own = np.append(self._speeds.of_movers(piece, middle, half, self._relative), 0.0)
-        pairs, sides = np.array(self._pairs).reshape(-1, 2), np.array(self._sides).reshape(-1, 2)
-        rates = np.minimum(own[sides].sum(axis=1), world[pairs].sum(axis=1))
+        rates = np.minimum(own[self._sides].sum(axis=1), world[self._pairs].sum(axis=1))
         # Whatever is of no known thickness may be caught in any gap.
         found = np.where(np.isinf(widths), rates.max(initial=0.0), 0.0)
         left = np.where(np.isinf(widths), -inf, widths)
         places = [self._speeds.place_of(link) for link in self._links]
         sides_of = [*zip((link.geometry for link in self._links), places, strict=True), *self._obstacles]
+        nearest, widest = self._balls_apart(places) - half * rates, left.max(initial=-inf)
         for p in np.argsort(-rates).tolist():  # the first one that a limb fits in says how fast
-            if left.max(initial=-inf) == -inf or rates[p] <= 0:
+            if widest == -inf or rates[p] <= 0:
                 break
-            a, b = self._pairs[p]
+            if nearest[p] > widest:
+                continue
+            a, b = self._pairs[p].tolist()
             apart = Separations.distance(*sides_of[a], *sides_of[b]) - GJK - half * float(rates[p])
             fits = apart <= left
             found[fits], left[fits] = rates[p], -inf
+            widest = left.max()
+        return found
+
+    def _balls_apart(self, places: list[coal.Transform3s]) -> FloatArray:
+        """Return the distances (P,) of the balls about both bodies of each pair, links in their places [m]."""
+        a, b = self._pairs.T
+        centres = self._centres.copy()
+        for k, place in enumerate(places):
+            centres[k] = place.transform(centres[k])
+        between = centres[a] - centres[b]
+        found: FloatArray = np.sqrt((between * between).sum(axis=1)) - self._radii[a] - self._radii[b] - GJK
         return found
 
 

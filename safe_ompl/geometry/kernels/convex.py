@@ -283,6 +283,30 @@ def distance_bounds(
     return lower, upper, corners
 
 
+@part
+def distance_bound(
+    shapes: Shapes, poses: Records, a: int, b: int, axis: FloatArray, simplex: FloatArray, enough: float
+) -> float:
+    """Return a lower bound of the distance [m] of bodies a and b; −∞ for what is no number.
+
+    The bound of the balls about both bodies comes first, then that of the box about b and the ball about a, then that
+    of `distance_bounds`. What is `enough` [m], or cannot be, is not improved any more. The best `axis: (3,)` is kept
+    for the next call; zeros: there is none yet.
+    """
+    p, q, reach = poses[a].centre, poses[b].centre, shapes.bodies[a].reach
+    x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+    lower = sqrt(x * x + y * y + z * z) - reach - shapes.bodies[b].reach
+    if lower < enough:
+        u, v, w = from_box(shapes.bodies[b], poses[b], p)
+        lower = max(lower, sqrt(u * u + v * v + w * w) - reach)
+        if lower < enough:
+            if axis[0] == 0.0 and axis[1] == 0.0 and axis[2] == 0.0:
+                begin_axis(axis, u, v, w, x, y, z)
+            found, _, _ = distance_bounds(shapes, poses, a, b, axis, simplex, enough, enough)
+            lower = max(lower, found)
+    return lower if lower == lower else -inf
+
+
 # -------------------------------------------------------------------- which vertices may be extreme, by direction
 
 
