@@ -165,8 +165,8 @@ def _drive(
         for way in (result.path, result.path[::-1])
     ]
     simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)
-    around, moving = replanner.surroundings.scene, simulation.world.description()
-    header = ticks_header(replanner.tick, replanner.robot, around, moving)
+    around = replanner.surroundings.scene
+    header = ticks_header(replanner.tick, replanner.robot, around, replanner.surroundings.description())
     with ExitStack() as stack:
         logs: list[TickLog] = [stack.enter_context(closing(TicksFile(folder / "ticks.jsonl", header)))]
         if options.mcap is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, TypeVar
@@ -106,11 +106,7 @@ class Command:
             "time": time,
             "q": states[0].q.tolist(),
             "qd": states[0].qd.tolist(),
-            "stop": {
-                "times": times.tolist(),
-                "q": [state.q.tolist() for state in states],
-                "qd": [state.qd.tolist() for state in states],
-            },
+            "stop": stop_as_dict(times, states),
             "state": self.doing.value,
             "margin": self.left.margin,
             "reason": self.reason,
@@ -118,9 +114,14 @@ class Command:
             "measured": self.measured,
         }
 
-    def moves(self, time: float) -> bool:
-        """Return whether the robot moves at a time [s]."""
-        return self.motion.at(time - self.time)[1] > 0
+
+def stop_as_dict(times: FloatArray, states: Sequence[State]) -> dict[str, Any]:
+    """Return the rest of a command (K instants [s], and what holds then), as a tick has it."""
+    return {
+        "times": times.tolist(),
+        "q": [state.q.tolist() for state in states],
+        "qd": [state.qd.tolist() for state in states],
+    }
 
 
 @dataclass(frozen=True)
