@@ -7,10 +7,6 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.apps.cli.program import main
+    from safe_ompl.apps.cli.program import main as main
 
-__all__ = [
-    "main",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__all__, __getattr__, __dir__ = lazily(__name__, __file__)
