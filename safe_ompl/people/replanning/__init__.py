@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from safe_ompl.people.replanning.guard import Guard as Guard
     from safe_ompl.people.replanning.guard import ReplanningOptions as ReplanningOptions
     from safe_ompl.people.replanning.guard import stop_as_dict as stop_as_dict
+    from safe_ompl.people.replanning.guarded_path import Around as Around
     from safe_ompl.people.replanning.guarded_path import GuardedPath as GuardedPath
     from safe_ompl.people.replanning.guarded_path import MotionMargin as MotionMargin
     from safe_ompl.people.replanning.guarded_path import PathLimits as PathLimits

@@ -33,7 +33,7 @@ from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
 from safe_ompl.io import ticks_header
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
 from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
 from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State, braking
 
@@ -115,7 +115,7 @@ class Shield(Guard):
         self._rest = rest = self._path([piece])
         # The first proof makes and loads what all need: here, and not within the first tick.
         self._verdict(piece)
-        rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), ReachSets.none(), 0.0, 0.0)
+        rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
         self._last, self._way = None, None
         self._proposal, self._refused = None, _NOTHING
 
