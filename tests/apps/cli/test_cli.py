@@ -275,7 +275,7 @@ def test_without_a_path_there_is_no_certificate(run, folder, monkeypatch):
     [
         ("not JSON", ["bad.json: it is not JSON"]),
         ("[]", ["bad.json: format: must be 'safe-ompl certificate'"]),
-        ('{"format": "safe-ompl certificate", "version": 9}', ["version 9", "not known"]),
+        ('{"format": "safe-ompl certificate", "version": 9}', ["version: 9", "not known"]),
         ("[" * 100_000, ["bad.json: it is not JSON"]),
     ],
 )
