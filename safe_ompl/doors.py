@@ -9,15 +9,14 @@ from importlib import import_module
 from pathlib import Path
 from sys import modules
 
-Door = tuple[list[str], Callable[[str], object], Callable[[], list[str]]]
+Door = tuple[Callable[[str], object], Callable[[], list[str]]]
 
 
 def lazily(package: str, file: str) -> Door:
-    """Return `__all__`, `__getattr__` and `__dir__` of a package that imports names when they are first asked for.
+    """Return `__getattr__` and `__dir__` of a package whose names are imported when they are first asked for (PEP 562).
 
-    Names and their modules are read from the block `if TYPE_CHECKING:` of the package's own source, which type checkers
-    and readers see, so that there is no second list. There each name is imported as itself (`from m import a as a`),
-    which says to type checkers that it is public. A name that is a module of the package stays a module. See PEP 562.
+    Where a name comes from is read from the block `if TYPE_CHECKING:` of the package's own source, which type checkers
+    and readers see, so that there is no second list of modules. A name that is a module of the package stays a module.
 
     Parameters
     ----------
@@ -27,7 +26,7 @@ def lazily(package: str, file: str) -> Door:
         The package's `__file__`.
     """
     sources = _sources(Path(file).read_text(encoding="utf-8"))
-    return sorted(sources), partial(_import, package, sources), partial(_names, package, sources)
+    return partial(_import, package, sources), partial(_names, package, sources)
 
 
 def _sources(text: str) -> dict[str, str]:

@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.apps.cli.program import main as main
+    from safe_ompl.apps.cli.program import main
 
-__all__, __getattr__, __dir__ = lazily(__name__, __file__)
+__all__ = [
+    "main",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -7,11 +7,16 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.certificates.issue import Pairs as Pairs
-    from safe_ompl.certificates.issue import certificate as certificate
-    from safe_ompl.certificates.issue import motion_certificate as motion_certificate
-    from safe_ompl.certificates.issue import terms_of as terms_of
-    from safe_ompl.certificates.verifier.verify import Verified as Verified
-    from safe_ompl.certificates.verifier.verify import verify as verify
+    from safe_ompl.certificates.issue import Pairs, certificate, motion_certificate, terms_of
+    from safe_ompl.certificates.verifier.verify import Verified, verify
 
-__all__, __getattr__, __dir__ = lazily(__name__, __file__)
+__all__ = [
+    "Pairs",
+    "Verified",
+    "certificate",
+    "motion_certificate",
+    "terms_of",
+    "verify",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

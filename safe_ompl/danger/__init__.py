@@ -7,11 +7,18 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.danger.certified import CertifiedDanger as CertifiedDanger
-    from safe_ompl.danger.certified import DangerBounds as DangerBounds
-    from safe_ompl.danger.certified import DangerLimit as DangerLimit
-    from safe_ompl.danger.field import DangerField as DangerField
-    from safe_ompl.danger.kinetostatic import KinetostaticField as KinetostaticField
-    from safe_ompl.danger.motion_rates import JointMotions as JointMotions
+    from safe_ompl.danger.certified import CertifiedDanger, DangerBounds, DangerLimit
+    from safe_ompl.danger.field import DangerField
+    from safe_ompl.danger.kinetostatic import KinetostaticField
+    from safe_ompl.danger.motion_rates import JointMotions
 
-__all__, __getattr__, __dir__ = lazily(__name__, __file__)
+__all__ = [
+    "CertifiedDanger",
+    "DangerBounds",
+    "DangerField",
+    "DangerLimit",
+    "JointMotions",
+    "KinetostaticField",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -7,20 +7,28 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.motions.checks import MotionCheck as MotionCheck
-    from safe_ompl.motions.checks import check as check
-    from safe_ompl.motions.checks import check_with as check_with
-    from safe_ompl.motions.checks import widest_tube as widest_tube
-    from safe_ompl.motions.motion import Motion as Motion
-    from safe_ompl.motions.rates import Extremes as Extremes
-    from safe_ompl.motions.rates import Violation as Violation
-    from safe_ompl.motions.rates import extremes as extremes
-    from safe_ompl.motions.rates import rate_violations as rate_violations
-    from safe_ompl.motions.repair import Repair as Repair
-    from safe_ompl.motions.repair import repair_with as repair_with
-    from safe_ompl.motions.tube import FACTOR as FACTOR
-    from safe_ompl.motions.tube import MeasuredTube as MeasuredTube
-    from safe_ompl.motions.tube import measured_tube as measured_tube
-    from safe_ompl.motions.tube import tube_of as tube_of
+    from safe_ompl.motions.checks import MotionCheck, check, check_with, widest_tube
+    from safe_ompl.motions.motion import Motion
+    from safe_ompl.motions.rates import Extremes, Violation, extremes, rate_violations
+    from safe_ompl.motions.repair import Repair, repair_with
+    from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
 
-__all__, __getattr__, __dir__ = lazily(__name__, __file__)
+__all__ = [
+    "FACTOR",
+    "Extremes",
+    "MeasuredTube",
+    "Motion",
+    "MotionCheck",
+    "Repair",
+    "Violation",
+    "check",
+    "check_with",
+    "extremes",
+    "measured_tube",
+    "rate_violations",
+    "repair_with",
+    "tube_of",
+    "widest_tube",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -13,25 +13,43 @@ from typing import TYPE_CHECKING, Any
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.view import plots as plots
-    from safe_ompl.view.browser.view import BrowserView as BrowserView
-    from safe_ompl.view.browser.view import save_page as save_page
-    from safe_ompl.view.browser.view import view as view
-    from safe_ompl.view.content import RECORDING_ENDING as RECORDING_ENDING
-    from safe_ompl.view.content import ViewerContent as ViewerContent
-    from safe_ompl.view.content import read_recording as read_recording
-    from safe_ompl.view.pictures.path import ANIMATION_ENDINGS as ANIMATION_ENDINGS
-    from safe_ompl.view.pictures.path import DrawnPath as DrawnPath
-    from safe_ompl.view.pictures.path import draw_plan as draw_plan
-    from safe_ompl.view.pictures.path import drawn_path as drawn_path
-    from safe_ompl.view.pictures.path import render_comparison as render_comparison
-    from safe_ompl.view.pictures.path import render_contact as render_contact
-    from safe_ompl.view.pictures.path import render_path as render_path
-    from safe_ompl.view.pictures.path import save_animation as save_animation
-    from safe_ompl.view.pictures.path import save_png as save_png
-    from safe_ompl.view.pictures.surface import RobotBody as RobotBody
+    from safe_ompl.view import plots
+    from safe_ompl.view.browser.view import BrowserView, save_page, view
+    from safe_ompl.view.content import RECORDING_ENDING, ViewerContent, read_recording
+    from safe_ompl.view.pictures.path import (
+        ANIMATION_ENDINGS,
+        DrawnPath,
+        draw_plan,
+        drawn_path,
+        render_comparison,
+        render_contact,
+        render_path,
+        save_animation,
+        save_png,
+    )
+    from safe_ompl.view.pictures.surface import RobotBody
 
-__all__, __getattr__, __dir__ = lazily(__name__, __file__)
+__all__ = [
+    "ANIMATION_ENDINGS",
+    "RECORDING_ENDING",
+    "BrowserView",
+    "DrawnPath",
+    "RobotBody",
+    "ViewerContent",
+    "draw_plan",
+    "drawn_path",
+    "plots",
+    "read_recording",
+    "render_comparison",
+    "render_contact",
+    "render_path",
+    "save_animation",
+    "save_page",
+    "save_png",
+    "view",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)
 
 
 class _CallableModule(ModuleType):

@@ -10,22 +10,37 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.apps.exchange import messages as messages
-    from safe_ompl.apps.exchange.controller import Answer as Answer
-    from safe_ompl.apps.exchange.controller import Cell as Cell
-    from safe_ompl.apps.exchange.controller import ControlOptions as ControlOptions
-    from safe_ompl.apps.exchange.controller import LiveController as LiveController
-    from safe_ompl.apps.exchange.mcap_log import McapLog as McapLog
-    from safe_ompl.apps.exchange.mcap_log import read_log as read_log
-    from safe_ompl.apps.exchange.received import Frames as Frames
-    from safe_ompl.apps.exchange.received import in_metres as in_metres
-    from safe_ompl.apps.exchange.recordings import PeopleSource as PeopleSource
-    from safe_ompl.apps.exchange.recordings import read_joint_log as read_joint_log
-    from safe_ompl.apps.exchange.recordings import read_people as read_people
-    from safe_ompl.apps.exchange.ros_node import NodeSetup as NodeSetup
-    from safe_ompl.apps.exchange.ros_node import RosNode as RosNode
-    from safe_ompl.apps.exchange.ros_node import TrajectoryAction as TrajectoryAction
-    from safe_ompl.apps.exchange.ros_node import received_text as received_text
-    from safe_ompl.apps.exchange.ros_node import ros_context as ros_context
+    from safe_ompl.apps.exchange import messages
+    from safe_ompl.apps.exchange.controller import Answer, Cell, ControlOptions, LiveController
+    from safe_ompl.apps.exchange.mcap_log import McapLog, read_log
+    from safe_ompl.apps.exchange.received import Frames, in_metres
+    from safe_ompl.apps.exchange.recordings import PeopleSource, read_joint_log, read_people
+    from safe_ompl.apps.exchange.ros_node import (
+        NodeSetup,
+        RosNode,
+        TrajectoryAction,
+        received_text,
+        ros_context,
+    )
 
-__all__, __getattr__, __dir__ = lazily(__name__, __file__)
+__all__ = [
+    "Answer",
+    "Cell",
+    "ControlOptions",
+    "Frames",
+    "LiveController",
+    "McapLog",
+    "NodeSetup",
+    "PeopleSource",
+    "RosNode",
+    "TrajectoryAction",
+    "in_metres",
+    "messages",
+    "read_joint_log",
+    "read_log",
+    "read_people",
+    "received_text",
+    "ros_context",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)
