@@ -126,17 +126,6 @@ def test_no_module_needs_itself_to_be_imported():
     tuple(TopologicalSorter(sources).static_order())  # raises CycleError, which names the circle
 
 
-def test_doors_import_each_name_as_itself():
-    """Only then it is public for type checkers."""
-    for module in sorted(PACKAGES):
-        for node in ast.walk(ast.parse(FILES[module].read_text(encoding="utf-8"))):
-            if isinstance(node, ast.If):
-                names = [
-                    alias for part in node.body if isinstance(part, ast.ImportFrom) for alias in part.names
-                ]
-                assert all(alias.asname == alias.name for alias in names), module
-
-
 @pytest.mark.parametrize("door", [door for door, names in DOORS.items() if names])
 def test_doors_hold_what_they_list(door):
     for needed in NEEDS.get(door, ()):
