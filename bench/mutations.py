@@ -38,8 +38,8 @@ import numpy as np
 from _judge import Judge, carried
 from _timing import print_table
 
+from safe_ompl.certificates import motion_certificate
 from safe_ompl.certificates.issue import certificate, terms_of
-from safe_ompl.certificates.motions import motion_certificate
 from safe_ompl.certificates.verifier.verify import Terms, Verified, verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import MotionProver

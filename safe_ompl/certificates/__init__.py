@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.certificates.issue import Pairs, certificate, terms_of
-    from safe_ompl.certificates.motions import motion_certificate
+    from safe_ompl.certificates.issue import Pairs, certificate, motion_certificate, terms_of
     from safe_ompl.certificates.verifier.verify import Verified, verify
 
 __all__ = [

@@ -2,7 +2,8 @@
 
 A certificate holds, for each edge, intervals that cover it. At the centre of each interval every pair of bodies is
 farther apart than its margin, and the margin is more than the two can approach each other within the interval. The
-digest shows that a file has changed; it is no signature, for whoever changes a file can compute it.
+digest shows that a file has changed; it is no signature, for whoever changes a file can compute it. A motion of
+polynomials that is proven (`MotionCheck`) has no intervals: the verifier divides it itself.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Tool
-from safe_ompl.certificates.verifier.verify import Terms
+from safe_ompl.certificates.verifier.verify import Terms, verify
 from safe_ompl.collision import (
     DISTANCE_ERROR,
     CollisionChecker,
@@ -27,9 +28,17 @@ from safe_ompl.collision import (
     ToolOrientation,
     Verdict,
 )
-from safe_ompl.common import BoolArray, FloatArray, InputError, PlanningError, finite_array
+from safe_ompl.common import (
+    BoolArray,
+    CertificateError,
+    FloatArray,
+    InputError,
+    PlanningError,
+    finite_array,
+)
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
 from safe_ompl.io import carried_robot, carried_scene, schema
+from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
 from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory, limb_contact_speed
@@ -41,6 +50,7 @@ _OVERLAP = 1e-6  # of intervals
 _TINY = 1e-12  # [m]
 _WIDER, _TRIALS = 1.1, 50  # bounds of the danger within a tube
 _KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
+_IN_MOTION = ("k2", "gamma")  # what that of a motion in time has besides
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
 
 
@@ -293,7 +303,19 @@ def _danger_claim(
         bound = limit if all(_keeps(DangerLimit(field, limit), path, proof)) else bound
     if not np.isfinite(bound):
         return None
-    return {"bound": bound, "spacing": spacing, **{name: getattr(field, name) for name in _KIND}}
+    return {"bound": bound, **_kind(field, spacing)}
+
+
+def _check_points(field: DangerField, spacing: float, scene: Scene) -> None:
+    """Raise InputError if the field's danger points are not those of the scene: no verification would look at them."""
+    if field.points is None or not np.array_equal(field.points, scene.danger_points(spacing)[0]):
+        raise InputError(
+            f"the danger points of the field are not those of the scene, {spacing:g} m apart", "spacing"
+        )
+
+
+def _kind(field: DangerField, spacing: float, *more: str) -> dict[str, Any]:
+    return {"spacing": spacing, **{name: getattr(field, name) for name in (*_KIND, *more)}}
 
 
 # ------------------------------------------------------------------------------------------------ motions in time
@@ -358,21 +380,100 @@ def moving_danger_claim(
     """Return the claim of the danger in motion: the limit that the trajectory was made for, or else its proven peak.
 
     None where it cannot be kept from a danger point. InputError if the field's danger points are not those of the
-    scene: a verification would not look at them.
+    scene.
     """
-    still = field.field
-    if still.points is None or not np.array_equal(still.points, scene.danger_points(spacing)[0]):
-        raise InputError(
-            f"the danger points of the field are not those of the scene, {spacing:g} m apart", "spacing"
-        )
+    _check_points(field.field, spacing, scene)
     bound = trajectory.max_danger
     if bound is None:
         danger = trajectory.danger(field)
         bound = max(danger.proven_peak, (1 + _LEAST_SLACK) * danger.peak)
     if not np.isfinite(bound):
         return None
-    moving = {"k2": field.k2, "gamma": field.gamma}
-    return {"bound": bound, "spacing": spacing, **{name: getattr(still, name) for name in _KIND}, **moving}
+    return {"bound": bound, **_kind(field.field, spacing), "k2": field.k2, "gamma": field.gamma}
+
+
+# ------------------------------------------------------------------------------------------ motions of polynomials
+
+
+def motion_certificate(
+    check: MotionCheck, *, spacing: float | None = None, source: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the certificate of a motion that is proven, as plain numbers, lists and strings.
+
+    Parameters
+    ----------
+    check : MotionCheck
+        The motion, and what is proven of it: all of that is claimed. It is verified at once.
+    spacing : float, optional
+        Distance between the danger points of its limit of the danger [m]; default: the scene's own.
+    source : mapping, optional
+        Where robot and scene come from: kept as it is. They travel inside in any case.
+
+    Raises
+    ------
+    PlanningError
+        If the motion is not proven, or too little is left for the verifier's plain means.
+    InputError
+        If a limit of it has no claim, as stops beside people, or its danger points are not the scene's.
+    """
+    if not check:
+        more = f", and {len(check.violations) - 1} more" * (len(check.violations) > 1)
+        raise PlanningError(f"the motion is not proven, and has no certificate: {check.violations[0]}{more}")
+    if check.people is not None:
+        raise InputError("stops of such motions have no claim: check it without people", "people")
+    proof, separation = check.proof, check.separation
+    robot, scene = proof.checker.robot, proof.checker.scene
+    clear, speeds = separation.min_clearance, dict(separation.speeds)
+    content = {
+        **opening(robot, scene, source),
+        "path": [],
+        "pairs": [list(names) for names in Pairs(robot, scene).names],
+        "clearance": None if clear is None else clear.as_dict(),
+        "danger": None,
+        "moving_obstacles": {"speeds": speeds, "time": separation.time} if speeds else None,
+        "also_sampled": None,
+        "edges": [],
+        **_limits(proof, scene.spacing if spacing is None else spacing),
+        "motion": _motion(check.motion)
+        | ({} if check.limits is None else {kind: getattr(check.limits, kind) for kind in check.limits.kinds})
+        | ({"speeds": dict(check.speeds)} if check.speeds else {}),
+    }
+    content |= {"margin": separation.margin} if separation.margin else {}
+    content |= {"tube": separation.tube} if separation.tube else {}
+    plain: dict[str, Any] = schema.as_plain(content)
+    signed = {**plain, "digest": schema.digest(plain)}
+    try:
+        verify(signed, robot, scene)
+    except CertificateError as error:
+        raise PlanningError(
+            f"the motion is proven, but cannot be certified by plain means: {error}"
+        ) from None
+    return signed
+
+
+def _motion(motion: Motion) -> dict[str, Any]:
+    said = motion.to_mapping()
+    return {key: said[key] for key in ("times", "coefficients", "timed", "slack", "rounding") if key in said}
+
+
+def _limits(proof: MotionProver, spacing: float) -> dict[str, Any]:
+    """Return what is claimed of danger and tool in plain numbers."""
+    found: dict[str, Any] = {}
+    tool: dict[str, Any] = {}
+    for limit in proof.limits:
+        if isinstance(limit, DangerLimit) and "danger" not in found:
+            _check_points(limit.field, spacing, proof.checker.scene)
+            found["danger"] = {"bound": limit.limit, **_kind(limit.field, spacing)}
+        elif isinstance(limit, ToolOrientation) and "orientation" not in tool:
+            tool["orientation"] = limit.as_dict()
+        elif isinstance(limit, TipBounds) and "position" not in tool:
+            tool["position"] = limit.as_dict()
+        else:
+            name = getattr(limit, "name", type(limit).__name__)
+            raise InputError(
+                f"no certificate has a claim of {name!r}, or of a second one of its kind", "limits"
+            )
+    return {**found, **({"tool": tool} if tool else {})}
 
 
 # ------------------------------------------------------------------------------------------- what is asked for
@@ -389,7 +490,7 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
     if any(obstacle.weight > 0 for obstacle in scene):
         options = dict(scenario.danger)
         spacing = options.pop("spacing", scene.spacing)
-        danger = _kind(DangerField(robot, [[0.0, 0.0, 0.0]], **options), spacing)
+        danger = _kind(DangerField(robot, [[0.0, 0.0, 0.0]], **options), spacing, *_IN_MOTION)
     if not timed:
         return Terms(danger=danger)
     limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
@@ -406,8 +507,4 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
 
 def terms_of_field(field: DangerField, spacing: float) -> Terms:
     """Return what claims of the danger must agree with: a field, and the distance between danger points [m]."""
-    return Terms(danger=_kind(field, spacing))
-
-
-def _kind(field: DangerField, spacing: float) -> dict[str, Any]:
-    return {"spacing": spacing, **{name: getattr(field, name) for name in (*_KIND, "k2", "gamma")}}
+    return Terms(danger=_kind(field, spacing, *_IN_MOTION))

@@ -12,6 +12,7 @@ import numpy as np
 
 from safe_ompl.common import Counts, InputError, UnknownNameError, finite_array
 from safe_ompl.common import documents as document
+from safe_ompl.io import schema
 from safe_ompl.io.motions import JointPath, TimedMotion
 from safe_ompl.io.problems import Problem, built_scene, carried_scene
 from safe_ompl.motions import Motion
@@ -44,12 +45,7 @@ def read_json(file: str | Path) -> Any:
 
 def kind_of(content: Any) -> str:
     """Return what kind of thing content of the form holds; raise InputError if it has another form or version."""
-    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        found = content.get("format") if isinstance(content, Mapping) else type(content).__name__
-        raise InputError(f"must be {FORMAT!r}, as `safe_ompl.save` writes, not {found!r}", "format")
-    version = content.get("version")
-    if version != VERSION or isinstance(version, (bool, float)):
-        raise InputError(f"{version!r} is not known, {VERSION} is", "version")
+    schema.check_form(content, FORMAT, VERSION)
     kind = document.text("kind", document.require(content, "kind"))
     if kind not in KINDS:
         raise UnknownNameError("kind of file", kind, KINDS)

@@ -26,20 +26,6 @@ from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.io import schema
 from safe_ompl.io.carried_files import carried_files, encoded, examples_folder, place_meshes, unpack
-from safe_ompl.io.schema import (
-    NotPlainError,
-    as_plain,
-    by_name,
-    key,
-    number,
-    one_of,
-    or_none,
-    plain,
-    record,
-    sha,
-    some,
-    text,
-)
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.robot.loading import (
     Attached,
@@ -73,7 +59,7 @@ def carried_robot(robot: Robot) -> dict[str, Any]:
     """
     try:
         steps = recipe(robot.blueprint)
-    except NotPlainError:
+    except schema.NotPlainError:
         steps = None
     return {
         "name": robot.name,
@@ -91,13 +77,13 @@ def links_without_collision(robot: Robot) -> list[str]:
 @singledispatch
 def recipe(blueprint: Blueprint) -> dict[str, Any]:
     """Return what `RecipeReader.blueprint` reads, or raise NotPlainError if a part is made of Pinocchio's models."""
-    raise NotPlainError(f"a {type(blueprint).__name__} is not plain data")
+    raise schema.NotPlainError(f"a {type(blueprint).__name__} is not plain data")
 
 
 @recipe.register
 def _(blueprint: UrdfBlueprint) -> dict[str, Any]:
     names = [item.name for item in fields(blueprint) if item.name not in _OF_THE_MACHINE]
-    options = {name: as_plain(getattr(blueprint, name)) for name in names}
+    options = {name: schema.as_plain(getattr(blueprint, name)) for name in names}
     return {file: _carried_text(getattr(blueprint, file)) for file in _FILES} | options
 
 
@@ -108,7 +94,7 @@ def _(blueprint: OnBase) -> dict[str, Any]:
 
 @recipe.register
 def _(blueprint: OnMobileBase) -> dict[str, Any]:
-    return {"mobile_base": as_plain(blueprint.ranges), "of": recipe(blueprint.of)}
+    return {"mobile_base": schema.as_plain(blueprint.ranges), "of": recipe(blueprint.of)}
 
 
 @recipe.register
@@ -119,7 +105,7 @@ def _(blueprint: Attached) -> dict[str, Any]:
         path = Path(shape["file"])
         shape["file"] = f"object{path.suffix}"
         files[shape["file"]] = encoded(path)
-    return {"attached": as_plain(item), "files": files, "of": recipe(blueprint.of)}
+    return {"attached": schema.as_plain(item), "files": files, "of": recipe(blueprint.of)}
 
 
 @recipe.register
@@ -170,9 +156,9 @@ def _xml(name: str, value: Any) -> str:
 class _File:
     """A URDF or SRDF: its text, or its name in example-robot-data."""
 
-    example_robot_data: str | None = key(text, optional=True)
-    name: str | None = key(text, optional=True)
-    text: str | None = key(_xml, optional=True)
+    example_robot_data: str | None = schema.key(schema.text, optional=True)
+    name: str | None = schema.key(schema.text, optional=True)
+    text: str | None = schema.key(_xml, optional=True)
 
     def __post_init__(self) -> None:
         if (self.example_robot_data is None) == (self.text is None):
@@ -181,16 +167,18 @@ class _File:
 
 @dataclass(frozen=True, kw_only=True)
 class _FromFiles:
-    urdf: _File = key(record(_File))
-    srdf: _File | None = key(record(_File), optional=True)
-    tip: str | None = key(text, optional=True)
-    locked: Mapping[str, float] = key(by_name(number()))
-    hulls: bool = key(one_of(True, False))
-    name: str | None = key(text, optional=True)
-    limits: Mapping[str, tuple[float, float]] = key(by_name(some(number(), count=2)))
-    collision: str | None = key(one_of(*get_args(CollisionSource)), optional=True)
-    group: str | None = key(text, optional=True)
-    locked_state: str | None = key(text, optional=True)
+    urdf: _File = schema.key(schema.record(_File))
+    srdf: _File | None = schema.key(schema.record(_File), optional=True)
+    tip: str | None = schema.key(schema.text, optional=True)
+    locked: Mapping[str, float] = schema.key(schema.by_name(schema.number()))
+    hulls: bool = schema.key(schema.one_of(True, False))
+    name: str | None = schema.key(schema.text, optional=True)
+    limits: Mapping[str, tuple[float, float]] = schema.key(
+        schema.by_name(schema.some(schema.number(), count=2))
+    )
+    collision: str | None = schema.key(schema.one_of(*get_args(CollisionSource)), optional=True)
+    group: str | None = schema.key(schema.text, optional=True)
+    locked_state: str | None = schema.key(schema.text, optional=True)
 
 
 def _recipe(name: str, value: Any) -> Any:
@@ -199,33 +187,33 @@ def _recipe(name: str, value: Any) -> Any:
     kind = next((kind for kind in _LEVELS if kind in data), None)
     if kind is None:
         raise InputError(f"must have one of the keys {', '.join(_LEVELS)}, got {shown(list(data))}", name)
-    return record(_LEVELS[kind])(name, data)
+    return schema.record(_LEVELS[kind])(name, data)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _OnBase:
-    base: Any = key(plain)
-    of: Any = key(_recipe)
+    base: Any = schema.key(schema.plain)
+    of: Any = schema.key(_recipe)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _OnMobileBase:
-    mobile_base: Any = key(plain)
-    of: Any = key(_recipe)
+    mobile_base: Any = schema.key(schema.plain)
+    of: Any = schema.key(_recipe)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Attached:
-    attached: Any = key(plain)
-    files: Mapping[str, str] | None = key(carried_files, optional=True)
-    of: Any = key(_recipe)
+    attached: Any = schema.key(schema.plain)
+    files: Mapping[str, str] | None = schema.key(carried_files, optional=True)
+    of: Any = schema.key(_recipe)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Cell:
-    robots: Mapping[str, Any] = key(by_name(_recipe))
-    name: str = key(text)
-    tip: str = key(text)
+    robots: Mapping[str, Any] = schema.key(schema.by_name(_recipe))
+    name: str = schema.key(schema.text)
+    tip: str = schema.key(schema.text)
 
 
 _LEVELS: dict[str, type[Any]] = {
@@ -241,10 +229,10 @@ _LEVELS: dict[str, type[Any]] = {
 class RobotDocument:
     """A robot as it travels; see `carried_robot`."""
 
-    name: str = key(text)
-    hash: str = key(sha)
-    links_without_collision: tuple[str, ...] = key(some(text))
-    recipe: Any = key(or_none(_recipe))
+    name: str = schema.key(schema.text)
+    hash: str = schema.key(schema.sha)
+    links_without_collision: tuple[str, ...] = schema.key(schema.some(schema.text))
+    recipe: Any = schema.key(schema.or_none(_recipe))
 
 
 # ---------------------------------------------------------------------------------------------------- reading
@@ -273,7 +261,7 @@ def built_robot(
     """
     if not isinstance(carried, RobotDocument):
         try:
-            carried = record(RobotDocument)("carried", carried)
+            carried = schema.record(RobotDocument)("carried", carried)
         except RecursionError:
             raise InputError("is nested too deeply", "recipe") from None
     if carried.recipe is None:

@@ -82,13 +82,14 @@ def as_plain(value: Any) -> Any:
     raise NotPlainError(f"{shown(value)} is not plain data")
 
 
-def check_form(content: Any) -> None:
-    """Raise InputError unless `content` says that it is a certificate of this version."""
-    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        raise InputError(f"this is not a {FORMAT}")
-    version = content.get("version")
-    if version != VERSION or isinstance(version, (bool, float)):
-        raise InputError(f"version {shown(version)} of the format is not known, {VERSION} is")
+def check_form(content: Any, form: str = FORMAT, version: int = VERSION) -> None:
+    """Raise InputError unless `content` says that it has a form, by default that of certificates, of a version."""
+    found = content.get("format") if isinstance(content, Mapping) else None
+    if found != form:
+        raise InputError(f"must be {form!r}, got {shown(found)}", "format")
+    given = content.get("version")
+    if given != version or isinstance(given, (bool, float)):
+        raise InputError(f"{shown(given)} is not known, {version} is", "version")
 
 
 def key(reader: Reader, *, optional: bool = False) -> Any:

@@ -41,6 +41,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from safe_ompl.common import InputError
+from safe_ompl.common import documents as document
+from safe_ompl.io import schema
 from safe_ompl.io.files import strict_json
 from safe_ompl.io.problems import carried_scene, packed_robot
 from safe_ompl.robot import Robot
@@ -110,7 +112,5 @@ def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def check_header(header: Mapping[str, Any], file: str | Path) -> None:
     """Raise InputError, which names the file, unless this is the header of ticks of this version."""
-    if header.get("format") != FORMAT:
-        raise InputError(f"must begin with a header of {FORMAT!r}", str(file))
-    if header.get("version") != VERSION:
-        raise InputError(f"version {header.get('version')!r} is not known, {VERSION} is", str(file))
+    with document.within(f"{file}: header"):
+        schema.check_form(header, FORMAT, VERSION)

@@ -28,7 +28,14 @@ if TYPE_CHECKING:
         list_clips,
         skeleton_of,
     )
-    from safe_ompl.people.tracking import ReachViolation, Surroundings, Tracker, without_glitches
+    from safe_ompl.people.tracking import (
+        ReachViolation,
+        Surroundings,
+        Tracker,
+        who_is_where,
+        who_moves,
+        without_glitches,
+    )
 
 __all__ = [
     "KEYPOINTS",
@@ -52,6 +59,8 @@ __all__ = [
     "find_skeleton",
     "list_clips",
     "skeleton_of",
+    "who_is_where",
+    "who_moves",
     "without_glitches",
 ]
 

@@ -59,11 +59,6 @@ class Skeleton:
     def __repr__(self) -> str:
         return f"Skeleton({self.name!r}, {len(self.points)} points, {self.scale:g} m)"
 
-    @property
-    def unseen(self) -> tuple[str, ...]:
-        """Key points of our body that it does not know."""
-        return tuple(name for name in STANDING if name not in self.sources)
-
     def keypoints(self, points: ArrayLike) -> FloatArray:
         """Return the key points of our body (18, 3) [m], x forward, y left, z up, in the order of `KEYPOINTS`.
 

@@ -315,11 +315,13 @@ class Surroundings:
 
     def description(self) -> dict[str, Any]:
         """Return heights and limbs of the people and bounds of the objects' speeds, as plain data."""
-        bodies = {name: track.tracker.body for name, track in self.people.items()}
-        return {
-            "people": {n: {"height": body.height, "limbs": list(body.limbs)} for n, body in bodies.items()},
-            "objects": {name: track.speed for name, track in self.objects.items()},
-        }
+        trackers = {name: track.tracker for name, track in self.people.items()}
+        return who_moves(trackers, {name: track.speed for name, track in self.objects.items()})
+
+    def seen(self) -> dict[str, Any]:
+        """Return where all were seen last, as plain data, see `who_is_where`; nobody who was never seen."""
+        people = {name: track.keypoints for name, track in self.people.items()}
+        return who_is_where(people, {name: thing.pose for name, thing in self.objects.items()})
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
@@ -355,6 +357,31 @@ class Surroundings:
             if age > lost_after:
                 return f"{name!r} was not seen " + ("yet" if np.isinf(age) else f"for {age:.2f} s")
         return str(self._violations[0]) if self._violations else None
+
+
+def who_moves(people: Mapping[str, Tracker], objects: Mapping[str, float]) -> dict[str, Any]:
+    """Return who and what moves, as the header of ticks (`safe_ompl.io.ticks`) has it; speeds of objects in m/s."""
+    bodies = {name: tracker.body for name, tracker in people.items()}
+    found = {name: {"height": body.height, "limbs": list(body.limbs)} for name, body in bodies.items()}
+    return {"people": found, "objects": dict(objects)}
+
+
+def who_is_where(
+    people: Mapping[str, FloatArray | None], objects: Mapping[str, pin.SE3]
+) -> dict[str, dict[str, Any]]:
+    """Return key points (18, 3) of people and poses of objects, as a tick (`safe_ompl.io.ticks`) has them [m]."""
+    poses = {name: Pose.of(place) for name, place in objects.items()}
+    return {
+        "people": {
+            name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
+            for name, points in people.items()
+            if points is not None
+        },
+        "objects": {
+            name: {"position": list(pose.position), "quaternion_xyzw": list(pose.quaternion_xyzw)}
+            for name, pose in poses.items()
+        },
+    }
 
 
 def _check_calibration(reach: ReachModel, tracker: Tracker) -> None:

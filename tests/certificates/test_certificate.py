@@ -228,9 +228,10 @@ def test_angles_so_large_that_turns_are_lost(kinova):
 
 def test_what_is_no_certificate(tampered, ur5, clutter):
     for content, message in (
-        ({}, "not a safe-ompl certificate"),
-        ([], "not a safe-ompl certificate"),
-        ({**tampered, "version": 3}, "version 3 of the format is not known, 2 is"),
+        ({}, "format: must be 'safe-ompl certificate', got None"),
+        ([], "format: must be 'safe-ompl certificate'"),
+        ("safe-ompl certificate", "format: must be 'safe-ompl certificate'"),
+        ({**tampered, "version": 3}, "version: 3 is not known, 2 is"),
         ({k: v for k, v in tampered.items() if k != "pairs"}, "pairs: missing, but needed"),
     ):
         with pytest.raises(InputError, match=message):

@@ -8,7 +8,7 @@ from numba import njit
 from safe_ompl import RateLimits, time_path
 from safe_ompl.geometry.kernels import hull_gaps
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning import GuardedPath, RobotBodies, StopMotion
+from safe_ompl.people.replanning import Around, GuardedPath, RobotBodies, StopMotion
 
 
 @njit
@@ -68,7 +68,7 @@ def sets(at, *, velocity=(0.0, 0, 0), growth=(0.0, 1.6, 0.0)):
 def margin(path, cell, begin, end, who, clearance=0.0):
     """Return the exact margin in one cell between two times."""
     motion = StopMotion(np.array([cell]), np.zeros(2), np.zeros(2), np.array([begin, end]))
-    return path.margin(motion, who, 0.0, clearance, exact=True).margin
+    return path.margin(motion, Around(who, 0.0, clearance), exact=True).margin
 
 
 def test_margins_fall_with_time_growth_and_clearance(path):
@@ -110,8 +110,8 @@ def test_a_motion_is_proven_or_not_as_its_least_margin_says(path):
     for _ in range(100):
         who = sets(rng.uniform([0.2, -1.2, 0.0], [1.2, 1.2, 0.8]))
         motion = path.motion_from(rng.uniform(0.1, 1.0), rng.uniform(0, 1.0), rng.uniform(-1, 1), 0.05)
-        left = path.margin(motion, who, 0.02, 0.0)
-        least = path.margin(motion, who, 0.02, 0.0, exact=True).margin
+        left = path.margin(motion, Around(who, 0.02))
+        least = path.margin(motion, Around(who, 0.02), exact=True).margin
         if abs(least) > 2e-4:
             assert (left.margin >= 0) == (least >= 0)
         proven += left.margin >= 0

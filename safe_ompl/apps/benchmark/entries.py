@@ -20,7 +20,7 @@ from safe_ompl.apps.benchmark.judge import ROUNDING, SPACING, Beside, Judge, jud
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
-from safe_ompl.io import built_scene, motion_of_document, read_json
+from safe_ompl.io import built_scene, motion_of_document, read_json, schema
 from safe_ompl.motions import Motion
 from safe_ompl.people import Recording, Tracker, without_glitches
 from safe_ompl.robot import Robot
@@ -192,9 +192,7 @@ class Entry:
         content = read_json(file)
         with document.within(str(file), ": "):
             data = document.mapping("entry", content, _ENTRY)
-            for key, value in (("format", FORMAT), ("version", VERSION)):
-                if document.require(data, key) != value or isinstance(data[key], bool):
-                    raise InputError(f"must be {value!r}, got {shown(data[key])}", key)
+            schema.check_form(data, FORMAT, VERSION)
             told = {key: _words(key, data[key]) for key in _TOLD if key in data}
             failed = _words("failed", data["failed"]) if "failed" in data else ""
             answers: list[Answer] = []

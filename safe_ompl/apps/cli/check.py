@@ -366,11 +366,9 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
         with document.within(log, ": "):
             continuous = None
             if robot is not None:
-                motions = (
-                    motions[0].for_robot(robot, options.degrees),
-                    motions[1].for_robot(robot, options.degrees),
-                )
                 continuous = robot.continuous
+                commanded, measured = (motion.for_robot(robot, options.degrees) for motion in motions)
+                motions = commanded, measured
             found[log] = measured_tube(*motions, options.factor, continuous)
             first = next(iter(found.values())).joint_names
             if set(found[log].joint_names) != set(first):

@@ -19,7 +19,8 @@ from safe_ompl.apps.benchmark import JUDGED, VERSION, Entry, PlainGeometry, Prob
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.common import InputError
-from safe_ompl.io import read_json
+from safe_ompl.common import documents as document
+from safe_ompl.io import read_json, schema
 from safe_ompl.view import render_contact
 
 _ENDING = ".judged.json"
@@ -204,13 +205,8 @@ def write_page(folder: Path) -> Path:
     results = []
     for file in files:
         content = read_json(file)
-        if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (
-            JUDGED,
-            VERSION,
-        ):
-            raise InputError(
-                f"must be {JUDGED!r} of version {VERSION}: judge the entry anew", f"{file}: format"
-            )
+        with document.within(str(file), ": "):
+            schema.check_form(content, JUDGED, VERSION)
         results.append({**content, "name": file.name.removesuffix(_ENDING)})
     parts = [_HEAD]
     for name, rows in _by_set(results).items():

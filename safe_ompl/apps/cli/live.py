@@ -125,7 +125,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     latency = min(Faults.latency, options.tick)
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
-    people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
+    people = people_who_move(scenario)
     reach, found = reach_of(people, options), choose_actors(scenario, robot, people, options)
     if reach is not None:
         for mover in found.people.values():
@@ -165,8 +165,8 @@ def _drive(
         for way in (result.path, result.path[::-1])
     ]
     simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)
-    around, moving = replanner.surroundings.scene, simulation.world.description()
-    header = ticks_header(replanner.tick, replanner.robot, around, moving)
+    around = replanner.surroundings.scene
+    header = ticks_header(replanner.tick, replanner.robot, around, replanner.surroundings.description())
     with ExitStack() as stack:
         logs: list[TickLog] = [stack.enter_context(closing(TicksFile(folder / "ticks.jsonl", header)))]
         if options.mcap is not None:
@@ -420,7 +420,7 @@ def _base(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) -> Scenario:
-    """Return the scenario with its still obstacles only, and limits that concern them; see `clearance_of_movers`."""
+    """Return the scenario with its still obstacles only, and limits that concern them; see `people_who_move`."""
     limits = scenario.limits
     dangerous = [obstacle.name for obstacle in still if obstacle.weight > 0]
     kept_from = dangerous
@@ -450,7 +450,7 @@ def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) ->
     return replace(scenario, scene=still, people=None, limits=limits)
 
 
-def clearance_of_movers(scenario: Scenario) -> float:
-    """Return the clearance from all that moves [m]: the larger of the people's and that of the limits."""
+def people_who_move(scenario: Scenario) -> People:
+    """Return the scenario's people, whoever is tracked; the larger clearance of theirs and the limits' is kept."""
     people = scenario.people or People()
-    return max(people.clearance, scenario.limits.min_clearance)
+    return replace(people, who=None, clearance=max(people.clearance, scenario.limits.min_clearance))

@@ -20,8 +20,8 @@ from safe_ompl.apps.cli.live import (
     add_mcap,
     add_reach,
     check_mcap,
-    clearance_of_movers,
     limits_of_still,
+    people_who_move,
     reach_of,
     timed_way,
 )
@@ -187,7 +187,7 @@ def cell_of(
     control: ControlOptions,
 ) -> Cell:
     """Return the robot with its surroundings, and how it is planned there."""
-    people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
+    people = people_who_move(scenario)
     still = scenario.scene.without(*(n for n in scenario.scene.names if n in trackers or n in moving))
     limited = limits_of_still(scenario, still, beside_people=bool(trackers))
     setup_scenario(limited, robot)  # what cannot be used is said now

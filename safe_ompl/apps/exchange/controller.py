@@ -28,9 +28,9 @@ from safe_ompl.apps.exchange.sightings import CloudView, Joints, Sightings, by_n
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
-from safe_ompl.people import KEYPOINTS, Tracker
-from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions, Shield
-from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
+from safe_ompl.people import Tracker, who_moves
+from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions, Shield, stop_as_dict
+from safe_ompl.people.simulation import ContactMonitor, Nearest, Solid, limb_solids, part_solids
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
 
@@ -381,13 +381,7 @@ class LiveController:
 
     def header(self) -> dict[str, Any]:
         """Return who and what moves, as the header of ticks has it."""
-        bodies = {name: tracker.body for name, tracker in self.cell.trackers.items()}
-        return {
-            "people": {
-                name: {"height": body.height, "limbs": list(body.limbs)} for name, body in bodies.items()
-            },
-            "objects": dict(self.cell.objects),
-        }
+        return who_moves(self.cell.trackers, self.cell.objects)
 
     def stop(self) -> tuple[FloatArray, Sequence[Any]]:
         """Return times [s] and states of the rest of the command until the robot stands; none before the first one."""
@@ -399,50 +393,37 @@ class LiveController:
     def _record(self) -> dict[str, Any]:
         times, states = self.stop()
         still = np.full(self.cell.robot.n, np.nan) if self._joints is None else self._joints.q
-        people, objects, solids = self._seen()
-        nearest = self._monitor.nearest(still, solids) if self._joints is not None and solids else None
+        seen, solids = self._seen()
+        known = self._joints is not None and solids
+        nearest = self._monitor.nearest(still, solids)._asdict() if known else dict.fromkeys(Nearest._fields)
         command = self.command
         return {
             "time": self._now,
             "joints_measured": None if self._joints is None else self._joints.time,
             "q": still.tolist(),
             "qd": (np.full(len(still), np.nan) if self._joints is None else self._joints.qd).tolist(),
-            "stop": {
-                "times": times.tolist(),
-                "q": [state.q.tolist() for state in states],
-                "qd": [state.qd.tolist() for state in states],
-            },
-            "people": people,
-            "objects": objects,
+            "stop": stop_as_dict(times, states),
+            **seen,
             "state": self.state,
             "margin": None if command is None else command.left.margin,
-            "distance": None if nearest is None else nearest.distance,
-            "link": None if nearest is None else nearest.link,
-            "who": None if nearest is None else nearest.who,
-            "limb": None if nearest is None else nearest.limb,
+            **nearest,
             "reason": self.blocked or self._why,
             "measured": None if command is None else command.measured,
         }
 
-    def _seen(self) -> tuple[dict[str, Any], dict[str, Any], list[Solid]]:
+    def _seen(self) -> tuple[dict[str, Any], list[Solid]]:
         """Return key points of people and poses of objects where they were seen last, and their bodies."""
-        people: dict[str, Any] = {}
-        objects: dict[str, Any] = {}
-        solids: list[Solid] = []
         if self._pilot is None:
-            return people, objects, solids
+            return {"people": {}, "objects": {}}, []
         around = self._pilot.surroundings
+        solids: list[Solid] = []
         for name, person in around.people.items():
             if person.keypoints is not None:
-                people[name] = dict(zip(KEYPOINTS, person.keypoints.tolist(), strict=True))
                 body, ends = person.tracker.body, person.tracker.body.ends(person.keypoints)
                 solids += limb_solids(name, body.limbs, ends, body.radii(ends))
         for name, thing in around.objects.items():
-            pose = Pose.of(thing.pose)
-            objects[name] = {"position": list(pose.position), "quaternion_xyzw": list(pose.quaternion_xyzw)}
-            for part in around.shapes[name].parts():
-                solids.append(Solid(name, "", part.geometry, thing.pose * part.placement))
-        return people, objects, solids
+            solids += part_solids(name, around.shapes[name], thing.pose)
+        return around.seen(), solids
 
     def close(self) -> None:
         """End the thread in which plans are made, once the one that is being made is ready."""

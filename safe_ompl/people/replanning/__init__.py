@@ -9,12 +9,19 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.people.replanning.bodies import RobotBodies
     from safe_ompl.people.replanning.detours import DetourRoadmap, Detours, PeopleNow
-    from safe_ompl.people.replanning.guard import Command, Doing, Guard, ReplanningOptions
-    from safe_ompl.people.replanning.guarded_path import GuardedPath, MotionMargin, PathLimits, StopMotion
+    from safe_ompl.people.replanning.guard import Command, Doing, Guard, ReplanningOptions, stop_as_dict
+    from safe_ompl.people.replanning.guarded_path import (
+        Around,
+        GuardedPath,
+        MotionMargin,
+        PathLimits,
+        StopMotion,
+    )
     from safe_ompl.people.replanning.replanner import Replanner
     from safe_ompl.people.replanning.shield import Shield, ShieldCommand
 
 __all__ = [
+    "Around",
     "Command",
     "DetourRoadmap",
     "Detours",
@@ -30,6 +37,7 @@ __all__ = [
     "Shield",
     "ShieldCommand",
     "StopMotion",
+    "stop_as_dict",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

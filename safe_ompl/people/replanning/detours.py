@@ -340,7 +340,7 @@ class Detours:
         points = self._shortened(found[0], people, budget)
         curve = blended(np.array(points), self._prover.checker.robot, _TOLERANCE, self._prover)
         way = GuardedPath.along(self._bodies, curve, self._limits)
-        takes = self._remaining(way, 0.0, people)
+        takes = self._time(way, people)
         if takes > within:
             return None
         _log.info("%.3f s: a detour of %.2f rad takes %.1f s instead of %.1f s", now, way.length, takes, stay)
@@ -350,9 +350,8 @@ class Detours:
         begin = float(path.curve.starts[path.curve.piece_at(np.array([first]))[0]])
         return path.from_to(first, rest).then(way), begin
 
-    def _remaining(self, path: GuardedPath, first: float, people: PeopleNow) -> float:
-        times, _ = people.pace(path.coarse)
-        return float(times[path.coarse.edges[1:] > first].sum())
+    def _time(self, path: GuardedPath, people: PeopleNow) -> float:
+        return float(people.pace(path.coarse)[0].sum())
 
     def _shortened(self, points: list[FloatArray], people: PeopleNow, budget: Budget) -> list[FloatArray]:
         """Return the path without the points that a free and no slower straight motion can leave out."""
@@ -375,5 +374,5 @@ class Detours:
         robot, total = self._prover.checker.robot, 0.0
         for a, b in pairwise(points):
             curve = blended(np.array([a, b]), robot, 0.0, None)
-            total += self._remaining(GuardedPath.along(self._bodies, curve, self._limits), 0.0, people)
+            total += self._time(GuardedPath.along(self._bodies, curve, self._limits), people)
         return total

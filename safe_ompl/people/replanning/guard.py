@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, TypeVar
@@ -15,7 +15,7 @@ from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, number, positive, whole_number
 from safe_ompl.people import CalibratedReach, ReachModel, ReachViolation, Surroundings, Tracker
 from safe_ompl.people.replanning.bodies import RobotBodies
-from safe_ompl.people.replanning.guarded_path import GuardedPath, MotionMargin, PathLimits, StopMotion
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, PathLimits, StopMotion
 from safe_ompl.people.replanning.retreat import Receding
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
@@ -106,11 +106,7 @@ class Command:
             "time": time,
             "q": states[0].q.tolist(),
             "qd": states[0].qd.tolist(),
-            "stop": {
-                "times": times.tolist(),
-                "q": [state.q.tolist() for state in states],
-                "qd": [state.qd.tolist() for state in states],
-            },
+            "stop": stop_as_dict(times, states),
             "state": self.doing.value,
             "margin": self.left.margin,
             "reason": self.reason,
@@ -118,9 +114,14 @@ class Command:
             "measured": self.measured,
         }
 
-    def moves(self, time: float) -> bool:
-        """Return whether the robot moves at a time [s]."""
-        return self.motion.at(time - self.time)[1] > 0
+
+def stop_as_dict(times: FloatArray, states: Sequence[State]) -> dict[str, Any]:
+    """Return the rest of a command (K instants [s], and what holds then), as a tick has it."""
+    return {
+        "times": times.tolist(),
+        "q": [state.q.tolist() for state in states],
+        "qd": [state.qd.tolist() for state in states],
+    }
 
 
 @dataclass(frozen=True)
@@ -289,17 +290,19 @@ class Guard:
             return None
         trouble = self.surroundings.trouble(time, self.options.lost_after)
         violated = trouble is not None
+        around = self._around(time)
 
         def command(push: float, doing: Doing, reason: str) -> Command | None:
             motion = path.motion_from(s, speed * speed, push, self.tick)
-            since = time - measured
-            around = self.surroundings.sets, since, self.people.clearance
-            margin = path.margin(motion, *around, self.contact)
+            margin = path.margin(motion, around)
             if margin.margin < 0:
                 self._margin = margin
                 return None
             rule = self._margin.rule if reason and not violated else ""
-            if rule not in ("", SEPARATION) and path.margin(motion, *around).margin >= 0:
+            if (
+                rule not in ("", SEPARATION)
+                and path.margin(motion, around._replace(contact=None)).margin >= 0
+            ):
                 rule = SEPARATION
             return Command(time, measured, path, motion, doing, margin, reason, rule)
 
@@ -322,18 +325,22 @@ class Guard:
             first, last = (first, middle) if slower is None else (middle + 1, last)
         return found
 
+    def _around(self, time: float) -> Around:
+        """Return who is around when a motion begins at a time [s]."""
+        around = self.surroundings
+        return Around(around.sets, time - around.time, self.people.clearance, self.contact)
+
     def _recede(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest motion from (s, ṡ) that recedes from all who are near; see `retreat`. None if none is."""
-        sets, since = self.surroundings.sets, time - self.surroundings.time
         if self.surroundings.trouble(time, self.options.lost_after) is not None:
             return None
-        receding = Receding(path, s, sets)
+        around = self._around(time)
+        receding = Receding(path, s, around.sets)
         for push in _RETREATS:
             motion = path.motion_from(s, speed * speed, push, self.tick)
             if motion.places[-1] - s < _SAME:
                 continue
-            near = receding.along(motion)
-            margin = path.margin(motion, sets, since, self.people.clearance, self.contact, receding=near)
+            margin = path.margin(motion, around, receding=receding.along(motion))
             if margin.margin >= 0:
                 why = margin, self._margin.description, SEPARATION
                 return Command(time, self.surroundings.time, path, motion, Doing.RETREATING, *why)

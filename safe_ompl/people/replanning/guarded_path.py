@@ -71,6 +71,15 @@ class MotionMargin(NamedTuple):
         return f"{named} may come to {self.link} before it stands ({1e3 * self.margin:.0f} mm)"
 
 
+class Around(NamedTuple):
+    """Who and what moves around a robot when a motion begins, and what must be left to them."""
+
+    sets: ReachSets  # Where they may be
+    since: float = 0.0  # How long ago the sets were measured [s], ≥ 0
+    clearance: float = 0.0  # Distance that must be left [m]
+    contact: ContactLimits | None = None  # At what speeds contact is borne, where it is allowed
+
+
 class StopMotion(NamedTuple):
     """A motion of one tick along a path, and the stop after it: W pieces of constant acceleration."""
 
@@ -235,28 +244,25 @@ class GuardedPath:
     def margin(
         self,
         motion: StopMotion,
-        sets: ReachSets,
-        since: float,
-        clearance: float,
-        contact: ContactLimits | None = None,
+        around: Around,
         *,
         exact: bool = False,
         receding: BoolArray | None = None,
     ) -> MotionMargin:
         """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
 
-        It begins `since` the measurement of the sets [s], ≥ 0, and must leave the clearance [m]. An exact margin is
-        right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found. Where contact is
-        allowed, who bears it at the speed of the motion need not be kept from; nor need those from whom a body is
-        `receding: (G, M)`, no faster than `RETREAT_SPEED`.
+        An exact margin is right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found.
+        Where contact is allowed, who bears it at the speed of the motion need not be kept from; nor need those from
+        whom a body is `receding: (G, M)`, no faster than `RETREAT_SPEED`.
         """
+        sets, since, clearance, contact = around
         if contact is not None and not exact:  # to look whether it matters costs less than what it allows
-            alone = self.margin(motion, sets, since, clearance, receding=receding)
+            alone = self.margin(motion, around._replace(contact=None), receding=receding)
             if alone.margin >= 0:
                 return alone
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
-        around = self._arrays(sets, clearance, enough, close, not exact)
+        arrays = self._arrays(sets, clearance, enough, close, not exact)
         fastest = np.maximum(motion.squares[:-1], motion.squares[1:])
         most = _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0]
         if receding is not None:
@@ -265,7 +271,7 @@ class GuardedPath:
             most = np.empty((len(self.brakes), *receding.shape))
             most[rows] = np.maximum(known, np.where(receding, self._slow[rows][:, :, None], -1.0))
         borne = Borne(fastest, most)
-        margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *around)
+        margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *arrays)
         if body < 0:
             return MotionMargin(np.inf)
         rule = SEPARATION

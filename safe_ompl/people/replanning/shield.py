@@ -30,11 +30,10 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
-from safe_ompl.geometry import Pose
 from safe_ompl.io import ticks_header
-from safe_ompl.people import KEYPOINTS, ReachSets
+from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
 from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
 from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State, braking
 
@@ -116,7 +115,7 @@ class Shield(Guard):
         self._rest = rest = self._path([piece])
         # The first proof makes and loads what all need: here, and not within the first tick.
         self._verdict(piece)
-        rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), ReachSets.none(), 0.0, 0.0)
+        rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
         self._last, self._way = None, None
         self._proposal, self._refused = None, _NOTHING
 
@@ -209,22 +208,12 @@ class Shield(Guard):
         InputError
             If there was no command yet.
         """
-        last, around = self._last, self.surroundings
+        last = self._last
         if not isinstance(last, ShieldCommand):
             raise InputError("there was no command yet")
-        seen = {name: track.keypoints for name, track in around.people.items()}
-        poses = {name: Pose.of(thing.pose) for name, thing in around.objects.items()}
         return {
             **last.tick_at(self._time, self.tick),
-            "people": {
-                name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
-                for name, points in seen.items()
-                if points is not None
-            },
-            "objects": {
-                name: {"position": list(pose.position), "quaternion_xyzw": list(pose.quaternion_xyzw)}
-                for name, pose in poses.items()
-            },
+            **self.surroundings.seen(),
             **dict.fromkeys(("distance", "link", "who", "limb")),
             "follows": last.follows,
             "delay": last.delay,

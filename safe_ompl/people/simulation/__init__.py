@@ -18,8 +18,16 @@ if TYPE_CHECKING:
         Walker,
         World,
         limb_solids,
+        part_solids,
     )
-    from safe_ompl.people.simulation.simulation import Contact, ContactMonitor, Faults, Simulation, Summary
+    from safe_ompl.people.simulation.simulation import (
+        Contact,
+        ContactMonitor,
+        Faults,
+        Nearest,
+        Simulation,
+        Summary,
+    )
 
 __all__ = [
     "ALL_KEYPOINTS",
@@ -27,6 +35,7 @@ __all__ = [
     "ContactMonitor",
     "Drifting",
     "Faults",
+    "Nearest",
     "ObjectMover",
     "PersonMover",
     "Playback",
@@ -37,6 +46,7 @@ __all__ = [
     "Walker",
     "World",
     "limb_solids",
+    "part_solids",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

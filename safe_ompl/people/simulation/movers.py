@@ -11,14 +11,14 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, whole_number
-from safe_ompl.geometry import STANDING, Limb, Pose, placed
+from safe_ompl.geometry import STANDING, Limb, Pose, Shape, placed
 from safe_ompl.people import (
-    KEYPOINTS,
     Recording,
     Skeleton,
     Surroundings,
     TrackedBody,
     Tracker,
+    who_is_where,
     without_glitches,
 )
 from safe_ompl.scene import People
@@ -157,6 +157,11 @@ def limb_solids(who: str, limbs: tuple[str, ...], ends: FloatArray, radii: Float
     return found
 
 
+def part_solids(what: str, shape: Shape, place: pin.SE3) -> list[Solid]:
+    """Return the parts of an object at its place."""
+    return [Solid(what, "", part.geometry, place * part.placement) for part in shape.parts()]
+
+
 class World:
     """The people and objects of a simulation, and where they truly are at any time.
 
@@ -199,9 +204,7 @@ class World:
             ends = body.ends(points)
             found += limb_solids(name, body.limbs, ends, body.radii(ends))
         for name, mover in self.objects.items():
-            place = mover.at(time)
-            for part in self._surroundings.shapes[name].parts():
-                found.append(Solid(name, "", part.geometry, place * part.placement))
+            found += part_solids(name, self._surroundings.shapes[name], mover.at(time))
         return found
 
     def ends(self, keypoints: Mapping[str, FloatArray], time: float) -> list[FloatArray]:
@@ -213,28 +216,14 @@ class World:
             found += self._surroundings.objects[name].points_at(mover.at(time))
         return found
 
-    def description(self) -> dict[str, Any]:
-        """Return heights and limbs of the people and bounds of the objects' speeds, as plain data."""
-        return self._surroundings.description()
-
     def tick(self, time: float) -> dict[str, Any]:
         """Return key points of the people and poses of the objects at a time [s], as plain data."""
-        people = {
-            name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
-            for name, points in self.keypoints(time).items()
-        }
-        objects = {name: _pose(mover.at(time)) for name, mover in self.objects.items()}
-        return {"people": people, "objects": objects}
+        return who_is_where(
+            self.keypoints(time), {name: mover.at(time) for name, mover in self.objects.items()}
+        )
 
     def _body(self, name: str) -> TrackedBody:
         return self.people[name].tracker.body
-
-
-def _pose(place: pin.SE3) -> dict[str, list[float]]:
-    return {
-        "position": place.translation.tolist(),
-        "quaternion_xyzw": pin.Quaternion(place.rotation).coeffs().tolist(),
-    }
 
 
 # -------------------------------------------------------------------------------------------------------- walkers

@@ -280,7 +280,9 @@ class Simulation:
             new_path = logged is None or current.path is not logged.path
             path, logged = path + new_path, current
             line = {
-                **self._line(now, current, nearest),
+                **current.tick_at(now, tick),
+                **self.world.tick(now),
+                **nearest._asdict(),
                 "obeyed": bool(share[0] == 1.0),
                 "path": path,
                 "task": self.summary.tasks,
@@ -406,16 +408,6 @@ class Simulation:
             summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
             summary.contacts_retreating = sum(c.retreating and not c.moving for c in contacts)
             summary.contacts_at_rest = sum(not (c.moving or c.retreating) for c in contacts)
-
-    def _line(self, now: float, command: Command, nearest: Nearest) -> dict[str, Any]:
-        return {
-            **command.tick_at(now, self.replanner.tick),
-            **self.world.tick(now),
-            "distance": nearest.distance,
-            "link": nearest.link,
-            "who": nearest.who,
-            "limb": nearest.limb,
-        }
 
 
 def _way_points(command: Command) -> list[list[float]]:

@@ -10,12 +10,11 @@ import numpy as np
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import MotionCheck
-from safe_ompl.view.plots.page import ALARM, Page
+from safe_ompl.view.plots.page import ALARM, Page, add_legend_above, draw_limit
 from safe_ompl.view.plots.paths import draw_joints, name_joints, span
 
 _SAMPLES = 400
 _KINDS = ("position", "velocity", "acceleration")
-_DASHED = (0, (4.0, 3.0))
 
 
 def plot_check(check: MotionCheck, file: str | Path, *, title: str | None = None) -> Any:
@@ -77,17 +76,10 @@ def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionPr
                 times, least_kept, color=colour, linewidth=1.4, linestyle=":", label=f"{label}, required"
             )
         top, bottom = max(top, found.max(), kept.max()), min(bottom, found.min())
-    axes.axhline(0.0, color=ALARM, linewidth=1.0, linestyle=_DASHED)
+    draw_limit(axes, 0.0)
     axes.set(ylabel="distance [mm]", ylim=(1.15 * bottom, 1.15 * top))
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(
-            loc="lower left",
-            bbox_to_anchor=(0.0, 0.98),
-            ncols=4,
-            fontsize=9,
-            borderaxespad=0.2,
-            columnspacing=1.2,
-        )
+        add_legend_above(axes, bbox_to_anchor=(0.0, 0.98), columnspacing=1.2)
 
 
 def _mark(every: Any, check: MotionCheck, least: float) -> None:

@@ -112,11 +112,12 @@ def curve(values: ArrayLike, kind: str) -> FloatArray:
     return curve
 
 
-def check_partners(clearances: Mapping[str, FloatArray], dangers: Mapping[str, FloatArray]) -> None:
-    """Raise InputError unless both hold the same planners with as many runs."""
-    for name in {**clearances, **dangers}:
-        counts = [len(table[name]) if name in table else None for table in (clearances, dangers)]
-        if counts[0] != counts[1]:
-            raise InputError(
-                f"{name} has {counts[0]} clearances but {counts[1]} dangers; give one pair per run"
-            )
+def draw_limit(axes: Any, value: float) -> None:
+    """Draw a dashed line at a value that must not be passed."""
+    axes.axhline(value, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
+
+
+def add_legend_above(axes: Any, fontsize: float = 9.0, **more: Any) -> None:
+    """Write the legend just above the axes, in up to four columns."""
+    place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
+    axes.legend(**{**place, "fontsize": fontsize, **more})

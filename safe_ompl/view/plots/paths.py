@@ -13,7 +13,18 @@ from safe_ompl.common import FloatArray, InputError, finite_array
 from safe_ompl.io import ACCELERATION
 from safe_ompl.paths import forced_danger
 from safe_ompl.trajectories import MotionDanger, Trajectory
-from safe_ompl.view.plots.page import ALARM, ALONG, DANGER, DPI, GREY, Page, curve, natural
+from safe_ompl.view.plots.page import (
+    ALARM,
+    ALONG,
+    DANGER,
+    DPI,
+    GREY,
+    Page,
+    add_legend_above,
+    curve,
+    draw_limit,
+    natural,
+)
 from safe_ompl.view.style import Colour, cap_colours, planner_styles
 
 _LINE = 0.08  # of the height of the axes: what a line of words needs
@@ -174,7 +185,7 @@ def plot_motion(
         bounds = {cap.name: cap.speeds[cells] for cap in trajectory.caps}
         binding = trajectory.binding()
         _draw_speeds(upper, times, speeds, bounds, [binding[cell] for cell in cells])
-        upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=9, borderaxespad=0.2)
+        add_legend_above(upper)
         state, limits = trajectory.at(times), trajectory.limits
         draw_joints(lower[0], times, state.qd / limits.velocity, "velocity / limit")
         draw_joints(lower[1], times, state.qdd / limits.acceleration, "acceleration / limit")
@@ -215,7 +226,7 @@ def span(end: float, begin: float = 0.0) -> tuple[float, float]:
 def draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) -> None:
     """Draw values (T, n) of the joints as shares of their limits, which are marked."""
     for side in (-1.0, 1.0):
-        axes.axhline(side, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
+        draw_limit(axes, side)
     for k, values in enumerate(shares.T):
         axes.plot(times, values, color=_JOINTS[k % len(_JOINTS)], linewidth=1.2)
     most = max(1.15, 1.1 * float(np.nanmax(np.abs(shares))))
@@ -233,7 +244,7 @@ def name_joints(figure: Any, axes: Any, names: Sequence[str]) -> None:
 def _draw_danger_in_motion(axes: Any, danger: MotionDanger) -> None:
     axes.plot(danger.times, danger.values, color="0.25", linewidth=2.0)
     if np.isfinite(danger.proven_peak):
-        axes.axhline(danger.proven_peak, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
+        draw_limit(axes, danger.proven_peak)
         note = f"mean {danger.mean:.2f}, peak {danger.peak:.2f}, proven below {danger.proven_peak:.2f}"
         axes.set_title(note, loc="right", color=ALARM, fontsize=9, weight="normal")
     axes.set(ylabel="danger in motion", xlim=span(danger.times[-1]))
@@ -286,16 +297,8 @@ def plot_speeds(
         axes.set(xlabel="time [s]", xlim=(0.0, float(t[-1])))
         page.figure.text(AXES[0], 0.93, title, weight="bold", fontsize=12)
         page.figure.text(0.985, 0.93, f"{t[-1]:.2f} s", ha="right", color=GREY, fontsize=12)
-        axes.legend(
-            loc="lower left",
-            bbox_to_anchor=(0.0, 1.0),
-            ncols=4,
-            borderaxespad=0.2,
-            handlelength=1.0,
-            handletextpad=0.5,
-            fontsize=8.5 if used < 4 else 7.5,  # four names of caps are just within the axes
-            columnspacing=1.0,
-        )
+        small = 8.5 if used < 4 else 7.5  # four names of caps are just within the axes
+        add_legend_above(axes, small, handlelength=1.0, handletextpad=0.5, columnspacing=1.0)
     return page.figure
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError
-from safe_ompl.view.plots.page import ALONG, DANGER, GREY, Page, check_partners, natural, rows, tables
+from safe_ompl.view.plots.page import ALONG, DANGER, GREY, Page, natural, rows, tables
 from safe_ompl.view.style import PlannerStyle, grid_columns, planner_styles
 
 _BAND = (15.0, 85.0)  # percentiles, as in the paper
@@ -126,7 +126,12 @@ def plot_clearance_danger(
         If names or numbers of runs differ, there is no planner, or a value is not finite.
     """
     across, up = rows(clearances, "clearances"), rows(dangers, "dangers")
-    check_partners(across, up)
+    for name in {**across, **up}:
+        counts = [len(table[name]) if name in table else None for table in (across, up)]
+        if counts[0] != counts[1]:
+            raise InputError(
+                f"{name} has {counts[0]} clearances but {counts[1]} dangers; give one pair per run"
+            )
     with Page(file, _box_width(across), 4.6) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(across).items():

@@ -274,8 +274,8 @@ def test_without_a_path_there_is_no_certificate(run, folder, monkeypatch):
     ("text", "words"),
     [
         ("not JSON", ["bad.json: it is not JSON"]),
-        ("[]", ["bad.json: this is not a safe-ompl certificate"]),
-        ('{"format": "safe-ompl certificate", "version": 9}', ["version 9", "not known"]),
+        ("[]", ["bad.json: format: must be 'safe-ompl certificate'"]),
+        ('{"format": "safe-ompl certificate", "version": 9}', ["version: 9", "not known"]),
         ("[" * 100_000, ["bad.json: it is not JSON"]),
     ],
 )

@@ -240,7 +240,7 @@ def test_the_command_writes_ticks_and_a_summary(clips, tmp_path, capsys):
     assert len(ticks) == 40
     assert list(ticks[0]["people"]["operator"]) == list(KEYPOINTS)
     assert ticks[1]["state"] in ("moving", "slowed", "standing")
-    with pytest.raises(InputError, match=r"must begin with a header"):
+    with pytest.raises(InputError, match=r"header\.format: must be 'safe-ompl ticks', got None"):
         read_ticks(out / "summary.json")
 
 

@@ -178,7 +178,10 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
     for lines, said in [
         ([], "a JSON object in every line"),
         (["{"], "cannot be read as JSON lines"),
-        ([json.dumps({"format": "something"}), *ticks], "must begin with a header"),
+        (
+            [json.dumps({"format": "something"}), *ticks],
+            "header.format: must be 'safe-ompl ticks', got 'something'",
+        ),
         ([first, ticks[0]], "two ticks at least"),
         ([first, *ticks[:2], "{}"], "time"),
     ]:
