@@ -161,7 +161,8 @@ def ask_for_simplification() -> None:
     setup = SafeSetup(robot, Scene((Obstacle("person", Person(), Pose((1.4, 0.0, -1.0))),)))
     setup.setConfigurations([-1.0, 0.0], [1.0, 0.0])
     result = setup.plan("SafeRRTConnect", seed=0, simplify=True)
-    result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=People(speed=1.6))
+    people = People(speed=1.6, contact=True, robot_mass=20.0)
+    result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=people)
 
 
 def ask_for_people() -> None:

@@ -130,10 +130,7 @@ class SafeStep:
     def _at_once(
         self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
     ) -> tuple[Extension, int] | None:
-        """Do so in one call of a kernel; None, and nothing is done, where that cannot be.
-
-        Without danger steps take as long composed.
-        """
+        """Do so in one call of a kernel; None, and nothing is done, where that cannot be."""
         margin = self.margin.in_force
         if (margin and self.margin.falls_next) or (self.fixed is not None and self.fixed.acts):
             return None

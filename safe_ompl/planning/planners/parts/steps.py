@@ -1,8 +1,8 @@
-"""A step of a tree in one call of a kernel: steer, descent, danger, proof.
+"""A step of a tree that heeds danger, in one call of a kernel: steer, descent, danger, proof.
 
 It is for problems whose motions are proven by bounds of distances alone, and whose costs are a danger field's at fixed
 points. What bounds do not decide is not decided here, and neither is what a class of a user's own is asked:
-`parts.extend` composes those steps, with the same outcome.
+`parts.extend` composes those steps, with the same outcome. It composes steps without danger, too, which take as long.
 """
 
 from __future__ import annotations
