@@ -15,6 +15,7 @@ from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person
 from safe_ompl.geometry.kernels import extreme_vertices
+from safe_ompl.paths import Curve
 from safe_ompl.robot import JointLimits, Robot
 from safe_ompl.robot.kernels import descend, steer
 from safe_ompl.scene import Scenario, Scene, find_scenario
@@ -35,13 +36,14 @@ def small_robot() -> Robot:
 
 
 def ask_for_danger() -> None:
-    """Call what danger and steps need."""
+    """Call what danger, steps and reports need."""
     robot = small_robot()
     step, q, wraps = np.ones((2, robot.n)), np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
     steer(q, q + _MARGIN, wraps, _MARGIN, step)
     descend(step, q, _MARGIN, q, q, wraps)
     JointLimits(robot).hold(q)
     DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
+    Curve(robot, np.zeros((2, robot.n)))
 
 
 def ask_for_proofs() -> None:
