@@ -18,20 +18,15 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from _touches import thickness
 
+from safe_ompl import DangerField, Pose, Robot, Scene
 from safe_ompl.apps.benchmark import PlainGeometry
 from safe_ompl.common import FloatArray
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry import Person, Pose
 from safe_ompl.robot.loading import Attachment
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
 
 SAMPLES = 12  # of an edge
 INSTANTS, BEGINS, STOPS = 150, 10, 25  # of a motion, of stops, and of one stop
 ROUNDING = 1e-5
-SOON = 1e-5  # [s] in which a gap closes by a difference
 N = r"(-?[\d.]+(?:e[+-]?\d+)?|inf)"
 SENTENCES = {
     "free": r"every motion is free(, for the (robot|scene|robot and the scene) that the file itself carries)?",
@@ -46,9 +41,8 @@ SENTENCES = {
     "tool speed": rf"the tip is no faster than {N} m/s",
     "link speed": rf"no point of a link, nor the tip, is faster than {N} m/s",
     "stops": rf"it stands before anyone of (.*) who moves no faster than {N} m/s((?:, \S+ {N} m/s)*) "
-    rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*?), "
-    r"and no gap that may clamp the limb across closes faster than (.*?); gaps are those between its links, its base "
-    r"and other obstacles where the scene has them; the person's own speed is not counted)?",
+    rf"comes nearer than {N} mm, if it brakes within {N} s"
+    r"(?:; it may touch (.*) before, and speeds in contact are not claimed)?",
     "moving danger": rf"danger in motion at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), "
     rf"k1 {N}, k2 {N}, gamma {N}, points {N} m apart\)",
     "margin": rf"no moving link nearer than {N} mm to any obstacle",
@@ -408,9 +402,9 @@ class Judge:
     def _stops(
         self, said: tuple[Any, ...], motion: Motion, claim: Mapping[str, Any], acceleration: FloatArray
     ) -> bool:
-        who, speed, limbs, _, clearance, reaction, contact, clamping = said
+        who, speed, limbs, _, clearance, reaction, contact = said
         asked, names = self.terms.get("people", {}), who.split(", ")
-        bears, clamped = speeds(contact or ""), speeds(clamping or "")
+        touched = contact.split(", ") if contact else []
         mine = {
             "who": names,
             "speed": float(speed),
@@ -419,35 +413,18 @@ class Judge:
         }
         if any(key in asked and asked[key] != value for key, value in mine.items()):
             return False
-        most = asked.get("contact", {}) if asked else {part: (bears[part], clamped[part]) for part in bears}
-        if bears.keys() != clamped.keys() or any(
-            said > allowed * (1 + ROUNDING)
-            for part in bears
-            for said, allowed in zip((bears[part], clamped[part]), most.get(part, (0.0, 0.0)), strict=True)
-        ):
+        if asked and not set(touched) <= set(asked.get("contact") or ()):
             return False
         if asked and float(clearance) / 1e3 < asked["clearance"] * (1 - ROUNDING):
             return False
-        gaps = np.array([obstacle not in names for _, obstacle, _ in self.pairs])
         for begin in np.linspace(0, motion.duration * (1 - 1e-9), BEGINS):
             for t, s, v, a in motion.stop(float(begin), claim["stops"]["brakes"]):
                 q, qd, qdd = self._state(motion, s, v, a)
                 if t == inf or (np.abs(qdd) > acceleration * (1 + ROUNDING) + 1e-9).any():
                     return False
-                fast, apart = self._speeds(q, qd)[1], self.distances(q)
-                closing = apart - self.distances(q + SOON * qd) if clamped else np.zeros_like(apart)
-                for (_, obstacle, part), distance in zip(self.pairs, apart, strict=True):
+                for (_, obstacle, part), distance in zip(self.pairs, self.distances(q), strict=True):
                     limb = mine["speeds"].get(part[len(obstacle) + 1 :], mine["speed"])
                     near = distance - limb * (mine["reaction_time"] + t) - float(clearance) / 1e3
-                    if obstacle not in names or near >= -1e-6:
-                        continue
-                    if fast > bears.get(part, 0.0) * (1 + ROUNDING):
-                        return False
-                    body = self.scene[obstacle].shape
-                    width = (
-                        thickness(part[len(obstacle) + 1 :], body.height) if isinstance(body, Person) else inf
-                    )
-                    most = SOON * clamped.get(part, 0.0) * (1 + ROUNDING) + 1e-9
-                    if (closing[gaps & (apart > 0) & (apart <= width)] > most).any():
+                    if obstacle in names and part not in touched and near < -1e-6 and qd.any():
                         return False
         return True

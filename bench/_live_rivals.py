@@ -55,7 +55,7 @@ class StopAndGo(Replanner):
         full = np.sqrt(path.squares)
         stop = float((full / path.brakes).max())
         delay = time - self.surroundings.time + self.tick
-        body = float((2 * path.travel.max(axis=1) / np.diff(path.edges) * full).max())  # [m/s]
+        body = float((2 * path.frames.travel.max(axis=1) / np.diff(path.edges) * full).max())  # [m/s]
         fastest = float(self.surroundings.sets.growth[:, :, 1].max())
         return fastest * (delay + stop) + body * (delay + stop / 2)
 

@@ -1,13 +1,26 @@
-"""Robots and scenes that the benches share."""
+"""Scenes, configurations and limits that the benches share."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Shape, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Capsule, CollisionChecker, Cylinder, Obstacle, Pose, Scene, Sphere
+from safe_ompl.common import FloatArray
+from safe_ompl.geometry import Shape
+
+ACCELERATIONS: dict[str, tuple[float, ...] | float] = {  # [rad/s²], as Franka publishes them, and of a UR5
+    "panda": (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0),
+    "ur5": 8.0,
+}
+
+
+def free_configuration(checker: CollisionChecker, rng: np.random.Generator) -> FloatArray:
+    """Return a random configuration (n,) that is free."""
+    robot = checker.robot
+    while True:
+        q: FloatArray = rng.uniform(robot.lower, robot.upper)
+        if not checker.in_collision(q):
+            return q
 
 
 def scattered(number: int, seed: int = 0, room: float = 0.3) -> Scene:

@@ -1,4 +1,4 @@
-"""What compiling the kernels and importing the package cost: python bench/compilation.py [--rows N] [--imports N].
+"""What compiling the kernels and importing the package cost.
 
 In a process of its own, with an empty cache, all is compiled that `doctor` lets two processes compile; others are said.
 Printed are CPU times: of all, and of the kernels and parts that took longest, without what they call, with the number
@@ -31,9 +31,11 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
-from _timing import print_table
 from numba.core import event
 
+from bench._harness import Report
+
+CLAIM = "how long the first plan waits for kernels, and what the import takes"
 IMPORTED = """import sys
 from safe_ompl import SafeSetup
 print(*[name for name in sys.modules if name.partition(".")[0] not in ("safe_ompl", "__main__")])"""
@@ -143,17 +145,14 @@ def run(*arguments: str, env: Mapping[str, str]) -> str:
     )
 
 
-def main() -> None:
-    """Print both."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--rows", type=int, default=12)
     parser.add_argument("--imports", type=int, default=5)
-    parser.add_argument("--measure", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.measure:
-        measure(options.measure)
+
+
+def main(options: argparse.Namespace, report: Report) -> None:
+    """Report both."""
     with tempfile.TemporaryDirectory() as folder:
         cached = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": folder}
         foreign = run("-c", IMPORTED, env=cached).split()
@@ -161,33 +160,21 @@ def main() -> None:
 
         def measured(job: str, kept: str) -> dict[str, Any]:
             env = {**cached, "NUMBA_CACHE_DIR": os.path.join(folder, kept)}
-            return dict(json.loads(run(__file__, "--measure", job, env=env).splitlines()[-1]))
+            command = f"from bench.compilation import measure; measure({job!r})"
+            return dict(json.loads(run("-c", command, env=env).splitlines()[-1]))
 
         found = measured("all_alone", "alone")
         first = measured("plan_once", "two")
         second = measured("plan_once", "two")
         everything = measured("all_together", "all")
     total = sum(seconds for _, seconds, _ in found["rows"])
-    print_table(
-        ("compiled", "CPU [ms]", "signatures"),
-        [(name, 1e3 * seconds, count) for name, seconds, count in found["rows"][: options.rows]],
-    )
-    print(
-        f"\nall {len(found['rows'])}: {total:.1f} s, or {total / found['busy']:.0f} loops of {found['busy']:.2f} s"
-    )
-    if found["left"]:
-        print(f"nothing asked for {', '.join(found['left'])}")
-    for words, one in (
-        ("a first plan", first),
-        ("a second plan", second),
-        ("all of doctor's kernels", everything),
-    ):
-        print(f"{words}: {one['wall']:.1f} s of wall; CPU {one['both'][0]:.1f} and {one['both'][1]:.1f} s")
-    own = float(np.median(imports[1:]))
-    print(
-        f"from safe_ompl import SafeSetup: {own:.3f} s beyond others' modules, or {own / found['busy']:.2f} loops"
-    )
-
-
-if __name__ == "__main__":
-    main()
+    rows = [(name, 1e3 * seconds, count) for name, seconds, count in found["rows"][: options.rows]]
+    report.table(("compiled", "CPU [ms]", "signatures"), rows)
+    report.figure("kernels and parts", len(found["rows"]))
+    report.figure("all of them [s]", total)
+    report.figure("a loop in pure Python [s]", found["busy"])
+    report.figure("nothing asked for", ", ".join(found["left"]) or "none")
+    jobs = {"a first plan": first, "a second plan": second, "all of doctor's kernels": everything}
+    rows = [(words, one["wall"], *one["both"]) for words, one in jobs.items()]
+    report.table(("", "wall [s]", "CPU [s]", "of the other process"), rows)
+    report.figure("import of SafeSetup beyond others' modules [s]", float(np.median(imports[1:])))

@@ -1,26 +1,24 @@
-"""Time of the danger field on a skeleton of 7 links: python bench/field.py [--rounds N].
+"""Time of the danger field on a skeleton of 7 links, against the textbook formula, and in motion against at rest.
 
-Rows are sizes (configurations × points). `naive` is the textbook formula, a logarithm of sums broadcast
-over (…, M, 3) arrays; `field` is the package's; `lengths known` the same for a robot without prismatic
-joints, as `DangerField` calls it, and `ratio` its time over that of `naive`. All run in turn in the
-same process; figures are the best of all rounds in µs of CPU time. Kinematics are not included, but in the last
-lines: danger and exact C-space gradient of a UR5 at the samples of a path, as a descent asks for them; and the
-kinetostatic danger of 200 configurations of two scenarios in motion, over the static one.
+Rows are sizes (configurations × points). `naive` is a logarithm of sums broadcast over (…, M, 3) arrays; `field` is the
+package's; `lengths known` the same for a robot without prismatic joints, as `DangerField` calls it. Kinematics are not
+included, but in the last rows: danger and exact C-space gradient of a UR5 at the samples of a path, as a descent asks
+for them; and the kinetostatic danger of 200 configurations of two scenarios in motion, over the static one.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from safe_ompl import DangerField, Robot
+from bench._harness import Report, in_turn
+from safe_ompl import DangerField, KinetostaticField, Robot, Scenario
 from safe_ompl.common import FloatArray
-from safe_ompl.danger.kinetostatic import KinetostaticField
 from safe_ompl.danger.link_field import Segments, field
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
+
+CLAIM = "danger in motion costs less than three times that at rest"
 
 PATH = (60, 16)
 MOVING = 200  # configurations
@@ -44,19 +42,8 @@ def skeletons(rng: np.random.Generator, configurations: int) -> FloatArray:
     return np.concatenate([np.zeros((configurations, 1, 3)), np.cumsum(links, axis=1)], axis=1)
 
 
-def best_times(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Return the best time of each call in µs, the calls taking turns."""
-    best = dict.fromkeys(calls, np.inf)
-    for _ in range(rounds):
-        for name, call in calls.items():
-            start = time.process_time()
-            call()
-            best[name] = min(best[name], 1e6 * (time.process_time() - start))
-    return best
-
-
-def measure(configurations: int, number: int, rounds: int) -> dict[str, float]:
-    """Return the best times in µs for one size, after a check that the results agree."""
+def size_row(configurations: int, number: int, rounds: int) -> tuple[object, ...]:
+    """Return the row of a size, after a check that the results agree."""
     rng = np.random.default_rng(0)
     keypoints = skeletons(rng, configurations)
     points = np.asfortranarray(rng.normal(size=(number, 3)) * 0.3 + [0.5, 0.5, 0.5])
@@ -68,60 +55,54 @@ def measure(configurations: int, number: int, rounds: int) -> dict[str, float]:
         "field": lambda: field(keypoints, segments, points),
         "lengths known": lambda: field(keypoints, rigid, points),
     }
-    return best_times(calls, rounds)
+    times = in_turn(calls, 1, rounds)
+    size = f"{configurations} × {number}"
+    return size, *map(times.microseconds, calls), times.ratio("lengths known", "naive")
 
 
 def path_gradient(rounds: int) -> float:
-    """Return the best time [µs] of danger and C-space gradients at `PATH` configurations × points of a UR5."""
+    """Return the time [µs] of danger and C-space gradients at `PATH` configurations × points of a UR5."""
     robot, rng = Robot.from_example("ur5"), np.random.default_rng(0)
     danger = DangerField(robot, rng.normal(size=(PATH[1], 3)) * 0.3 + [0.5, 0.0, 0.5])
-    batches = iter(rng.uniform(robot.lower, robot.upper, (rounds, PATH[0], robot.n)))  # never the same twice
-    return best_times({"": lambda: danger.values_and_gradients(next(batches))}, rounds)[""]
+    batches = iter(rng.uniform(robot.lower, robot.upper, (rounds + 1, PATH[0], robot.n)))  # no two alike
+    return in_turn({"": lambda: danger.values_and_gradients(next(batches))}, 1, rounds).microseconds("")
 
 
-def in_motion(scenario: str, rounds: int) -> dict[str, float]:
-    """Return the best times of the kinetostatic danger over those of the static one, values and with gradients."""
+def in_motion(scenario: str, rounds: int) -> tuple[object, ...]:
+    """Return the times of the kinetostatic danger over those of the static one, values and with gradients."""
     problem = Scenario.load(find_scenario(scenario))
     robot, rng = problem.build_robot(), np.random.default_rng(0)
     danger = DangerField.of_scene(robot, problem.scene)
     Q = rng.uniform(np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5), (MOVING, robot.n))
     Qd = rng.normal(size=Q.shape)
-    towards, every = KinetostaticField(danger, gamma=0.0), KinetostaticField(danger, gamma=1.0)
-    calls = {
-        "static": lambda: danger.values(Q),
-        "γ = 0": lambda: towards.values(Q, Qd),
-        "γ = 1": lambda: every.values(Q, Qd),
-        "static with gradients": lambda: danger.values_and_gradients(Q),
-        "γ = 0 with gradients": lambda: towards.values_and_gradients(Q, Qd),
-        "γ = 1 with gradients": lambda: every.values_and_gradients(Q, Qd),
-    }
-    for call in calls.values():
-        call()  # compiles
-    best = best_times(calls, rounds)
-    bases = {True: best.pop("static with gradients"), False: best.pop("static")}
-    return {name: elapsed / bases[name.endswith("gradients")] for name, elapsed in best.items()}
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    moving = [KinetostaticField(danger, gamma=gamma) for gamma in (0.0, 1.0)]
+    values = in_turn(
+        {"rest": lambda: danger.values(Q)}
+        | {str(k): lambda one=one: one.values(Q, Qd) for k, one in enumerate(moving)},
+        MOVING,
+        rounds,
     )
+    gradients = in_turn(
+        {"rest": lambda: danger.values_and_gradients(Q)}
+        | {str(k): lambda one=one: one.values_and_gradients(Q, Qd) for k, one in enumerate(moving)},
+        MOVING,
+        rounds,
+    )
+    return scenario, *(times.ratio(k, "rest") for times in (values, gradients) for k in ("0", "1"))
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--rounds", type=int, default=300)
-    rounds = parser.parse_args().rounds
-    print(f"{'size':>9} {'naive':>9} {'field':>9} {'lengths known':>14} {'ratio':>7}")
-    for size in SIZES:
-        best = measure(*size, rounds)
-        ratio = best["lengths known"] / best["naive"]
-        print(
-            f"{size[0]:>4}×{size[1]:<4} {best['naive']:>9.1f} {best['field']:>9.1f} "
-            f"{best['lengths known']:>14.1f} {ratio:>7.2f}"
-        )
-    print(f"{PATH[0]:>4}×{PATH[1]:<4} danger and C-space gradient, UR5: {path_gradient(rounds):.0f} µs")
-    for scenario in ("panda_shelf", "ur5_handover"):
-        ratios = ", ".join(f"{name} {ratio:.2f}" for name, ratio in in_motion(scenario, rounds // 5).items())
-        print(f"kinetostatic over static, {scenario}: {ratios}")
 
 
-if __name__ == "__main__":
-    main()
+def main(options: argparse.Namespace, report: Report) -> None:
+    """Report the tables."""
+    rows = [size_row(*size, options.rounds) for size in SIZES]
+    report.table(("size", "naive [µs]", "field", "lengths known", "ratio"), rows)
+    report.figure(
+        f"{PATH[0]} × {PATH[1]}: danger and C-space gradient, UR5 [µs]", path_gradient(options.rounds)
+    )
+    rows = [in_motion(scenario, max(1, options.rounds // 5)) for scenario in ("panda_shelf", "ur5_handover")]
+    header = ("kinetostatic over static", "γ = 0", "γ = 1", "γ = 0 with gradients", "γ = 1 with gradients")
+    report.table(header, rows)

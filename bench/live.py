@@ -1,19 +1,23 @@
 """A Panda beside recorded people: the replanner against stop-and-go on the same path, and against an empty cell.
 
-Run it from the root of the repository with `python -m bench.live FOLDER`, FOLDER with recordings (.npz, see
-`safe_ompl.people.Recording`). Every clip is placed beside the arm at so many places drawn from a seed, and played
-while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A contact monitor looks for contacts. Stop-and-go
-drives at full, half and a quarter of the speed: a slower robot stops sooner. `--memory MINUTES` measures memory
-instead.
+FOLDER has recordings (.npz, see `safe_ompl.people.Recording`). Every clip is placed beside the arm at so many places
+drawn from a seed, and played while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A contact monitor looks
+for contacts. Stop-and-go drives at full, half and a quarter of the speed: a slower robot stops sooner. `--memory
+MINUTES` measures memory instead.
 
 All clips at 20 places with all policies are about 13 hours of simulated time; one idle core simulates 6 s in a
 second (`--jobs` for more cores; `--sample N` for N of all clips and places, drawn evenly).
+
+With --export OUT the drives are written as problems for anybody (`drives.json`), with an entry of the open table for
+each policy; `safe-ompl judge OUT/entries --problems OUT/drives.json` judges them. The judge's person is the recorded
+one without the glitches of the sensor, which the policies see.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
+import json
 import logging
 import resource
 from concurrent.futures import ProcessPoolExecutor
@@ -25,19 +29,38 @@ from typing import Any
 
 import numpy as np
 
+from bench._harness import Report
 from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
+from bench._scenes import ACCELERATIONS
 from bench._touches import TouchJudge
-from safe_ompl import People, Pose, RateLimits, Scenario, time_path
-from safe_ompl.people import CalibratedReach
-from safe_ompl.people.replanning import Replanner, ReplanningOptions
+from safe_ompl import (
+    Motion,
+    People,
+    Pose,
+    RateLimits,
+    Replanner,
+    Robot,
+    Scenario,
+    Tracker,
+    Trajectory,
+    time_path,
+)
+from safe_ompl.apps.benchmark import checksum
+from safe_ompl.collision import MotionProver
+from safe_ompl.common.documents import file_name
+from safe_ompl.io import marked
+from safe_ompl.io.problems import carried_scene
+from safe_ompl.people import CalibratedReach, Recording, TrackedBody, list_clips
+from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Faults, Simulation
-from safe_ompl.people.skeletons import Recording, TrackedBody, facing, list_clips
-from safe_ompl.people.tracking import Tracker
-from safe_ompl.scene.scenario import find_scenario
+from safe_ompl.people.skeletons import facing
+from safe_ompl.scene import find_scenario
 from safe_ompl.trajectories.contact import CONTACT_RULES
 
-PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]  # [rad/s²]
+CLAIM = (
+    "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"
+)
 HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]
 POLICIES: dict[str, Any] = {
     "ours": Replanner,
@@ -53,9 +76,38 @@ OURS = ("ours", "contact", "staying")
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
 _HIP = 0.15  # [m] above the base
 _ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
+_SHARES = ("model_obeyed", "model_obeyed_raw", "refused", "moving")
 _CONTACTS = ("while_moving", "after_violations", "at_rest", "retreating")
 _LATENCY = 0.4  # of a tick, from a measurement to the command that answers it
 _BESIDE = 0.4  # [m] who is nearer than that is beside the robot
+GLITCH = 6.0  # [m/s] no key point of these people is so fast
+
+Situation = tuple[Path, str, int]  # file, clip and place
+
+
+def situations(folder: Path, clips: int, places: int, sample: int, seed: int) -> list[Situation]:
+    """Return all clips (so many of each file, 0: all) at all places, or so many of them (0: all), drawn evenly."""
+    found = [
+        (file, clip, place)
+        for file in sorted(folder.glob("*.npz"))
+        for clip in list_clips(file)[: clips or None]
+        for place in range(places)
+    ]
+    if not found:
+        raise SystemExit(f"no recordings (.npz) in {folder}")
+    if 0 < sample < len(found):
+        chosen = np.random.default_rng(seed).choice(len(found), sample, replace=False)
+        found = [found[k] for k in sorted(chosen.tolist())]
+    return found
+
+
+def to_and_fro(
+    scenario: Scenario, robot: Robot, limits: RateLimits, prover: MotionProver
+) -> list[Trajectory]:
+    """Return the ways of `panda_shelf` there and back, in time."""
+    start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
+    path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
+    return [time_path(way, robot, limits, motion=prover) for way in (path, path[::-1])]
 
 
 def places(recording: Recording, count: int, seed: int, *, near: bool = False) -> list[Pose]:
@@ -111,10 +163,8 @@ def simulation(
         people=people,
         options=ReplanningOptions(reach, tick, detours=policy in OURS, retreats=policy in OURS[:2]),
     )
-    limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
-    start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
-    path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
-    ways = [time_path(way, robot, limits, motion=replanner.prover) for way in (path, path[::-1])]
+    limits = RateLimits.of(robot, acceleration=ACCELERATIONS["panda"])
+    ways = to_and_fro(scenario, robot, limits, replanner.prover)
     operator, faults = Playback(recording, tracker), Faults(latency=_LATENCY * tick)
     one = Simulation(replanner, ways, {"operator": operator}, faults=faults, monitored=monitored)
     if monitored:
@@ -150,73 +200,48 @@ def run(
     }
 
 
-def print_table(rows: list[dict[str, Any]]) -> None:
-    """Print a table."""
-    hours = {policy: sum(r["seconds"] for r in rows if r["policy"] == policy) / 3600 for policy in POLICIES}
-    per_hour = {
-        policy: sum(r["tasks"] for r in rows if r["policy"] == policy) / hours[policy]
-        for policy in POLICIES
-        if hours[policy]
-    }
-    print(
-        f"{'':13} {'tasks/h':>8} {'stops':>6} {'contacts moving':>16} {'after violation':>16} {'at rest':>8} "
-        f"{'retreating':>11} {'obeyed':>8} {'raw':>8} {'refused':>8} {'moving':>8} {'reaction 50/99 %':>18}"
-    )
-    for policy in per_hour:
-        mine = [r for r in rows if r["policy"] == policy]
-        total = {key: sum(r[key] for r in mine) for key in ("stops", *(f"contacts_{k}" for k in _CONTACTS))}
-        shares = [
-            np.average([r[key] for r in mine], weights=[r["seconds"] for r in mine])
-            for key in ("model_obeyed", "model_obeyed_raw", "refused", "moving")
-        ]
+def show(report: Report, rows: list[dict[str, Any]]) -> None:
+    """Report a table of the policies, and one of contacts as the judge sees them."""
+    table, contacts, per_hour = [], [], {}
+    for policy in dict.fromkeys(row["policy"] for row in rows):
+        mine = [row for row in rows if row["policy"] == policy]
+        seconds = [row["seconds"] for row in mine]
+        total = {key: sum(r[key] for r in mine) for key in ("tasks", "stops", "beside", "standing")}
+        per_hour[policy] = 3600 * total["tasks"] / sum(seconds)
+        counts = [sum(row[f"contacts_{key}"] for row in mine) for key in _CONTACTS]
+        shares = [np.average([row[key] for row in mine], weights=seconds) for key in _SHARES]
         reaction = [
-            np.median([r["reaction"]["median"] for r in mine]),
-            np.median([r["reaction"]["p99"] for r in mine]),
+            1e3 * float(np.median([row["reaction"][key] for row in mine])) for key in ("median", "p99")
         ]
-        print(
-            f"{policy:13} {per_hour[policy]:8.0f} {total['stops']:6} {total['contacts_while_moving']:16} "
-            f"{total['contacts_after_violations']:16} {total['contacts_at_rest']:8} "
-            f"{total['contacts_retreating']:11} "
-            + "".join(f"{100 * share:7.2f}% " for share in shares)
-            + f"{1e3 * reaction[0]:8.1f} / {1e3 * reaction[1]:4.1f} ms"
-        )
-    for policy in OURS:
-        mine = [r for r in rows if r["policy"] == policy]
-        if mine:
-            print_contacts(policy, mine)
-    best = max((per_hour[policy] for policy in list(POLICIES)[3:6] if policy in per_hour), default=0.0)
+        cells = (round(per_hour[policy]), total["stops"], *counts, *(f"{share:.2%}" for share in shares))
+        table.append((policy, *cells, *reaction))
+        too_fast, clamped, *worst = zip(*(row["judged"] for row in mine), strict=True)
+        bound = dict(zip(CONTACT_RULES, np.sum([row["rules"] for row in mine], axis=0).tolist(), strict=True))
+        standing = f"{total['standing'] / max(total['beside'], 1e-9):.0%}"
+        most = (float(max(each)) for each in worst)
+        said = ", ".join(f"{rule} {number}" for rule, number in bound.items())
+        contacts.append((policy, round(total["beside"]), standing, sum(too_fast), sum(clamped), *most, said))
+    header = ("", "tasks/h", "stops", "contacts moving", "after violation", "at rest", "retreating", "obeyed")
+    report.table((*header, "raw", "refused", "moving", "reaction 50 % [ms]", "99 %"), table)
+    header = ("", "beside a person [s]", "standing", "too fast for the limb", "clamped above it")
+    header += ("speed, at most", "gap, at most", "relative [m/s]", "ticks bound by")
+    report.table(header, contacts)
+    best = max((rate for policy, rate in per_hour.items() if "-" in policy), default=0.0)
     if "ours" in per_hour and best:
-        print(f"ours / the best stop-and-go: {per_hour['ours'] / best:.2f} × the tasks per hour")
-    if "ours" in per_hour and "alone" in per_hour:
-        print(f"time lost against an empty cell: {100 * (1 - per_hour['ours'] / per_hour['alone']):.0f} %")
+        report.figure("tasks per hour, ours / the best stop-and-go", per_hour["ours"] / best)
+    if "ours" in per_hour and per_hour.get("alone"):
+        report.figure("time lost against an empty cell", 1 - per_hour["ours"] / per_hour["alone"])
 
 
-def print_contacts(policy: str, rows: list[dict[str, Any]]) -> None:
-    """Print what the judge found of contacts, and how long the robot stood beside people."""
-    beside, standing = (sum(r[key] for r in rows) for key in ("beside", "standing"))
-    too_fast, clamped, *worst = zip(*(r["judged"] for r in rows), strict=True)
-    fastest, closing, relative = map(max, worst)
-    bound = ", ".join(
-        f"{rule} {n}"
-        for rule, n in zip(CONTACT_RULES, np.sum([r["rules"] for r in rows], axis=0), strict=True)
-    )
-    print(
-        f"{policy}: {beside:.0f} s beside a person, {100 * standing / max(beside, 1e-9):.0f} % of them standing; ticks "
-        f"bound by {bound}\n  contacts while moving: above what the limb bears {sum(too_fast)}, clamped above it "
-        f"{sum(clamped)}; the robot's speed at most {fastest:.2f} of it, a gap's {closing:.2f}; relative to the limb "
-        f"{relative:.2f} m/s at most"
-    )
-
-
-def memory(file: Path, clip: str, minutes: float) -> None:
-    """Print how memory grows over so many minutes of simulation, after the first one."""
+def memory(report: Report, file: Path, clip: str, minutes: float) -> None:
+    """Report how memory grows over so many minutes of simulation, after the first one."""
     one = simulation(file, clip, 0, "ours", monitored=False)
     per_minute = round(60 / one.replanner.tick)
     first = 0.0
     for k, _ in enumerate(one.ticks(60 * minutes)):
         if k == per_minute:
             first = _resident()
-    print(f"memory after {minutes:g} minutes, against one: {_resident() - first:+.1f} MB")
+    report.figure(f"memory after {minutes:g} minutes, against one [MB]", _resident() - first)
 
 
 def _resident() -> float:
@@ -228,71 +253,73 @@ def _resident() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # the most that it ever was
 
 
-def main() -> None:
+def export(options: argparse.Namespace, chosen: list[Situation]) -> None:
+    """Write drives as problems, and an entry for each policy."""
+    out, seconds, drives = options.export, options.seconds or 10.0, []
+    (out / "entries").mkdir(parents=True, exist_ok=True)
+    for file, clip, place in chosen:
+        one = simulation(file, clip, place, "alone", monitored=False, count=options.places)
+        there, back = (trajectory.curve.at([0.0]).q[0].tolist() for trajectory in one.trajectories)
+        drive = {"name": f"{file.stem} {clip} {place}", "recording": file_name(file.resolve(), out)}
+        drive |= {"sha256": checksum(file), "clip": clip, "gate": GLITCH, "seconds": seconds}
+        drive |= {"place": one.world.people["operator"].tracker.place.to_mapping()}
+        drives.append({**drive, "start": there, "goals": [back, there]})
+    problems, scene = out / "drives.json", carried_scene(one.replanner.surroundings.still)
+    content = {"format": "safe-ompl drives", "robot": "panda", "scene": scene, "drives": drives}
+    problems.write_text(json.dumps(content), encoding="utf-8")
+    for policy in options.policies.split(","):
+        answers = []
+        for (file, clip, place), drive in zip(chosen, drives, strict=True):
+            one = simulation(file, clip, place, policy, monitored=False, count=options.places)
+            ticks = list(one.ticks(seconds + 2 * one.replanner.tick))
+            times, q, qd = ([tick[key] for tick in ticks] for key in ("time", "q", "qd"))
+            driven = Motion.hermite(times, q, qd, names=one.replanner.robot.joint_names)
+            answers.append({"problem": drive["name"], "motion": marked("motion", driven.to_mapping())})
+        sets = [{"name": problems.stem, "sha256": checksum(problems), "answers": answers}]
+        entry = {"format": "safe-ompl entry", "version": 1, "system": policy, "sets": sets}
+        (out / "entries" / f"{policy}.json").write_text(json.dumps(entry), encoding="utf-8")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    add = parser.add_argument
+    add("folder", type=Path)
+    add("--clips", type=int, default=0, metavar="N", help="of each file; default: all")
+    add("--places", type=int, default=20, metavar="N")
+    add("--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's, exported 10")
+    add("--sample", type=int, default=0, metavar="N", help="of all clips and places, drawn evenly")
+    add("--reach", metavar="FILE", help="calibrated reach, with its gate; default: speeds")
+    add("--near", action="store_true", help="people within arm's reach, who face the robot")
+    add("--gate", type=float, metavar="V", help="key points above V m/s are glitches")
+    add("--tick", type=float, default=TICK, metavar="S", help="between measurements, and between commands")
+    add("--seed", type=int, default=0, metavar="N", help="of the sample")
+    add("--policies", default=",".join(POLICIES))
+    add("--jobs", type=int, default=1, metavar="N", help="processes")
+    add("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
+    add("--export", type=Path, metavar="OUT", help="write drives and entries instead")
+
+
+def main(options: argparse.Namespace, report: Report) -> int:
     """Run what the options choose."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--clips", type=int, default=0, metavar="N", help="of each file; default: all")
-    parser.add_argument("--places", type=int, default=20, metavar="N")
-    parser.add_argument(
-        "--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's"
-    )
-    parser.add_argument(
-        "--sample",
-        type=int,
-        default=0,
-        metavar="N",
-        help="only so many of all clips and places, drawn evenly",
-    )
-    parser.add_argument("--reach", metavar="FILE", help="calibrated reach, with its gate; default: speeds")
-    parser.add_argument(
-        "--near", action="store_true", help="people within arm's reach, who face the robot, at every place"
-    )
-    parser.add_argument("--gate", type=float, metavar="V", help="key points above V m/s are glitches")
-    parser.add_argument(
-        "--tick", type=float, default=TICK, metavar="S", help="between measurements, and between commands"
-    )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the sample")
-    parser.add_argument("--policies", default=",".join(POLICIES))
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
-    parser.add_argument("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
-    options = parser.parse_args()
-    files = sorted(options.folder.glob("*.npz"))
-    if not files:
-        parser.error(f"no .npz files in {options.folder}")
     if options.gate is not None and options.reach is not None:
-        parser.error("--gate: a reach has a gate of its own")
-    logging.disable(logging.WARNING)
+        raise SystemExit("--gate: a reach has a gate of its own")
     reach = None if options.reach is None else CalibratedReach.load(options.reach)
+    chosen = situations(options.folder, options.clips, options.places, options.sample, options.seed)
     if options.memory:
-        memory(files[0], "clip_0", options.memory)
-        return
-    situations = [
-        (file, clip, place)
-        for file in files
-        for clip in (list_clips(file)[: options.clips] if options.clips else list_clips(file))
-        for place in range(options.places)
-    ]
-    if 0 < options.sample < len(situations):
-        chosen = np.random.default_rng(options.seed).choice(len(situations), options.sample, replace=False)
-        situations = [situations[k] for k in sorted(chosen.tolist())]
-    jobs = [
-        (*situation, policy, options.seconds, options.places, reach, options.near, options.gate, options.tick)
-        for situation in situations
-        for policy in options.policies.split(",")
-    ]
+        memory(report, chosen[0][0], chosen[0][1], options.memory)
+        return 0
+    if options.export:
+        export(options, chosen)
+        return 0
+    how = (options.seconds, options.places, reach, options.near, options.gate, options.tick)
+    jobs = [(*situation, policy, *how) for situation in chosen for policy in options.policies.split(",")]
     if options.jobs == 1:
         rows = [run(job) for job in jobs]
     else:
         with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
             rows = list(pool.map(run, jobs))
-    print_table(rows)
-    for row in rows:
-        if row["policy"] == "ours" and row["contacts_while_moving"]:
-            print("CONTACT", row)
-
-
-if __name__ == "__main__":
-    main()
+    show(report, rows)
+    wrong = [row for row in rows if row["policy"] == "ours" and row["contacts_while_moving"]]
+    for row in wrong:
+        print("CONTACT", row)
+    return int(bool(wrong))

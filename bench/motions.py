@@ -1,4 +1,4 @@
-"""What proofs of others' motions are worth: python bench/motions.py [FILE] [--only PART …] [--number N] [--first K].
+"""What proofs of others' motions are worth: random splines against samples, tubes, repairs, and times.
 
 pieces     Random pieces of splines (cubic and quintic Hermite, B-splines of degree 2 to 5) of six robots among things
            at random places, every tenth one shifted until its clearance is 0.1 to 1 mm. One that is called free is
@@ -16,7 +16,6 @@ The full run of pieces, --number 100000, takes hours; --first 20000 goes on afte
 from __future__ import annotations
 
 import argparse
-import logging
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -26,23 +25,33 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from _scenes import scattered
-from _timing import print_table
-from ompl import util as ou
 from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
 
-from safe_ompl import Motion, Robot, SafeSetup, Scene
+from bench._harness import Report, positions
+from bench._planning import mbm_problems
+from bench._scenes import free_configuration, scattered
+from safe_ompl import (
+    CollisionChecker,
+    Motion,
+    MotionProver,
+    Robot,
+    SafeSetup,
+    Scenario,
+    Scene,
+    Verdict,
+    widest_tube,
+)
 from safe_ompl.apps.benchmark import PlainGeometry
 from safe_ompl.apps.benchmark.judge import TOLERANCE
-from safe_ompl.collision import CollisionChecker, MotionProver, Separation, Verdict
+from safe_ompl.collision import Separation
 from safe_ompl.common import FloatArray
-from safe_ompl.motions import check_with, repair_with, widest_tube
+from safe_ompl.motions import check_with, repair_with
 from safe_ompl.motions.checks import piece_proofs
-from safe_ompl.planning.from_scenario import setup_problem, setup_scenario
+from safe_ompl.planning import setup_scenario
 from safe_ompl.robot.loading.packages import robots_folder
-from safe_ompl.scene import Scenario, find_scenario
-from safe_ompl.scene.mbm import MbmFile
+from safe_ompl.scene import find_scenario
 
+CLAIM = "splines that are called free are free, tubes hold, and what touches is repaired"
 STEP = 0.0002  # [rad] between samples
 NEAR = 1e-4, 1e-3  # [m] clearance of near pieces
 LENGTHS, NEAR_LENGTHS = (0.05, 1.5), (0.05, 0.4)  # [rad]
@@ -176,8 +185,8 @@ def _shifted(piece: Piece, shift: FloatArray) -> Piece:
     return Piece(piece.kind, moved, lambda u: piece.curve(u) + shift)
 
 
-def print_pieces(options: argparse.Namespace) -> None:
-    """Print verdicts on random pieces; piece k is the same whatever the first one is."""
+def pieces(options: argparse.Namespace, report: Report) -> int:
+    """Report verdicts on random pieces; piece k is the same whatever the first one is."""
     chosen = [
         (name, MotionProver(CollisionChecker(robot, scene)), PlainGeometry(robot, scene))
         for name, robot, scene in problems()
@@ -217,7 +226,8 @@ def print_pieces(options: argparse.Namespace) -> None:
     found["all"], found["all, near"] = (sum(part, Counter()) for part in (others, near))
     header = ("robot", "pieces", "contradicted", "free", "blocked", "undecided")
     rows = [_piece_row(kind, counts) for kind, counts in found.items() if counts["pieces"]]
-    print_table((*header, "bound queries", "coal queries", "time [ms]"), rows)
+    report.table((*header, "bound queries", "coal queries", "time [ms]"), rows)
+    return int(any(counts["contradicted"] for counts in found.values()))
 
 
 def _touches(piece: Piece, at: float | None, plain: PlainGeometry) -> bool:
@@ -251,10 +261,8 @@ def two_arm_problem() -> tuple[SafeSetup, list[FloatArray]]:
     robot, scene, rng = two_arms(), scattered(6, 5), np.random.default_rng(0)
     setup, checker, paths = SafeSetup(robot, scene), CollisionChecker(robot, scene), []
     while len(paths) < 8:
-        ends = rng.uniform(robot.lower, robot.upper, (2, robot.n))
-        if not any(checker.in_collision(q) for q in ends):
-            setup.setConfigurations(*ends)
-            paths += planned_paths(setup, 1)
+        setup.setConfigurations(free_configuration(checker, rng), free_configuration(checker, rng))
+        paths += planned_paths(setup, 1)
     return setup, paths
 
 
@@ -279,9 +287,9 @@ def splines(robot: Robot, paths: list[FloatArray], noise: float, seed: int) -> I
         yield Motion.of(CubicSpline(np.arange(len(points)), points, bc_type="clamped"))
 
 
-def print_times(options: argparse.Namespace) -> None:
-    """Print what it takes to check splines of ten pieces."""
-    rows = []
+def times(options: argparse.Namespace, report: Report) -> int:
+    """Report what it takes to check splines of ten pieces."""
+    rows, wrong = [], 0
     for name, (setup, paths) in (("7 joints, shelf", shelf_problem()), ("14 joints", two_arm_problem())):
         proof = MotionProver(CollisionChecker(setup.robot, setup.scene))
         plain = PlainGeometry(setup.robot, setup.scene)
@@ -312,8 +320,10 @@ def print_times(options: argparse.Namespace) -> None:
                         (f"{name}, noise {noise:g}, {said}", len(cells), middle[0], high, *middle[1:])
                     )
             rows.append((f"{name}, noise {noise:g}: contradicted", contradicted, *[""] * 5))
+            wrong += contradicted
     header = ("splines", "number", "proofs [ms]", "90 %", "bound queries", "coal queries", "checked() [ms]")
-    print_table(header, rows)
+    report.table(header, rows)
+    return int(wrong > 0)
 
 
 # ------------------------------------------------------------------------------------------------------ tubes
@@ -333,8 +343,8 @@ def worst_within(
     return corners
 
 
-def print_tubes(options: argparse.Namespace) -> None:
-    """Print contacts of motions in proven tubes, and how near the widest tubes come to a contact."""
+def tubes(options: argparse.Namespace, report: Report) -> int:
+    """Report contacts of motions in proven tubes, and how near the widest tubes come to a contact."""
     rows = []
     share = -(-options.tubes // 6)
     for number, (name, robot, scene) in enumerate(problems()):
@@ -367,18 +377,14 @@ def print_tubes(options: argparse.Namespace) -> None:
                 touching = _touching_width(proof, plain, motion, width, rng) if width > 0 else np.inf
                 if np.isfinite(touching):
                     ratios.append(width / touching)
-        middle = float(np.median(ratios)) if ratios else np.nan
-        cells = (
-            np.median(times),
-            max(times),
-            middle,
-            min(ratios, default=np.nan),
-            max(ratios, default=np.nan),
-        )
-        rows.append((name, proven, looked, contacts, *map(float, cells)))
+        widest = (float(np.median(found)) if found else np.nan for found in (times, ratios))
+        cells = (next(widest), max(times, default=np.nan), next(widest))
+        cells += (min(ratios, default=np.nan), max(ratios, default=np.nan))
+        rows.append((name, proven, looked, contacts, *cells))
         print(f"{name}: {contacts} contacts in {proven} tubes", flush=True)
     header = ("robot", "tubes", "looked at", "contacts", "widest_tube [ms]", "max")
-    print_table((*header, "widest proven / touching", "min", "max"), rows)
+    report.table((*header, "widest proven / touching", "min", "max"), rows)
+    return int(any(row[3] for row in rows))
 
 
 def _touching_width(
@@ -421,21 +427,14 @@ def disturbances(robot: Robot, path: FloatArray, rng: np.random.Generator) -> It
     yield "spline through the path", Motion.of(CubicSpline(times, points, bc_type="clamped"))
 
 
-def print_repairs(options: argparse.Namespace) -> None:
-    """Print what becomes of disturbed paths."""
+def repairs(options: argparse.Namespace, report: Report) -> None:
+    """Report what becomes of disturbed paths."""
     rows = repair_rows("shelf", [shelf_problem()], 8 if options.repairs is None else options.repairs)
     if options.file:
-        file = MbmFile.load(options.file)
-        robot = Robot.from_example(file.robot)
-        setups = [
-            setup_problem(problem, robot)
-            for family in file.families
-            for problem in list(file.problems(family))[: options.problems]
-        ]
-        known = ((setup, planned_paths(setup, 1)) for setup in setups)
-        rows += repair_rows("MBM", known, 1)
+        setups = (problem.setup for problem in mbm_problems(options.file, options.problems))
+        rows += repair_rows("MBM", ((setup, planned_paths(setup, 1)) for setup in setups), 1)
     header = ("motions", "touch", "repaired", "moved", "touch after", "time [ms]", "90 %")
-    print_table((*header, "deviation [rad]", "90 %", "[mm]", "90 %"), rows)
+    report.table((*header, "deviation [rad]", "90 %", "[mm]", "90 %"), rows)
 
 
 def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...]]:
@@ -480,14 +479,11 @@ def way_round(setup: SafeSetup) -> Callable[[FloatArray, FloatArray], FloatArray
     return connect
 
 
-PARTS = {"pieces": print_pieces, "time": print_times, "tubes": print_tubes, "repair": print_repairs}
+PARTS = {"pieces": pieces, "time": times, "tubes": tubes, "repair": repairs}
 
 
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("file", nargs="?", help="of MotionBenchMaker, for repair")
     parser.add_argument("--number", type=int, default=6000, help="pieces (default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, metavar="K", help="the first piece")
@@ -495,17 +491,6 @@ def main() -> None:
     parser.add_argument("--splines", type=int, default=100, help="that are timed (default: %(default)s)")
     parser.add_argument("--tubes", type=int, default=1000, help="(default: %(default)s)")
     parser.add_argument(
-        "--problems", type=int, default=10, help="of each family of FILE (default: %(default)s)"
+        "--problems", type=positions, default="0:10", metavar="A:B", help="of each family of FILE"
     )
     parser.add_argument("--repairs", type=int, help="paths at the shelf (default: 8)")
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="parts to run")
-    options = parser.parse_args()
-    ou.setLogLevel(ou.LogLevel.LOG_ERROR)
-    logging.disable(logging.WARNING)
-    for part in options.only:
-        print(f"\n{part}", flush=True)
-        PARTS[part](options)
-
-
-if __name__ == "__main__":
-    main()

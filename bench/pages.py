@@ -1,4 +1,4 @@
-"""The pictures of the pages in docs/, by one command: `python bench/pages.py`, some minutes.
+"""The pictures of the pages in docs/, some minutes.
 
 That of the viewer is a picture of a headless Chromium's window (selenium, `chromium` and `chromium-driver`); those of
 `panda_shelf` are made by `safe-ompl view --animation` and `safe-ompl compare`, as the README says.
@@ -6,23 +6,25 @@ That of the viewer is a picture of a headless Chromium's window (selenium, `chro
 
 from __future__ import annotations
 
+import argparse
 import io
 import shutil
 import tempfile
 from pathlib import Path
 from time import sleep
+from typing import Any
 
 import numpy as np
-from _paper.planar import plot_bubbles, plot_field
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image
-from selenium import webdriver
-from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import WebDriverWait
 
+from bench._harness import Report
 from safe_ompl import (
     Box,
+    CollisionChecker,
+    DangerField,
     Obstacle,
     People,
     Person,
@@ -35,19 +37,22 @@ from safe_ompl import (
     Scene,
     plan,
 )
-from safe_ompl.apps.cli.program import main
-from safe_ompl.geometry.person import STANDING
+from safe_ompl.apps.cli.program import main as safe_ompl_command
+from safe_ompl.collision import bubbles
+from safe_ompl.common import FloatArray
+from safe_ompl.geometry import STANDING
 from safe_ompl.io.motions import TimedMotion
 from safe_ompl.people.skeletons import find_skeleton
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.scene.scenario import find_scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 from safe_ompl.view.browser.view import save_page
 from safe_ompl.view.content import ViewerContent, read_recording
-from safe_ompl.view.pictures.path import DrawnPath, render_comparison, render_path, save_png
+from safe_ompl.view.pictures.path import DrawnPath, render_comparison, render_path, save_picture
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
 from safe_ompl.view.plots.paths import plot_speeds
 from safe_ompl.view.plots.planners import plot_profiles
 
+CLAIM = "the pictures of the pages"
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "pictures"
 WORKER = Obstacle("worker", Person(height=1.75), Pose((1.0, 0.0, -0.8), (0.0, 0.0, 1.0, 0.0)))
@@ -63,7 +68,7 @@ def own_robot() -> None:
     setup = SafeSetup(robot, scene)
     setup.setConfigurations([1.0, 1.0, 0.6, 0.0], [-1.0, 1.0, 0.6, 0.0])
     path = setup.plan("SafeRRTConnect", time=5.0, seed=0, simplify=True).path
-    save_png(render_path(robot, scene, path, size=SIZE), OUT / "your-robot.png")
+    save_picture(render_path(robot, scene, path, size=SIZE), OUT / "your-robot.png")
 
 
 def simplification() -> None:
@@ -79,11 +84,76 @@ def simplification() -> None:
     render_comparison(robot, scene, paths, OUT / "simplification.png", panel=(460, 400))
 
 
-def planar() -> None:
-    """Draw the danger field of a level arm, and bubbles of its free configurations."""
+def danger() -> None:
+    """Draw contours of the danger field of a level arm at two configurations."""
+    robot = Scenario.load(find_scenario("planar2")).build_robot()
+    line = np.linspace(-1.25, 1.25, 241)
+    x, y = np.meshgrid(line, line)
+    points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    field, figure = DangerField(robot, points), Figure(figsize=(8.5, 4.2), dpi=110, layout="constrained")
+    panels, poses = figure.subplots(1, 2, sharey=True), ([0.3, 0.4], [0.9, -1.8])
+    values = [field.field(np.array(q), points).reshape(x.shape) for q in poses]
+    finite = np.array(values)[np.isfinite(values)]
+    levels = np.geomspace(finite.min(), np.quantile(finite, 0.985), 14)  # the area between two shrinks evenly
+    for axes, q, value in zip(panels, poses, values, strict=True):
+        shades = axes.contourf(x, y, value, levels, cmap="YlOrRd", extend="both")
+        axes.contour(x, y, value, levels, colors="white", linewidths=0.6)
+        draw_arm(axes, robot, np.array(q), "0.25")
+        axes.set(aspect="equal", xlabel="x [m]")
+    figure.colorbar(shades, ax=panels, label="danger field [1/m]", format="%.1f")
+    FigureCanvasAgg(figure).print_png(OUT / "danger.png")
+
+
+def free_bubbles() -> None:
+    """Draw an arm of two joints at two configurations, and its bubbles of free configurations there.
+
+    Of each bubble is drawn all that one distance query proves free, and within it the diamond of all links' distances
+    (solid), the paper's diamond (9, dashed), and the cube (dotted).
+    """
     setup = setup_scenario(Scenario.load(find_scenario("planar2")))
-    plot_field(setup.robot, [[0.3, 0.4], [0.9, -1.8]], OUT / "danger.png")
-    plot_bubbles(setup.checker, [[0.5, 0.5], [-1.2, 0.9]], OUT / "bubbles.png")
+    robot, checker = setup.robot, setup.checker
+    figure = Figure(figsize=(9.4, 4.7), dpi=110, layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for obstacle in setup.scene:
+        vertices, faces = obstacle.triangles()
+        colour = "#d9822b" if obstacle.weight else "#b9bdc4"
+        left.add_collection(PolyCollection(vertices[faces][:, :, :2], facecolors=colour))
+    x, y = np.meshgrid(
+        *(np.linspace(low, high, 181) for low, high in zip(robot.lower, robot.upper, strict=True))
+    )
+    touches = [checker.in_collision(q) for q in np.stack([x, y], axis=-1).reshape(-1, 2)]
+    right.contourf(x, y, np.reshape(touches, x.shape), [0.5, 1.5], colors=["0.72"])
+    for q, colour in (([0.5, 0.5], "#0b62b4"), ([-1.2, 0.9], "#7d2f91")):
+        draw_arm(left, robot, np.array(q), colour)
+        draw_bubble(right, checker, np.array(q), colour)
+    left.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="workspace")
+    names = [f"{name} [rad]" for name in robot.joint_names]
+    right.set(aspect="equal", xlabel=names[0], ylabel=names[1], title="configuration space")
+    right.set(xlim=(robot.lower[0], robot.upper[0]), ylim=(robot.lower[1], robot.upper[1]))
+    FigureCanvasAgg(figure).print_png(OUT / "bubbles.png")
+
+
+def draw_arm(axes: Any, robot: Robot, q: FloatArray, colour: str) -> None:
+    """Draw the skeleton of an arm that moves in a level plane, at `q: (n,)`."""
+    axes.plot(
+        *robot.keypoints(q)[:, :2].T, "-o", color=colour, linewidth=7, markerfacecolor="white", markersize=5
+    )
+
+
+def draw_bubble(axes: Any, checker: CollisionChecker, q: FloatArray, colour: str) -> None:
+    """Draw a bubble of free configurations about `q: (2,)`, and the shapes within it."""
+    radii, distances = checker.pair_radii_at(q), checker.pair_distances(q)
+    radii, distances = radii[radii.any(axis=1)], distances[radii.any(axis=1)]
+    dx, dy = np.meshgrid(*[np.linspace(-np.pi, np.pi, 721)] * 2)
+    reach = [(r[0] * abs(dx) + r[1] * abs(dy)) / d for r, d in zip(radii, distances, strict=True)]
+    axes.contourf(q[0] + dx, q[1] + dy, np.max(reach, axis=0), [-1.0, 1.0], colors=[colour], alpha=0.22)
+    paper = bubbles.common_diamond(checker.robot.bounds.displacement_radii_at(q), distances)
+    for weights, dashes in ((bubbles.link_diamond(radii, distances), "-"), (paper, "--")):
+        a, b = bubbles.extents(weights)
+        axes.plot(q[0] + [a, 0, -a, 0, a], q[1] + [0, b, 0, -b, 0], dashes, color=colour, linewidth=1.8)
+    a, b = bubbles.extents(bubbles.inscribed_cube(radii, distances))
+    axes.plot(q[0] + [a, a, -a, -a, a], q[1] + [b, -b, -b, b, b], ":", color=colour, linewidth=1.8)
+    axes.plot(*q, "o", color=colour, markersize=6)
 
 
 def scenes() -> None:
@@ -96,7 +166,7 @@ def scenes() -> None:
     scene = Scene((table, cloud, WORKER))
     path = np.array([LEFT, LEFT])
     picture = render_path(Robot.from_example("ur5"), scene, path, size=SIZE, ghosts=0)
-    save_png(picture, OUT / "scene.png")
+    save_picture(picture, OUT / "scene.png")
 
 
 def a_start_in_collision() -> None:
@@ -104,7 +174,9 @@ def a_start_in_collision() -> None:
     robot = Robot.from_example("ur5")
     scene = Scene((Obstacle("wall", Box((0.1, 1.2, 1.0)), Pose((0.5, 0.0, 0.5))),))
     start = np.array([0.0, -0.5, 0.5, -1.5, -1.57, 0.0])
-    save_png(render_path(robot, scene, np.array([start, start]), size=SIZE, ghosts=0), OUT / "collision.png")
+    save_picture(
+        render_path(robot, scene, np.array([start, start]), size=SIZE, ghosts=0), OUT / "collision.png"
+    )
 
 
 def profiles() -> None:
@@ -137,7 +209,7 @@ def a_drive() -> None:
         recording = f"{folder}/reaching.npz"
         save_reaching(recording)
         options = ["--people", recording, "--seconds", "14", "--simplify", "0.3", "--out", folder]
-        main(["live", "ur5_handover", *options])
+        safe_ompl_command(["live", "ur5_handover", *options])
         draw_moments(f"{folder}/ticks.jsonl")
 
 
@@ -198,6 +270,10 @@ def viewer() -> None:
     motion = TimedMotion.of(
         trajectory, result.robot, result.scene, danger=result.danger, name="SafeRRTConnect"
     )
+    from selenium import webdriver
+    from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver.support.ui import WebDriverWait
+
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     for option in (
@@ -247,7 +323,7 @@ def region() -> None:
     tip = setup.robot.tip_pose(result.path[-1]).translation
     ring = Obstacle("region", Box((0.26, 0.22, 0.012)), Pose(tuple(tip)), color=(0.2, 0.75, 0.4))
     scene = Scene((*setup.scene, ring))
-    save_png(render_path(setup.robot, scene, result.path, size=SIZE), OUT / "goals.png")
+    save_picture(render_path(setup.robot, scene, result.path, size=SIZE), OUT / "goals.png")
 
 
 FLOORS = (
@@ -307,14 +383,24 @@ def save_strip(images: list, words: list, file: Path) -> None:
     FigureCanvasAgg(figure).print_png(file)
 
 
-PICTURES = (
-    *(own_robot, simplification, planar, scenes, a_start_in_collision, profiles, people_and_time),
-    *(a_drive, viewer, robots, region, architecture),
-)
+PICTURES = {
+    draw.__name__: draw
+    for draw in (
+        *(own_robot, simplification, danger, free_bubbles, scenes, a_start_in_collision, profiles),
+        *(people_and_time, a_drive, viewer, robots, region, architecture),
+    )
+}
 
-if __name__ == "__main__":
-    for draw in PICTURES:
-        draw()
-        print(draw.__name__)
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("pictures", nargs="*", help=f"of {', '.join(PICTURES)}; default: all")
+
+
+def main(options: argparse.Namespace, report: Report) -> None:
+    """Draw the pictures."""
+    for name in options.pictures or PICTURES:
+        PICTURES[name]()
+        print(name)
     for file in OUT.glob("*.png"):  # fewer colours: a tenth of the bytes
         Image.open(file).convert("RGB").quantize(200, dither=Image.Dither.NONE).save(file, optimize=True)

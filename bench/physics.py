@@ -1,4 +1,4 @@
-"""What proofs are worth in physics: `python -m bench.physics` (pip install mujoco), some minutes.
+"""What proofs are worth in physics: MuJoCo drives what was proven (extra `mujoco`), some minutes.
 
 A Panda and a UR5 in MuJoCo, under position servos with friction, delay and a payload that the controller does not know
 (`examples/mujoco/servo_robot.py`), follow what was proven.
@@ -25,15 +25,13 @@ contact    A link at the speed that a region of the body bears (`people.contact`
 from __future__ import annotations
 
 import argparse
-import logging
 from collections.abc import Iterator
 from itertools import islice
 
 import numpy as np
-from ompl import util as ou
 
+from bench._harness import Report
 from bench._scenes import scattered
-from bench._timing import print_table
 from bench._touches import TouchJudge
 from examples.mujoco.servo_robot import STEP, BodyPart, Servo, ServoRobot
 from safe_ompl import People, RateLimits, Robot, SafeSetup, Scene, Trajectory
@@ -48,21 +46,13 @@ from safe_ompl.people.simulation.simulation import Touch
 from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BlendedCurve, BodySpeeds, Piece, contact_speed
 
+CLAIM = (
+    "a robot with a servo's errors stays outside what is proven with a tube, and meets nobody while it moves"
+)
 # Accelerations [rad/s²]; of the Panda half of what Franka publishes, with which the motors are too weak here at times.
 ROBOTS = {"panda": [7.5, 3.75, 5, 6.25, 7.5, 10, 10], "ur5": [4.0] * 6}
-MOTIONS = (
-    *(
-        "robot",
-        "motions",
-        "errors [mrad]",
-        "tube [mrad]",
-        "outside it",
-        "proven [mm]",
-        "physics [mm]",
-        "below",
-    ),
-    *("below without a tube", "missing [mm]"),
-)
+MOTIONS = ("robot", "motions", "errors [mrad]", "tube [mrad]", "outside it", "proven [mm]", "physics [mm]")
+MOTIONS += ("below", "below without a tube", "missing [mm]")
 DRIVES = "robot", "drives", "tasks", "moving", "nearest moving [mm]", "contacts moving", "contacts at rest"
 LIVE = *DRIVES, "speed, at most", "gap, at most"
 HITS = "robot", "region", "hits", "speed, at most", "force, median", "force, at most", "with the limb's speed"
@@ -346,41 +336,49 @@ def hit(name: str, region: str, servo: Servo, people: People) -> tuple[object, .
     )
 
 
-def main() -> None:
-    """Run what the options choose."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parts = ("motions", "drives", "live", "contact")
-    parser.add_argument("--only", choices=parts)
+def in_motions(options: argparse.Namespace, report: Report) -> int:
+    """Drive planned motions with tubes."""
+    rows = [motions(name, options.motions, Servo())[0] for name in ROBOTS]
+    report.table(MOTIONS, rows)
+    return int(any(row[7] for row in rows))
+
+
+def in_drives(options: argparse.Namespace, report: Report) -> int:
+    """Drive beside people who are not to be touched."""
+    tubes = {name: motions(name, 0, Servo())[1] for name in ROBOTS}
+    rows = [drives(name, options, tube, Servo(), People())[0] for name, tube in tubes.items()]
+    report.table(DRIVES, rows)
+    return int(any(row[5] for row in rows))
+
+
+def live(options: argparse.Namespace, report: Report) -> None:
+    """Drive beside people where contact is allowed."""
+    found = [drives(name, options, (), Servo(), _people(options)) for name in ROBOTS]
+    report.table(LIVE, [row for row, _ in found])
+    hits = [row for _, rows in found for row in rows]
+    if hits:
+        report.table(HITS, hits)
+
+
+def contact(options: argparse.Namespace, report: Report) -> None:
+    """Hit regions of a body."""
+    regions = [region for region, part in CONTACT_TABLE.items() if part.force]
+    rows = [hit(name, region, Servo(), _people(options)) for name in ROBOTS for region in regions]
+    report.table(CONTACT, rows)
+
+
+def _people(options: argparse.Namespace) -> People:
+    return People(contact=True, robot_mass=options.robot_mass)
+
+
+PARTS = {"motions": in_motions, "drives": in_drives, "live": live, "contact": contact}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--motions", type=int, default=50, metavar="N", help="of each robot")
     parser.add_argument("--drives", type=int, default=10, metavar="N", help="of each robot")
     parser.add_argument("--seconds", type=float, default=12.0, help="of each drive")
     parser.add_argument(
         "--robot-mass", type=float, metavar="KG", help="in a contact; default: as `People` has it"
     )
-    options = parser.parse_args()
-    logging.disable(logging.WARNING)
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    servo = Servo()
-    people = People(contact=True, robot_mass=options.robot_mass)
-    if options.only in (None, "motions", "drives"):
-        number = 0 if options.only == "drives" else options.motions
-        found = {name: motions(name, number, servo) for name in ROBOTS}
-        if number:
-            print_table(MOTIONS, [row for row, _ in found.values()])
-        if options.only != "motions":
-            tubes = {name: tube for name, (_, tube) in found.items()}
-            rows = [drives(name, options, tube, servo, People())[0] for name, tube in tubes.items()]
-            print_table(DRIVES, rows)
-    if options.only in (None, "live"):
-        live = [drives(name, options, (), servo, people) for name in ROBOTS]
-        print_table(LIVE, [row for row, _ in live])
-        print_table(HITS, [row for _, rows in live for row in rows])
-    if options.only in (None, "contact"):
-        regions = [region for region, part in CONTACT_TABLE.items() if part.force]
-        print_table(CONTACT, [hit(name, region, servo, people) for name in ROBOTS for region in regions])
-
-
-if __name__ == "__main__":
-    main()

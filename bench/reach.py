@@ -1,10 +1,10 @@
 """Calibrated reach on kinds of work that it was not calibrated with, against bounds of speeds.
 
-Run it from the root of the repository with `python -m bench.reach FOLDER`, FOLDER with recordings (.npz), one file for
-each kind of work. Each kind is held out in turn: the reach is calibrated with the others, and the table says how often
-people of this one keep to it: in which share of its recordings all the time, and in which share of its time, that is of
-the frames that lie within the sets of all frames up to `--within` seconds before. *Raw* is the same share if the key
-points that the gate refuses were true. The row below is of the speeds that `bench.live` takes, without a gate.
+FOLDER has recordings (.npz), one file for each kind of work. Each kind is held out in turn: the reach is calibrated
+with the others, and the table says how often people of this one keep to it: in which share of its recordings all the
+time, and in which share of its time, that is of the frames that lie within the sets of all frames up to `--within`
+seconds before. *Raw* is the same share if the key points that the gate refuses were true. The row below is of the
+speeds that `live` takes, without a gate.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
+from bench._harness import Report
 from bench.live import HANDS
 from safe_ompl.common import FloatArray
 from safe_ompl.people import Calibration, Recording, calibrate, list_clips
 from safe_ompl.people.calibration import Windows
 from safe_ompl.scene import People
 
+CLAIM = "people keep to a calibrated reach in a share of the time that does not depend on the kind of work"
 SHOWN = ("right_hand", "head", "torso")
 TIMES = (0.1, 0.3)  # [s]
 SPEEDS = "  speeds of 1.6 and 2 m/s, no gate"
@@ -45,60 +47,50 @@ def kept(
     return counts
 
 
-def print_row(
+def row(
     name: str, units: str, counts: FloatArray, lines: Mapping[str, FloatArray] | None = None
-) -> None:
-    """Print a row of the table: shares, and how far some limbs go."""
+) -> tuple[str, ...]:
+    """Return a row of the table: shares, and how far some limbs go."""
     all_units, kept_units, frames, time, raw, points, refused = counts
-    shares = (
-        f"{100 * kept_units / all_units:9.0f}% {100 * time / frames:7.2f}% {100 * raw / frames:7.2f}% "
-        f"{100 * refused / max(1, points):7.2f}%"
-    )
-    sizes = [
-        "/".join(f"{(of[limb] @ [1.0, time]).min():.2f}" for time in TIMES)
-        for of in ([] if lines is None else [lines])
-        for limb in SHOWN
-    ]
-    print(f"{name:34} {units:>4} {shares}   {'    '.join(sizes)}", flush=True)
+    ratios = (kept_units / all_units, time / frames, raw / frames, refused / max(1, points))
+    sizes = ["" if lines is None else _sizes(lines[limb]) for limb in SHOWN]
+    return (name, units, *(f"{ratio:.2%}" for ratio in ratios), *sizes)
 
 
-def main() -> None:
-    """Run what the options choose."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def _sizes(lines: FloatArray) -> str:
+    return "/".join(f"{(lines @ [1.0, time]).min():.2f}" for time in TIMES)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("folder", type=Path)
     parser.add_argument("--level", type=float, default=0.9)
     parser.add_argument("--gate", type=float, default=Calibration.gate, metavar="V")
-    parser.add_argument("--block", type=float, metavar="S")
+    parser.add_argument(
+        "--block", type=float, metavar="S", help="units are blocks of so long; default: recordings"
+    )
     parser.add_argument("--within", type=float, default=0.3, metavar="S")
-    options = parser.parse_args()
+
+
+def main(options: argparse.Namespace, report: Report) -> None:
+    """Report the table."""
     kinds = {
         file.stem: [Recording.load(file, clip) for clip in list_clips(file)]
         for file in sorted(options.folder.glob("*.npz"))
     }
     if len(kinds) < 2:
-        parser.error(f"fewer than two .npz files in {options.folder}")
+        raise SystemExit(f"fewer than two .npz files in {options.folder}")
     how = Calibration(options.level, gate=options.gate, block=options.block)
-    people = People(speed=1.6, speeds=HANDS)
-    print(
-        f"level {how.level:g}, gate {how.gate:g} m/s, units: "
-        + ("recordings" if how.block is None else f"blocks of {how.block:g} s")
-    )
-    sizes = "  ".join(f"{limb} [m]" for limb in SHOWN)
-    print(f"{'held out':34} {'N':>4} {'recordings':>10} {'time':>8} {'raw':>8} {'refused':>8}   {sizes}")
-    totals = np.zeros((2, 7))
+    people, rows, totals = People(speed=1.6, speeds=HANDS), [], np.zeros((2, 7))
     for name, recordings in kinds.items():
         reach = calibrate([r for other, rs in kinds.items() if other != name for r in rs], how)
         counts = kept(recordings, reach.lines, how.gate, options.within)
-        print_row(name, str(reach.units), counts, reach.lines)
         speeds = {limb: np.array([[0.0, people.speed_of(limb)]]) for limb in reach.limbs}
         plain = kept(recordings, speeds, None, options.within)
-        print_row(SPEEDS, "", plain, speeds)
+        rows += [row(name, str(reach.units), counts, reach.lines), row(SPEEDS, "", plain, speeds)]
         totals += [counts, plain]
-    print_row("all", "", totals[0])
-    print_row(SPEEDS, "", totals[1])
-
-
-if __name__ == "__main__":
-    main()
+    rows += [row("all", "", totals[0]), row(SPEEDS, "", totals[1])]
+    sizes = (f"{limb} [m]" for limb in SHOWN)
+    report.table(
+        ("held out", "N", "recordings", "time", "raw", "refused", *sizes), rows, f"level {how.level:g}"
+    )

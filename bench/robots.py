@@ -1,10 +1,9 @@
-"""Which robots work: python bench/robots.py FOLDER … [--markdown] [--out FILE] [--package-dir DIR …].
+"""Which robots work: the commands that a newcomer types, for every URDF below some folders.
 
-For every URDF below the folders the commands that a newcomer types are run as they are printed, each in a process of
-its own: `safe-ompl new`, and then what that prints (plan, verify, view --html; the view in the browser is left out). An
-SRDF of the same name beside the URDF, or the only one in `../srdf`, is given. Where an error says what to type
-(`--collision visual`, xacro), that is done, and the table says so.
-Prints a line for each robot as it is done, and the table; `--out` writes FILE.md and FILE.json.
+The commands are run as they are printed, each in a process of its own: `safe-ompl new`, and then what that prints
+(plan, verify, view --html; the view in the browser is left out). An SRDF of the same name beside the URDF, or the only
+one in `../srdf`, is given. Where an error says what to type (`--collision visual`, xacro), that is done, and the table
+says so.
 """
 
 from __future__ import annotations
@@ -17,49 +16,42 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from bench._harness import Report
+
+CLAIM = "robots that come through all commands as they are"
 STEPS = ("plan", "verify", "view")
 
 Record = dict[str, Any]
 
 
-def main() -> None:
-    """Try each robot, and write the table."""
-    options = _options()
-    files = sorted({file for place in options.places for file in _urdfs(Path(place).resolve())})
-    with ThreadPoolExecutor(options.jobs) as pool:
-        records = []
-        for record in pool.map(lambda file: tried(file, options), files):
-            records.append(record)
-            print(_row(record), file=sys.stderr, flush=True)
-    if options.out:
-        Path(f"{options.out}.json").write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
-        Path(f"{options.out}.md").write_text("\n".join(_table(records)) + "\n", encoding="utf-8")
-    if options.markdown:
-        print("\n".join(_table(records)))
-
-
-def _urdfs(place: Path) -> Iterator[Path]:
-    yield from place.rglob("*.urdf") if place.is_dir() else [place]
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("places", nargs="+", metavar="FOLDER", help="or URDF")
-    parser.add_argument("--markdown", action="store_true", help="print the table, as docs/robots.md has it")
-    parser.add_argument("--out", metavar="FILE", help="without ending")
     parser.add_argument("--package-dir", action="append", default=[], metavar="DIR")
     parser.add_argument("--jobs", type=int, default=1, help="robots at a time (default: %(default)s)")
     parser.add_argument(
         "--patience", type=float, default=180.0, help="with a command [s] (default: %(default)s)"
     )
-    return parser.parse_args()
+
+
+def main(options: argparse.Namespace, report: Report) -> None:
+    """Try each robot, and report the table."""
+    places = [Path(place).resolve() for place in options.places]
+    files = sorted(
+        {file for place in places for file in (place.rglob("*.urdf") if place.is_dir() else [place])}
+    )
+    rows = []
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for record in pool.map(lambda file: tried(file, options), files):
+            rows.append(_row(record))
+            print(*rows[-1], sep=" | ", file=sys.stderr, flush=True)
+    report.table(("robot", "joints", "group", "tip", *STEPS, "remarks"), rows)
+    works = sum(list(row[4 : 4 + len(STEPS)]) == ["yes"] * len(STEPS) for row in rows)
+    report.figure("come through all of it", f"{works} of {len(rows)}")
 
 
 # ------------------------------------------------------------------------------------------------- one robot
@@ -162,31 +154,11 @@ def _shortened(said: str, file: Path) -> str:
     return line.removeprefix("safe-ompl: ").replace("|", "\\|")
 
 
-# ----------------------------------------------------------------------------------------------------- table
-
-
-def _table(records: list[Record]) -> list[str]:
-    """Return the lines of a table in Markdown, with a summary above it."""
-    works = [record for record in records if all(record.get(step) == "yes" for step in STEPS)]
-    return [
-        f"{len(works)} of {len(records)} URDFs come through all of it.",
-        "",
-        f"| robot | joints | group | tip | {' | '.join(STEPS)} | remarks |",
-        "|---|---|---|---|" + "---|" * (len(STEPS) + 1),
-        *map(_row, records),
-    ]
-
-
-def _row(record: Record) -> str:
+def _row(record: Record) -> tuple[str, ...]:
     remarks = ", ".join(record["remarks"])
     if "error" in record:
-        return f"| {record['robot']} | " + "| " * (len(STEPS) + 3) + f"{record['error']} |"
+        return (record["robot"], *[""] * (3 + len(STEPS)), record["error"])
     if record.get("unchecked"):
         remarks += ("; " if remarks else "") + f"not checked: {', '.join(record['unchecked'])}"
-    cells = [record["robot"], record["joints"], record["group"], record["tip"]]
-    cells += [record.get(step, "–") for step in STEPS]
-    return f"| {' | '.join(map(str, [*cells, remarks]))} |"
-
-
-if __name__ == "__main__":
-    main()
+    cells = (record["robot"], str(record["joints"]), record["group"], record["tip"])
+    return (*cells, *(record.get(step, "–") for step in STEPS), remarks)

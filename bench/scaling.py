@@ -1,6 +1,6 @@
-"""How time grows with size: python bench/scaling.py [--quick] [--markdown] [--nodes N …] [--obstacles N …] ….
+"""How time grows with size: nodes of a tree, obstacles of a scene, danger points, joints of an arm.
 
-One table for each kind of size: nodes of a tree, obstacles of a scene, danger points, joints of an arm. Times are CPU
+One table for each kind of size, by options like --nodes 1000 100000. Times are CPU
 times per item [µs], medians of some rounds; the last row is the exponent p of time ~ sizeᵖ, fitted to all rows. Nodes:
 `node` is what a planner does for one, the choice of the node to grow from (by distance, and by distance and danger), a
 step, the proof of its edge, and its danger. Points lie on the surfaces of boxes about the arm. `--quick` takes seconds.
@@ -15,16 +15,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from _scenes import scattered
 
-from safe_ompl import CollisionChecker, DangerField, MotionProver, Robot
+from bench._harness import Report
+from bench._scenes import scattered
+from safe_ompl import CollisionChecker, DangerField, DangerObjective, MotionProver, Robot, SafeSetup
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.points import AGGREGATES
-from safe_ompl.planning.ompl.objective import DangerObjective, StateCost
-from safe_ompl.planning.ompl.states import StateBridge
+from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners.parts.tree import Tree
-from safe_ompl.planning.safe_setup import SafeSetup
 
+CLAIM = "time grows slowly with obstacles, danger points and nodes"
 ROUNDS, ITEMS = 5, 80  # configurations in all
 SIZES = {
     "nodes": (100, 1000, 10_000, 100_000),
@@ -171,43 +171,31 @@ def exponent(sizes: list[int], times: list[float]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
 
 
-def table(kind: str, rows: dict[int, Row], *, markdown: bool) -> str:
-    """Return the times of one kind of size, and their exponents."""
+def table(rows: dict[int, Row]) -> list[tuple[object, ...]]:
+    """Return the rows of one kind of size, and their exponents."""
     names = list(next(iter(rows.values())))
-    body = [[f"{size:,}", *(f"{row[name]:.3g}" for name in names)] for size, row in rows.items()]
+    found: list[tuple[object, ...]] = [(size, *row.values()) for size, row in rows.items()]
     if len(rows) > 1:
         fits = (exponent(list(rows), [row[name] for row in rows.values()]) for name in names)
-        body.append(["exponent", *(f"{fit:.2f}" for fit in fits)])
-    lines = [[kind, *(f"{name} [µs]" for name in names)], *body]
-    if markdown:
-        lines.insert(1, ["---"] + ["---:"] * len(names))
-        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
-    return "\n".join(
-        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in lines
-    )
+        found.append(("exponent", *fits))
+    return found
 
 
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     for kind, sizes in SIZES.items():
-        parser.add_argument(
-            f"--{kind}", type=int, nargs="*", metavar="N", help=f"default: {' '.join(map(str, sizes))}"
-        )
+        said = f"default: {' '.join(map(str, sizes))}"
+        parser.add_argument(f"--{kind}", type=int, nargs="*", metavar="N", help=said)
     parser.add_argument("--quick", action="store_true", help="fewer sizes, where none are given")
-    parser.add_argument("--markdown", action="store_true", help="print the tables as docs have them")
-    options = parser.parse_args()
+
+
+def main(options: argparse.Namespace, report: Report) -> None:
+    """Report a table for each kind of size."""
     chosen = {kind: getattr(options, kind) for kind in SIZES}
     if all(sizes is None for sizes in chosen.values()):
         chosen = {kind: list(sizes) for kind, sizes in (QUICK if options.quick else SIZES).items()}
     for kind, sizes in chosen.items():
         if sizes:
             rows = {size: STUDIES[kind](size) for size in sorted(sizes)}
-            print(table(kind, rows, markdown=options.markdown), end="\n\n", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            names = next(iter(rows.values()))
+            report.table((kind, *(f"{name} [µs]" for name in names)), table(rows), kind)

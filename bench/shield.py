@@ -1,8 +1,8 @@
 """The shield against other filters of what a policy proposes: a Panda beside recorded people.
 
-Run it from the root of the repository with `python -m bench.shield FOLDER`, FOLDER with recordings as for
-`bench.live`. A scripted policy proposes at each tick a chunk of 16 positions at 20 Hz along a path that it knows, to
-and fro as in `scenarios/panda_shelf.yaml`, from where the robot is, with noise. Filters of the chunk:
+FOLDER has recordings as for `live`. A scripted policy proposes at each tick a chunk of 16 positions at 20 Hz along a
+path that it knows, to and fro as in `scenarios/panda_shelf.yaml`, from where the robot is, with noise. Filters of
+the chunk:
 
 * the shield, and the shield where contact is allowed (`people.contact`);
 * none: the chunk as it is;
@@ -13,7 +13,7 @@ and fro as in `scenarios/panda_shelf.yaml`, from where the robot is, with noise.
 
 All but the shield give velocities, one for each tick, which the robot reaches as fast as its accelerations let it.
 With `--random` people walk about and reach out at random, as fast as the bounds allow (`Walker`), instead of recorded
-ones. A task is done when the robot is within 0.02 rad of the end of the path. Contacts count as in `bench.live`: while
+ones. A task is done when the robot is within 0.02 rad of the end of the path. Contacts count as in `live`: while
 the robot moves and everybody has kept to the reach model since the measurement that the motion answers. *Too fast* are
 those in which a point that touches is faster than the limb bears: where contact is allowed these alone count.
 """
@@ -21,7 +21,6 @@ those in which a point that touches is faster than the limb bears: where contact
 from __future__ import annotations
 
 import argparse
-import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -31,8 +30,10 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
+from bench._harness import Report
+from bench._scenes import ACCELERATIONS
 from bench._touches import Bearable
-from bench.live import HANDS, PANDA_ACCELERATIONS, places
+from bench.live import HANDS, places, situations, to_and_fro
 from safe_ompl import (
     CollisionChecker,
     MotionProver,
@@ -43,15 +44,16 @@ from safe_ompl import (
     Shield,
     Tracker,
     Trajectory,
-    time_path,
 )
 from safe_ompl.common import FloatArray
-from safe_ompl.people import Recording, Surroundings, TrackedBody, list_clips
+from safe_ompl.geometry import placed
+from safe_ompl.people import Recording, Surroundings, TrackedBody
 from safe_ompl.people.replanning import PathLimits, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, Walker, World
 from safe_ompl.people.simulation.movers import Playback, limb_solids
 from safe_ompl.scene import find_scenario
 
+CLAIM = "the shield lets no proposal touch people while the robot moves; what other filters do"
 TICK, LATENCY, RATE, CHUNK = 0.05, 0.02, 20.0, 16
 NOISE = 2e-3  # [rad] of each of four waves along a chunk
 _INSTANT = 0.005  # [s] between two looks of the monitor
@@ -103,7 +105,7 @@ class Shielded:
     def __init__(
         self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray, people: People
     ) -> None:
-        limits = PathLimits(RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS))
+        limits = PathLimits(RateLimits.of(robot, acceleration=ACCELERATIONS["panda"]))
         self.shield = Shield(
             robot,
             scenario.scene,
@@ -128,7 +130,7 @@ class Tracked:
 
     def __init__(self, robot: Robot) -> None:
         self._velocity = np.zeros(robot.n)
-        self._most = np.array(PANDA_ACCELERATIONS, dtype=float)
+        self._most = np.array(ACCELERATIONS["panda"], dtype=float)
 
     def answer(self, time: float, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> tuple[Motion, float]:
         first, change = self._velocity, self.velocity(q, chunk, seen) - self._velocity
@@ -218,8 +220,6 @@ class Barrier(Tracked):
 
 def _limbs(tracker: Tracker, seen: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Return names, ends and radii of the limbs of a person whose key points (J, 3) were seen."""
-    from safe_ompl.geometry import placed
-
     points = placed(tracker.place.se3, tracker.skeleton.keypoints(seen))
     ends = tracker.body.ends(tracker.body.completed(points)[0])
     return tracker.body.limbs, ends, tracker.body.radii(ends)
@@ -262,11 +262,9 @@ def run(mover: Any, seed: int, names: list[str], seconds: float) -> list[dict[st
     robot = scenario.build_robot()
     tracker = mover.tracker
     proof = MotionProver(CollisionChecker(robot, scenario.scene.without("operator")))
-    urdf = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
+    urdf = RateLimits.of(robot, acceleration=ACCELERATIONS["panda"])
     limits = RateLimits.of(robot, velocity=0.8 * urdf.velocity, acceleration=0.5 * urdf.acceleration)
-    start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
-    path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
-    ways = [time_path(way, robot, limits, motion=proof) for way in (path, path[::-1])]
+    ways = to_and_fro(scenario, robot, limits, proof)
     made = filters(robot, scenario, tracker, ways[0].at(0.0).q)
     rows = []
     for name in names or list(made):
@@ -338,65 +336,41 @@ def drive(
     }
 
 
-def print_table(rows: list[dict[str, Any]]) -> None:
-    """Print a table of all filters."""
-    print(
-        f"{'':14} {'tasks/h':>8} {'contacts moving':>16} {'too fast':>9} {'after violation':>16} {'at rest':>8} "
-        f"{'shelf':>6} {'moving':>7} {'fails':>6} {'CPU 50/99 %':>14}"
-    )
-    for name in dict.fromkeys(row["filter"] for row in rows):
-        mine = [row for row in rows if row["filter"] == name]
-        total = {
-            key: sum(row[key] for row in mine)
-            for key in (
-                "seconds",
-                "tasks",
-                "contacts",
-                "too_fast",
-                "after_violations",
-                "at_rest",
-                "still",
-                "moving",
-                "failures",
-            )
-        }
-        half, late = 1e3 * np.percentile(np.concatenate([row["took"] for row in mine]), (50, 99))
-        print(
-            f"{name:14} {3600 * total['tasks'] / total['seconds']:8.0f} {total['contacts']:16} "
-            f"{total['too_fast']:9} "
-            f"{total['after_violations']:16} {total['at_rest']:8} {total['still']:6} "
-            f"{100 * total['moving'] / total['seconds']:6.1f}% {total['failures']:6} {half:6.1f} / {late:4.1f} ms"
-        )
+COUNTS = ("contacts", "too_fast", "after_violations", "at_rest", "still", "failures")
 
 
-def main() -> None:
-    """Run what the options choose."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--random", action="store_true", help="people who walk about at random")
     parser.add_argument(
-        "--sample", type=int, default=20, metavar="N", help="of all clips and places, or of people"
+        "--sample", type=int, default=20, metavar="N", help="of all clips and places, or people"
     )
     parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="of each")
     parser.add_argument("--filters", default="", help="by name, with commas between; default: all")
-    options = parser.parse_args()
-    logging.disable(logging.WARNING)
-    files = [] if options.folder is None else sorted(options.folder.glob("*.npz"))
-    situations = [(file, clip, k) for file in files for clip in list_clips(file) for k in range(PLACES)]
-    if not (situations or options.random):
-        parser.error(f"give a folder with .npz files, or --random, got {options.folder}")
-    names = [name for name in options.filters.split(",") if name]
-    count = options.sample if options.random else min(options.sample, len(situations))
-    chosen = (
-        range(count) if options.random else np.random.default_rng(0).choice(len(situations), count, False)
-    )
-    rows: list[dict[str, Any]] = []
-    for k in sorted(map(int, chosen)):
-        rows += run(walker(k) if options.random else recorded(*situations[k]), k, names, options.seconds)
-    print_table(rows)
 
 
-if __name__ == "__main__":
-    main()
+def main(options: argparse.Namespace, report: Report) -> int:
+    """Run what the options choose."""
+    if options.folder is None and not options.random:
+        raise SystemExit("give a folder with .npz files, or --random")
+    if options.random:
+        people = [(k, walker(k)) for k in range(options.sample)]
+    else:
+        chosen = situations(options.folder, 0, PLACES, options.sample, 0)
+        people = [(k, recorded(*situation)) for k, situation in enumerate(chosen)]
+    names, rows = [name for name in options.filters.split(",") if name], []
+    for k, mover in people:
+        rows += run(mover, k, names, options.seconds)
+    table = []
+    for name in dict.fromkeys(row["filter"] for row in rows):
+        mine = [row for row in rows if row["filter"] == name]
+        total = {key: sum(r[key] for r in mine) for key in ("seconds", "tasks", "moving", *COUNTS)}
+        half, late = 1e3 * np.percentile(np.concatenate([row["took"] for row in mine]), (50, 99))
+        share = f"{total['moving'] / total['seconds']:.1%}"
+        tasks = round(3600 * total["tasks"] / total["seconds"])
+        table.append((name, tasks, *(total[key] for key in COUNTS), share, float(half), float(late)))
+    header = ("", "tasks/h", "contacts moving", "too fast", "after violation", "at rest", "shelf", "fails")
+    report.table((*header, "moving", "CPU 50 % [ms]", "99 %"), table)
+    ours = [row for row in rows if row["filter"] in ("shield", "contact")]
+    return int(any(row["contacts" if row["filter"] == "shield" else "too_fast"] for row in ours))

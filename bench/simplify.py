@@ -1,21 +1,21 @@
-"""Simplified paths on a MotionBenchMaker file: SafeRRTConnect + simplify_danger, RRT-Connect + OMPL's simplifier.
+"""Paths on a MotionBenchMaker file, simplified: SafeRRTConnect and ours, RRT-Connect and OMPL's simplifier.
 
-    python bench/simplify.py FILE [--problems 0:100] [--time 5] [--simplify SECONDS] [--seed 0]
-                             [--baseline NAME|none]
+    python -m bench simplify FILE [--problems 0:100] [--time 5] [--simplify SECONDS] [--planned] [--seed 0]
+                                  [--baseline NAME|none]
+    python -m bench simplify FILE --save RAW     plan only, and save the paths
+    python -m bench simplify FILE --paths RAW    simplify saved paths: the same ones for two versions of the code
 
-The baseline is OMPL's own RRTConnect, or with --baseline PaperRRTConnect RRT-Connect as printed in this package. Same
-checker, same validator, in turn. Ours end by themselves, or after so many seconds; OMPL's simplifier ends by itself.
-Prints medians and ratios over the problems that both solved. No path can be clearer than its ends, so the least
-clearance is compared with that, too; and every path that ours went through is looked at: proven or not, and whether
-the cost J of one is above that of the path that the planner had found. Then how J falls with CPU time, what a
+The baseline is OMPL's own RRTConnect, or with --baseline PaperRRTConnect RRT-Connect as printed. Same checker, same
+validator, in turn. Ours end by themselves, or after so many seconds; OMPL's simplifier ends by itself. With --planned
+neither path is simplified. Medians and ratios are over the problems that both solved. No path can be clearer than its
+ends, so the least clearance is compared with that, too; and every path that ours went through is looked at: proven or
+not, and whether its cost J is above that of the path that the planner had found. Then how J falls with CPU time, what a
 simplification asked of the models, and, with --simplify, by how much it overran its time.
-
-    python bench/simplify.py FILE --save RAW     plan only, and save the paths
-    python bench/simplify.py FILE --paths RAW    simplify saved paths: the same ones for two versions of the code
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Callable
@@ -25,12 +25,16 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from _problems import problem_parser, problems
 from ompl import geometric as og
 
+from bench._harness import Report, positions
+from bench._planning import cpu_limit, mbm_problems
 from safe_ompl import PathReport, SafeSetup
 from safe_ompl.common import FloatArray
 
+CLAIM = (
+    "simplified paths are shorter, safer and clearer than the planner's and than OMPL's, and always proven"
+)
 OURS, THEIRS = "SafeRRTConnect", ("RRTConnect", "PaperRRTConnect")
 INSTANTS = (0.005, 0.01, 0.02, 0.05, 0.1)  # [s]
 STEEP, NEARLY = 5.0, 0.9  # times their least clearance; share of what the ends have
@@ -80,13 +84,21 @@ def _counts(setup: SafeSetup) -> dict[str, int]:
     return {**vars(setup.field.counts), **vars(setup.checker.counts)}
 
 
-def theirs(setup: SafeSetup, planner: str, time: float, seed: int) -> Outcome | None:
+def as_planned(setup: SafeSetup, raw: FloatArray, planning: float) -> Outcome:
+    """Return a path that is not simplified."""
+    costs = [setup.simplifier.cost.of(raw)]
+    return Outcome(planning, 0.0, setup.report(raw), raw, [raw], costs, [0.0], {})
+
+
+def theirs(setup: SafeSetup, options: argparse.Namespace) -> Outcome | None:
     """Plan with a baseline and OMPL's simplifier."""
     begin = process_time()
-    raw = _planned(setup, planner, time, seed)
+    raw = _planned(setup, options.baseline, options.time, options.seed)
     if raw is None:
         return None
     middle = process_time()
+    if options.planned:
+        return as_planned(setup, raw, middle - begin)
     og.SimpleSetup.simplifySolution(setup)
     end = process_time()
     path = setup.solution()
@@ -98,27 +110,35 @@ def theirs(setup: SafeSetup, planner: str, time: float, seed: int) -> Outcome | 
 def _planned(setup: SafeSetup, planner: str, time: float, seed: int) -> FloatArray | None:
     """Return a path without a report, whose work would be part of the time."""
     setup.prepare(planner, seed)
-    setup.solve(time)
+    setup.solve(cpu_limit(time))
     return setup.solution() if setup.haveExactSolutionPath() else None
 
 
-def main() -> None:
-    """Run the bench."""
-    parser = problem_parser(__doc__)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("file")
+    parser.add_argument(
+        "--problems", type=positions, default="0:", metavar="A:B", help="slice of each family"
+    )
+    parser.add_argument(
+        "--time", type=float, default=5.0, metavar="S", help="CPU time of a plan (default: 5)"
+    )
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--simplify", type=float, metavar="S", help="for ours (default: until it ends)")
+    parser.add_argument("--planned", action="store_true", help="compare paths as they are planned")
     parser.add_argument("--baseline", choices=(*THEIRS, "none"), default=THEIRS[0])
     parser.add_argument("--save", type=Path, metavar="FILE", help="plan only, and save the paths")
     parser.add_argument("--paths", type=Path, metavar="FILE", help="simplify these instead of planning")
-    options = parser.parse_args()
-    saved: dict[str, list[list[float]]] = {}
-    if options.paths:
-        saved = json.loads(options.paths.read_text())
-    pairs: list[tuple[Outcome, Outcome]] = []
-    families: list[str] = []
-    steps = unproven = rising = 0
+
+
+def main(options: argparse.Namespace, report: Report) -> int:
+    """Run the bench."""
+    saved: dict[str, list[list[float]]] = json.loads(options.paths.read_text()) if options.paths else {}
+    pairs: list[tuple[str, Outcome, Outcome]] = []
+    solved, problems, steps, unproven, rising = [0, 0], 0, 0, 0, 0
     caps: list[float] = []
-    for family, problem, setup in problems(options):
-        key, begin = f"{family} {problem.index}", process_time()
+    for problems, (family, setup, _) in enumerate(mbm_problems(options.file, options.problems), 1):
+        key, begin = str(problems), process_time()
         known = saved.get(key) if options.paths else None
         raw = np.array(known) if known else _planned(setup, OURS, options.time, options.seed)
         planning = process_time() - begin
@@ -126,15 +146,17 @@ def main() -> None:
             if raw is not None:
                 saved[key] = raw.tolist()
             continue
-        own = None if raw is None else ours(setup, raw, planning, options.simplify)
-        other = own
+        own = other = None
+        if raw is not None:
+            simplified = None if options.planned else ours(setup, raw, planning, options.simplify)
+            own = other = simplified or as_planned(setup, raw, planning)
         if options.baseline != "none":
-            other = theirs(setup, options.baseline, options.time, options.seed)
+            other = theirs(setup, options)
+        solved = [solved[0] + (own is not None), solved[1] + (other is not None)]
         if own is None or other is None:
-            print(f"unsolved: {key}", own is not None, other is not None, file=sys.stderr)
+            print(f"unsolved: {family}, problem {key}", own is not None, other is not None, file=sys.stderr)
             continue
-        pairs.append((own, other))
-        families.append(family)
+        pairs.append((family, own, other))
         caps.append(min(setup.checker.clearance(q).distance for q in own.raw[[0, -1]]))
         motion = setup.simplifier.motion
         steps += len(own.steps) - 1
@@ -142,39 +164,43 @@ def main() -> None:
         unproven += sum(not all(motion.is_free(a, b) for a, b in pairwise(step)) for step in own.steps[1:])
     if options.save:
         options.save.write_text(json.dumps(saved))
-        return
-    for family in dict.fromkeys(families):
-        print(f"\n{family}")
-        show([pair for pair, of in zip(pairs, families, strict=True) if of == family])
-    print("\nall")
-    show(pairs)
-    least = np.array([[outcome.report.clearance.min for outcome in pair] for pair in pairs])
+        return 0
+    families = dict.fromkeys(family for family, _, _ in pairs)
+    for name in (*families, "all"):
+        show(report, name, [(own, other) for family, own, other in pairs if name in (family, "all")])
+    report.figure("solved", f"{solved[0]} and {solved[1]} of {problems}")
+    least = np.array([[found.report.clearance.min for found in both[1:]] for both in pairs])
     reached = least[:, 0] >= np.minimum(STEEP * least[:, 1], NEARLY * np.array(caps))
-    print(f"least clearance of the ends, median [mm]: {1e3 * np.median(caps):.2f}")
-    print(f"least clearance 5 times theirs, or 0.9 of what the ends have: {reached.sum()}/{len(reached)}")
-    peaks = np.array([[outcome.report.danger.max for outcome in pair] for pair in pairs])
-    print(f"peak danger lower / equal / higher: {_comparison(peaks)}")
-    print(f"paths on the way: {steps}, not proven: {unproven}; J above the planner's path: {rising}")
-    show_course([own for own, _ in pairs], options.simplify)
+    report.figure("least clearance of the ends, median [mm]", 1e3 * float(np.median(caps)))
+    report.figure(
+        "least clearance 5 times theirs, or 0.9 of what the ends have", f"{reached.sum()}/{len(reached)}"
+    )
+    peaks = np.array([[found.report.danger.max for found in both[1:]] for both in pairs])
+    report.figure("peak danger lower / equal / higher", _comparison(peaks))
+    if not options.planned:
+        report.figure("paths on the way", steps)
+        report.figure("of these not proven", unproven)
+        report.figure("J above the planner's path", rising)
+        show_course(report, [own for _, own, _ in pairs], options.simplify)
+    return int(unproven + rising > 0)
 
 
-def show_course(outcomes: list[Outcome], limit: float | None) -> None:
-    """Print how J falls with time, what it takes, and by how much a time limit is overrun."""
-    print("\nafter [ms CPU]       J / J at the end, median and 90 %")
+def show_course(report: Report, outcomes: list[Outcome], limit: float | None) -> None:
+    """Report how J falls with time, what it takes, and by how much a time limit is overrun."""
+    rows = []
     for instant in INSTANTS:
         ratios = [outcome.cost_after(instant) / outcome.costs[-1] for outcome in outcomes]
-        print(f"{1e3 * instant:14.0f}" + "".join(f"{q:15.3f}" for q in np.percentile(ratios, [50, 90])))
+        rows.append((1e3 * instant, *map(float, np.percentile(ratios, [50, 90]))))
+    report.table(("after [ms CPU]", "J / J at the end, median", "90 %"), rows)
     first = [outcome.times[1] if len(outcome.times) > 1 else np.inf for outcome in outcomes]
-    print(f"first better path after [ms CPU], median: {1e3 * np.median(first):.1f}")
-    for name in outcomes[0].counts:
-        print(f"{name:24s}{np.median([outcome.counts[name] for outcome in outcomes]):10.0f}")
+    report.figure("first better path after [ms CPU], median", 1e3 * float(np.median(first)))
+    names = outcomes[0].counts
+    rows = [(name, float(np.median([outcome.counts[name] for outcome in outcomes]))) for name in names]
+    report.table(("asked", "median"), rows)
     if limit is not None:
         overrun = [1e3 * max(0.0, outcome.simplifying - limit) for outcome in outcomes]
-        print(
-            "overrun [ms CPU], median, 90 % and largest: {:.1f} {:.1f} {:.1f}".format(
-                *np.percentile(overrun, [50, 90, 100])
-            )
-        )
+        median, late, largest = map(float, np.percentile(overrun, [50, 90, 100]))
+        report.table(("overrun [ms CPU], median", "90 %", "largest"), [(median, late, largest)])
 
 
 def _comparison(values: FloatArray) -> str:
@@ -200,20 +226,21 @@ ROWS: dict[str, Callable[[Outcome], float]] = {
 }
 
 
-def show(pairs: list[tuple[Outcome, Outcome]]) -> None:
-    """Print medians, their ratio, and the median of the ratios."""
-    columns = ("ours", "theirs", "ratio", "of each", "mean, ours", "theirs")
-    head = f"{f'{len(pairs)} problems':32s}" + "".join(f"{column:>11s}" for column in columns)
-    print(head)
+def show(report: Report, name: str, pairs: list[tuple[Outcome, Outcome]]) -> None:
+    """Report medians, their ratio, the median of the ratios, and means."""
+    rows = []
     for label, value in ROWS.items():
         both = np.array([[value(outcome) for outcome in pair] for pair in pairs])
-        own, other = np.median(both, axis=0)
-        each = both[both[:, 1] > 0]
-        ratio = f"{own / other:11.2f}" if other else f"{'–':>11s}"
-        of_each = f"{np.median(each[:, 0] / each[:, 1]):11.2f}" if len(each) else f"{'–':>11s}"
-        means = both.mean(axis=0)
-        print(f"{label:32s}{own:11.4g}{other:11.4g}{ratio}{of_each}{means[0]:11.4g}{means[1]:11.4g}")
-
-
-if __name__ == "__main__":
-    main()
+        (own, other), each = np.median(both, axis=0), both[both[:, 1] > 0]
+        of_each = float(np.median(each[:, 0] / each[:, 1])) if len(each) else "–"
+        ratio = float(own / other) if other else "–"
+        rows.append((label, float(own), float(other), ratio, of_each, *map(float, both.mean(axis=0))))
+    for share in (90, 99):
+        own, other = np.percentile(
+            [[1e3 * found.planning for found in pair] for pair in pairs], share, axis=0
+        )
+        rows.append(
+            (f"planning, {share} % [ms CPU]", float(own), float(other), float(own / other), *["–"] * 3)
+        )
+    header = ("ours", "theirs", "ratio", "of each", "mean, ours", "theirs")
+    report.table((f"{len(pairs)} problems", *header), rows, name)

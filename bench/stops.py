@@ -1,13 +1,13 @@
-"""Stops against an adversary: `python bench/stops.py [--stops N]`.
+"""Stops beside people against an adversary that runs at the robot, and what timing them costs.
 
 stops      From random instants of trajectories beside a person the robot brakes, while every limb runs straight at the
            nearest link at its speed, from where she was measured before the reaction time. `reached` must be 0. The
            full run, --stops 100000, takes about a quarter of an hour. Where contact is allowed, as in half of them, a
            limb that may be there has reached the robot only if some point of it is then faster than the limb bears, or
            if a gap in which it fits closes faster than it bears when it is clamped: a hand is put in every gap.
-           `fastest` and `closing` are the largest of these speeds, as shares of what is borne. Each motion is driven
-           without a limit of the jerk and with one of 500 times the acceleration; `jerk` is the largest in a stop, by
-           differences, as a share of it.
+           `fastest` and `closing` are the largest of these speeds, as shares of what is borne. Motions without contact
+           are driven without a limit of the jerk and with one of 500 times the acceleration; `jerk` is the largest in a
+           stop, by differences, as a share of it.
 motions    The same of motions that others made: random splines, as fast as is proven (`check(..., people=)`), to 1 %.
            `reached` must be 0. Of the same splines, faster by some percent and not proven, the share that is reached.
            And the trajectories of `stops` without a limit of the jerk, as polynomials: whether they are proven as they
@@ -18,38 +18,42 @@ time       CPU time of caps and law for panda_shelf, of all of `time_path`, and 
 from __future__ import annotations
 
 import argparse
-import logging
 from dataclasses import replace
 from itertools import product
-from time import process_time
 
 import numpy as np
 import pinocchio as pin
-from _timing import print_table
-from _touches import Bearable, Gaps, thickness
 from scipy.interpolate import CubicSpline
 
+from bench._harness import Report, in_turn
+from bench._scenes import ACCELERATIONS
+from bench._touches import Bearable, Gaps, thickness
+from safe_ompl import (
+    CollisionChecker,
+    Motion,
+    MotionProver,
+    PathTimer,
+    People,
+    RateLimits,
+    Robot,
+    Scenario,
+    Scene,
+    Trajectory,
+)
 from safe_ompl.certificates.verifier.bodies import corners
 from safe_ompl.collision.broad_phase import fresh_data
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import MotionProver
 from safe_ompl.common import FloatArray
-from safe_ompl.motions import Motion, rate_violations
+from safe_ompl.motions import rate_violations
 from safe_ompl.motions.stops import stops_of
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.people import People
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.scene import find_scenario
+from safe_ompl.trajectories import State
 from safe_ompl.trajectories.stops import Stops
-from safe_ompl.trajectories.timing import PathTimer
-from safe_ompl.trajectories.trajectory import State, Trajectory
 
+CLAIM = "a robot stands, or is as slow as is borne, before anyone of bounded speed is there"
 BETWEEN = {
     "panda_shelf": [[0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785]],
     "ur5_handover": [[0.6, -1.9, 2.2, -2.0, -1.57, 0], [-0.8, -1.9, 2.2, -2.0, -1.57, 0]],
 }
-ACCELERATIONS = {"panda_shelf": [15, 7.5, 10, 12.5, 15, 20, 20], "ur5_handover": 8.0}
 INSTANTS = 5  # of each stop
 
 
@@ -63,7 +67,7 @@ class Problem:
         ends = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
         self.path = np.array([ends[0], *BETWEEN[name], ends[1]])
         motion = MotionProver(CollisionChecker(robot, scenario.scene))
-        pushes = np.array(ACCELERATIONS[name])
+        pushes = np.array(ACCELERATIONS[name.partition("_")[0]])
         limits = RateLimits.of(robot, acceleration=pushes, jerk=500 * pushes if jerk else None)
         self.proof, self.limits = motion, limits
         self.timer = PathTimer(robot, limits, motion=motion, people=people)
@@ -208,13 +212,15 @@ CASES = (
 )
 
 
-def stops(number: int, rng: np.random.Generator) -> None:
+def stops(options: argparse.Namespace, report: Report) -> int:
     """Run the adversary."""
     rows: list[tuple[object, ...]] = []
-    for case, jerk in product(CASES, (False, True)):
-        problem = Problem(*case, jerk=jerk)
-        people, trajectory, adversary = problem.people, problem.trajectory, problem.adversary()
-        begins = rng.uniform(0, trajectory.duration, number // (2 * len(CASES)))
+    reached, rng = 0, np.random.default_rng(options.seed)
+    cases = [(*case, jerk) for case, jerk in product(CASES, (False, True)) if not (jerk and case[1].contact)]
+    for name, people, jerk in cases:
+        problem = Problem(name, people, jerk=jerk)
+        trajectory, adversary = problem.trajectory, problem.adversary()
+        begins = rng.uniform(0, trajectory.duration, options.stops // len(cases))
         found = [adversary.stopped(trajectory.stop_from(begin)) for begin in begins.tolist()]
         left, fast, closing = np.array(found).T
         kind = "contact" if people.contact else "none"
@@ -222,24 +228,12 @@ def stops(number: int, rng: np.random.Generator) -> None:
         met = f"{int((fast > 0).sum())}" if people.contact else "-"
         shares = [f"{found.max():.3f}" if people.contact else "-" for found in (fast, closing)]
         most = f"{max(largest_jerk(trajectory, begin) for begin in begins[:500]):.3f}" if jerk else "-"
+        reached += int((left <= 0).sum())
         rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}", met, *shares, most))
-        print(rows[-1], flush=True)
-    print_table(
-        (
-            "scenario",
-            "m/s",
-            "allowed",
-            "duration [s]",
-            "stops",
-            "reached",
-            "least left [mm]",
-            "met",
-            "fastest",
-            "closing",
-            "jerk",
-        ),
-        rows,
-    )
+    header = ("scenario", "m/s", "allowed", "duration [s]", "stops", "reached", "least left [mm]", "met")
+    report.table((*header, "fastest", "closing", "jerk"), rows)
+    report.figure("stops reached", reached)
+    return int(reached > 0)
 
 
 class MotionStop:
@@ -274,12 +268,13 @@ def as_motion(trajectory: Trajectory) -> Motion:
 FASTER = 1.01, 1.03, 1.1  # than what is proven
 
 
-def motions(number: int, rng: np.random.Generator) -> None:
+def motions(options: argparse.Namespace, report: Report) -> int:
     """Run the adversary against splines, as fast as is proven and faster, and check our own trajectories."""
     rows: list[tuple[object, ...]] = []
+    reached, rng = 0, np.random.default_rng(options.seed)
     for case in CASES:
         problem = Problem(*case)
-        adversary, wanted, least, late = problem.adversary(), number // len(CASES), [], []
+        adversary, wanted, least, late = problem.adversary(), options.motions // len(CASES), [], []
         own = [proven(problem, slowed(as_motion(problem.trajectory), share)) for share in (1.0, 1.01)]
         durations = []
         while len(least) < wanted:
@@ -297,25 +292,15 @@ def motions(number: int, rng: np.random.Generator) -> None:
         met = ([x for x in column if x is not None] for column in zip(*late, strict=True))
         shares = [f"{np.mean(column):.0%}" if column else "-" for column in met]
         row = (problem.name, f"{people.speed:g}", "contact" if people.contact else "none", len(late))
-        row = (
-            *row,
-            f"{np.median(durations):.2f}",
-            len(least),
-            int((np.array(least) <= 0).sum()),
-            f"{1e3 * min(least):.2f}",
-        )
-        rows.append((*row, *shares, *("no" if found is None else "yes" for found in own)))
-        print(rows[-1], flush=True)
+        reached += int((np.array(least) <= 0).sum())
+        row = (*row, f"{np.median(durations):.2f}", len(least), int((np.array(least) <= 0).sum()))
+        own_proven = ("no" if found is None else "yes" for found in own)
+        rows.append((*row, f"{1e3 * min(least):.2f}", *shares, *own_proven))
     header = ("scenario", "m/s", "allowed", "splines", "duration [s]", "stops", "reached", "least left [mm]")
-    print_table(
-        (
-            *header,
-            *(f"reached, {share:g} x as fast" for share in FASTER),
-            "own trajectory proven",
-            "1 % slower",
-        ),
-        rows,
-    )
+    faster = (f"reached, {share:g} x as fast" for share in FASTER)
+    report.table((*header, *faster, "own trajectory proven", "1 % slower"), rows)
+    report.figure("stops of others' motions reached", reached)
+    return int(reached > 0)
 
 
 STOPS_OF_EACH, _LONGEST, _CLOSE = 25, 40.0, 1.01
@@ -378,46 +363,29 @@ def is_reached(problem: Problem, points: FloatArray, duration: float, adversary:
     return any(adversary.stopped(MotionStop(motion, found, begin))[0] <= 0 for begin in begins.tolist())
 
 
-def times(rounds: int = 20) -> None:
-    """Print how long timing takes."""
+def times(options: argparse.Namespace, report: Report) -> None:
+    """Report how long timing takes."""
     problem = Problem("panda_shelf", People())
-    rows: list[tuple[object, ...]] = []
-    for what, cells in (
-        ("time_path", 400),
-        ("rest of a motion, 100 cells", 100),
-        ("rest of a motion, 60 cells", 60),
-    ):
-        begin = process_time()
-        for _ in range(rounds):
-            if cells == 400:
-                found = problem.timer.time(problem.path)
-            else:
-                problem.timer.move(problem.scene)
-                found = problem.timer.retimed(problem.trajectory, 0.0, cells=cells)
-        rows.append((what, f"{1e3 * (process_time() - begin) / rounds:.1f}", f"{found.duration:.2f}"))
-    print_table(("panda_shelf", "CPU time [ms]", "duration [s]"), rows)
+
+    def rest(cells: int) -> Trajectory:
+        problem.timer.move(problem.scene)
+        return problem.timer.retimed(problem.trajectory, 0.0, cells=cells)
+
+    calls = {
+        "time_path": lambda: problem.timer.time(problem.path),
+        "rest of a motion, 100 cells": lambda: rest(100),
+        "rest of a motion, 60 cells": lambda: rest(60),
+    }
+    found = in_turn(calls, 1, 20)
+    rows = [(name, found.microseconds(name) / 1e3, call().duration) for name, call in calls.items()]
+    report.table(("panda_shelf", "CPU time [ms]", "duration [s]"), rows)
 
 
-def main() -> None:
-    """Run the parts that are asked for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+PARTS = {"stops": stops, "motions": motions, "time": times}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--stops", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--motions", type=int, default=1400, help="stops of others' motions")
-    parts = ("stops", "motions", "time")
-    parser.add_argument("--only", nargs="+", choices=parts, default=list(parts))
-    options = parser.parse_args()
-    logging.disable(logging.WARNING)
-    rng = np.random.default_rng(options.seed)
-    if "stops" in options.only:
-        stops(options.stops, rng)
-    if "motions" in options.only:
-        motions(options.motions, rng)
-    if "time" in options.only:
-        times()
-
-
-if __name__ == "__main__":
-    main()

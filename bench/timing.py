@@ -1,7 +1,7 @@
 """Trajectories against toppra's and Ruckig's: limits between the samples, durations, time to compute.
 
-Run it from the root of the repository with `python -m bench.timing`; toppra and Ruckig need not be there. Limits are
-sampled every 0.1 ms and on both sides of every cell's edge. toppra is given the same blended curve. With limited jerk,
+toppra and Ruckig need not be there. Limits are sampled every 0.1 ms and on both sides of every cell's edge. toppra is
+given the same blended curve. With limited jerk,
 a Panda with the limits that Franka publishes for it, the anchor is our own law without that limit, and Ruckig from rest
 to rest along every edge on its own, straight ("phase" synchronisation): what it does with way points is not in its
 package.
@@ -11,19 +11,24 @@ from __future__ import annotations
 
 import argparse
 from itertools import pairwise
-from time import perf_counter
+from time import process_time
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
-from safe_ompl import RateLimits, Robot, Trajectory, time_path
+from bench._harness import Report
+from bench._scenes import ACCELERATIONS
+from safe_ompl import CollisionChecker, MotionProver, RateLimits, Robot, Scene, Trajectory, time_path
+from safe_ompl.common import FloatArray
 from safe_ompl.trajectories import curve
 
+CLAIM = "trajectories keep their limits between all samples, and are as fast as toppra's"
 ROBOTS = ("panda", "ur5", "xarm7", "kinova")
 GRID = 1000
 
 
-def random_paths(robot: Robot, number: int, seed: int) -> list[np.ndarray]:
+def random_paths(robot: Robot, number: int, seed: int) -> list[FloatArray]:
     """Return random paths of three to seven way points."""
     rng = np.random.default_rng(seed)
     low, high = np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5)
@@ -64,7 +69,7 @@ def toppra_duration(trajectory: Trajectory) -> tuple[float, float, float] | None
 
     both = (np.column_stack([-bound, bound]) for bound in (limits.velocity, limits.acceleration))
     speeds, pushes = both
-    begin = perf_counter()
+    begin = process_time()
     solver = algorithm.TOPPRA(
         [
             constraint.JointVelocityConstraint(speeds),
@@ -77,7 +82,7 @@ def toppra_duration(trajectory: Trajectory) -> tuple[float, float, float] | None
         parametrizer="ParametrizeConstAccel",
     )
     found = solver.compute_trajectory(0, 0)
-    elapsed = perf_counter() - begin
+    elapsed = process_time() - begin
     if found is None:
         return None
     t = np.arange(0, found.duration, 1e-4)
@@ -85,12 +90,11 @@ def toppra_duration(trajectory: Trajectory) -> tuple[float, float, float] | None
 
 
 FRANKA_VELOCITY = (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61)
-FRANKA_ACCELERATION = (15, 7.5, 10, 12.5, 15, 20, 20)
 FRANKA_JERK = (7500, 3750, 5000, 6250, 7500, 10000, 10000)
 CURVES = 48
 
 
-def ruckig_duration(path: np.ndarray, limits: RateLimits) -> float | None:
+def ruckig_duration(path: FloatArray, limits: RateLimits) -> float | None:
     """Return how long Ruckig takes from rest to rest along each edge in turn; None without it."""
     try:
         from ruckig import InputParameter, Ruckig, Synchronization
@@ -116,66 +120,62 @@ def jerk_excess(trajectory: Trajectory, step: float = 1e-4) -> float:
     return max(float((np.abs(found) / jerk).max()) for found in (trajectory.jerks_at(t), differences))
 
 
-def limited_jerk(seed: int) -> None:
-    """Print durations with limited jerk against those without, and the worst excess."""
+def timed(path: FloatArray, robot: Robot, limits: RateLimits, **options: float) -> tuple[Trajectory, float]:
+    """Return a trajectory and the time [s] that it took."""
+    prover = MotionProver(CollisionChecker(robot, Scene()))
+    begin = process_time()
+    made = time_path(path, robot, limits, motion=prover, **options)
+    return made, process_time() - begin
+
+
+def limited_jerk(seed: int, curves: int) -> list[tuple[object, ...]]:
+    """Return rows of a table: durations with limited jerk against those without, and the worst excess."""
     robot, rows = Robot.from_example("panda"), []
-    for path in random_paths(robot, CURVES, seed):
-        smooth = RateLimits.of(robot, FRANKA_VELOCITY, FRANKA_ACCELERATION, FRANKA_JERK)
-        sharp = RateLimits.of(robot, FRANKA_VELOCITY, FRANKA_ACCELERATION)
-        begin = perf_counter()
-        made = time_path(path, robot, smooth, motion=object())  # type: ignore[arg-type]
-        elapsed = perf_counter() - begin
-        least = time_path(path, robot, sharp, motion=object()).duration  # type: ignore[arg-type]
+    smooth = RateLimits.of(robot, FRANKA_VELOCITY, ACCELERATIONS["panda"], FRANKA_JERK)
+    sharp = RateLimits.of(robot, FRANKA_VELOCITY, ACCELERATIONS["panda"])
+    for path in random_paths(robot, curves, seed):
+        made, elapsed = timed(path, robot, smooth)
         edges = ruckig_duration(path, smooth)
         ratio = np.nan if edges is None else made.duration / edges
-        rows.append((made.duration / least, ratio, *excess(made), jerk_excess(made), elapsed))
-    ratio, edges, velocity, acceleration, jerk, elapsed = np.array(rows).T
-    print(
-        f"panda, Franka's limits, {CURVES} curves: duration with limited jerk / without median {np.median(ratio):.4f}, "
-        f"largest {ratio.max():.4f}; velocity/limit ≤ {velocity.max():.6f}, acceleration/limit ≤ "
-        f"{acceleration.max():.6f}, jerk/limit ≤ {jerk.max():.6f}, {1e3 * np.median(elapsed):.1f} ms each"
-    )
-    if np.isfinite(edges).all():
-        print(
-            f"  Ruckig edge by edge: duration ours/its median {np.median(edges):.4f}, "
-            f"{edges.min():.4f} to {edges.max():.4f}"
-        )
+        least = timed(path, robot, sharp)[0].duration
+        rows.append((made.duration / least, ratio, *excess(made), jerk_excess(made), 1e3 * elapsed))
+    names = ("duration with limited jerk / without", "duration / Ruckig's edge by edge", "velocity / limit")
+    names += ("acceleration / limit", "jerk / limit", "time to compute [ms]")
+    found = np.array(rows).T
+    return [
+        (name, *map(float, (column.min(), np.median(column), column.max())))
+        for name, column in zip(names, found, strict=True)
+    ]
 
 
-def main() -> None:
-    """Print the worst excess, and the ratios of durations and of times to compute."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--paths", type=int, default=50, help="paths for each robot")
+    parser.add_argument("--curves", type=int, default=CURVES, help="paths with limited jerk")
     parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    curve.Piece.is_free = lambda *_: True  # type: ignore[method-assign]  # the curves are about time only
+
+
+@patch.object(curve.Piece, "is_free", lambda *_: True)  # the curves are about time only
+def main(options: argparse.Namespace, report: Report) -> None:
+    """Report the worst excess, and the ratios of durations and of times to compute."""
+    rows: list[tuple[object, ...]] = []
     for name in ROBOTS:
-        robot = Robot.from_example(name)
-        rng = np.random.default_rng(options.seed)
-        rows, theirs = [], []
+        robot, rng = Robot.from_example(name), np.random.default_rng(options.seed)
+        own, theirs = [], []
         for path in random_paths(robot, options.paths, options.seed):
             limits = RateLimits.of(robot, rng.uniform(0.5, 3, robot.n), rng.uniform(2, 20, robot.n))
-            begin = perf_counter()
-            trajectory = time_path(path, robot, limits, motion=object(), tolerance=0.1)  # type: ignore[arg-type]
-            elapsed = perf_counter() - begin
-            rows.append((*excess(trajectory), elapsed))
+            trajectory, elapsed = timed(path, robot, limits, tolerance=0.1)
+            own.append((*excess(trajectory), elapsed))
             anchor = toppra_duration(trajectory)
             if anchor is not None:
                 theirs.append((trajectory.duration / anchor[0], elapsed / anchor[1], anchor[2]))
-        velocity, acceleration, _ = np.max(rows, axis=0)
-        print(
-            f"{name}: {len(rows)} trajectories, velocity/limit − 1 ≤ {velocity - 1:.1e}, acceleration/limit − 1 ≤ "
-            f"{acceleration - 1:.1e}, {1e3 * np.median([row[2] for row in rows]):.1f} ms each"
-        )
-        if theirs:
-            ratio, cost, over = np.array(theirs).T
-            print(
-                f"  toppra, {GRID} points, {len(theirs)} found: duration ours/theirs median {np.median(ratio):.4f}, "
-                f"largest {ratio.max():.4f}; time to compute ours/theirs {np.median(cost):.3f}; its acceleration/limit "
-                f"up to {over.max():.4f}"
-            )
-    limited_jerk(options.seed)
-
-
-if __name__ == "__main__":
-    main()
+        velocity, acceleration, _ = np.max(own, axis=0)
+        cells = (f"{velocity - 1:.1e}", f"{acceleration - 1:.1e}", 1e3 * float(np.median(own, axis=0)[2]))
+        ratio, cost, over = np.array(theirs).T if theirs else np.full((3, 1), np.nan)
+        against = map(float, (np.median(ratio), ratio.max(), np.median(cost), over.max()))
+        rows.append((name, len(own), *cells, len(theirs), *against))
+    header = ("robot", "trajectories", "velocity/limit − 1 ≤", "acceleration/limit − 1 ≤", "time [ms]")
+    header += ("found by toppra", "duration ours/its", "largest", "time ours/its", "its acceleration/limit ≤")
+    report.table(header, rows)
+    title = f"panda, Franka's limits, {options.curves} curves with limited jerk"
+    report.table(("", "least", "median", "largest"), limited_jerk(options.seed, options.curves), title)

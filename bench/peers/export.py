@@ -16,8 +16,10 @@ from safe_ompl.robot.loading.packages import EXAMPLES, robots_folder
 from safe_ompl.scene.mbm import MbmFile, MbmProblem
 
 
-def export(file: MbmFile, positions: slice, folder: Path) -> tuple[Path, list[dict[str, Any]]]:
+def export(file: MbmFile, positions: slice, folder: Path) -> tuple[Path, list[dict[str, Any]], list[str]]:
     """Write the robot of a MotionBenchMaker file to a folder; return its description and the chosen problems.
+
+    Those with a joint outside its limits at the start or a goal are named apart.
 
     Meshes are written as their convex hulls and fingers are fixed, so that all systems check the same bodies; the
     SRDF leaves just those pairs of links that are checked here; limits hold the ends of all problems.
@@ -28,7 +30,13 @@ def export(file: MbmFile, positions: slice, folder: Path) -> tuple[Path, list[di
     robot = robot.with_limits(limits)
     description = _write_robot(robot, EXAMPLES[file.robot].locked, folder)
     (folder / "robot.json").write_text(json.dumps(description, indent=1))
-    return folder / "robot.json", [_problem(problem, robot) for problem in chosen]
+    outside = [_name(problem) for problem in chosen if problem.beyond_limits(robot) is not None]
+    problems = [_problem(problem, robot) for problem in chosen if _name(problem) not in outside]
+    return folder / "robot.json", problems, outside
+
+
+def _name(problem: MbmProblem) -> str:
+    return f"{problem.family} {problem.index}"
 
 
 def _problem(problem: MbmProblem, robot: Robot) -> dict[str, Any]:
@@ -40,7 +48,7 @@ def _problem(problem: MbmProblem, robot: Robot) -> dict[str, Any]:
             item |= {"position": placement.translation.tolist(), "rotation": placement.rotation.tolist()}
             obstacles.append(item)
     return {
-        "name": f"{problem.family} {problem.index}",
+        "name": _name(problem),
         "start": problem.start_configuration(robot).tolist(),
         "goal": problem.goal_configurations(robot)[0].tolist(),
         "obstacles": obstacles,

@@ -12,7 +12,7 @@ from pathlib import Path
 from selectors import EVENT_READ, DefaultSelector
 from typing import Any
 
-from systems import System
+from bench.peers.systems import System
 
 RUNNERS = Path(__file__).parent / "runners"
 GRACE = 60.0  # [s] beyond the time limit of planning, after which a runner counts as hanging

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bench._harness import markdown_table
 from safe_ompl.apps.benchmark.entries import COLUMNS as JUDGED
 
 Run = dict[str, Any]
@@ -35,24 +36,31 @@ OURS, OTHERS = "#1b6ca8", "#7a7a7a"
 SPREAD = ("planning [ms]", "total [ms]")  # with their 90th percentiles in brackets
 
 
-def markdown(runs: dict[str, list[Run]], unavailable: dict[str, str], left_out: Sequence[str] = ()) -> str:
-    """Return the table: medians over what each system solved, 90th percentiles of the times in brackets.
+Table = tuple[tuple[str, ...], list[tuple[object, ...]]]
 
-    Below it stand the problems that were left out, as their start or goal touches something, and errors of systems.
-    """
-    lines = [
-        "| system | solved | touching | " + " | ".join(COLUMNS) + " |",
-        "|---" * (3 + len(COLUMNS)) + "|",
-    ]
+
+def comparison(runs: dict[str, list[Run]]) -> Table:
+    """Return header and rows: medians over what each system solved, 90th percentiles of the times in brackets."""
+    rows = []
     for system, answers in runs.items():
         solved = [run for run in answers if run["solved"]]
-        cells = [f"{len(solved)}/{len(answers)}", str(sum(run["touching"] for run in solved))]
-        for name, value in COLUMNS.items():
-            numbers = [value(run) for run in solved]
-            cells.append(_cell(numbers, name in SPREAD))
-        lines.append(f"| {system} | " + " | ".join(cells) + " |")
-    if left_out:
-        lines.append(f"\nLeft out, start or goal in collision: {', '.join(left_out)}.")
+        cells = (f"{len(solved)}/{len(answers)}", sum(run["touching"] for run in solved))
+        columns = (_cell([value(run) for run in solved], name in SPREAD) for name, value in COLUMNS.items())
+        rows.append((system, *cells, *columns))
+    return ("system", "solved", "touching", *COLUMNS), rows
+
+
+def markdown(
+    runs: dict[str, list[Run]],
+    unavailable: dict[str, str],
+    blocked: Sequence[str] = (),
+    outside: Sequence[str] = (),
+) -> str:
+    """Return the table, and below it the problems left out, `blocked` or `outside` limits of joints, and errors."""
+    lines = [markdown_table(*comparison(runs))]
+    for what, names in (("in collision", blocked), ("outside limits of joints", outside)):
+        if names:
+            lines.append(f"\nLeft out, start or goal {what}: {', '.join(names)}.")
     for system, answers in runs.items():
         errors = [run for run in answers if run["error"] not in (None, NO_PATH)]
         if errors:
@@ -64,32 +72,28 @@ def markdown(runs: dict[str, list[Run]], unavailable: dict[str, str], left_out: 
     return "\n".join(lines)
 
 
-def repairs(paths: dict[str, tuple[list[Run], list[Run]]]) -> str:
-    """Return the table of our proofs and repairs of paths of other systems, before and after them."""
-    lines = [
-        "| system | proven where the judge finds nothing | repaired where it does | repaired in all | moved | planned "
-        "| touching afterwards | proof [ms] | repair [ms] | deviation [rad] | at the tool [mm] |",
-        "|---" * 11 + "|",
-    ]
+def repairs(paths: dict[str, tuple[list[Run], list[Run]]]) -> Table:
+    """Return header and rows: our proofs and repairs of paths of other systems, before and after them."""
+    rows = []
     for system, (before, after) in paths.items():
         both = [(old, new) for old, new in zip(before, after, strict=True) if old["solved"]]
         apart = [new for old, new in both if not old["touching"]]
         touching = [new for old, new in both if old["touching"]]
         tried = [new for _, new in both if not new["proven"]]
         good = [new for new in tried if new["repaired"]]
-        cells = [
+        counts = (
             f"{sum(bool(new['proven']) for new in apart)}/{len(apart)}",
             f"{sum(bool(new['repaired']) for new in touching)}/{len(touching)}",
             f"{len(good)}/{len(tried)}",
-            *(str(sum(new["how"] == how for new in good)) for how in ("moved", "planned")),
-            str(sum(new["touching"] for _, new in both if new["solved"])),
-            _cell([1e3 * new["proof"] for _, new in both], True),
-            _cell([1e3 * new["repair"] for new in good], True),
-            _cell([new["deviation"] for new in good], True),
-            _cell([new["tool_deviation"] for new in good], True),
-        ]
-        lines.append(f"| {system} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            *(sum(new["how"] == how for new in good) for how in ("moved", "planned")),
+            sum(new["touching"] for _, new in both if new["solved"]),
+        )
+        numbers = ([1e3 * new["proof"] for _, new in both], [1e3 * new["repair"] for new in good])
+        numbers += tuple([new[key] for new in good] for key in ("deviation", "tool_deviation"))
+        rows.append((system, *counts, *(_cell(found, True) for found in numbers)))
+    header = ("system", "proven where the judge finds nothing", "repaired where it does", "repaired in all")
+    header += ("moved", "planned", "touching afterwards", "proof [ms]", "repair [ms]", "deviation [rad]")
+    return (*header, "at the tool [mm]"), rows
 
 
 def _cell(numbers: list[float], spread: bool) -> str:

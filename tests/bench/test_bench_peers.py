@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
-sys.path.insert(0, str(Path(__file__).parents[2] / "bench" / "peers"))
-
-import processes
-from export import export
-from processes import Runner, UnavailableError, python_of
-from systems import SYSTEMS, System
-from table import figure, markdown
-
+from bench.peers import processes
+from bench.peers.export import export
+from bench.peers.processes import Runner, UnavailableError, python_of
+from bench.peers.systems import SYSTEMS, System
+from bench.peers.table import figure, markdown
 from safe_ompl import Motion, Robot, Scene
-from safe_ompl.apps.benchmark import Judge
+from safe_ompl.apps.benchmark import Judge, ProblemSet
 from safe_ompl.scene import MbmFile
 
 POLE = {
@@ -38,9 +32,14 @@ LEFT, RIGHT = [1.0, 0.3, 0.0, -1.6, 0.0, 1.9, 0.8], [-1.0, 0.3, 0.0, -1.6, 0.0, 
 def exported(tmp_path_factory):
     folder = tmp_path_factory.mktemp("peers")
     problem = {"index": 1, "start": LEFT, "goals": [RIGHT], "cylinder": [POLE]}
+    beyond = {**problem, "index": 2, "goals": [RIGHT, [9.0, *RIGHT[1:]]]}
     file = folder / "problems.json"
-    file.write_text(json.dumps({"robot": "panda", "problems": {"pole": [problem]}}))
-    robot, problems = export(MbmFile.load(file), slice(None), folder)
+    file.write_text(json.dumps({"robot": "panda", "problems": {"pole": [problem, beyond]}}))
+    robot, problems, outside = export(MbmFile.load(file), slice(None), folder)
+    known = ProblemSet.load(file)
+    assert [problem["name"] for problem in problems] == list(known.problems) == ["pole 1"]
+    assert outside == list(known.outside) == ["pole 2"]
+    assert "goals[1]: joint 'panda_joint1' = 9 is outside its limits" in known.outside["pole 2"]
     return robot, problems[0]
 
 
@@ -59,7 +58,9 @@ def test_a_runner_answers_with_a_path_and_its_times(exported, tmp_path, name):
     system = next(s for s in SYSTEMS if s.name == name)
     runner = Runner(system, robot, tmp_path)
     try:
-        answer = runner.ask({**problem, "seed": 1, "time": 10.0})
+        answer = runner.ask(
+            {**problem, "seed": 1, "time": 10.0}, processes.WARMING
+        )  # kernels may be compiled
     finally:
         runner.close()
     path = np.array(answer["path"])
@@ -166,8 +167,9 @@ def test_the_table_tells_contacts_and_what_was_not_run(tmp_path):
     solved |= {"mean_danger": 1.0, "peak_danger": 2.0, "integral_danger": 2.0}
     failed = {"times": {"building": 0.01, "planning": 5.0, "smoothing": 0.0}, "solved": False}
     failed |= {"error": "ValueError: no goal", "problem": "box 3"}
-    text = markdown({"one": [solved, failed]}, {"other": "no wheel"}, ["box 7"])
+    text = markdown({"one": [solved, failed]}, {"other": "no wheel"}, ["box 7"], ["box 8"])
     assert "Left out, start or goal in collision: box 7." in text
+    assert "Left out, start or goal outside limits of joints: box 8." in text
     assert "1 errors: **one** (first: box 3: ValueError: no goal)." in text
     assert "| one | 1/2 | 1 | 10 | 20 (20) | 30 | 60 (60) |" in text
     assert "Not run: **other** (no wheel)." in text

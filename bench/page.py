@@ -1,0 +1,125 @@
+"""The page of measurements, docs/measured.md, from the files in docs/measured.
+
+    python -m bench page [--check]
+    python -m bench NAME ... --json docs/measured/FILE.json    measures a part of the page anew
+
+A file has the command, its date, and what it found: tables and figures, as `--json` writes them. `title`, `about` and
+the sentences of `claims` are written by hand, and stay when something is measured anew. What was measured before there
+were such files is marked as recorded; its claims have a result in words, its tables may have `notes`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from bench._harness import Report, about, markdown_table, names, said
+
+CLAIM = "each figure of docs/measured.md comes from a file that says which command found it, and when"
+FOLDER = Path(__file__).parents[1] / "docs" / "measured"
+PAGE = FOLDER.with_suffix(".md")
+ORDER = (  # of the page; files with claims only have no section
+    *(
+        "certify",
+        "certify_danger",
+        "motion",
+        "motions",
+        "motions_time",
+        "motions_repair",
+        "motions_tubes",
+        "stops",
+    ),
+    *(
+        "stops_contact",
+        "stops_jerk",
+        "stops_motions",
+        "mutations",
+        "timing",
+        "field",
+        "scaling",
+        "scaling_nodes",
+    ),
+    *(
+        "setup",
+        "simplify",
+        "hard",
+        "clearances",
+        "paper",
+        "smoothing",
+        "worth",
+        "live",
+        "live_near",
+        "shield",
+    ),
+    *("reach", "physics", "physics_contact", "physics_live"),
+)
+INTRODUCTION = """# What was measured
+
+Ratios of two things run in turn in one process, and counts, with the commands that print them again. Times are CPU
+times of one core; they depend on the processor, and ranges are those from an idle to a busy AMD EPYC. `python -m bench`
+lists the benches, and `python -m bench page` makes this page of the files in `docs/measured`; r: recorded by hand from
+an earlier run of the command, or of the bench that it replaced.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("--out", type=Path, default=PAGE, metavar="FILE")
+    parser.add_argument("--check", action="store_true", help="say whether the page is up to date instead")
+
+
+def main(options: argparse.Namespace, report: Report) -> int:
+    """Write or check the page."""
+    text = page(FOLDER)
+    if options.check:
+        if options.out.read_text(encoding="utf-8") != text:
+            print(f"{options.out} is not up to date: python -m bench page", file=sys.stderr)
+            return 1
+    else:
+        options.out.write_text(text, encoding="utf-8")
+    return 0
+
+
+def page(folder: Path) -> str:
+    """Return the page."""
+    contents = [json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in ORDER]
+    unknown = {file.stem for file in folder.glob("*.json")} - set(ORDER)
+    if unknown:
+        raise ValueError(f"bench/page.py does not know the order of {', '.join(sorted(unknown))}")
+    rows = [
+        (row["claim"], row.get("result", _figures(content)), _command(content))
+        for content in contents
+        for row in content.get("claims", ())
+    ]
+    parts = [INTRODUCTION, "## Claims", markdown_table(("claim", "measured", "command"), rows)]
+    backs = [(f"`{name}`", *about(name)) for name in names()]
+    for content in contents:
+        if content.get("tables") or content.get("about"):
+            parts += _section(content)
+    parts += [
+        "## What each bench backs",
+        markdown_table(("`python -m bench …`", "what it does", "claim"), backs),
+    ]
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def _section(content: dict[str, Any]) -> list[str]:
+    title = content.get("title")
+    parts = [f"## {title}" if title else "", content.get("about", ""), _command(content)]
+    if not content.get("recorded") and not content.get("claims"):
+        parts.append(_figures(content))
+    for table in content.get("tables", ()):
+        parts += [f"**{table['title']}**" if table.get("title") else ""]
+        parts += [markdown_table(table["header"], table["rows"]), *table.get("notes", ())]
+    return [part for part in parts if part]
+
+
+def _command(content: dict[str, Any]) -> str:
+    return f"`{content['command']}` ({content['date']}{', r' if content.get('recorded') else ''})"
+
+
+def _figures(content: dict[str, Any]) -> str:
+    return "; ".join(f"{name}: {said(value)}" for name, value in content.get("figures", {}).items())

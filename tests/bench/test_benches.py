@@ -1,0 +1,166 @@
+"""Each bench runs in miniature, prints what it found and writes it as JSON; and what they write for strangers."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench import _harness, worth
+from bench._harness import Report, bench, in_turn, markdown_table, names, run
+from safe_ompl.apps.benchmark import Entry, ProblemSet
+from safe_ompl.people import find_skeleton
+
+POLE = {"name": "pole", "radius": 0.05, "length": 1.0, "position": [0.5, 0.0, 0.5]}
+POLE |= {"orientation_quat_xyzw": [0, 0, 0, 1]}
+ENDS = {"start": [1.0, 0.3, 0.0, -1.6, 0.0, 1.9, 0.8], "goals": [[-1.0, 0.3, 0.0, -1.6, 0.0, 1.9, 0.8]]}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Return a folder with a problem of MotionBenchMaker, recordings of people who sway, and a URDF."""
+    folder = tmp_path_factory.mktemp("bench")
+    problem = {"index": 1, "cylinder": [POLE], **ENDS}
+    (folder / "problems.json").write_text(json.dumps({"robot": "panda", "problems": {"pole": [problem]}}))
+    skeleton, frame = find_skeleton("recording12"), np.zeros((12, 3))
+    frame[:, 2] = np.linspace(0.0, 0.7, 12)
+    frame[[5, 6, 7], 1], frame[[9, 10, 11], 1] = 0.2, -0.2
+    for name in ("one", "two"):
+        frames = frame + 0.05 * np.sin(np.arange(20))[:, None, None] * frame
+        clips = {"clip_0": frames, "clip_1": frames}
+        np.savez(folder / f"{name}.npz", names=np.array(skeleton.points), rate=20.0, **clips)
+    arm = Path(__file__).parents[2] / "scenarios" / "robots" / "planar2.urdf"
+    (folder / "arm.urdf").write_text(arm.read_text())
+    return folder
+
+
+SMALL = {
+    "certify": "--edges 14 --hard 14 --paths 1 --only verdicts hard danger",
+    "compilation": None,  # minutes: kernels are compiled anew
+    "field": "--rounds 2",
+    "hard": "--problems 0:1 --time 1 --families RRTConnect",
+    "live": "{files} --sample 1 --places 1 --seconds 0.5 --policies ours,half-speed,alone",
+    "motion": "--edges 2 --rounds 2",
+    "motions": "--number 66 --splines 1 --tubes 6 --repairs 1",
+    "mutations": "--number 2",
+    "page": "--check",
+    "pages": "danger free_bubbles architecture",
+    "peers": None,  # tests/bench/test_bench_peers.py
+    "physics": "--motions 1 --drives 1 --seconds 0.5",
+    "planners": "planar2 random {files}/problems.json --problems 0:1 --families RRTConnect --pairs ours crossed",
+    "reach": "{files} --level 0.5",
+    "robots": "{files}/arm.urdf",
+    "same": None,  # tests/bench/test_bench_same.py
+    "scaling": "--nodes 20 --obstacles 1 2 --points 1 --joints 2",
+    "setup": "--rounds 1 --moves 2",
+    "shield": "{files} --sample 1 --seconds 0.3 --filters shield,none",
+    "simplify": "{files}/problems.json",
+    "stops": "--stops 16 --motions 4",
+    "timing": "--paths 2 --curves 2",
+    "worth": "--scenes 1 --seconds 0.5",
+}
+
+
+def test_all_benches_are_here():
+    assert names() == sorted(SMALL)
+    assert all(all(_harness.about(name)) for name in names())
+
+
+SHRUNK = {  # what has no option
+    "motions": {"LENGTHS": (0.05, 0.2)},
+    "physics": {"ROBOTS": {"ur5": [4.0] * 6}, "FIRST": 1},
+    "stops": {"CASES": bench("stops").CASES[3:5], "FASTER": (1.1,), "STOPS_OF_EACH": 2},
+    "timing": {"ROBOTS": ("panda", "ur5")},
+    "worth": {"METHODS": ("fastest", "RRTConnect", "bound")},
+}
+
+
+@pytest.mark.parametrize("name", [name for name, words in SMALL.items() if words is not None])
+def test_a_bench_in_miniature(name, files, tmp_path, monkeypatch):
+    for key, value in {**SHRUNK.get(name, {}), **({"OUT": tmp_path} if name == "pages" else {})}.items():
+        monkeypatch.setattr(bench(name), key, value)
+    if name == "physics":
+        pytest.importorskip("mujoco")
+    words = SMALL[name].format(files=files).split()
+    assert run([name, *words, "--json", str(tmp_path / "found.json")]) == 0
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert found["command"].startswith(f"python -m bench {name}")
+    for table in found["tables"]:
+        assert table["rows"]
+        assert {len(row) for row in table["rows"]} == {len(table["header"])}
+
+
+def test_what_is_not_there_is_said(capsys):
+    assert run(["no_such_bench"]) == 2
+    assert "there are certify, " in capsys.readouterr().err
+    assert run([]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names()
+
+
+def test_a_bench_that_fails_says_so(monkeypatch, tmp_path):
+    monkeypatch.setattr(bench("same"), "runs", lambda only: iter([("one", {"planned": "a"})]))
+    (tmp_path / "before.json").write_text(json.dumps({"one": {"planned": "b"}}))
+    assert run(["same", "--against", str(tmp_path / "before.json")]) == 1
+
+
+def test_calls_take_turns_after_one_to_warm_up():
+    said = []
+    times = in_turn({"a": lambda: said.append("a"), "b": lambda: said.append("b")}, 1, 2)
+    assert said == list("ababab")
+    times.rounds.update({"a": [1.0, 2.0, 9.0], "b": [2.0, 2.0, 3.0]})
+    assert (times.microseconds("a"), times.ratio("a", "b")) == (2e6, 1.0)
+
+
+def test_measured_anew_a_page_keeps_its_words_and_drops_old_figures(tmp_path, monkeypatch):
+    monkeypatch.setattr(_harness, "strftime", lambda _: "2030-01-01")
+    file = tmp_path / "page.json"
+    old = {"title": "T", "about": "A", "claims": [{"claim": "c", "result": "old"}], "notes": ["old"]}
+    file.write_text(json.dumps({**old, "recorded": True, "tables": [{"rows": [["old"]]}]}))
+    report = Report()
+    report.figure("n", np.int64(3))
+    report.table(("x", "y"), [("a", np.float64(0.12345))])
+    report.write(file, ["name", "--n", "3"])
+    assert json.loads(file.read_text()) == {
+        **{"title": "T", "about": "A", "claims": [{"claim": "c"}], "command": "python -m bench name --n 3"},
+        **{"date": "2030-01-01", "figures": {"n": 3}},
+        "tables": [{"title": "", "header": ["x", "y"], "rows": [["a", 0.12345]]}],
+    }
+    assert markdown_table(("x", "y"), [("a", 0.12345)]) == "| x | y |\n| --- | --- |\n| a | 0.123 |"
+
+
+def test_the_median_counts_may_not_move_as_infinitely_long():
+    ours = np.array([1.0, 2.0, 3.0, np.inf, np.inf, np.nan])
+    theirs = np.array([2.0, 2.0, np.inf, 1.0, np.inf, 1.0])
+    median, stuck, unsolved, ratio, moving, of_moving = worth.compared(ours, theirs)
+    assert (median, stuck, unsolved, moving) == ("2.00", 2, 0, 2)
+    assert (ratio, of_moving) == (0.75, 0.75)  # of 0.5, 1, 0 and +inf; of 0.5 and 1
+
+
+def test_no_motion_is_shorter_than_the_bound():
+    problem = next(worth.problems(0))
+    bound = worth.duration(problem, "bound", 0, 1.0)
+    found = worth.duration(problem, "RRTConnect", 0, 5.0)
+    assert 0.5 < bound < found
+
+
+# ------------------------------------------------------------------------------------------------ for strangers
+
+
+def test_hard_problems_are_exported_with_ways_that_solve_them(tmp_path):
+    assert run(["hard", "--problems", "0:2", "--export", str(tmp_path)]) == 0
+    known = [ProblemSet.load(file) for file in sorted(tmp_path.glob("hard_*.json"))]
+    rows = Entry.load(tmp_path / "as_made.json", known).judged()["rows"]
+    assert len(rows) == 2
+    assert all(row["solved"] and not row["touching"] for row in rows)
+    assert all(0 < row["min_clearance"] < 0.02 for row in rows)  # they are narrow
+
+
+def test_drives_are_exported_with_entries(files, tmp_path):
+    words = f"{files} --export {tmp_path} --sample 1 --places 1 --seconds 0.5 --policies alone"
+    assert run(["live", *words.split()]) == 0
+    drive = json.loads((tmp_path / "drives.json").read_text())["drives"][0]
+    assert Path(tmp_path, drive["recording"]).is_file()
+    entry = Entry.load(tmp_path / "entries" / "alone.json", [ProblemSet.load(tmp_path / "drives.json")])
+    (row,) = entry.judged()["rows"]
+    assert row["solved"], row["error"]
+    assert row["length"] > 0.01
