@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, number, whole_number
+from safe_ompl.common import FloatArray, InputError, IntArray, files, number, whole_number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.geometry.kernels import Sets
@@ -352,7 +352,7 @@ class CalibratedReach:
 
     def save(self, file: str | Path) -> None:
         """Write the file that `load` reads."""
-        Path(file).write_text(document.dump_document(asdict(self)), encoding="utf-8")
+        files.write(file, document.dump_document(asdict(self)))
 
     @property
     def limbs(self) -> tuple[str, ...]:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import heapq
 import logging
-from collections import OrderedDict
+from collections import defaultdict
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
-from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning.bodies import RobotBodies
-from safe_ompl.people.replanning.guard import Command
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits
-from safe_ompl.people.replanning.retreat import line
-from safe_ompl.trajectories import BlendedCurve, ContactLimits, blended
+from safe_ompl.people.replanning.command import Command
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, RobotBodies, line
+from safe_ompl.trajectories import BlendedCurve, blended
 
 _log = logging.getLogger(__name__)
 
+_MILESTONES = 150  # that are drawn around each new trajectory
 _SPREAD = (0.3, 0.6, 1.2)  # [rad] how far from the curve samples are, in turn
 _NEIGHBOURS = 8  # of a milestone
 _STEP = 0.1  # [rad] cells of edges: estimates may be coarse
@@ -37,88 +36,58 @@ _SMALL = 1e-6  # [rad]
 _TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
 
 
-@dataclass(frozen=True)
-class EdgeTime:
-    """An estimate of how long an edge takes beside people."""
+@dataclass
+class _Edge:
+    """What is known of a straight motion between two milestones."""
 
-    time: float  # How long [s]; inf: it is barred
-    until: float  # Until when the estimate holds [s]: before that nobody can be near enough to make the edge slower
-
-
-@dataclass(frozen=True)
-class PeopleNow:
-    """Where people and objects are now, and what estimates must leave to them."""
-
-    sets: ReachSets  # Where they are
-    clearance: float  # Distance that must be left [m]
-    reaction: float  # From a measurement until the robot begins to brake at the latest [s]
-    time: float  # Now [s]
-    contact: ContactLimits | None = None  # At what speeds contact is borne, where it is allowed
-
-    def pace(self, path: GuardedPath) -> tuple[FloatArray, float]:
-        """Return how long (N,) each cell of a path takes, and for how long that holds [s]."""
-        return path.pace(self.sets, self.clearance, self.reaction, self.contact)
-
-    def estimate(self, path: GuardedPath) -> EdgeTime:
-        """Return how long a path takes, and until when that holds."""
-        times, left = self.pace(path)
-        fastest = max(float((self.sets.grown(1.0) - self.sets.grown(0.0)).max(initial=0.0)), _SLOWEST)
-        return EdgeTime(float(times.sum()), self.time + max(_STALE, _AWAY / fastest, left))
+    free: bool | None = None  # of what stands still: proven once, for ever
+    full: float | None = None  # how long it takes with nobody near, at least [s]
+    time: float = 0.0  # how long beside people [s]; inf: it is barred
+    until: float = (
+        -np.inf
+    )  # when that ends to hold [s]: before that nobody can be near enough to slow it down
 
 
-class Budget:
-    """Units of work that are left for now."""
+class Detours:
+    """Searches paths that are quicker beside people as they are now, and keep the limits.
 
-    def __init__(self, units: int) -> None:
-        self.left = units
+    Milestones are drawn around the trajectories that `cover` is given. An edge between two is proven free of still
+    obstacles when it is first needed. An estimate of how long it takes beside people holds until anyone can be near
+    enough to slow it down, at the earliest: for T = (distance − what a full-speed stop needs)/v.
 
-    def spend(self, units: int) -> bool:
-        """Take some units, or return False if there are not so many left."""
-        if self.left < units:
-            return False
-        self.left -= units
-        return True
-
-
-class DetourRoadmap:
-    """Milestones around the paths of a robot, and what is known of the edges between them.
-
-    An edge is proven free of still obstacles once, when it is first needed; the proof holds for ever. An estimate of
-    how long it takes beside people holds until anyone can be near enough to slow it down, at the earliest: for
-    T = (distance − what a full-speed stop needs)/v. `milestones` are drawn around each new trajectory.
+    Attributes
+    ----------
+    limits : PathLimits
+        What paths keep.
+    left : int
+        Units of work that are left for now.
     """
 
     def __init__(
-        self,
-        prover: MotionProver,
-        bodies: RobotBodies,
-        limits: PathLimits,
-        milestones: int = 150,
-        seed: int = 0,
+        self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits, tick: float, seed: int = 0
     ) -> None:
-        self._prover, self._bodies, self.limits = prover, bodies, limits
+        self._prover, self._bodies, self._tick, self.limits = prover, bodies, tick, limits
         self._robot = prover.checker.robot
-        self._count = milestones
-        self._rng = np.random.default_rng(seed)
+        self._rng, self.left = np.random.default_rng(seed), 0
         self.milestones: FloatArray = np.empty((0, self._robot.n))
         self._tips: FloatArray = np.empty((0, 3))  # where the milestones have the tip
         self._near: list[list[int]] = []
-        self._free: dict[tuple[int, int], bool] = {}
-        self._paths: OrderedDict[tuple[int, int], GuardedPath] = OrderedDict()
-        self._estimates: dict[tuple[int, int], EdgeTime] = {}
-        self._full: dict[tuple[int, int], float] = {}  # times with nobody near [s]
+        self._edges: defaultdict[tuple[int, int], _Edge] = defaultdict(_Edge)
         self._passing: dict[str, int] = {}  # the milestones that are moved to starts and goals
+        # A path that nobody can slow down before a time [s].
+        self._undisturbed: tuple[GuardedPath | None, float] = (None, 0.0)
+        self._paths = lru_cache(_KEPT)(self._straight)
 
     def __repr__(self) -> str:
-        free = sum(self._free.values())
-        return f"DetourRoadmap({len(self.milestones)} milestones, {free} of {len(self._free)} edges free)"
+        known = [edge.free for edge in self._edges.values() if edge.free is not None]
+        return f"Detours({len(self.milestones)} milestones, {sum(known)} of {len(known)} edges free)"
 
     def keep_to(self, limits: PathLimits) -> None:
         """Have paths keep other limits from now on: proofs are kept, times are estimated anew."""
         if not limits.same_as(self.limits):
-            self._paths.clear()
-            self._estimates.clear()
-            self._full.clear()
+            self._paths.cache_clear()
+            for edge in self._edges.values():
+                edge.full, edge.until = None, -np.inf
         self.limits = limits
 
     # ------------------------------------------------------------------------------------------------- milestones
@@ -130,7 +99,7 @@ class DetourRoadmap:
             return
         on_it = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / max(_SPREAD)))).q
         samples = [q for q in on_it if self._known(q) is None]
-        for k in range(self._count):
+        for k in range(_MILESTONES):
             way = curve.at(self._rng.uniform(0.0, curve.length, 1)).q[0]
             q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)]
             q = np.clip(q, self._robot.lower, self._robot.upper)
@@ -139,8 +108,7 @@ class DetourRoadmap:
         self._add(samples)
         self._near = [[] for _ in self.milestones]
         for k, q in enumerate(self.milestones):
-            for other in self._nearest(q, _NEIGHBOURS):
-                self._join(k, other)
+            self._join(k, q, _NEIGHBOURS)
 
     def _add(self, samples: list[FloatArray]) -> None:
         """Add milestones, each (n,)."""
@@ -150,19 +118,17 @@ class DetourRoadmap:
     def _tip(self, q: FloatArray) -> FloatArray:
         return np.asarray(self._robot.tip_pose(q).translation)
 
-    def _join(self, a: int, b: int) -> None:
-        for one, two in ((a, b), (b, a)):
-            if two not in self._near[one]:
-                self._near[one].append(two)
+    def _join(self, k: int, q: FloatArray, count: int) -> None:
+        """Join milestone k at `q: (n,)` to those to which straight motions of the joints are shortest, but itself."""
+        order: list[int] = np.argsort(self._joint_times(q), kind="stable").tolist()
+        for other in order[1 : count + 1]:
+            for one, two in ((k, other), (other, k)):
+                if two not in self._near[one]:
+                    self._near[one].append(two)
 
     def _known(self, q: FloatArray) -> int | None:
         same = np.flatnonzero(np.abs(self.milestones - q).max(axis=1, initial=0.0) < 1e-9)
         return int(same[0]) if len(same) else None
-
-    def _nearest(self, q: FloatArray, count: int) -> list[int]:
-        """Return the milestones to which straight motions of the joints are shortest, but for the nearest one."""
-        order: list[int] = np.argsort(self._joint_times(q), kind="stable").tolist()
-        return order[1 : count + 1]
 
     def _joint_times(self, q: FloatArray) -> FloatArray:
         """Return how long (N,) the joints take for the straight motions to all milestones at full speed [s]."""
@@ -177,66 +143,62 @@ class DetourRoadmap:
 
     # ------------------------------------------------------------------------------------------------------ edges
 
-    def _is_free(self, a: int, b: int, budget: Budget) -> bool | None:
-        """Return whether an edge is proven free of what stands still; None if the budget does not allow to find out."""
-        key = (min(a, b), max(a, b))
-        if key not in self._free:
-            if not budget.spend(_PROOF):
+    def _spend(self, units: int) -> bool:
+        """Take some units, or return False if there are not so many left."""
+        if self.left < units:
+            return False
+        self.left -= units
+        return True
+
+    def _edge(self, a: int, b: int) -> _Edge:
+        return self._edges[min(a, b), max(a, b)]
+
+    def _time(self, a: int, b: int, around: Around, now: float) -> float | None:
+        """Return how long an edge takes [s], inf where it is not free; None if there are too few units to find out."""
+        edge, start, end = self._edge(a, b), self.milestones[min(a, b)], self.milestones[max(a, b)]
+        if edge.free is None:
+            if not self._spend(_PROOF):
                 return None
-            self._free[key] = self._prover.is_free(self.milestones[key[0]], self.milestones[key[1]])
-        return self._free[key]
-
-    def _estimate(self, a: int, b: int, people: PeopleNow, budget: Budget) -> float | None:
-        """Return how long an edge takes beside people as they are now [s]; None if the budget is spent."""
-        key = (min(a, b), max(a, b))
-        known = self._estimates.get(key)
-        if known is None or people.time > known.until:
-            if not budget.spend(_ESTIMATE):
+            edge.free = self._prover.is_free(start, end)
+        if edge.free and now > edge.until:
+            if not self._spend(_ESTIMATE):
                 return None
-            self._estimates[key] = known = people.estimate(self._path(key))
-        return known.time
+            times, left = self._between(start, end).pace(around, self._tick)
+            fastest = max(float((around.sets.grown(1.0) - around.sets.grown(0.0)).max(initial=0.0)), _SLOWEST)
+            edge.time, edge.until = float(times.sum()), now + max(_STALE, _AWAY / fastest, left)
+        return edge.time if edge.free else np.inf
 
-    def _time(self, a: int, b: int, people: PeopleNow, budget: Budget) -> float | None:
-        """Return how long an edge takes, inf where it is not free; None if the budget does not allow to find out."""
-        free = self._is_free(a, b, budget)
-        if free is None:
-            return None
-        return self._estimate(a, b, people, budget) if free else float("inf")
+    def _between(self, start: FloatArray, end: FloatArray) -> GuardedPath:
+        """Return the straight motion between two configurations (n,), in coarse cells."""
+        return self._paths(start.tobytes(), end.tobytes())
 
-    def _path(self, key: tuple[int, int]) -> GuardedPath:
-        found = self._paths.pop(key, None)
-        if found is None:
-            start, end = self.milestones[key[0]], self.milestones[key[1]]
-            straight = line(start, start + self._robot.difference(start, end))
-            found = GuardedPath.along(self._bodies, straight, self.limits, _STEP)
-        self._paths[key] = found
-        while len(self._paths) > _KEPT:
-            self._paths.popitem(last=False)
-        return found
+    def _straight(self, start: bytes, end: bytes) -> GuardedPath:
+        a, b = np.frombuffer(start), np.frombuffer(end)
+        return GuardedPath.along(self._bodies, line(a, a + self._robot.difference(a, b)), self.limits, _STEP)
 
     # ----------------------------------------------------------------------------------------------------- search
 
     def quickest(
-        self, start: FloatArray, goal: FloatArray, people: PeopleNow, within: float, budget: Budget
+        self, start: FloatArray, goal: FloatArray, around: Around, now: float, within: float
     ) -> tuple[list[FloatArray], float] | None:
         """Return the quickest path (n,) to (n,) beside people as they are now, and how long it takes [s].
 
         A lazy A*: edges count with their time at full speed until they lie on the best path; then they are proven, and
-        their time is estimated. Paths that take longer than `within` [s] are not wanted. What was learnt within the
-        budget is kept for the next call.
+        their time is estimated. Paths that take longer than `within` [s] are not wanted. What was learnt with the units
+        that are left is kept for the next call.
         """
         first, last = self._end("start", start), self._end("goal", goal)
         ahead = self._full_times(goal)
         while True:
-            path = self._best(first, last, people.time, ahead, within)
+            path = self._best(first, last, now, ahead, within)
             if path is None:
                 return None
-            before = budget.left
-            times = [self._time(a, b, people, budget) for a, b in pairwise(path)]
+            before = self.left
+            times = [self._time(a, b, around, now) for a, b in pairwise(path)]
             if None in times:
                 return None
-            if budget.left == before:  # nothing was learnt, so the best path is final
-                cost = sum(self._cost(a, b, people.time) for a, b in pairwise(path))
+            if self.left == before:  # nothing was learnt, so the best path is final
+                cost = sum(self._cost(a, b, now) for a, b in pairwise(path))
                 return [self.milestones[k] for k in path], cost
 
     def _end(self, which: str, q: FloatArray) -> int:
@@ -250,27 +212,22 @@ class DetourRoadmap:
             self._add([q])
             self._near.append([])
         else:
-            self.milestones[k] = q
-            self._tips[k] = self._tip(q)
+            self.milestones[k], self._tips[k] = q, self._tip(q)
             for other in self._near[k]:
                 self._near[other].remove(k)
             self._near[k] = []
-            for store in (self._free, self._estimates, self._full, self._paths):
-                for key in [key for key in store if k in key]:
-                    del store[key]
-        for other in self._nearest(q, 2 * _NEIGHBOURS):
-            self._join(k, other)
+            for key in [key for key in self._edges if k in key]:
+                del self._edges[key]
+        self._join(k, q, 2 * _NEIGHBOURS)
         return k
 
     def _cost(self, a: int, b: int, now: float) -> float:
-        key = (min(a, b), max(a, b))
-        if not self._free.get(key, True):
-            return float("inf")
-        full = self._full.get(key)
-        if full is None:
-            full = self._full[key] = float(self._full_times(self.milestones[a])[b])
-        known = self._estimates.get(key)
-        return full if known is None or now > known.until else max(full, known.time)
+        edge = self._edge(a, b)
+        if edge.free is False:
+            return np.inf
+        if edge.full is None:
+            edge.full = float(self._full_times(self.milestones[min(a, b)])[max(a, b)])
+        return edge.full if now > edge.until else max(edge.full, edge.time)
 
     def _best(self, first: int, last: int, now: float, ahead: FloatArray, within: float) -> list[int] | None:
         """Return the best path by what is known, or None if it takes longer than wanted."""
@@ -295,37 +252,23 @@ class DetourRoadmap:
                     heapq.heappush(queue, (cost + float(ahead[other]), other))
         return None
 
-
-class Detours:
-    """Searches paths that are quicker beside people as they are now, on a roadmap of a `seed`, and keep limits."""
-
-    def __init__(self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits, seed: int = 0) -> None:
-        self._prover, self._bodies, self._limits = prover, bodies, limits
-        # A path that nobody can slow down before a time [s].
-        self._undisturbed: tuple[GuardedPath | None, float] = (None, 0.0)
-        self.roadmap = DetourRoadmap(prover, bodies, limits, seed=seed)
-
-    def keep_to(self, limits: PathLimits) -> None:
-        """Have detours keep other limits from now on."""
-        self._limits = limits
-        self.roadmap.keep_to(limits)
-
-    def search(self, command: Command, people: PeopleNow, units: int) -> tuple[GuardedPath, float] | None:
+    def search(
+        self, command: Command, around: Around, now: float, units: int
+    ) -> tuple[GuardedPath, float] | None:
         """Return a quicker path to the goal that leaves the command's path where its stop ends; None if none is found.
 
         It begins with the rest of the command's path up to there, so that the robot can change over at any time before
         that. The arc length of the command's path at which it begins is returned as well. At most so many units of work
         are done; the next call goes on where this one ended.
         """
-        now = people.time
-        path, budget = command.path, Budget(units)
+        path, self.left = command.path, units
         rest = float(command.motion.places[-1])
         if path.length - rest < _SMALL:
             return None
         if self._undisturbed[0] is path and now < self._undisturbed[1]:
             return None
         rough = path.coarse
-        times, left = people.pace(rough)
+        times, left = rough.pace(around, self._tick)
         self._undisturbed = path, now + left
         ahead = rough.edges[1:] > rest
         stay = float(times[ahead].sum())
@@ -334,13 +277,13 @@ class Detours:
             return None
         start, goal = path.curve.at(np.array([rest, path.length])).q
         within = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * alone))
-        found = self.roadmap.quickest(start, goal, people, within, budget)
+        found = self.quickest(start, goal, around, now, within)
         if found is None:
             return None
-        points = self._shortened(found[0], people, budget)
-        curve = blended(np.array(points), self._prover.checker.robot, _TOLERANCE, self._prover)
-        way = GuardedPath.along(self._bodies, curve, self._limits)
-        takes = self._time(way, people)
+        points = self._shortened(found[0], around)
+        curve = blended(np.array(points), self._robot, _TOLERANCE, self._prover)
+        way = GuardedPath.along(self._bodies, curve, self.limits)
+        takes = float(way.coarse.pace(around, self._tick)[0].sum())
         if takes > within:
             return None
         _log.info("%.3f s: a detour of %.2f rad takes %.1f s instead of %.1f s", now, way.length, takes, stay)
@@ -350,29 +293,22 @@ class Detours:
         begin = float(path.curve.starts[path.curve.piece_at(np.array([first]))[0]])
         return path.from_to(first, rest).then(way), begin
 
-    def _time(self, path: GuardedPath, people: PeopleNow) -> float:
-        return float(people.pace(path.coarse)[0].sum())
-
-    def _shortened(self, points: list[FloatArray], people: PeopleNow, budget: Budget) -> list[FloatArray]:
+    def _shortened(self, points: list[FloatArray], around: Around) -> list[FloatArray]:
         """Return the path without the points that a free and no slower straight motion can leave out."""
-        kept = [points[0]]
-        k = 0
+
+        def takes(*through: FloatArray) -> float:
+            paces = (self._between(a, b).pace(around, self._tick) for a, b in pairwise(through))
+            return sum(float(times.sum()) for times, _ in paces)
+
+        kept, k = [points[0]], 0
         while k < len(points) - 1:
             for other in range(len(points) - 1, k, -1):
                 if other == k + 1 or (
-                    budget.spend(_SHORTCUT)
+                    self._spend(_SHORTCUT)
                     and self._prover.is_free(points[k], points[other])
-                    and self._straight_time([points[k], points[other]], people)
-                    <= self._straight_time(points[k : other + 1], people)
+                    and takes(points[k], points[other]) <= takes(*points[k : other + 1])
                 ):
                     kept.append(points[other])
                     k = other
                     break
         return kept
-
-    def _straight_time(self, points: list[FloatArray], people: PeopleNow) -> float:
-        robot, total = self._prover.checker.robot, 0.0
-        for a, b in pairwise(points):
-            curve = blended(np.array([a, b]), robot, 0.0, None)
-            total += self._time(GuardedPath.along(self._bodies, curve, self._limits), people)
-        return total

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray
-from safe_ompl.geometry.kernels import Borne, CellFrames, cell_gaps, gaps
+from safe_ompl.danger import JointMotions
+from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning.bodies import RobotBodies
+from safe_ompl.robot import Robot, bounding_hull
 from safe_ompl.trajectories import (
     CLAMPING,
     CONTACT,
@@ -21,8 +22,10 @@ from safe_ompl.trajectories import (
     SEPARATION,
     TOOL_SPEED,
     BlendedCurve,
+    BodySpeeds,
     Cells,
     ContactLimits,
+    Piece,
     RateLimits,
     SpeedCap,
     Trajectory,
@@ -47,6 +50,77 @@ _SAME = 1e-9  # [rad] places nearer than this are one
 # Caps of trajectories that the replanner derives itself at every tick.
 _DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
+_NOWHERE: FloatArray = np.zeros((0, 0))
+
+
+class RobotBodies:
+    """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        parts = list(robot.shared.collision_model.geometryObjects)
+        self._moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
+        hulls = [bounding_hull(parts[k].geometry).moved(parts[k].placement) for k in self._moving]
+        self.links = tuple(parts[k].name.rsplit("_", 1)[0] for k in self._moving)
+        carriers: IntArray = np.array([parts[k].parentJoint - 1 for k in self._moving], dtype=np.intp)
+        first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
+        middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
+        extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
+        self.arrays = Hulls(
+            carriers,
+            np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
+            first,
+            np.array([hull.radius for hull in hulls]),
+            middles,
+            np.array(extents),
+        )
+        self._joints = JointMotions(robot)
+        self._first_axis = self._joints.frames(np.zeros((1, robot.n)))[2][0, 0]
+        self._speeds = BodySpeeds(robot)
+
+    def frames(self, Q: FloatArray, travel: FloatArray = _NOWHERE) -> CellFrames:
+        """Return the frames of the joints at `Q: (B, n)`, and how far (B, G) the bodies get from there [m]."""
+        return CellFrames(*self._joints.frames(Q)[:2], travel)
+
+    def vertices(self, body: int, frames: CellFrames) -> FloatArray:
+        """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
+        joint, (first, last) = self.arrays.carriers[body], self.arrays.first_vertex[body : body + 2]
+        turned = np.einsum("bxy,vy->bvx", frames.rotations[:, joint], self.arrays.vertices[first:last])
+        return np.asarray(turned + frames.origins[:, joint, None])
+
+    @cached_property
+    def turning(self) -> BoolArray:
+        """Which moving bodies (G,) only turn, about the axis of the first joint."""
+        return np.asarray((self.arrays.carriers == 0) & ~self._joints.prismatic[0])
+
+    def swept(self, body: int, frames: CellFrames, axes: FloatArray) -> FloatArray:
+        """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""
+        vertices, turn = self.vertices(body, frames)[0], self._first_axis
+        arms = vertices - frames.origins[0, 0]
+        along, heights = arms @ turn, axes @ turn
+        radii = np.sqrt(np.maximum((arms * arms).sum(axis=1) - along * along, 0.0))
+        across = np.sqrt(np.maximum(1.0 - heights * heights, 0.0))
+        nearest = (np.outer(along, heights) - np.outer(radii, across)).min(axis=0)
+        return np.asarray((arms @ axes.T).min(axis=0) - nearest)
+
+    def accelerations(self, cells: Cells) -> FloatArray:
+        """Return bounds (N, G) of how fast the velocities of points of the moving bodies change [m/rad²]."""
+        return np.asarray(self._speeds.accelerations(cells)[:, self._moving])
+
+    def speeds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
+        """Return the bounds of `BodySpeeds` (N, all bodies and the tip) [m/rad]."""
+        return self._speeds.bounds(curve, cells)
+
+    def travel(self, speeds: FloatArray, cells: Cells) -> FloatArray:
+        """Return how far (N, G) the moving bodies get from where they are at the centres of cells, at most [m]."""
+        return np.asarray(np.ascontiguousarray(speeds[:, self._moving] * cells.sizes[:, None] / 2))
+
+
+def line(start: FloatArray, end: FloatArray) -> BlendedCurve:
+    """Return the straight motion between two configurations (n,)."""
+    step, length = end - start, float(np.linalg.norm(end - start))
+    still = np.zeros(len(step))
+    return BlendedCurve([Piece(start, step / length, still, still, length)], [])
 
 
 class MotionMargin(NamedTuple):
@@ -145,8 +219,7 @@ class GuardedPath:
     brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
     stops: IntArray  # Edges where the robot stops
     slopes: FloatArray  # (N, n), bounds of |q′|
-    frames: tuple[FloatArray, FloatArray]  # (N, m, 3, 3), of the joints at the centres of the cells
-    travel: FloatArray  # (N, G), how far the bodies get from there [m]
+    frames: CellFrames  # Of the joints at the centres of the cells, and how far bodies get from there
 
     @classmethod
     def of(cls, bodies: RobotBodies, trajectory: Trajectory) -> GuardedPath:
@@ -178,7 +251,7 @@ class GuardedPath:
         of_bodies = bodies.speeds(curve, cells)
         for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
             speeds = np.minimum(speeds, cap.speeds)
-        frames = bodies.frames(curve.at(cells.centres).q)
+        frames = bodies.frames(curve.at(cells.centres).q, bodies.travel(of_bodies, cells))
         return cls(
             bodies,
             curve,
@@ -189,7 +262,6 @@ class GuardedPath:
             cells.stops,
             cells.slopes,
             frames,
-            bodies.travel(of_bodies, cells),
         )
 
     def __repr__(self) -> str:
@@ -217,7 +289,7 @@ class GuardedPath:
     @cached_property
     def _slow(self) -> FloatArray:
         """The largest ṡ² (N, G) at which no point of the bodies is faster than `RETREAT_SPEED`."""
-        bodies = 2 * self.travel / np.diff(self.edges)[:, None]
+        bodies = 2 * self.frames.travel / np.diff(self.edges)[:, None]
         return np.asarray(np.square(RETREAT_SPEED / np.maximum(bodies, 1e-9)))
 
     @cached_property
@@ -289,28 +361,27 @@ class GuardedPath:
     def _borne(self, contact: ContactLimits, at: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest ṡ² (N, G, M) at which contact is borne, and that if nobody is clamped, in cells (W,)."""
         if contact not in self._contacts:
-            unknown = np.full((len(self.brakes), self.travel.shape[1], len(contact.limbs)), np.nan)
+            unknown = np.full((len(self.brakes), self.frames.travel.shape[1], len(contact.limbs)), np.nan)
             self._contacts[contact] = unknown, unknown.copy()
         most, free = self._contacts[contact]
         new = np.unique(at[np.isnan(most[at, 0, 0])]) if most.size else at[:0]
         if len(new):
             sizes = self.edges[new + 1] - self.edges[new]
             Q = self.curve.at(self.edges[new] + 0.5 * sizes).q
-            bodies = 2 * self.travel[new] / sizes[:, None]
+            bodies = 2 * self.frames.travel[new] / sizes[:, None]
             most[new], free[new] = np.square(contact.speeds(Q, sizes, self.slopes[new], bodies))
         return most, free
 
-    def pace(
-        self, sets: ReachSets, clearance: float, reaction: float, contact: ContactLimits | None = None
-    ) -> tuple[FloatArray, float]:
+    def pace(self, around: Around, tick: float) -> tuple[FloatArray, float]:
         """Return how long (N,) each cell takes beside people as they are now, and for how long that holds [s].
 
-        In a cell that people need τ to reach, the robot is no faster than what stops within τ − reaction; a cell that
-        allows less than a fiftieth of the full speed is barred (inf). The times hold until somebody can be so near that
-        a cell takes longer: 0 where that is so already. Where contact is allowed, the robot is no slower than it is
-        borne where nobody is clamped. This estimate compares paths; what is driven is proven by `margin`.
+        In a cell that people need τ to reach, the robot is no faster than what stops within τ − T, if it begins to
+        brake within a tick [s], T after the measurement; a cell that allows less than a fiftieth of the full speed is
+        barred (inf). The times hold until somebody can be so near that a cell takes longer: 0 where that is so already.
+        Where contact is allowed, the robot is no slower than it is borne where nobody is clamped. This estimate
+        compares paths; what is driven is proven by `margin`.
         """
-        times, left = self._cell_times(sets, clearance, reaction, contact)
+        times, left = self._cell_times(around, tick)
         barred = np.isinf(times)
         if not barred.any() or barred[_ENDS:-_ENDS].any() or self.fine is self:
             return times, left
@@ -318,13 +389,13 @@ class GuardedPath:
         fine = self.fine
         sums = np.zeros(len(times))
         inside = np.searchsorted(self.edges, 0.5 * (fine.edges[1:] + fine.edges[:-1])) - 1
-        np.add.at(sums, inside, fine._cell_times(sets, clearance, reaction, contact)[0])
+        np.add.at(sums, inside, fine._cell_times(around, tick)[0])
         return np.where(barred, sums, times), left
 
-    def _cell_times(
-        self, sets: ReachSets, clearance: float, reaction: float, contact: ContactLimits | None
-    ) -> tuple[FloatArray, float]:
+    def _cell_times(self, around: Around, tick: float) -> tuple[FloatArray, float]:
         """Return what `pace` says, with the bounds of these cells alone."""
+        sets, since, clearance, contact = around
+        reaction = tick + since
         full = np.sqrt(self.squares)
         speeds, left = full, _AHEAD
         if len(sets):
@@ -333,17 +404,17 @@ class GuardedPath:
             grown = sets.grown(longest) - sets.grown(0.0)
             fastest = max(float(grown.max()) / longest, _SLOWEST)
             far = fastest * (longest + _AHEAD)
-            around = self._arrays(sets, clearance, far, _ROUGH)
+            arrays = self._arrays(sets, clearance, far, _ROUGH)
             cells, no = np.arange(len(self.brakes)), np.zeros(len(self.brakes))
-            margins = cell_gaps(cells, Borne(no, _NO_CONTACT), *around)
+            margins = cell_gaps(cells, Borne(no, _NO_CONTACT), *arrays)
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = self.brakes * (margins / fastest - reaction)
             if contact is not None and (speeds < full).any() and contact.bears.any():
                 touched = contact.bears > 0
-                bodies = 2 * self.travel.max(axis=1) / np.diff(self.edges)
-                shape = len(cells), self.travel.shape[1], len(touched)
+                bodies = 2 * self.frames.travel.max(axis=1) / np.diff(self.edges)
+                shape = len(cells), self.frames.travel.shape[1], len(touched)
                 most = np.broadcast_to(np.where(touched, np.inf, -1.0), shape)
-                others = cell_gaps(cells, Borne(no, np.ascontiguousarray(most)), *around)
+                others = cell_gaps(cells, Borne(no, np.ascontiguousarray(most)), *arrays)
                 slow = contact.bears[touched].min() / np.maximum(bodies, 1e-9)
                 speeds = np.minimum(np.maximum(speeds, slow), self.brakes * (others / fastest - reaction))
             speeds = np.minimum(full, speeds)
@@ -361,7 +432,6 @@ class GuardedPath:
         pieces = list(self.curve.pieces[piece : end + 1])
         pieces[-1] = pieces[-1]._replace(length=last - float(self.curve.starts[end]))
         stops = [k - piece for k in self.curve.stops if piece < k <= end]
-        rotations, origins = self.frames
         return replace(
             self,
             curve=BlendedCurve(pieces, stops),
@@ -370,14 +440,12 @@ class GuardedPath:
             brakes=self.brakes[a:b],
             stops=self.stops[(self.stops > a) & (self.stops < b)] - a,
             slopes=self.slopes[a:b],
-            frames=(rotations[a:b], origins[a:b]),
-            travel=self.travel[a:b],
+            frames=CellFrames(*(part[a:b] for part in self.frames)),
         )
 
     def then(self, other: GuardedPath) -> GuardedPath:
         """Return this path and, after a stop at its end, another one that begins there."""
         count, pieces = len(self.brakes), len(self.curve.pieces)
-        rotations, origins = (np.concatenate(pair) for pair in zip(self.frames, other.frames, strict=True))
         stops = [*self.curve.stops, pieces, *(pieces + k for k in other.curve.stops)]
         return replace(
             self,
@@ -387,10 +455,9 @@ class GuardedPath:
             brakes=np.concatenate([self.brakes, other.brakes]),
             stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
             slopes=np.concatenate([self.slopes, other.slopes]),
-            frames=(rotations, origins),
-            travel=np.concatenate([self.travel, other.travel]),
+            frames=CellFrames(*map(np.concatenate, zip(self.frames, other.frames, strict=True))),
         )
 
     def _arrays(self, sets: ReachSets, *rest: float) -> Any:
-        """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `gaps`."""
-        return CellFrames(*self.frames, self.travel), self.bodies.arrays, sets.arrays, *rest
+        """Return the frames and hulls of the cells, the sets, and the rest, in the order of `gaps`."""
+        return self.frames, self.bodies.arrays, sets.arrays, *rest

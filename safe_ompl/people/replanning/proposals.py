@@ -10,7 +10,6 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number
 from safe_ompl.motions import Motion
-from safe_ompl.planning.ompl import joint_space
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Cells, Piece, RateLimits, State, bending_cap
 
@@ -67,7 +66,7 @@ class Positions:
                 raise InputError(f"must have two positions at least, got {len(positions)}", "chunk")
             times = np.arange(float(len(positions))) / number("rate", rate, above=0.0)
         else:
-            given = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
+            given = Motion.of(motion, space=robot).for_robot(robot)
             if not given.timed:
                 raise InputError("has no times: give the rate of a chunk", "motion")
             parts = [

@@ -25,9 +25,13 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.geometry.kernels import CellFrames, chords_ahead, separating_axes
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning.bodies import RobotBodies
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, StopMotion
-from safe_ompl.trajectories import BlendedCurve, Piece
+from safe_ompl.people.replanning.guarded_path import (
+    GuardedPath,
+    PathLimits,
+    RobotBodies,
+    StopMotion,
+    line,
+)
 
 # Who may be at the robot so soon [s] is retreated from; if that fails only from the nearest.
 _SOON = (0.2, 0.12)
@@ -37,14 +41,6 @@ _STILL = 3  # so many of the first joints may stay still: links near the base ca
 _ROUNDS = 40  # of the search for a direction
 _FAR = 0.35  # [m] who is farther away need not be looked at
 _LEAST = 0.02  # [m/rad] distances must grow by this at least
-
-
-def line(start: FloatArray, end: FloatArray) -> BlendedCurve:
-    """Return the straight motion between two configurations (n,)."""
-    step = end - start
-    length = float(np.linalg.norm(step))
-    still = np.zeros(len(step))
-    return BlendedCurve([Piece(start, step / length, still, still, length)], [])
 
 
 class Receding:
@@ -68,21 +64,17 @@ class Receding:
             return found
         frames = path.bodies.frames(path.curve.at(np.array([self._s, last])).q)
         bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
-        cells = CellFrames(*frames, np.zeros((0, 0)))
-        body, which = np.nonzero(chords_ahead(path.bodies.arrays, cells, self._axes, self._apart, bends))
+        body, which = np.nonzero(chords_ahead(path.bodies.arrays, frames, self._axes, self._apart, bends))
         found[body, self._sets.owners[which]] = True
         return found
 
 
-def _ahead(
-    bodies: RobotBodies, frames: tuple[FloatArray, FloatArray], sets: ReachSets
-) -> tuple[FloatArray, FloatArray]:
+def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[FloatArray, FloatArray]:
     """Return directions (G, S, 3) from sets to bodies, and how far (G, S) apart they are along these [m], at least.
 
     The sets are those of the measurement, the frames the first ones. Distances above `_FAR` are infinite.
     """
-    first = CellFrames(*frames, np.zeros((0, 0)))
-    axes, apart = separating_axes(bodies.arrays, first, sets.arrays, _FAR)
+    axes, apart = separating_axes(bodies.arrays, frames, sets.arrays, _FAR)
     return axes, apart - bodies.arrays.pads[:, None] - sets.radii - sets.grown(0.0)
 
 

@@ -9,7 +9,7 @@ from safe_ompl import Box, Obstacle, People, Pose, Replanner, Scene, Tracker
 from safe_ompl.geometry import STANDING
 from safe_ompl.people import TrackedBody, find_skeleton
 from safe_ompl.people.replanning import Doing
-from safe_ompl.people.replanning.guard import contact_limits
+from safe_ompl.people.replanning.replanner import contact_limits
 from safe_ompl.people.simulation import ContactMonitor, limb_solids
 from safe_ompl.trajectories import contact_speed, robot_mass
 

@@ -9,9 +9,7 @@ import pytest
 
 from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, time_path
 from safe_ompl.geometry import Box, Obstacle, Pose
-from safe_ompl.people.replanning import DetourRoadmap, Doing, GuardedPath, PathLimits, PeopleNow, RobotBodies
-from safe_ompl.people.replanning.detours import Budget
-from safe_ompl.people.replanning.retreat import line
+from safe_ompl.people.replanning import Around, Detours, Doing, GuardedPath, PathLimits, RobotBodies, line
 
 FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
 BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}
@@ -66,7 +64,7 @@ def test_nothing_is_looked_for_where_the_way_is_clear(replanner_for, to_and_fro)
 def roadmap(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
     limits = PathLimits(RateLimits.of(panda, acceleration=10.0))
-    found = DetourRoadmap(replanner.prover, RobotBodies(panda), limits)
+    found = Detours(replanner.prover, RobotBodies(panda), limits, 0.05)
     way = to_and_fro(replanner)[0]
     found.cover(way.curve)
     return found, replanner, way
@@ -76,23 +74,22 @@ def around(replanner, seen):
     replanner.update(
         *seen, replanner.surroundings.time + 1 if np.isfinite(replanner.surroundings.time) else 0.0
     )
-    return PeopleNow(replanner.surroundings.sets, 0.0, 0.07, 0.0)
+    return Around(replanner.surroundings.sets, 0.02)
 
 
 def test_what_is_known_is_kept(roadmap):
     roadmap, replanner, way = roadmap
     start, goal = way.at([0.0, way.duration]).q
     people = around(replanner, BARRED)
-    first = Budget(2000)
-    found = roadmap.quickest(start, goal, people, 30.0, first)
+    roadmap.left = 2000
+    found = roadmap.quickest(start, goal, people, 0.0, 30.0)
     assert found is not None
-    again = Budget(2000)
-    same = roadmap.quickest(start, goal, replace(people, time=0.1), 30.0, again)
-    assert again.left == 2000  # no proof and no look anew
+    first, roadmap.left = roadmap.left, 2000
+    same = roadmap.quickest(start, goal, people, 0.1, 30.0)
+    assert roadmap.left == 2000  # no proof and no look anew
     np.testing.assert_array_equal(same[0], found[0])
-    later = Budget(2000)
-    roadmap.quickest(start, goal, replace(around(replanner, BARRED), time=5.0), 30.0, later)
-    assert later.left > first.left  # looks have aged; proofs hold for ever
+    roadmap.quickest(start, goal, around(replanner, BARRED), 5.0, 30.0)
+    assert roadmap.left > first  # looks have aged; proofs hold for ever
     count = len(roadmap.milestones)
     roadmap.cover(way.curve)
     assert len(roadmap.milestones) == count
@@ -104,7 +101,8 @@ def test_a_small_budget_gets_there_in_the_end(roadmap):
     people = around(replanner, BARRED)
     turns = 0
     for turns in range(200):  # noqa: B007
-        found = roadmap.quickest(start, goal, people, 30.0, Budget(20))
+        roadmap.left = 20
+        found = roadmap.quickest(start, goal, people, 0.0, 30.0)
         if found is not None:
             break
     assert found is not None
@@ -114,12 +112,13 @@ def test_a_small_budget_gets_there_in_the_end(roadmap):
 def test_ways_are_free_and_end_where_they_must(roadmap):
     roadmap, replanner, way = roadmap
     start, goal = way.at([0.0, way.duration]).q
-    points, time = roadmap.quickest(start, goal, around(replanner, FAR), 30.0, Budget(2000))
+    roadmap.left = 2000
+    points, time = roadmap.quickest(start, goal, around(replanner, FAR), 0.0, 30.0)
     np.testing.assert_array_equal(points[0], start)
     np.testing.assert_allclose(points[-1], goal, atol=1e-9)
     assert all(replanner.prover.is_free(a, b) for a, b in pairwise(points))
     assert 0 < time < 30
-    assert roadmap.quickest(start, goal, around(replanner, FAR), 0.1, Budget(2000)) is None
+    assert roadmap.quickest(start, goal, around(replanner, FAR), 0.0, 0.1) is None
 
 
 def slowed(replanner, to_and_fro, panda, way=0, **speeds):
@@ -174,16 +173,17 @@ def test_other_limits_make_other_times_but_no_other_proofs(roadmap):
     roadmap, replanner, way = roadmap
     start, goal = way.at([0.0, way.duration]).q
     people = around(replanner, FAR)
-    _, fast = roadmap.quickest(start, goal, people, 60.0, Budget(2000))
+    roadmap.left = 2000
+    _, fast = roadmap.quickest(start, goal, people, 0.0, 60.0)
     roadmap.keep_to(replace(roadmap.limits, tool_speed=0.3))
-    again = Budget(20000)
-    _, slow = roadmap.quickest(start, goal, people, 60.0, again)
+    roadmap.left = 20000
+    _, slow = roadmap.quickest(start, goal, people, 0.0, 60.0)
     assert slow > 1.5 * fast
-    assert again.left < 20000
-    kept = Budget(2000)
+    assert roadmap.left < 20000
+    left = roadmap.left
     roadmap.keep_to(roadmap.limits)
-    assert roadmap.quickest(start, goal, people, 60.0, kept)[1] == slow
-    assert kept.left == 2000
+    assert roadmap.quickest(start, goal, people, 0.0, 60.0)[1] == slow
+    assert roadmap.left == left
 
 
 @pytest.mark.parametrize(("bound", "limit"), [(0.0, 1.0), (0.5, None)])
@@ -208,7 +208,7 @@ def test_a_new_trajectory_brings_its_limits(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
     driven(replanner, slowed(replanner, to_and_fro, panda), lambda t: FAR, 6.0)
     replanner.start(slowed(replanner, to_and_fro, panda, 1, tool_speed=1.0))
-    assert replanner.detours.roadmap.limits.tool_speed == 1.0
+    assert replanner.detours.limits.tool_speed == 1.0
 
 
 def test_no_other_way_is_taken_where_a_cap_holds_on_its_own_curve_only(
@@ -266,7 +266,7 @@ def test_paths_are_cut_and_joined_as_they_were(panda):
     assert whole.length == pytest.approx(part.length + rest.length)
     assert whole.ceiling[len(part.brakes)] == 0  # it stops where they meet
     np.testing.assert_allclose(whole.curve.at(np.array([whole.length])).q[0], points[0], atol=1e-12)
-    assert len(whole.brakes) == len(whole.travel) == len(whole.frames[0]) == len(whole.edges) - 1
+    assert len(whole.brakes) == len(whole.frames.travel) == len(whole.frames.origins) == len(whole.edges) - 1
 
 
 def test_joined_paths_have_an_acceleration_in_every_cell_however_lengths_are_rounded(panda):

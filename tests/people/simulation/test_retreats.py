@@ -7,9 +7,9 @@ import pytest
 
 from safe_ompl import Pose
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning import Doing, GuardedPath, PathLimits, RobotBodies
+from safe_ompl.people.replanning import Doing, GuardedPath, PathLimits, RobotBodies, line
 from safe_ompl.people.replanning.guarded_path import RETREAT_SPEED
-from safe_ompl.people.replanning.retreat import Receding, Retreats, line
+from safe_ompl.people.replanning.retreat import Receding, Retreats
 from safe_ompl.trajectories import RateLimits
 
 FAR = Pose((3.0, 0.0, 0.0))
@@ -146,11 +146,11 @@ def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_
 def test_the_first_link_recedes_however_it_turns_from_who_is_beside_all_that_it_sweeps(panda, bodies, limits):
     q = np.array([0.3, -0.4, 0, -2.0, 0, 2.0, 0.785])
     first = bodies.links.index("panda_link1")
-    angles = np.linspace(0.0, 2 * np.pi, 721)
+    angles = np.linspace(q[0], q[0] + 2 * np.pi, 721)
     turned = bodies.frames(q + np.outer(angles - q[0], np.eye(7)[0]))
     vertices = bodies.vertices(first, turned)
     axes = np.array([[1.0, 0, 0], [0.6, 0.64, 0.48], [0, 0, 1]])
-    lost = bodies.swept(first, tuple(part[:1] for part in turned), axes)
+    lost = bodies.swept(first, bodies.frames(q[None]), axes)
     heights = vertices @ axes.T
     np.testing.assert_allclose(heights[0].min(axis=0) - heights.min(axis=(0, 1)), lost, atol=1e-5)
     assert (heights[0].min(axis=0) - heights.min(axis=(0, 1)) <= lost + 1e-12).all()

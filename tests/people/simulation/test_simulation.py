@@ -305,7 +305,7 @@ def test_it_can_be_seen(tmp_path, capsys):
     assert f"see it: safe-ompl view {tmp_path}" in "".join(capsys.readouterr().err.split("\n"))
     pytest.importorskip("viser")
     page = tmp_path / "page.html"
-    assert main([*words, "--html", str(page)]) == 0
+    assert main([*words, "--html", str(page), "--force"]) == 0
     assert "<html" in page.read_text(encoding="utf-8")[:2000].lower()
 
 
@@ -382,7 +382,7 @@ def test_limits_of_danger_hold_for_what_stands_still_and_are_said_not_to_for_who
     words = [limited(tmp_path, {"max_danger": 50.0}), "--out", str(tmp_path / "out"), "--seconds", "0.1"]
     assert main(["live", *words, "--people", "random"]) == 0
     assert "max_danger counts obstacles that stand still only" in " ".join(capsys.readouterr().err.split())
-    options = command_line().parse_args(["live", *words, "--movers", "1"])
+    options = command_line().parse_args(["live", *words, "--movers", "1", "--force"])
     job = options.prepare(options)
     replanner = job.keywords["replanner"]
     assert [limit.limit for limit in replanner.prover.limits] == [50.0]
