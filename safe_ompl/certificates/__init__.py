@@ -8,9 +8,10 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.certificates.issue import Pairs, certificate, motion_certificate, terms_of
-    from safe_ompl.certificates.verifier.verify import Verified, verify
+    from safe_ompl.certificates.verifier.verify import TIME, Verified, verify
 
 __all__ = [
+    "TIME",
     "Pairs",
     "Verified",
     "certificate",

@@ -97,8 +97,8 @@ def certificate(
         [rad], a `position` with bounds of `x`, `y` and `z` [m]; either or both.
     trajectory : Trajectory, optional
         Claim the path in time, too: duration, limits of joint velocities and accelerations, that the curve is free, its
-        stops beside people, and how slow it is in the contacts that these may end in. Of its danger in motion the limit
-        that it was made for, or else, with a `field`, its proven peak.
+        stops beside people; of limbs that it may touch neither stops nor speeds. Of its danger in motion the limit that
+        it was made for, or else, with a `field`, its proven peak.
     tube : array_like, shape (n,), optional
         Claim all this of every motion, too, whose joints are within these widths of the path [rad or m]; not of a
         trajectory.
@@ -367,10 +367,8 @@ def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
         "clearance": people.clearance,
     }
     if people.contact:
-        found["contact"] = {
-            part: [limb_contact_speed(robot, people, limb, clamped=clamped) for clamped in (False, True)]
-            for part, limb in parts.items()
-        }
+        touched = [part for part, limb in parts.items() if limb_contact_speed(robot, people, limb) > 0]
+        found |= {"contact": touched} if touched else {}
     return found
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import ceil
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,13 @@ _FIRST_REACH = 0.15
 # [m] Default floor. Smaller ones decide hardly more edges, as contact itself is known to 0.01 mm; larger ones save
 # nothing while planning, where few edges pass so near to a contact.
 FLOOR = 5e-6
+
+
+Interval: TypeAlias = tuple[float, float]  # centre and half-length, fractions of a motion
+
+
+def _never() -> bool:
+    return False
 
 
 class Verdict(Enum):
@@ -91,6 +98,8 @@ class MotionProver:
         `with_min_clearance` and `with_moving_obstacles`.
     limits : sequence of MotionLimit
         What else must be proven of a motion that is free, such as a `DangerLimit`.
+    stop : callable
+        Says when time is up: what is not proven until then stays undecided.
     """
 
     def __init__(
@@ -100,8 +109,9 @@ class MotionProver:
         *,
         separation: Separation = TOUCHING_ONLY,
         limits: Sequence[MotionLimit] = (),
+        stop: Callable[[], bool] = _never,
     ) -> None:
-        self._checker = checker
+        self._checker, self._stop = checker, stop
         self._floor = positive(floor, "floor", "length [m]")
         self._separation = separation
         self._limits = tuple(limits)
@@ -118,6 +128,11 @@ class MotionProver:
     def floor(self) -> float:
         """Displacement [m] below which an interval is not divided any more."""
         return self._floor
+
+    @property
+    def stopped(self) -> bool:
+        """Whether its time is up."""
+        return self._stop()
 
     @property
     def separation(self) -> Separation:
@@ -178,7 +193,7 @@ class MotionProver:
 
     def with_checker(self, checker: CollisionChecker, separation: Separation) -> MotionProver:
         """Return the same that asks another checker of the same robot, and proves a separation; errors as the class."""
-        return MotionProver(checker, self._floor, separation=separation, limits=self._limits)
+        return MotionProver(checker, self._floor, separation=separation, limits=self._limits, stop=self._stop)
 
     def with_separation(self, separation: Separation) -> MotionProver:
         """Return the same that proves another separation."""
@@ -186,7 +201,15 @@ class MotionProver:
 
     def with_limits(self, limits: Sequence[MotionLimit]) -> MotionProver:
         """Return the same that proves other limits besides."""
-        return MotionProver(self._checker, self._floor, separation=self._separation, limits=limits)
+        return MotionProver(
+            self._checker, self._floor, separation=self._separation, limits=limits, stop=self._stop
+        )
+
+    def until(self, stop: Callable[[], bool]) -> MotionProver:
+        """Return the same that gives up when `stop` says so."""
+        return MotionProver(
+            self._checker, self._floor, separation=self._separation, limits=self._limits, stop=stop
+        )
 
     def is_free(
         self, start: ArrayLike, end: ArrayLike, margin: float = 0.0, limits: JointLimits | None = None
@@ -377,6 +400,8 @@ class MotionProver:
                 return MotionVerdict(Verdict.BLOCKED, at, witness)
         while intervals:
             t, half = intervals.pop()
+            if self._stop():
+                return MotionVerdict(Verdict.UNDECIDED, t, witness)
             q, steps = place(curve, t), half * speeds_about(curve, t, half)
             if holds(q, steps + tube):
                 continue
@@ -422,38 +447,62 @@ class MotionProver:
             q = place(curve, known.at)
             if checker.touches(q) or required.violated(q, known.at):
                 return Verdict.BLOCKED, known.at
-        approach = _approach(pairs, speeds_about(curve, 0.5, 0.5), required)
-        widest = float(approach.max(initial=0.0))
-        count = max(1, ceil(0.5 * widest / _FIRST_REACH))
-        half = 0.5 / count
-        centres = _unknown([(2 * k + 1) * half for k in range(count)], half, known)
-        unproven: list[float] = []
+        curved, approach, margins, asked = len(curve) > 2, np.empty(0), np.empty(0), -1.0
+        intervals = self._first_intervals(curve, required, known)
+        unproven: list[Interval] = []
         while True:
-            known_free, unproven = set(unproven), []
-            margins = half * approach + required.provable(0.0)
-            margins.setflags(write=False)  # so that queries see that it does not change
-            for t in centres:
-                if len(curve) > 2:
+            known_free, unproven = {t for t, _ in unproven}, []
+            for t, half in intervals:
+                if self._stop():
+                    return Verdict.UNDECIDED, t
+                if curved or half != asked:
                     approach = _approach(pairs, speeds_about(curve, t, half), required)
-                if len(curve) > 2 or required.growth is not None:
-                    margins = half * approach + required.provable(t)
+                if curved or half != asked or required.growth is not None:
+                    margins, asked = half * approach + required.provable(t), half
+                    margins.setflags(write=False)  # so that queries see that it does not change
                 q = place(curve, t)
                 if pairs.within_margins(q, margins):
                     if t not in known_free and checker.touches(q):
                         return Verdict.BLOCKED, t
-                    unproven.append(t)
+                    unproven.append((t, half))
             if not unproven:
                 return Verdict.FREE, None
-            for t in unproven:
+            intervals = []
+            for t, half in unproven:
                 q = place(curve, t)
                 if t not in known_free and pairs.within_margins(q, required.provable(t)):
                     return Verdict.BLOCKED if required.violated(q, t) else Verdict.UNDECIDED, t
-            if half * widest < self._floor:
-                return Verdict.UNDECIDED, unproven[0]
-            half /= 3
-            centres = _unknown(
-                [t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)], half, known
-            )
+                if curved:
+                    approach = _approach(pairs, speeds_about(curve, t, half), required)
+                if half * approach.max(initial=0.0) < self._floor:
+                    return Verdict.UNDECIDED, t
+                third = half / 3
+                intervals += _unknown([(t + side, third) for side in (-2 * third, 0.0, 2 * third)], known)
+
+    def _first_intervals(
+        self, curve: Curve, required: RequiredDistances, known: BoundsProof
+    ) -> list[Interval]:
+        """Return intervals that cover what is not known to be free, in which no pair approaches by more than 0.3 m.
+
+        A bound of how fast a curve is may be much too large for all of it, and good in its parts, which are halved. The
+        steps of an edge are the same everywhere.
+        """
+        waiting, found = [(0.5, 0.5)], list[Interval]()
+        while waiting:
+            if self._stop():
+                return [*found, *waiting]
+            t, half = waiting.pop()
+            if not _unknown([(t, half)], known):
+                continue
+            widest = half * _approach(required.pairs, speeds_about(curve, t, half), required).max(initial=0.0)
+            if widest <= _FIRST_REACH:
+                found.append((t, half))
+            elif len(curve) > 2:
+                waiting += [(t + half / 2, half / 2), (t - half / 2, half / 2)]
+            else:
+                count = ceil(widest / _FIRST_REACH)
+                found += [((2 * k + 1) * half / count, half / count) for k in range(count)]
+        return _unknown(found, known)
 
 
 def place(curve: Curve, t: float) -> FloatArray:
@@ -482,6 +531,6 @@ def _approach(pairs: PairSet, speeds: FloatArray, required: RequiredDistances) -
     return approach if required.growth is None else approach + required.growth
 
 
-def _unknown(centres: list[float], half: float, known: BoundsProof) -> list[float]:
-    """Return the centres of those intervals that are not known to be free."""
-    return [t for t in centres if not known.covers(t - half, t + half)]
+def _unknown(intervals: list[Interval], known: BoundsProof) -> list[Interval]:
+    """Return those intervals that are not known to be free."""
+    return [(t, half) for t, half in intervals if not known.covers(t - half, t + half)]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.motions.checks import MotionCheck, check, check_with, widest_tube
+    from safe_ompl.motions.checks import TIME, MotionCheck, check, check_with, widest_tube
     from safe_ompl.motions.motion import Motion
     from safe_ompl.motions.rates import Extremes, Violation, extremes, rate_violations
     from safe_ompl.motions.repair import Repair, repair_with
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FACTOR",
+    "TIME",
     "Extremes",
     "MeasuredTube",
     "Motion",

@@ -18,18 +18,19 @@ from safe_ompl.collision import (
     ToolLimit,
     Verdict,
 )
-from safe_ompl.common import FloatArray, InputError, finite_array, polynomials
+from safe_ompl.common import FloatArray, InputError, clock, finite_array, polynomials, positive
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations
 from safe_ompl.motions.stops import stops_of
 from safe_ompl.motions.tube import tube_of
-from safe_ompl.paths import claims_of
-from safe_ompl.planning.ompl import Constraints, joint_space
+from safe_ompl.paths import Constraints, claims_of
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import RateLimits, Stops
 
+TIME = 60.0  # [s] that a check may take by default
+_OUT_OF_TIME = "out of time"
 _FINEST = 2.0**-7  # of a piece: the shortest stretch that is reported as not proven
 _TOUCHING = 1e-6  # [m] A smaller required distance allows for rounding, and is not called a clearance.
 
@@ -97,6 +98,7 @@ def check(
     limits: RateLimits | None = None,
     speeds: Mapping[str, float] | None = None,
     people: People | None = None,
+    time: float = TIME,
 ) -> MotionCheck:
     """Prove a motion that something else made, or find what stands in the way.
 
@@ -120,6 +122,8 @@ def check(
         Who may begin to move at any instant, from where the scene has them: a stop on the motion, from whatever instant
         on, within the accelerations of `limits`, is over before they are nearer than their clearance; or, where contact
         is allowed, the robot is slow enough. The motion must be in time, and end at rest.
+    time : float
+        [s] What of its way is not proven free by then stays undecided: violations of the kind "out of time" say where.
 
     Returns
     -------
@@ -143,7 +147,7 @@ def check(
     wanted = Constraints() if constraints is None else constraints
     if tube is not None:
         wanted = wanted.with_tube(tube_of(tube, robot))
-    return check_with(motion, _proof(robot, scene, wanted), limits, speeds, people)
+    return check_with(motion, _proof(robot, scene, wanted), limits, speeds, people, time)
 
 
 def check_with(
@@ -152,17 +156,19 @@ def check_with(
     limits: RateLimits | None = None,
     speeds: Mapping[str, float] | None = None,
     people: People | None = None,
+    time: float = TIME,
 ) -> MotionCheck:
     """Return the same as `check` with a `MotionProver` that is there already; arguments and errors as `check`."""
+    end = clock() + positive(time, "time", "number of seconds")
     robot = proof.checker.robot
-    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
+    motion = Motion.of(motion, space=robot).for_robot(robot)
     if speeds and not motion.timed:
         raise InputError("has no times, and obstacles that move need them", "motion")
     stops = None if people is None else stops_of(motion, proof, limits, people)
     found = rate_violations(motion, robot, limits)
     outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
-    for piece in piece_proofs(motion, proof, speeds):
+    for piece in piece_proofs(motion, proof.until(lambda: clock() > end), speeds):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
         known = what == "its limits" and joint in outside  # pairs and radii hold within the limits only
@@ -215,7 +221,7 @@ def widest_tube(
         raise InputError(f"proportions must be >= 0, and not all 0, got {shape.tolist()}")
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance must be between 0 and 1, got {tolerance!r}")
-    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
+    motion = Motion.of(motion, space=robot).for_robot(robot)
     proof = _proof(robot, scene, Constraints() if constraints is None else constraints)
     order = list(range(motion.pieces))  # the pieces that failed last come first
 
@@ -276,6 +282,8 @@ class PieceProof:
 
     def verdict(self, low: float = 0.0, high: float = 1.0) -> MotionVerdict:
         """Return the verdict on the piece from one fraction to another; its `at` is a fraction of this part."""
+        if self.proof.stopped:
+            return MotionVerdict(Verdict.UNDECIDED, 0.0)
         whole = (low, high) == (0.0, 1.0)
         curve = self._curve if whole else polynomials.restricted(self._curve, low, high)
         span = self.time(low) - self._begin, self.time(high) - self._begin
@@ -285,6 +293,10 @@ class PieceProof:
         """Yield short stretches between two fractions of the piece that are not proven, by time."""
         found = self.verdict(low, high)
         if found.verdict is Verdict.FREE:
+            return
+        if self.proof.stopped:
+            first, last = self.time(low), self.time(high)
+            yield Violation(_OUT_OF_TIME, first, last, first, (), decided=False)
             return
         if high - low > _FINEST:
             middle = 0.5 * (low + high)

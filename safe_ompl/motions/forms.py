@@ -18,7 +18,6 @@ from safe_ompl.common import (
     shown,
     whole_number,
 )
-from safe_ompl.planning.ompl import StateBridge
 from safe_ompl.robot import Robot
 
 _LEAST = 1e-9  # [s] between times; of less, powers have no digits
@@ -194,13 +193,15 @@ def named(names: Iterable[str], n: int) -> tuple[str, ...]:
 
 
 def path_states(path: Any, space: Any) -> FloatArray:
-    """Return the configurations (N, n) of OMPL's `PathGeometric`."""
+    """Return the configurations (N, n) of OMPL's `PathGeometric`, given its space or the robot."""
+    from safe_ompl.planning.ompl import StateBridge, joint_space  # who has no OMPL has no such path
+
     count = path.getStateCount()
     if not count:
         raise InputError("has no states", "PathGeometric")
     if space is None:
         raise InputError("does not know its state space: give space, or the SimpleSetup", "PathGeometric")
-    bridge = StateBridge(space)
+    bridge = StateBridge(joint_space(space) if isinstance(space, Robot) else space)
     return np.array([bridge.read(path.getState(i)) for i in range(count)])
 
 

@@ -23,8 +23,10 @@ from safe_ompl.common import (
 )
 from safe_ompl.motions import forms
 from safe_ompl.robot import Robot
+from safe_ompl.trajectories import Trajectory
 
 JUMP = 1e-6  # [rad or m] allowed between pieces; proofs add it to a piece's `allowance`
+_ROUGH = 1e-9  # [rad or m] far below what proofs keep more than they must
 _TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is probably given in degrees
 
 
@@ -131,8 +133,12 @@ class Motion:
 
     @cached_property
     def allowance(self) -> FloatArray:
-        """How far each piece (K, n) may be from its polynomial: slack, rounding, and the jump before it [rad or m]."""
-        allowance: FloatArray = np.zeros((self.pieces, self.n))
+        """How far each piece (K, n) may be from its polynomial: slack, rounding, and the jump before it [rad or m].
+
+        Where coefficients cancel, places of the polynomial are rounded by more than proofs allow for in any case.
+        """
+        rough = 4 * (self.degree + 1) * polynomials.EPS * np.abs(self.coefficients).sum(axis=1)
+        allowance: FloatArray = np.where(rough > _ROUGH, rough, 0.0)
         for part in (self.slack, self.rounding):
             allowance += 0.0 if part is None else part
         allowance[1:] += self._jumps
@@ -377,11 +383,12 @@ class Motion:
         ----------
         thing : object
             A `Motion`; SciPy's `PPoly` (`CubicSpline`, `Akima1DInterpolator`, …), `BPoly` or `BSpline` with values
-            (n,); way points (N, n); a `PlanResult`, a `JointPath`; OMPL's `PathGeometric`, or a solved `SimpleSetup`.
+            (n,); way points (N, n); a `PlanResult`, a `JointPath`; OMPL's `PathGeometric`, or a solved `SimpleSetup`; a
+            `Trajectory`, as controllers join its `points`.
         names : sequence of str, optional
             The joints, where it does not name them itself.
-        space : ob.StateSpace, optional
-            The space of a `PathGeometric`, which does not know it: that of a robot is `joint_space(robot)`.
+        space : ob.StateSpace or Robot, optional
+            The space of a `PathGeometric`, which does not know it, or the robot whose joints it has.
 
         Raises InputError if it is none of these, or as the class.
         """
@@ -395,6 +402,16 @@ class Motion:
         if "BSpline" in kinds:
             knots, degree = np.asarray(thing.t), int(thing.k)
             return cls.bspline(knots, forms.vectors(thing, 2)[: len(knots) - degree - 1], degree, names)
+        if isinstance(thing, Trajectory):
+            times, points = thing.points()
+            joints = thing.joint_names if names is None else names
+            return cls.hermite(
+                times,
+                points["positions"],
+                points["velocities"],
+                points.get("accelerations"),
+                joints,
+            )
         if hasattr(thing, "getSolutionPath"):
             thing, space = thing.getSolutionPath(), thing.getStateSpace()
         if hasattr(thing, "getStateCount"):
@@ -406,10 +423,9 @@ class Motion:
             thing, names = path, thing.joint_names
         if isinstance(thing, (np.ndarray, list, tuple)):
             return cls.through(thing, names=names)
-        proven = "; a Trajectory is proven when it is made" if "Trajectory" in kinds else ""
         raise InputError(
-            "must be a Motion, SciPy's PPoly, BPoly or BSpline, way points (N, n), a PlanResult, a JointPath or "
-            f"OMPL's PathGeometric, got {shown(thing)}{proven}",
+            "must be a Motion, SciPy's PPoly, BPoly or BSpline, way points (N, n), a PlanResult, a JointPath, a "
+            f"Trajectory or OMPL's PathGeometric, got {shown(thing)}",
             "motion",
         )
 

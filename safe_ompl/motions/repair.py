@@ -22,7 +22,6 @@ from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
 from safe_ompl.motions.checks import MotionCheck, PieceProof, check_with, piece_proofs
 from safe_ompl.motions.motion import Motion
 from safe_ompl.paths import unrolled
-from safe_ompl.planning.ompl import joint_space
 from safe_ompl.scene import People
 from safe_ompl.trajectories import RateLimits
 
@@ -126,7 +125,7 @@ def repair_with(
     succeed, `connect` finds proven paths between two configurations.
     """
     robot = proof.checker.robot
-    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
+    motion = Motion.of(motion, space=robot).for_robot(robot)
     displacement, how = Displacement(motion, proof), "moved"
 
     def proven(candidate: Motion) -> MotionCheck:

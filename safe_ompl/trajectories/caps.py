@@ -13,7 +13,7 @@ from safe_ompl.scene import People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.contact import CLAMPING, CONTACT, SEPARATION
 from safe_ompl.trajectories.curve import BlendedCurve, Cells, Curve, divided_edges
-from safe_ompl.trajectories.kernels import spread, stopping_speeds
+from safe_ompl.trajectories.kernels import stopping_speeds
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
 from safe_ompl.trajectories.time_law import SmoothLimits, best_window, velocity_cap
@@ -165,14 +165,10 @@ def people_caps(
         first, times = _first_of_each(left.times, distances.alike)
         harmless = harmless[:, first[0]]
         if limits.jerk is not None:
-            window = window or best_window(cells, limits, caps, times, harmless)
+            window = window or best_window(cells, limits, caps, times)
             smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)
             most = smooth.cone(smooth.caps)
             brakes = np.minimum(braking(smooth.cells, limits, most), smooth.brakes)
-            if people.contact:
-                reach = window / 2 * smooth.caps
-                times = spread(cells.edges, reach, cells.stops, times, np.inf)
-                harmless = smooth.cone(harmless)
             times = times - window
         ends = next_stops(cells)
         allowed, group, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)

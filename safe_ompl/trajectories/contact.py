@@ -4,18 +4,17 @@ In a *transient* contact the limb yields. A point of the robot that touches it m
 1/m_H + 1/m_R: the largest force, mass and stiffness of the body region, and the robot's mass. By default the robot
 counts as infinitely heavy, μ = m_H. Then F is proven whatever its motors do: let a mass m behind a spring K be pushed
 by a point whose speed is ẋ ≤ v, and let c ≥ 0 be the compression. In the frame that moves with v the energy ½Kc² + ½m(v
-− ẏ)² changes by Kc(ẋ − v) ≤ 0, and it is ½mv² where the mass is at rest first, so Kc ≤ v√(mK). A finite mass assumes
-that the motors let go: half of the links' mass is the public choice, and a bound of the mass in the direction n of the
-impact is m_n (n·v)² ≤ q̇ᵀM(q)q̇ (Cauchy and Schwarz), but a position servo pushes on while the limb yields. What counts
+− ẏ)² changes by Kc(ẋ − v) ≤ 0, and it is ½mv² where the mass is at rest first, so Kc ≤ v√(mK). A finite mass
+(`People.robot_mass`) assumes that the motors let go, but a position servo pushes on while the limb yields. What counts
 is the speed of the robot where it touches; that of the person is not counted, unless `People.contact_relative`
 subtracts it.
 
 A limb is *clamped* if it touches a body of the robot and, on its other side, a partner: an obstacle, a part of the
 robot that stands still, or a link that moves otherwise. It cannot yield: half of the force counts, and μ = m_R. There
-the robot must stop or yield by itself when it touches, and m_R is half of its links' mass and the load, unless
-`People.robot_mass` is given. What counts is how fast the gap closes. Two points of rigid bodies g and h, with velocity
-fields V_g and V_h, approach each other by (V_g(p) − V_h(p))·n, because V_h changes no distance. So they approach by no
-more than
+the robot must stop or yield by itself when it touches, and m_R is half of its links' mass and the load, the public
+choice, unless `People.robot_mass` is given: an infinite one would forbid nearly all contacts. What counts is how fast
+the gap closes. Two points of rigid bodies g and h, with velocity fields V_g and V_h, approach each other by (V_g(p) −
+V_h(p))·n, because V_h changes no distance. So they approach by no more than
 
     w_gh = Σ_j R̄_gj |q′_j| + Σ_i R̄_hi |q′_i|    per arc length,
 

@@ -71,6 +71,11 @@ class TimeLaw:
         return float(self.times[-1])
 
     @property
+    def knots(self) -> FloatArray:
+        """When s̈ jumps, or s⃛ where it is limited [s]; in any order."""
+        return self.times
+
+    @property
     def pushes(self) -> FloatArray:
         """s̈ (N,) in the cells [rad/s²]."""
         sizes = np.diff(self.edges)
@@ -209,6 +214,12 @@ class SmoothLaw(TimeLaw):
     def duration(self) -> float:
         """How long it takes [s]."""
         return float(self.arrivals[-1] + self.window)
+
+    @property
+    def knots(self) -> FloatArray:
+        """When s⃛ jumps [s]: when a cell of the plan enters the window or leaves it; in any order."""
+        ends = np.append(self.leaves, self.arrivals)
+        return np.append(ends, ends + self.window)
 
     def squares_at(self, s: FloatArray) -> FloatArray:
         """Return ṡ² (S,) at arc lengths; as `TimeLaw`."""
@@ -372,7 +383,6 @@ def best_window(
     limits: RateLimits,
     caps: FloatArray,
     times: FloatArray | None = None,
-    harmless: FloatArray | None = None,
 ) -> float:
     """Return the window [s] with which a law takes the least time, about.
 
@@ -380,8 +390,8 @@ def best_window(
     ----------
     cells, limits, caps
         As of `SmoothLimits.of`.
-    times, harmless : ndarray, shape (N, M), optional
-        Beside people, how long a stop may take in each cell [s], and the ṡ that need not stop.
+    times : ndarray, shape (N, M), optional
+        Beside people, how long a stop may take in each cell [s].
     """
     assert limits.jerk is not None
     stops = times is not None
@@ -393,9 +403,9 @@ def best_window(
     for _ in range(_WINDOWS):
         smooth = SmoothLimits.of(cells, limits, caps, window, stops=stops)
         speeds, duration = caps, np.inf
-        if times is not None and harmless is not None:
-            braked = np.minimum(smooth.brakes, pushes)[:, None] * np.maximum(times - window, 0.0)
-            speeds = np.minimum(caps, np.maximum(braked, harmless).min(axis=1))
+        if times is not None:
+            left = np.maximum(times.min(axis=1) - window, 0.0)
+            speeds = np.minimum(caps, np.minimum(smooth.brakes, pushes) * left)
         if speeds.min() > 0:
             spans = _spans(cells.edges, smooth.plan(limits, speeds))
             duration = float(spans.sum()) + window * (len(cells.stops) + 1)

@@ -111,7 +111,8 @@ class PathTimer:
     Raises
     ------
     InputError
-        As `time_path`, except for errors of the path; or if `motion` has a tube, and speeds besides are limited.
+        As `time_path`, except for errors of the path; or if `motion` has a tube, and speeds besides are limited; or
+        if contact is allowed and the jerk limited.
     """
 
     def __init__(
@@ -132,6 +133,10 @@ class PathTimer:
             )
         self.caps = within_tube(replace(caps or MotionCaps(), **named), motion)
         self.motion, self.people = motion, self.caps.people
+        if self.people is not None and self.people.contact and self.limits.jerk is not None:
+            raise InputError(
+                "contact is not proven with a limit of the jerk: leave one out", "people.contact"
+            )
         if self.people is not None and motion is None:
             raise InputError("give a motion: its scene says where people are", "motion")
         self.tolerance = number("tolerance", tolerance, at_least=0.0)

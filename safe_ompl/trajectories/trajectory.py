@@ -17,9 +17,11 @@ from safe_ompl.scene import People
 from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.danger import MotionDanger, motion_danger
 from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.points import points_within
 from safe_ompl.trajectories.time_law import SmoothLaw, TimeLaw
 
 RATE = 100.0  # [Hz]
+_INSTANT = 1e-9  # [s] Knots no farther apart are one.
 _BINDS = 1e-6  # relative: how near to its bound the speed must come for a cap to count as reached
 
 
@@ -149,18 +151,38 @@ class Trajectory:
         jerks: FloatArray = place.swing * rate**3 + 3 * place.bend * rate * push + place.slope * jerk
         return jerks if np.ndim(time) else jerks[0]
 
-    def sampled(self, rate: float = RATE) -> tuple[FloatArray, State]:
-        """Return times (T,) [s] at a rate [Hz], the end included, and the states (T, n).
+    def points(self, rate: float = RATE) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Return times (T,) [s], and positions and velocities then, (T, n), as controllers take them.
+
+        With a limit of the jerk there are accelerations, too. The cubics, or quintics, through these points keep all
+        limits of the joints, which is proven (`safe_ompl.trajectories.points`). For that points are not quite even, and
+        may be passed a little later than by `at`: by 0.1 % in most cases.
+
+        Parameters
+        ----------
+        rate : float
+            How many there are in a second at least [Hz].
 
         Raises
         ------
         InputError
             If the rate is not positive.
         """
-        step = 1 / positive(rate, "rate", "number of samples per second")
-        before = step * np.arange(int(np.ceil(self.duration / step * (1 - 1e-12))))
-        times: FloatArray = np.append(before, self.duration)
-        return times, self.at(times)
+        positive(rate, "rate", "number of points per second")
+        smooth = isinstance(self.law, SmoothLaw)
+        edges, knots = self.law.edges, self.law.knots
+        # The jerk jumps between pieces of the curve, too.
+        pieces = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.curve.starts)
+        knots = np.unique(np.append(knots, self.law.times[pieces]))
+        knots = knots[(np.diff(knots, prepend=0.0) > _INSTANT) & (knots < self.duration - _INSTANT)]
+        knots = np.concatenate([[0.0], knots, [self.duration]])
+        middles = (knots[1:] + knots[:-1]) / 2
+        highest = self.jerks_at(middles) if smooth else self.at(middles).qdd
+        steps = np.diff(highest / getattr(self.limits, self.limits.kinds[-1]), axis=0)
+        jumps = np.concatenate([[0.0], np.abs(steps).max(axis=1), [0.0]])
+        kinds = ("positions", "velocities", "accelerations")[: 2 + smooth]
+        times, states = points_within(lambda t: self.at(t)[: len(kinds)], knots, jumps, self.limits, rate)
+        return times, dict(zip(kinds, states, strict=True))
 
     def stop_from(self, time: float) -> Trajectory:
         """Return the stop on the path that begins at a time [s]: what is proven to end before anyone is reached.
@@ -227,24 +249,25 @@ class Trajectory:
         Parameters
         ----------
         rate : float
-            Points per second [Hz].
+            Points per second at least [Hz]; see `points`.
 
         Returns
         -------
         dict
-            ``joint_names``; ``points``, each with ``time_from_start`` [s], ``positions``, ``velocities`` and
-            ``accelerations``; ``duration``; ``limits`` with ``velocity`` and ``acceleration`` by joint; ``caps``, each
-            with its ``name`` and ``least``, the least speed along the path that it allows (None: any).
+            ``joint_names``; ``points``, each with ``time_from_start`` [s], ``positions`` and ``velocities``, and
+            ``accelerations`` where the jerk is limited; ``duration``; ``limits`` with ``velocity`` and
+            ``acceleration`` by joint; ``caps``, each with its ``name`` and ``least``, the least speed along the path
+            that it allows (None: any).
         """
-        times, states = self.sampled(rate)
-        rows = zip(times.tolist(), *(values.tolist() for values in states), strict=True)
+        times, states = self.points(rate)
+        rows = zip(*(values.tolist() for values in states.values()), strict=True)
         return {
             "joint_names": list(self.joint_names),
             "points": [
-                {"time_from_start": t, "positions": q, "velocities": qd, "accelerations": qdd}
-                for t, q, qd, qdd in rows
+                {"time_from_start": t, **dict(zip(states, row, strict=True))}
+                for t, row in zip(times.tolist(), rows, strict=True)
             ],
-            "duration": self.duration,
+            "duration": float(times[-1]),
             "limits": self.limits.as_dict(),
             "caps": [
                 {"name": cap.name, "least": cap.least if np.isfinite(cap.least) else None}
@@ -257,11 +280,11 @@ class Trajectory:
         return json.dumps(self.as_dict(rate), allow_nan=False)
 
     def to_csv(self, rate: float = RATE) -> str:
-        """Return a table: time, then position, velocity and acceleration of every joint."""
-        times, states = self.sampled(rate)
+        """Return a table: time, then position, velocity and, where the jerk is limited, acceleration of every joint."""
+        times, states = self.points(rate)
         text = StringIO()
         table = csv.writer(text, lineterminator="\n")
-        kinds = ("position", "velocity", "acceleration")
+        kinds = ("position", "velocity", "acceleration")[: len(states)]
         table.writerow(["time", *(f"{name}_{kind}" for kind in kinds for name in self.joint_names)])
-        table.writerows(np.column_stack([times, *states]).tolist())
+        table.writerows(np.column_stack([times, *states.values()]).tolist())
         return text.getvalue()

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -18,6 +19,7 @@ from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Pos
 from safe_ompl.certificates import Pairs, certificate, verify
 from safe_ompl.certificates.claims import Danger
 from safe_ompl.certificates.issue import terms_of_field
+from safe_ompl.certificates.verifier.bodies import farthest
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.common import CertificateError, InputError, PlanningError
 from safe_ompl.io import carried_scene
@@ -418,3 +420,15 @@ def test_the_verifier_loads_no_prover():
 
 def test_what_issues_does():
     assert provers_loaded_by("safe_ompl.certificates.issue")
+
+
+def test_the_farthest_point_is_as_far_from_an_axis_as_by_hand():
+    rng = np.random.default_rng(0)
+    points, origins, axes = rng.normal(size=(40, 3)), rng.normal(size=(4, 3)), rng.normal(size=(4, 3))
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    place = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+    found = [
+        max(np.linalg.norm(np.cross(place.act(point) - origin, axis)) for point in points)
+        for origin, axis in zip(origins, axes, strict=True)
+    ]
+    np.testing.assert_allclose(farthest(points, place, origins, axes), found, rtol=1e-12)

@@ -1,32 +1,24 @@
-"""Mutated certificates, by the means of `bench/mutations.py`, are refused or claim nothing false."""
+"""Mutated certificates, by the means of `python -m bench mutations`, are refused or claim nothing false."""
 
 import json
 import logging
-import sys
 from collections import Counter
-from pathlib import Path
 
 import pytest
 from signing import signed
 
+from bench import mutations
 from safe_ompl import CertificateError, verify
 from safe_ompl.certificates.claims import Certificate
 from safe_ompl.robot import robot_hash
 
-BENCH = Path(__file__).parents[2] / "bench"
 NUMBER = 60
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def bench():
     """Return the module that mutates certificates and judges what is accepted."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(BENCH)
-        import mutations
-
-        yield mutations
-    for name in ("mutations", "_judge", "_timing"):
-        sys.modules.pop(name, None)
+    return mutations
 
 
 @pytest.fixture
@@ -68,9 +60,7 @@ def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
         (2, ("trajectory", "stops", "speed"), 5),
         (2, ("trajectory", "stops", "clearance"), 1),
         (2, ("trajectory", "danger", "bound"), 0.9),
-        (3, ("trajectory", "jerk", 1), 0.1),
-        (3, ("trajectory", "stops", "contact", "person", 0), 0.2),
-        (3, ("trajectory", "stops", "contact", "person", 1), 0.2),
+        (2, ("trajectory", "jerk", 1), 0.1),
         (4, ("tube", 1), 30),
         (5, ("tube", 1), 20),
         (5, ("margin",), 30),

@@ -96,6 +96,14 @@ def test_what_is_proven_verifies(ur5, clutter, kind, tube):
         )
 
 
+def test_what_takes_too_long_is_undecided_and_says_where(ur5, clutter, written):
+    with pytest.raises(CertificateError, match=r"^undecided: .* at danger and tool of piece 0 of the motion"):
+        verify(written, ur5, clutter, time=1e-9)
+    free = motion_certificate(check(spline(), ur5, clutter))
+    with pytest.raises(CertificateError, match=r"^undecided: .* at 0\.000000 of piece 0 of the motion"):
+        verify(free, ur5, clutter, time=1e-9)
+
+
 def test_all_that_is_proven_is_claimed_and_said(ur5, clutter, written, fast):
     said = verify(written, ur5, clutter)
     assert said.claims[1] == "no moving link nearer than 10 mm to any obstacle"

@@ -1,5 +1,9 @@
 """Obstacles that move in place, against checkers made anew."""
 
+from contextlib import contextmanager
+from threading import Event, Thread
+from time import sleep
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -140,3 +144,25 @@ def test_names_of_movable_obstacles_are_checked(panda, scene):
         CollisionChecker(panda, scene, movable=["boxx"])
     with pytest.raises(InputError, match="list of names"):
         CollisionChecker(panda, scene, movable="box")
+
+
+def test_threads_that_ask_a_new_set_of_pairs_at_once_do_not_wait_for_each_other(panda, clutter, monkeypatch):
+    checker = CollisionChecker(panda, clutter)
+    pairs, q = checker.pairs_within(0.5), np.zeros(panda.n)
+    none, held = checker.changes.none, Event()
+
+    @contextmanager
+    def held_for_long():
+        with none():
+            held.set()
+            sleep(0.2)  # meanwhile the other thread wants the geometry
+            yield
+
+    late = Thread(target=lambda: held.wait(10.0) and pairs.geometry, daemon=True)
+    late.start()
+    monkeypatch.setattr(checker.changes, "none", held_for_long)
+    early = Thread(target=lambda: pairs.within_margins(q, pairs.margins(0.1)), daemon=True)
+    early.start()
+    for thread in (early, late):
+        thread.join(10.0)
+        assert not thread.is_alive()

@@ -8,6 +8,7 @@ import pytest
 from crank import CRANK
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.polynomial import Chebyshev, Polynomial
 from scipy.interpolate import CubicSpline
 
 from safe_ompl import (
@@ -17,6 +18,7 @@ from safe_ompl import (
     DangerField,
     DangerLimit,
     InputError,
+    Mesh,
     Motion,
     MotionProver,
     Obstacle,
@@ -142,6 +144,36 @@ def test_violations_name_time_pair_and_depth(crank, post):
     assert found.value == pytest.approx(np.sin(0.05) - 0.1, abs=1e-3)
     assert found.at == pytest.approx(1.0, abs=0.02)
     assert "collision at 0.99" in str(found)
+
+
+@pytest.mark.parametrize("degree", [9, 15])
+def test_a_piece_that_oscillates_is_divided_where_its_bounds_say_so(crank, tmp_path, degree):
+    """A bound of its speed over the whole piece is up to 10¹⁰ times too large: so many places were to be looked at.
+
+    The crank is between two walls of one mesh, within its hull: kernels prove nothing, and coal is asked.
+    """
+    tops = [
+        (x, side * y, z)
+        for side in (1, -1)
+        for x, y, z in ((2, 0.2, -1), (-2, 0.2, -1), (0, 0.2, 2), (0, 1, 0))
+    ]
+    faces = [
+        (k + a, k + b, k + c) for k in (0, 4) for a, b, c in ((1, 2, 3), (1, 2, 4), (1, 3, 4), (2, 3, 4))
+    ]
+    rows = [
+        " ".join(map(str, (letter, *row))) for letter, given in (("v", tops), ("f", faces)) for row in given
+    ]
+    (tmp_path / "walls.obj").write_text("\n".join(rows))
+    walls = Scene([Obstacle("walls", Mesh(tmp_path / "walls.obj", convex=False), Pose((0.0, 0.0, 0.0)))])
+    waves = Chebyshev.basis(degree, domain=[0, 1]).convert(kind=Polynomial).coef
+    checker = CollisionChecker(crank, walls)
+    motion = Motion([0.0, 1.0], 0.08 * waves[None, :, None])
+    assert check_with(motion, MotionProver(checker))
+    assert 1 < checker.counts.margin_queries < 100
+    late = check_with(motion, MotionProver(checker), time=1e-9)
+    assert [(v.kind, v.first, v.last, v.decided) for v in late.violations] == [
+        ("out of time", 0.0, 1.0, False)
+    ]
 
 
 def test_limits_of_danger_tool_and_rates_hold_between_the_knots(crank, post):

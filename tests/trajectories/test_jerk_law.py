@@ -280,3 +280,8 @@ def test_some_joints_are_not_enough_and_jerk_needs_a_limit(panda, shelf_path):
     with pytest.raises(InputError, match="the jerk of the trajectory is not limited"):
         time_path(shelf_path, panda, RateLimits.of(panda, 1.0, 1.0)).jerks_at(0.1)
     assert MotionLimits.from_mapping({"jerk": 100}).to_mapping() == {"jerk": 100}
+
+
+def test_contact_with_a_limit_of_the_jerk_is_refused(panda, shelf_motion, limits):
+    with pytest.raises(InputError, match=r"^people.contact: contact is not proven .* leave one out"):
+        PathTimer(panda, limits, motion=shelf_motion, people=People(contact=True))

@@ -142,18 +142,18 @@ def test_exports_have_the_shape_of_a_joint_trajectory(panda, shelf_path, panda_l
     assert told["joint_names"] == list(panda.joint_names)
     times = [point["time_from_start"] for point in told["points"]]
     assert times[0] == 0
-    assert times[-1] == told["duration"] == trajectory.duration
-    np.testing.assert_allclose(np.diff(times)[:-1], 0.02)
-    assert set(told["points"][3]) == {"time_from_start", "positions", "velocities", "accelerations"}
+    assert times[-1] == told["duration"]
+    assert np.diff(times).max() < 0.02 * 1.001
+    assert set(told["points"][3]) == {"time_from_start", "positions", "velocities"}
     np.testing.assert_allclose(told["points"][0]["positions"], shelf_path[0], atol=1e-12)
     assert told["limits"]["velocity"][panda.joint_names[0]] == panda_limits.velocity[0]
     assert told["caps"][0]["name"] == "joint velocity"
     rows = trajectory.to_csv(rate=50).splitlines()
     assert len(rows) == len(times) + 1
     assert rows[0].split(",")[:2] == ["time", f"{panda.joint_names[0]}_position"]
-    assert len(rows[1].split(",")) == 22
+    assert len(rows[1].split(",")) == 15
     with pytest.raises(InputError, match="rate must be a positive"):
-        trajectory.sampled(0)
+        trajectory.points(0)
     with pytest.raises(InputError, match="time must be"):
         trajectory.at(np.nan)
 

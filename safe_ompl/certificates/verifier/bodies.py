@@ -15,7 +15,7 @@ R_k is the length of the chain from joint k to the farthest point.
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator
-from math import acos, sqrt
+from math import acos, inf, sqrt
 from typing import Any, NamedTuple
 
 import coal
@@ -24,7 +24,7 @@ import pinocchio as pin
 
 from safe_ompl.certificates.claims import Certificate, Tool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
-from safe_ompl.common import FloatArray
+from safe_ompl.common import CertificateError, FloatArray, clock
 from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -32,11 +32,30 @@ from safe_ompl.scene import Scene
 GJK = 1e-5  # [m] coal's distances are at most this far off
 
 
+class Budget:
+    """The time [s] that verification may take; `where` it is, is said when that is over."""
+
+    def __init__(self, seconds: float) -> None:
+        self.where = "its beginning"
+        self._seconds, self._end = seconds, clock() + seconds
+
+    def spend(self) -> None:
+        """Raise CertificateError if the time is over."""
+        if clock() > self._end:
+            raise CertificateError(
+                f"undecided: what came first holds, but {self._seconds:g} s were over at {self.where}; "
+                "give more time (--time)"
+            )
+
+
+ENDLESS = Budget(inf)
+
+
 class Separations:
     """Distances of bodies and obstacles by `names`, pair by pair, how far these can approach, what they must keep."""
 
-    def __init__(self, robot: Robot, scene: Scene, claims: Certificate) -> None:
-        self._robot, self._data = robot, robot.shared.model.createData()
+    def __init__(self, robot: Robot, scene: Scene, claims: Certificate, budget: Budget = ENDLESS) -> None:
+        self._robot, self._data, self.budget = robot, robot.shared.model.createData(), budget
         self._links = list(robot.shared.collision_model.geometryObjects)
         self._points = [corners(link.geometry) for link in self._links]
         self._movers = [joints_below(robot, int(link.parentJoint)) for link in self._links]
@@ -66,6 +85,7 @@ class Separations:
         self, q: FloatArray, steps: FloatArray, only: Container[tuple[str, str]] | None = None
     ) -> Iterator[tuple[tuple[str, str], float, float, float]]:
         """For each pair, or some: names, distance at `q`, how far it can approach in `steps`, what it must keep."""
+        self.budget.spend()
         robot, links = self._robot, self._links
         steps = robot.coupling.reach(steps)
         pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
@@ -171,27 +191,22 @@ class _Body(NamedTuple):
 
 
 class PlainSpeeds:
-    """The largest speeds of the tip, or of every body, of `links`, and the tip."""
+    """The largest speeds of the tip, or of every body and the tip."""
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
+    def __init__(self, robot: Robot, budget: Budget) -> None:
+        self._robot, self._budget = robot, budget
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
         self._axes = robot.shared.chain.axes
         frame = self._model.frames[robot.tip_frame]
         self._tip = self._body(np.array(frame.placement.translation)[None], 0.0, int(frame.parentJoint))
-        self.links = [self._link(link) for link in robot.shared.collision_model.geometryObjects]
-        self._all = [body for body in (self._tip, *self.links) if body.movers]
+        links = [self._link(link) for link in robot.shared.collision_model.geometryObjects]
+        self._all = [body for body in (self._tip, *links) if body.movers]
 
     def _link(self, link: pin.GeometryObject) -> _Body:
         points, pad = corners(link.geometry)
         place = link.placement
         points = points @ place.rotation.T + place.translation
         return self._body(points, pad, int(link.parentJoint))
-
-    def place_of(self, link: pin.GeometryObject) -> coal.Transform3s:
-        """Return where a body is at the middle of the interval that was looked at last."""
-        place = self._data.oMi[int(link.parentJoint)] * link.placement
-        return coal.Transform3s(place.rotation, place.translation)
 
     def _body(self, points: FloatArray, pad: float, carrier: int) -> _Body:
         length = float(np.linalg.norm(points, axis=1).max()) + pad
@@ -219,42 +234,7 @@ class PlainSpeeds:
         self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
     ) -> tuple[float, float]:
         """Return the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
-        slow, fast = self._each(piece, middle, half, bodies)
-        return float(slow.max(initial=0.0)), float(fast.max(initial=0.0))
-
-    def each(self, piece: PlainPiece, middle: float, half: float) -> FloatArray:
-        """Return bounds (B + 1,) of the ‖x′‖ of the `links` and of the tip throughout an interval [m/rad]."""
-        return self._each(piece, middle, half, [*self.links, self._tip])[1]
-
-    def of_movers(
-        self, piece: PlainPiece, middle: float, half: float, sides: list[tuple[int, list[int]]]
-    ) -> FloatArray:
-        """Return bounds (S,) of the ‖x′‖ that some joints alone make of links, in the interval that `each` looked at.
-
-        A side is the number of a link, and those joints, deepest first. A joint makes no point faster than |q′| times
-        its distance from the axis. The distances are those at the middle and what the joints between change of them.
-        """
-        low, high = piece.slopes(middle - half, middle + half)
-        steps, places = self._robot.coupling.reach(np.maximum(-low, high)).tolist(), list(self._data.oMi)
-        origins, axes = self._joint_axes()
-        radii = []
-        for link in self.links:
-            by = link.movers
-            far = farthest(link.points, places[link.carrier], origins[by], axes[by]) + link.pad
-            far = np.where(self._robot.joint_prismatic[by], 1.0, far)
-            radii.append(dict(zip(by, far.tolist(), strict=True)))
-        bounds = np.empty(len(sides))
-        for k, (of, movers) in enumerate(sides):
-            fastest = 0.0
-            for joint in movers:
-                fastest += steps[joint] * (radii[of][joint] + half * fastest)
-            bounds[k] = fastest
-        return bounds
-
-    def _each(
-        self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return for each body the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
+        self._budget.spend()
         robot = self._robot
         q, coupling = piece.at(middle), robot.coupling
         pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
@@ -262,19 +242,16 @@ class PlainSpeeds:
         steps = coupling.reach(piece.steps(1.0))
         slid = np.abs(coupling.values(q)) + half * steps
         most = coupling.reach(piece.bends)
-        exact = np.array([self._speed(body, turns, drifts) for body in bodies])
+        exact = [self._speed(body, turns, drifts) for body in bodies]
         bends = [bend_bound(robot, body.movers, body.length, steps, most, slid) for body in bodies]
-        return exact, exact + half * np.array(bends)
-
-    def _joint_axes(self) -> tuple[FloatArray, FloatArray]:
-        """Return a point on the axis of each joint (m, 3) [m], and its direction (m, 3), in the world."""
-        joints = list(self._data.oMi)[1:]
-        axes = [joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)]
-        return np.array([joint.translation for joint in joints]), np.array(axes)
+        bounds = (speed + half * bend for speed, bend in zip(exact, bends, strict=True))
+        return max(exact, default=0.0), max(bounds, default=0.0)
 
     def _joint_motions(self, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what each joint (m, 3) adds to the motion of what it carries: x moves with turn × x + drift."""
-        origins, axes = self._joint_axes()
+        joints = list(self._data.oMi)[1:]
+        origins = np.array([joint.translation for joint in joints])
+        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)])
         motions = rates[:, None] * axes
         sliding = self._robot.joint_prismatic[:, None]
         about = np.cross(origins, motions)
@@ -326,8 +303,8 @@ _TOOL_ROUNDING = 1e-7  # [rad or m], that of the arc cosine included
 class PlainTool:
     """Angle and position of the tip that are claimed, and how far they can change."""
 
-    def __init__(self, robot: Robot, claim: Tool) -> None:
-        self._robot, self._claim = robot, claim
+    def __init__(self, robot: Robot, claim: Tool, budget: Budget = ENDLESS) -> None:
+        self._robot, self._claim, self._budget = robot, claim, budget
         self._model = robot.shared.model
         self._data = self._model.createData()
         carrier = int(self._model.frames[robot.tip_frame].parentJoint)
@@ -361,6 +338,7 @@ class PlainTool:
 
     def _excesses(self, q: FloatArray, steps: FloatArray) -> list[tuple[str, float, float]]:
         """Return for each limit its name, by how much it is exceeded at `q`, and how much that can change."""
+        self._budget.spend()
         robot, claim = self._robot, self._claim
         pin.framesForwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
         tip = self._data.oMf[robot.tip_frame]

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.claims import Danger, MovingDanger
-from safe_ompl.certificates.verifier.bodies import bend_bound, joints_below
+from safe_ompl.certificates.verifier.bodies import ENDLESS, Budget, bend_bound, joints_below
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.robot import Robot
@@ -42,8 +42,8 @@ class PlainDanger:
     D/(D − δ) times what it was, at most. The danger points, (M, 3), are one at least.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, claim: Danger) -> None:
-        self._robot, self._claim = robot, claim
+    def __init__(self, robot: Robot, scene: Scene, claim: Danger, budget: Budget = ENDLESS) -> None:
+        self._robot, self._claim, self._budget = robot, claim, budget
         self._data = robot.shared.model.createData()
         self.points, self.weights, _ = scene.danger_points(claim.spacing)
         if not len(self.points):
@@ -79,6 +79,7 @@ class PlainDanger:
 
     def _bounded(self, q: FloatArray, steps: FloatArray) -> tuple[float, float, float]:
         """Return the danger at `q`, its bound while the joints move by `steps`, and how far key points move then."""
+        self._budget.spend()
         robot, points = self._robot, self.points
         keypoints = robot.keypoints(q)
         moved = self._moved(q, keypoints, steps)
@@ -139,8 +140,8 @@ class _Interval(NamedTuple):
 class PlainMovingDanger:
     """The danger of a robot that moves in a scene, of the kind that is claimed."""
 
-    def __init__(self, robot: Robot, scene: Scene, claim: MovingDanger) -> None:
-        self._robot, self._claim = robot, claim
+    def __init__(self, robot: Robot, scene: Scene, claim: MovingDanger, budget: Budget) -> None:
+        self._robot, self._claim, self._budget = robot, claim, budget
         self._still = PlainDanger(robot, scene, claim)
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
         self._start, self._end = robot.segments.T
@@ -156,6 +157,7 @@ class PlainMovingDanger:
             cell = float(motion.edges[j]) - start, float(motion.edges[j + 1]) - start
             waiting = [(*cell, _PARTS, np.arange(len(self._still.points)))]
             while waiting:
+                self._budget.spend()
                 first, last, parts, points = waiting.pop()
                 middle = (first + last) / 2
                 rates = motion.rates_between(j, start + first, start + last)

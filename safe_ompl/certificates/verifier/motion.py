@@ -17,7 +17,7 @@ from math import sqrt
 import numpy as np
 
 from safe_ompl.certificates.claims import Piece, TimedMotion
-from safe_ompl.common import BoolArray, CertificateError, FloatArray, IntArray
+from safe_ompl.common import BoolArray, CertificateError, FloatArray
 from safe_ompl.robot import Robot
 
 _SAME = 1e-9  # [rad] places that differ by less are the same
@@ -158,16 +158,16 @@ class PlainMotion:
         more = max(times[1] - times[0], 0.0) / 2 * float(np.abs(self.pushes).max())
         return max(min(rates) - more, 0.0), max(rates) + more
 
-    def near(self, k: int, speeds: FloatArray, cells: IntArray | None = None) -> BoolArray:
-        """Return in which cells (V,) the plan, if its σ̇ is `speeds: (V,)` there, may be while the robot is in cell k.
+    def near(self, k: int, speeds: FloatArray) -> BoolArray:
+        """Return in which cells (C,) the plan, if its σ̇ is `speeds: (C,)` there, may be while the robot is in cell k.
 
-        All those in which it is no slower than elsewhere in the window. By default of all cells.
+        All those in which it is no slower than elsewhere in the window.
         """
-        cells = np.arange(len(self.of)) if cells is None else cells
+        cells = np.arange(len(self.of))
         if not self.window:
             same: BoolArray = cells == k
             return same
-        away = np.maximum(self.edges[cells] - self.edges[k + 1], self.edges[k] - self.edges[cells + 1])
+        away = np.maximum(self.edges[:-1] - self.edges[k + 1], self.edges[k] - self.edges[1:])
         between = (cells >= self._begins[k]) & (cells < self.ends[k])
         near: BoolArray = between & (away <= np.maximum(self.window / 2 * speeds * (1 - _ROUNDING), 0.0))
         return near

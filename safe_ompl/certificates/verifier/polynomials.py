@@ -16,7 +16,7 @@ from math import comb, perm
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, PolynomialMotion
-from safe_ompl.certificates.verifier.bodies import GJK, PlainTool, Separations, plain_name
+from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.common import CertificateError, FloatArray
 from safe_ompl.io import schema
@@ -52,7 +52,7 @@ def check_polynomials(
         row + tube + _ROUNDING * np.abs(piece[0]).max(axis=0)
         for row, piece in zip(allowed, pieces, strict=True)
     ]
-    _check_danger_and_tool(claims, robot, scene, pieces, widths)
+    _check_danger_and_tool(claims, robot, scene, pieces, widths, separations.budget)
     parts = distances = 0
     speeds = {
         schema.OBSTACLE + part: speed
@@ -64,6 +64,7 @@ def check_polynomials(
         waiting = [(points, 0.0, 1.0, set(separations.names))]
         while waiting:
             part, first, last, pairs = waiting.pop()
+            separations.budget.where = f"{first:.6f} of piece {k} of the motion"
             low, high = part.min(axis=0), part.max(axis=0)
             half, near = (high - low) / 2, set()
             for pair, distance, approach, kept in separations.examined((low + high) / 2, half + width, pairs):
@@ -183,10 +184,12 @@ def _check_danger_and_tool(
     scene: Scene,
     pieces: list[list[FloatArray]],
     widths: list[FloatArray],
+    budget: Budget,
 ) -> None:
-    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
-    tool = None if claims.tool is None else PlainTool(robot, claims.tool)
+    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
+    tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
     for k, ((points, *_), width) in enumerate(zip(pieces, widths, strict=True)):
+        budget.where = f"danger and tool of piece {k} of the motion"
 
         def place(t: float, points: FloatArray = points) -> FloatArray:
             while len(points) > 1:

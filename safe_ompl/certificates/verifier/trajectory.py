@@ -4,9 +4,8 @@
 decelerates by min(b_j … b_k) in cell k. It takes longest from the end of the cell, at the largest speed there; and when
 it is in cell k, then no later than the stop from the start of cell j that ends at the end of cell k. The later of both
 over all j that get there is the latest instant τ_k at which a stop can still move in cell k. The robot must be farther
-from every limb there than the clearance, and what the limb covers at its speed in the reaction time and in τ_k. Where a
-contact is claimed to be slow only those stops count that enter the cell with a speed at which some point of the robot
-may be faster than the limit of contact with the limb, or a gap in which the limb fits may close faster than its own.
+from every limb that it may not touch than the clearance, and what the limb covers at its speed in the reaction time and
+in τ_k.
 
 **Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
 what they must keep, holds; pairs that are not are looked at again in both halves.
@@ -14,14 +13,19 @@ what they must keep, holds; pairs that are not are looked at again in both halve
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
-from safe_ompl.certificates.verifier.bodies import GJK, PlainSpeeds, PlainTool, Separations, plain_name
-from safe_ompl.certificates.verifier.clamping import slowest
+from safe_ompl.certificates.verifier.bodies import (
+    GJK,
+    Budget,
+    PlainSpeeds,
+    PlainTool,
+    Separations,
+    plain_name,
+)
 from safe_ompl.certificates.verifier.danger import PlainDanger, PlainMovingDanger
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray
@@ -47,9 +51,12 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
     failure = motion.exceeded(squares, pushes, *limits)
     if failure is not None:
         raise CertificateError(f"trajectory: {failure}")
-    _check_speeds(claim, motion, robot)
+    budget = separations.budget
+    budget.where = "the speeds of its trajectory"
+    _check_speeds(claim, motion, robot, budget)
     if claim.danger is not None:
-        at = PlainMovingDanger(robot, scene, claim.danger).exceeded(motion)
+        budget.where = "the danger of its trajectory"
+        at = PlainMovingDanger(robot, scene, claim.danger, budget).exceeded(motion)
         if at is not None:
             bound = claim.danger.bound
             raise CertificateError(
@@ -66,16 +73,15 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
         failure = motion.exceeded(squares, pushes, *limits)
         if failure is not None:
             raise CertificateError(f"trajectory: in a stop {failure}")
-        slow = slowest(stops.contact, robot, scene, stops.who, motion) if stops.contact else {}
-        required = Required(scene, stops, visits, slow, motion)
+        required = Required(scene, stops, visits.latest() + motion.window)
     _check_free(motion, separations, required)
-    _check_danger_and_tool(claims, motion, robot, scene)
+    _check_danger_and_tool(claims, motion, robot, scene, budget)
 
 
-def _check_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot) -> None:
+def _check_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot, budget: Budget) -> None:
     for limit, who in ((claim.tool_speed, "the tool"), (claim.link_speed, "a link")):
         if limit is not None:
-            at = PlainSpeeds(robot).exceeded(motion, limit, tool=who == "the tool")
+            at = PlainSpeeds(robot, budget).exceeded(motion, limit, tool=who == "the tool")
             if at is not None:
                 raise CertificateError(f"trajectory: {who} is faster than {limit:g} m/s near {at:.6f} rad")
 
@@ -98,15 +104,6 @@ class Visits(NamedTuple):
         """Return the latest instants in each cell (C,), −inf if there is none."""
         found = np.full(self.number, -np.inf)
         np.maximum.at(found, self.cells, self.times)
-        return found
-
-    def latest_above(self, slow: FloatArray, motion: PlainMotion) -> FloatArray:
-        """Return the latest instants (C,) at which the robot may be in a cell faster than `slow: (C,)`."""
-        found = np.full(self.number, -np.inf)
-        above = np.sqrt(np.maximum(self.squares, 0.0))  # rounded below 0 where a stop ends
-        for k in range(self.number):
-            near = motion.near(k, above, self.cells) & (self.squares > slow[k] ** 2 * (1 + _ROUNDING))
-            found[k] = self.times[near].max(initial=-np.inf)
         return found
 
 
@@ -159,47 +156,34 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
 
 
 class Required:
-    """What bodies must keep from limbs of people in the cells of a motion [m].
+    """What bodies must keep from limbs of people in the C cells of a motion, in which stops still move until `latest`.
 
-    `slow` has for each part ṡ (C,) in the cells at which contact and clamping are as slow as is claimed [rad/s].
+    Nothing is to be kept from limbs that may be touched [m].
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        stops: Stops | None = None,
-        visits: Visits | None = None,
-        slow: Mapping[str, FloatArray] | None = None,
-        motion: PlainMotion | None = None,
-    ) -> None:
-        self._stops = stops
-        self._limbs: dict[str, tuple[float, FloatArray]] = {}
-        if stops is None or visits is None or slow is None or motion is None:
-            return
-        whenever = visits.latest() + motion.window
-        for name in stops.who:
+    def __init__(self, scene: Scene, stops: Stops | None = None, latest: FloatArray | None = None) -> None:
+        self._stops, self._latest = stops, latest
+        self._speeds: dict[str, float] = {}
+        for name in stops.who if stops is not None else ():
             for part, _, _ in scene[name].geometries():
-                latest = whenever
-                if part in slow:
-                    latest = visits.latest_above(slow[part], motion) + motion.window
-                self._limbs[schema.OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :]), latest
+                if stops is not None and part not in (stops.contact or ()):
+                    self._speeds[schema.OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :])
 
     def of(self, part: str, first: int, last: int) -> float:
         """Return what must be kept from a body in the cells from the first to the last."""
-        if part not in self._limbs:
+        if self._stops is None or self._latest is None or part not in self._speeds:
             return 0.0
-        assert self._stops is not None
-        speed, latest = self._limbs[part]
-        time = float(latest[first : last + 1].max())
+        time = float(self._latest[first : last + 1].max())
         if time == -np.inf:
             return 0.0
-        return self._stops.clearance + speed * (self._stops.reaction_time + time)
+        return self._stops.clearance + self._speeds[part] * (self._stops.reaction_time + time)
 
 
 def _check_free(motion: PlainMotion, separations: Separations, required: Required) -> None:
     """Raise CertificateError unless all pairs keep apart, everywhere on the curve."""
     edges = motion.edges
     for piece, start in zip(motion.pieces, motion.starts, strict=False):
+        separations.budget.where = f"{start:.6f} rad of its trajectory"
         waiting = [(0.0, piece.length, set(separations.names))]
         while waiting:
             first, last, pairs = waiting.pop()
@@ -224,10 +208,13 @@ def _check_free(motion: PlainMotion, separations: Separations, required: Require
                 waiting += [(first, middle, near), (middle, last, near)]
 
 
-def _check_danger_and_tool(claims: Certificate, motion: PlainMotion, robot: Robot, scene: Scene) -> None:
-    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
-    tool = None if claims.tool is None else PlainTool(robot, claims.tool)
+def _check_danger_and_tool(
+    claims: Certificate, motion: PlainMotion, robot: Robot, scene: Scene, budget: Budget
+) -> None:
+    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
+    tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
     for k, piece in enumerate(motion.pieces):
+        budget.where = f"danger and tool of piece {k} of its trajectory"
 
         def place(t: float, piece: PlainPiece = piece) -> FloatArray:
             return piece.at(t * piece.length)

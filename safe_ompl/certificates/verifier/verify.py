@@ -15,17 +15,18 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Interval
-from safe_ompl.certificates.verifier.bodies import GJK, PlainTool, Separations, plain_name
+from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
-from safe_ompl.common import CertificateError, FloatArray, InputError
+from safe_ompl.common import CertificateError, FloatArray, InputError, positive
 from safe_ompl.common import documents as document
 from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.scene import Scene
 
 _FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
+TIME = 600.0  # [s] that verification may take by default
 _GAP = 1e-9  # of an edge: intervals that are nearer to each other leave nothing out
 
 
@@ -58,6 +59,7 @@ def verify(
     terms: Terms | None = None,
     urdf: Path | None = None,
     package_dirs: Sequence[Path] = (),
+    time: float = TIME,
 ) -> Verified:
     """Check a certificate: that intervals cover the path, and that what it claims holds in each of them.
 
@@ -75,14 +77,17 @@ def verify(
         `terms_of_field` make them. Without any, claims are checked as they are; their sentences say what they are.
     urdf, package_dirs
         For a robot that is carried, as in `built_robot`.
+    time : float
+        [s] What is not verified by then stays undecided, which is a CertificateError that says where.
 
     Raises
     ------
     CertificateError
         If anything in it does not hold: names the first edge and interval.
     InputError
-        If it is no certificate, or its robot cannot be built.
+        If it is no certificate, its robot cannot be built, or the time is not positive.
     """
+    budget = Budget(positive(time, "time", "number of seconds"))
     try:
         claims = Certificate.read(content)
         with document.within("scene"):
@@ -99,7 +104,7 @@ def verify(
         if terms is not None:
             terms.check(claims)
         with np.errstate(over="raise"):  # what is too large to be compared holds nowhere
-            found = _verified(claims, robot, scene, own)
+            found = _verified(claims, robot, scene, own, budget)
         if claims.digest != schema.digest(content):
             raise CertificateError(
                 "every interval holds, but the file is not as it was written: its digest differs"
@@ -111,7 +116,9 @@ def verify(
         raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
 
 
-def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, ...]) -> Verified:
+def _verified(
+    claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, ...], budget: Budget
+) -> Verified:
     path = claims.path
     if claims.motion is None:
         _check_limits(robot, path)
@@ -119,18 +126,19 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
     ends = path[1:] if len(path) > 1 else path
     if len(claims.edges) != len(ends):
         raise CertificateError(f"the path has {len(ends)} edges, the certificate {len(claims.edges)}")
-    separations = Separations(robot, scene, claims)
+    separations = Separations(robot, scene, claims, budget)
     if sorted(claims.pairs) != sorted(separations.names):
         raise CertificateError("its pairs of bodies are not those of robot and scene")
     intervals, distances = 0, 0
     for k, (edge, start, end) in enumerate(zip(claims.edges, path, ends, strict=False)):
         _check_cover(k, edge)
+        budget.where = f"edge {k}"
         delta = robot.difference(start, end)
         for j, interval in enumerate(edge):
             _check_interval(f"edge {k}, interval {j}", interval, start, delta, separations, claims)
             intervals, distances = intervals + 1, distances + len(separations.names)
     if claims.motion is None:
-        _check_danger_and_tool(claims, robot, scene, ends)
+        _check_danger_and_tool(claims, robot, scene, ends, budget)
         check_trajectory(claims, robot, scene, separations)
     else:
         intervals, distances = check_polynomials(claims, claims.motion, robot, scene, separations)
@@ -229,12 +237,15 @@ def _between(pair: tuple[str, str]) -> str:
     return f"{plain_name(pair[0])!r} and {plain_name(pair[1])!r}"
 
 
-def _check_danger_and_tool(claims: Certificate, robot: Robot, scene: Scene, ends: FloatArray) -> None:
-    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
-    tool = None if claims.tool is None else PlainTool(robot, claims.tool)
+def _check_danger_and_tool(
+    claims: Certificate, robot: Robot, scene: Scene, ends: FloatArray, budget: Budget
+) -> None:
+    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
+    tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
     tube = 0.0 if claims.tube is None else claims.tube
     for k, (start, end) in enumerate(zip(claims.path, ends, strict=False)):
         delta = robot.difference(start, end)
+        budget.where = f"danger and tool of edge {k}"
         if danger is not None and claims.danger is not None:
             bound = claims.danger.bound
             high = danger.exceeded(start, delta, bound, tube)
@@ -249,7 +260,7 @@ def _check_danger_and_tool(claims: Certificate, robot: Robot, scene: Scene, ends
 
 
 _SAME = 1e-9  # relative: numbers that are computed from a robot, and differ by less, agree
-_COMPUTED = ("velocity", "acceleration", "jerk", "contact")
+_COMPUTED = ("velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True, kw_only=True)
