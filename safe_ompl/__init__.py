@@ -24,17 +24,15 @@ if TYPE_CHECKING:
     from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
     from safe_ompl.io import JointPath, load, read_motion, save
     from safe_ompl.motions import Motion, check, widest_tube
-    from safe_ompl.paths import PathReport, simplify_danger
+    from safe_ompl.paths import Constraints, PathReport, simplify_danger
     from safe_ompl.people import Tracker
     from safe_ompl.people.replanning import Replanner, Shield
     from safe_ompl.planning import PlanResult, SafeSetup, plan, planner_data, repair
     from safe_ompl.planning.ompl import (
         CertifiedMotionValidator,
         CollisionFreeValidity,
-        Constraints,
         DangerObjective,
         DurationObjective,
-        PeakDangerObjective,
         RegionGoal,
         WorkspaceGoal,
     )
@@ -78,7 +76,6 @@ __all__ = [
     "Obstacle",
     "PathReport",
     "PathTimer",
-    "PeakDangerObjective",
     "People",
     "Person",
     "PlanResult",

@@ -34,6 +34,38 @@ def test_rooms_that_planning_does_without_come_later():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+WITHOUT_OMPL = """
+import sys
+from importlib import import_module
+from pkgutil import walk_packages
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "ompl":
+            raise ModuleNotFoundError("No module named 'ompl'", name="ompl")
+
+sys.meta_path.insert(0, Missing())
+for room in "common geometry robot scene collision danger paths trajectories motions certificates people io".split():
+    for module in walk_packages(import_module(f"safe_ompl.{room}").__path__, f"safe_ompl.{room}."):
+        import_module(module.name)
+
+import safe_ompl
+scenario = safe_ompl.Scenario.load(safe_ompl.scene.find_scenario("planar2"))
+robot = scenario.build_robot()
+start = scenario.start_configuration(robot)
+assert safe_ompl.check([start, start + 0.01], robot, scenario.scene)
+try:
+    safe_ompl.SafeSetup
+except ModuleNotFoundError as error:
+    print(error)
+"""
+
+
+def test_proofs_need_no_ompl():
+    done = subprocess.run([sys.executable, "-c", WITHOUT_OMPL], check=True, capture_output=True, text=True)
+    assert done.stdout == "SafeSetup plans with OMPL, which is missing: pip install ompl\n"
+
+
 # ----------------------------------------------------------------- documents that are nested too deeply are refused
 
 

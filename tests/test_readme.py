@@ -5,33 +5,22 @@ from __future__ import annotations
 import pickle
 import re
 from difflib import ndiff
-from pathlib import Path
 from typing import Any
 
 import pytest
+from snippets import ROOT, python_of
 
 from safe_ompl import UnknownNameError
 from safe_ompl.apps.cli.program import command_line
 
-ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
 
 
-@pytest.fixture(scope="module")
-def blocks():
-    return re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-
-
-@pytest.fixture(scope="module")
-def names(blocks):
+def test_the_python_of_the_readme_runs_from_top_to_bottom(capsys):
     names: dict[str, Any] = {}
-    exec(blocks[0], names)
-    return names
-
-
-def test_ten_lines_of_python(names):
-    assert names["result"]
+    exec(python_of(README), names)
     assert names["result"].report.certified
+    assert names["fixed"]
 
 
 def test_the_diff_is_that_of_the_two_scripts():

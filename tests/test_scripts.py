@@ -12,6 +12,7 @@ import pytest
 FOLDER = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
 ADAPTERS = sorted((FOLDER / "adapters").glob("*.py"))
+PACKAGES = ("meshcat", "mujoco", "pybullet", "rclpy")
 PHYSICS = [FOLDER / "mujoco" / f"{name}.py" for name in ("follow", "world_as_scene")]
 
 
@@ -25,6 +26,23 @@ def test_it_is_short_and_runs(script, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(sys, "argv", [str(script)])
     runpy.run_path(str(script), run_name="__main__")
     assert capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("script", "package"),
+    [
+        (script, package)
+        for script in (*ADAPTERS, *PHYSICS, FOLDER / "ros" / "world.py")
+        for package in PACKAGES
+        if package in script.read_text(encoding="utf-8")
+    ],
+    ids=lambda value: getattr(value, "stem", value),
+)
+def test_it_says_what_to_install(script, package, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.delitem(sys.modules, "servo_robot", raising=False)
+    with pytest.raises(SystemExit, match=rf"^{package} is missing.*: .*pip install [\w'\[\]-]+$"):
+        runpy.run_path(str(script), run_name="__main__")
 
 
 def test_the_list_of_examples_is_complete():

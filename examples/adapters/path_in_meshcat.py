@@ -1,7 +1,10 @@
 """Robot, scene and path in meshcat, which plays it in the browser (pip install meshcat)."""
 
-import meshcat
-import meshcat.geometry as g
+try:
+    import meshcat
+    import meshcat.geometry as g
+except ModuleNotFoundError:
+    raise SystemExit("meshcat is missing: pip install meshcat") from None
 import numpy as np
 from pinocchio.visualize import MeshcatVisualizer
 

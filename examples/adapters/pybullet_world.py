@@ -1,6 +1,9 @@
 """The collision shapes of a PyBullet world as a scene, and a plan among them (pip install pybullet)."""
 
-import pybullet as p
+try:
+    import pybullet as p
+except ModuleNotFoundError:
+    raise SystemExit("pybullet is missing: pip install pybullet") from None
 
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, Robot, SafeSetup, Scene, Sphere
 

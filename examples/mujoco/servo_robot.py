@@ -12,7 +12,11 @@ from collections import deque
 from dataclasses import dataclass
 
 import coal
-import mujoco
+
+try:
+    import mujoco
+except ModuleNotFoundError:
+    raise SystemExit("mujoco is missing: pip install mujoco") from None
 import numpy as np
 import pinocchio as pin
 

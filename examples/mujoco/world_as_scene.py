@@ -1,6 +1,9 @@
 """The collision shapes of a MuJoCo model (MJCF) as a scene, and a plan among them (pip install mujoco)."""
 
-import mujoco
+try:
+    import mujoco
+except ModuleNotFoundError:
+    raise SystemExit("mujoco is missing: pip install mujoco") from None
 import pinocchio as pin
 
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, Robot, SafeSetup, Scene, Sphere

@@ -6,11 +6,16 @@ Start the node, then `python examples/ros/world.py`: the robot goes there and ba
 import time
 
 import numpy as np
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import Marker, MarkerArray
+
+try:
+    import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
+    from sensor_msgs.msg import JointState
+    from trajectory_msgs.msg import JointTrajectory
+    from visualization_msgs.msg import Marker, MarkerArray
+except ModuleNotFoundError as error:
+    what = "source ROS 2, or on Linux with Python 3.11: pip install 'safe-ompl[ros]'"
+    raise SystemExit(f"{error.name} is missing (rclpy and messages): {what}") from None
 
 from safe_ompl.geometry import STANDING
 

@@ -11,9 +11,10 @@ import json
 import logging
 import os
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
+
+from safe_ompl.common.files import write as write_file
 
 _log = logging.getLogger(__name__)
 
@@ -64,14 +65,7 @@ def write(kind: str, key: str, value: Any) -> None:
         return
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, draft = tempfile.mkstemp(dir=file.parent, prefix=f".{kind}-")
-        try:
-            with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-                json.dump({"key": key, "value": value}, stream)
-            os.replace(draft, file)
-        except BaseException:
-            Path(draft).unlink(missing_ok=True)
-            raise
+        write_file(file, json.dumps({"key": key, "value": value}))
     except OSError as error:
         _log.info("cache: %s cannot be written (%s)", file, error)
 

@@ -17,7 +17,9 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from pkgutil import resolve_name
 from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
@@ -26,7 +28,7 @@ from types import FrameType
 from typing import Any, TypeVar
 
 from numba import njit
-from numba.core import event
+from numba.core import event, serialize
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -71,6 +73,7 @@ def _kernel(function: _Function, options: dict[str, Any]) -> _Function:
         kernel = njit(**options)(function)
     else:
         _depend_on_all_kernels(kernel)
+        _load_whole(kernel._cache)
     fast: _Function = _without_literals(kernel)
     return fast
 
@@ -224,6 +227,44 @@ def compile_together(kernels: Sequence[Any], jobs: Sequence[str]) -> None:
             os.close(queue)
 
 
+def _load_whole(cache: Any) -> None:
+    """Let a kernel be loaded as a whole or not at all: anew where its files are damaged, and Ctrl-C waits.
+
+    The loader calls Python back from C, where an exception cannot pass: with half a kernel the process crashes. Numba
+    itself stays broken where Ctrl-C comes while it prepares for the first one.
+    """
+    load = cache.load_overload
+
+    def loaded(*arguments: Any) -> Any:
+        with _ctrl_c_waits():
+            try:
+                return load(*arguments)
+            except Exception as error:  # of any kind: what is damaged may say anything
+                _log.warning(
+                    "%s: a kernel that was kept is damaged (%s), and compiled anew", cache.cache_path, error
+                )
+                cache.flush()
+                return None
+
+    cache.load_overload = loaded
+
+
+@contextmanager
+def _ctrl_c_waits() -> Iterator[None]:
+    """Have a Ctrl-C handled after a block; only the main thread is told of it."""
+    handler, told = signal.getsignal(signal.SIGINT), list[Any]()
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *arguments: told.append(arguments))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if told:
+            handler(*told[0])
+
+
 def _kept(kernel: Any) -> dict[Any, Any] | None:
     """Return what is on disk of a kernel by its signatures, or None where nothing can be kept."""
     index = getattr(getattr(getattr(kernel, "_cache", None), "_cache_file", None), "_load_index", None)
@@ -338,6 +379,9 @@ class _Compilation(event.Listener):  # type: ignore[misc]
             raise error
 
 
+# A kernel that returns arrays looks their class up by this function. Where Python is called a Ctrl-C may be raised, and
+# Numba ends with a SystemError then. In C, as a memory of functools, nothing can be raised.
+serialize._numba_unpickle = lru_cache(None)(serialize._numba_unpickle)
 _SOURCES = _stamps(Path(__file__).parents[__name__.count(".") - 1])
 _compilation = _Compilation()
 event.register("numba:compile", _compilation)

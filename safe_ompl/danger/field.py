@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, number, positive
+from safe_ompl.common import (
+    Counts,
+    FloatArray,
+    InputError,
+    IntArray,
+    UnknownNameError,
+    documents,
+    number,
+    positive,
+)
 from safe_ompl.danger.kernels import PointDanger
 from safe_ompl.danger.kernels.groups import Points
 from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
@@ -25,6 +35,7 @@ from safe_ompl.danger.points import (
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
+_OPTIONS = ("spacing", "aggregate", "weighting", "k1", "k2", "gamma", "sharpness")
 _MANY = 5000  # points from which on a maximum is sought by groups, and not by a bound for each point
 
 
@@ -134,6 +145,18 @@ class DangerField(RobotField):
         field._obstacles = obstacles
         field._take_points(field._danger_points)
         return field
+
+    @classmethod
+    def of_options(
+        cls, robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts | None = None
+    ) -> DangerField:
+        """Return the field of a scene with options that a user gives, as `danger` of `SafeSetup`; InputError if bad."""
+        if not isinstance(options, Mapping):
+            raise InputError(f"danger must be a mapping of options, or None for none, got {options!r}")
+        with documents.within("danger"):
+            documents.check_keys(options, _OPTIONS)
+        options = dict(options)
+        return cls.of_scene(robot, scene, options.pop("spacing", None), counts=counts, **options)
 
     def move(self, scene: Scene) -> None:
         """Take the danger points of a scene in which nothing but places of obstacles differs, such as `Scene.moved`.

@@ -21,7 +21,6 @@ _FULL_TURN = 6.3  # [rad] more is taken for degrees, and said
 _ROUNDING = 1e-12  # a quaternion this close to unit length is left as it is
 _NORM_TOLERANCE = 1e-3  # one this close is brought to unit length; one farther off is a mistake
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
-_IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -75,10 +74,8 @@ class Pose:
         else:
             raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(value)}", "pose")
         rotation = matrix[:3, :3]
-        turned = np.abs(rotation @ rotation.T - _IDENTITY).max() <= _NORM_TOLERANCE
-        x, y, z = rotation.tolist()
-        right_handed = sum(z[i] * (x[i - 2] * y[i - 1] - x[i - 1] * y[i - 2]) for i in range(3)) > 0
-        if not (turned and right_handed) or matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        turned = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _NORM_TOLERANCE
+        if not turned or np.linalg.det(rotation) < 0 or (matrix[3] != [0.0, 0.0, 0.0, 1.0]).any():
             raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", "pose")
         quaternion = pin.Quaternion(rotation)
         quaternion.normalize()

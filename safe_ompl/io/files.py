@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import Counts, InputError, UnknownNameError, finite_array
+from safe_ompl.common import Counts, InputError, UnknownNameError, files, finite_array
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
 from safe_ompl.io.motions import JointPath, TimedMotion
@@ -138,7 +138,7 @@ def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> No
     InputError
         If it is none of these, or a file of the scene is gone.
     """
-    Path(file).write_text(strict_json(saved(thing, meshes)) + "\n", encoding="utf-8")
+    files.write(file, strict_json(saved(thing, meshes)) + "\n")
 
 
 def saved(thing: Saveable, meshes: bool | None = None) -> dict[str, Any]:

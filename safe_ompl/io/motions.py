@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.common import FloatArray, InputError, files, finite_array
 from safe_ompl.common import documents as document
 from safe_ompl.io.problems import Problem
 from safe_ompl.planning import PlanResult
@@ -84,7 +84,7 @@ class JointPath:
 
     def to_csv(self, file: str | Path) -> None:
         """Write the path as CSV, which `from_csv` reads back exactly."""
-        with Path(file).open("w", newline="", encoding="utf-8") as stream:
+        with files.replacing(file) as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(self.joint_names)
             writer.writerows(self.points.tolist())
@@ -198,15 +198,15 @@ class TimedMotion:
         danger: Mapping[str, Any] | None = None,
         name: str = "",
     ) -> TimedMotion:
-        """Return samples of a trajectory at a rate [Hz], and its end."""
-        times, states = trajectory.sampled(rate)
-        cells, _, speeds, _ = trajectory.law.at(times)
+        """Return the points of a trajectory, a rate [Hz] at least."""
+        times, states = trajectory.points(rate)
+        cells, _, speeds, _ = trajectory.law.at(times * (trajectory.duration / times[-1]))
         binding = trajectory.binding()
         return cls(
             robot,
             scene,
             times,
-            states.q,
+            states["positions"],
             speeds,
             {cap.name: cap.speeds[cells] for cap in trajectory.caps},
             tuple(binding[cell] for cell in cells),

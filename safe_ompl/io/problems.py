@@ -188,7 +188,7 @@ def unpacked_robot(data: object, package_dirs: Sequence[Path] = ()) -> Robot:
 def _sources(blueprint: Blueprint, recipe: Mapping[str, Any]) -> Iterator[tuple[UrdfFile, dict[str, str]]]:
     """Yield every URDF of a robot with the place of its text in the recipe."""
     if isinstance(blueprint, UrdfBlueprint):
-        yield UrdfFile(blueprint.urdf, blueprint.package_dirs), recipe["urdf"]
+        yield blueprint.file(), recipe["urdf"]
     elif "robots" in recipe:
         for prefix, part in recipe["robots"].items():
             yield from _sources(blueprint.robots[prefix], part)  # type: ignore[attr-defined]

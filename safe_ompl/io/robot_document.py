@@ -43,7 +43,7 @@ from safe_ompl.robot.loading import (
 )
 
 _FILES = ("urdf", "srdf")
-_OF_THE_MACHINE = (*_FILES, "package_dirs")
+_OF_THE_MACHINE = (*_FILES, "package_dirs", "xacro_args")
 _MOST_CHARACTERS = 20_000_000  # of a URDF or an SRDF
 _DEEPEST = 100  # tags in tags, recipes in recipes
 _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
@@ -84,7 +84,11 @@ def recipe(blueprint: Blueprint) -> dict[str, Any]:
 def _(blueprint: UrdfBlueprint) -> dict[str, Any]:
     names = [item.name for item in fields(blueprint) if item.name not in _OF_THE_MACHINE]
     options = {name: schema.as_plain(getattr(blueprint, name)) for name in names}
-    return {file: _carried_text(getattr(blueprint, file)) for file in _FILES} | options
+    files = {file: _carried_text(getattr(blueprint, file)) for file in _FILES}
+    urdf = files["urdf"]
+    if urdf is not None and "text" in urdf:
+        urdf["text"] = blueprint.file().source(urdf["text"])
+    return files | options
 
 
 @recipe.register

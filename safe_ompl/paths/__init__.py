@@ -1,4 +1,4 @@
-"""Paths: validation, reports, and danger-aware simplification."""
+"""Paths: what they must keep to, validation, reports, and danger-aware simplification."""
 
 from __future__ import annotations
 
@@ -7,6 +7,13 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
+    from safe_ompl.paths.constraints import (
+        ConfigurationCheck,
+        Constraints,
+        UserCheck,
+        UserStateCheck,
+        danger_objection,
+    )
     from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
     from safe_ompl.paths.report import PathReport, Validation, claims_of, validate
     from safe_ompl.paths.simplifier import Simplifier, Stop, simplify_danger, timed, unrolled
@@ -14,13 +21,18 @@ if TYPE_CHECKING:
 __all__ = [
     "PROFILE_POINTS",
     "ClearanceReport",
+    "ConfigurationCheck",
+    "Constraints",
     "Curve",
     "DangerReport",
     "PathReport",
     "Simplifier",
     "Stop",
+    "UserCheck",
+    "UserStateCheck",
     "Validation",
     "claims_of",
+    "danger_objection",
     "forced_danger",
     "simplify_danger",
     "timed",

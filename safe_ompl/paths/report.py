@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array
 from safe_ompl.danger import DangerField, DangerLimit
+from safe_ompl.paths.constraints import UserCheck
 from safe_ompl.paths.measures import (
     ClearanceReport,
     Curve,
@@ -19,7 +20,6 @@ from safe_ompl.paths.measures import (
     danger_along,
     sampled_places,
 )
-from safe_ompl.planning.ompl import UserCheck
 
 _Measured = TypeVar("_Measured")
 

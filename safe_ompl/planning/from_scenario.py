@@ -14,7 +14,7 @@ import safe_ompl.motions as motions
 import safe_ompl.trajectories as trajectories
 from safe_ompl.common import clock
 from safe_ompl.common import documents as document
-from safe_ompl.planning.ompl import Constraints
+from safe_ompl.paths import Constraints
 from safe_ompl.planning.optimise import Cost
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup

@@ -16,6 +16,7 @@ from ompl import base as ob
 import safe_ompl.trajectories as trajectories
 from safe_ompl.common import FloatArray, clock, positive
 from safe_ompl.paths import Simplifier, Stop, timed, unrolled
+from safe_ompl.planning.result import Improvement
 
 Cost: TypeAlias = Literal["danger", "duration"]
 COSTS: tuple[Cost, ...] = ("danger", "duration")
@@ -67,21 +68,6 @@ def stopping(time: Any) -> Stop:
     if not isinstance(time, bool) and isinstance(time, (int, float)) and time == 0:
         return lambda: False
     return timed(positive(time, "time of simplification", "number of seconds"))
-
-
-@dataclass(frozen=True)
-class Improvement:
-    """A path that was better than all before it: when it was found [s], its cost, length [rad] and danger."""
-
-    time: float
-    cost: float
-    length: float
-    danger_mean: float
-    danger_max: float
-
-    def as_dict(self) -> dict[str, float]:
-        """Return the numbers by name."""
-        return dict(vars(self))
 
 
 @dataclass

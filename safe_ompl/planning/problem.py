@@ -16,29 +16,23 @@ from ompl import geometric as og
 from safe_ompl.collision import FLOOR, CollisionChecker
 from safe_ompl.common import (
     CollisionError,
-    Counts,
     FloatArray,
     InputError,
     PlanningError,
     positive,
 )
-from safe_ompl.common import documents as document
-from safe_ompl.danger import DangerField
+from safe_ompl.paths import ConfigurationCheck, Constraints, UserCheck
 from safe_ompl.planning.ompl import (
     RESOLUTION,
     AskedMotions,
     CertifiedMotionValidator,
     CollisionFreeValidity,
-    ConfigurationCheck,
-    Constraints,
     SampledValidity,
     ScratchState,
-    UserCheck,
     WorkspaceGoal,
 )
 from safe_ompl.planning.planners import accepts
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Scene
 
 
 class Wiring:
@@ -146,18 +140,6 @@ def _let_go(wiring: ref[Wiring]) -> None:
     alive = wiring()
     if alive is not None:
         alive.put(replace(alive.constraints, user=()))
-
-
-def danger_field(
-    robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts | None = None
-) -> DangerField:
-    """Return the danger of a robot in a scene; options as `danger` of `SafeSetup`, errors as there."""
-    if not isinstance(options, Mapping):
-        raise InputError(f"danger must be a mapping of options, or None for none, got {options!r}")
-    with document.within("danger"):
-        document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "k2", "gamma", "sharpness"))
-    options = dict(options)
-    return DangerField.of_scene(robot, scene, options.pop("spacing", None), counts=counts, **options)
 
 
 _log = logging.getLogger(__name__)

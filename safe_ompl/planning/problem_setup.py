@@ -23,22 +23,20 @@ from safe_ompl.collision import (
     ToolOrientation,
 )
 from safe_ompl.common import Counts, FloatArray, InputError, finite_array, number
-from safe_ompl.danger import DangerLimit
+from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle
-from safe_ompl.paths import PathReport, Validation, validate
+from safe_ompl.paths import Constraints, PathReport, UserCheck, Validation, validate
 from safe_ompl.planning.first_plan import compile_kernels
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
     TOLERANCE,
-    Constraints,
     DangerObjective,
     RegionGoal,
     ScratchState,
-    UserCheck,
     WorkspaceGoal,
     joint_space,
 )
-from safe_ompl.planning.problem import Problem, Wiring, danger_field
+from safe_ompl.planning.problem import Problem, Wiring
 from safe_ompl.robot import GoalRegion, Robot
 from safe_ompl.scene import MotionLimits, People, Scene
 
@@ -70,7 +68,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.robot = robot
         self.counts = Counts()
         checker = CollisionChecker(robot, scene, self.counts, movable=movable)
-        self.field = None if danger is None else danger_field(robot, scene, danger, self.counts)
+        self.field = None if danger is None else DangerField.of_options(robot, scene, danger, self.counts)
         self.danger_options = None if danger is None else dict(danger)
         self.wiring = Wiring(si, checker, floor)
         self.problem = Problem(self, self.wiring)

@@ -11,13 +11,26 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import PathReport, Validation
-from safe_ompl.planning.optimise import Improvement
-from safe_ompl.planning.problem import danger_field
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _TIMES = ("setup_time", "planning_time", "simplification_time", "report_time")
 _TOLD = ("planner", "seed", "status", "solved", *_TIMES)  # as they are, in the JSON of a result
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """A path that was better than all before it: when it was found [s], its cost, length [rad] and danger."""
+
+    time: float
+    cost: float
+    length: float
+    danger_mean: float
+    danger_max: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the numbers by name."""
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -104,7 +117,7 @@ class PlanResult:
         """
         if self.robot is None or self.scene is None or self.danger is None:
             raise InputError("the result knows no danger: it was planned without, or in another process")
-        return danger_field(self.robot, self.scene, self.danger)
+        return DangerField.of_options(self.robot, self.scene, self.danger)
 
     @property
     def report_time(self) -> float:

@@ -229,11 +229,15 @@ class SafeSetup(ProblemSetup):
     # ----------------------------------------------------------------------------------- motions from outside
 
     def check(
-        self, motion: Any, limits: trajectories.RateLimits | None = None, people: People | None = None
+        self,
+        motion: Any,
+        limits: trajectories.RateLimits | None = None,
+        people: People | None = None,
+        time: float = motions.TIME,
     ) -> motions.MotionCheck:
         """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
         self.problem.adopt_plugins()
-        return motions.check_with(motion, self.motion_prover, limits, people=people)
+        return motions.check_with(motion, self.motion_prover, limits, people=people, time=time)
 
     def repair(
         self,

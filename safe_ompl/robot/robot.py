@@ -64,7 +64,8 @@ class Robot(ForwardKinematics):
     held_joints : dict of str to float
         Joints that are held, with their values [rad or m].
     links_without_collision : tuple of str
-        Moving links that have visual but no collision shapes: nothing is proven of them.
+        Moving links that have no collision shapes, but visual ones or mass, or that span some length between links
+        with shapes: nothing is proven of them.
     attached : tuple of Attachment
         The objects that it holds.
     accelerations : dict of str to float
@@ -97,13 +98,14 @@ class Robot(ForwardKinematics):
         collision: CollisionSource = "required",
         group: str | None = None,
         locked_state: str | None = None,
+        xacro_args: Mapping[str, str] | None = None,
     ) -> Robot:
         """Build a robot from its URDF.
 
         Parameters
         ----------
         urdf : path-like
-            The URDF.
+            The URDF. One that holds xacro is expanded by the package xacro (`pip install xacro`).
         srdf : path-like, optional
             SRDF whose disabled collision pairs are not checked. Without one, or with one that disables nothing,
             pairs of adjacent links and pairs that are always in contact are dropped, and the log says which.
@@ -133,6 +135,8 @@ class Robot(ForwardKinematics):
         group, locked_state : str, optional
             Group of the SRDF whose joints move, the others are held; and state of the SRDF that says at which values
             joints are held, zero by default.
+        xacro_args : mapping of str to str, optional
+            Values of xacro's arguments.
 
         Raises
         ------
@@ -141,8 +145,10 @@ class Robot(ForwardKinematics):
         """
         srdf_file = None if srdf is None else str(existing_file(srdf, "SRDF"))
         files = str(existing_file(urdf, "URDF")), srdf_file, tuple(map(str, package_dirs))
-        held, ranges = dict(locked or {}), dict(limits or {})
-        blueprint = UrdfBlueprint(*files, tip, held, hulls, name, ranges, collision, group, locked_state)
+        held, ranges, words = dict(locked or {}), dict(limits or {}), dict(xacro_args or {})
+        blueprint = UrdfBlueprint(
+            *files, tip, held, hulls, name, ranges, collision, group, locked_state, words
+        )
         return cls(standing(blueprint, base, mobile_base))
 
     @classmethod

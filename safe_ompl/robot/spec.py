@@ -23,7 +23,7 @@ class RobotSpec:
     ----------
     example : str, optional
         Name of a robot of example-robot-data; give this, `urdf` or `robots`.
-    urdf, srdf, package_dirs, tip, hulls, group, locked_state, collision : optional
+    urdf, srdf, package_dirs, tip, hulls, group, locked_state, collision, xacro_args : optional
         As for `Robot.from_urdf`.
     locked : mapping of str to float, optional
         Joints that are held still [rad or m]. None: those that the example locks by default.
@@ -62,6 +62,7 @@ class RobotSpec:
     locked_state: str | None = None
     collision: CollisionSource = "required"
     accelerations: Mapping[str, float] = field(default_factory=dict)
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if sum((self.example is not None, self.urdf is not None, bool(self.robots))) != 1:
@@ -70,10 +71,9 @@ class RobotSpec:
             self._check_robots()
         if self.name is not None and self.example is not None:
             raise InputError("an example robot has its own", "name")
-        if self.example is not None and (self.srdf or self.package_dirs):
-            raise InputError(
-                "an example robot brings its own; give it with urdf only", "srdf or package_dirs"
-            )
+        for key in ("srdf", "package_dirs", "xacro_args"):
+            if self.example is not None and getattr(self, key):
+                raise InputError("an example robot brings its own; give it with urdf only", key)
         for key in ("example", "tip", "name", "group", "locked_state"):
             if getattr(self, key) is not None:
                 document.text(key, getattr(self, key))
@@ -89,12 +89,15 @@ class RobotSpec:
             "mobile_base": None if self.mobile_base is None else mobile_ranges(self.mobile_base),
             "attached": tuple(self.attached),
             "accelerations": document.numbers_by_name("accelerations", self.accelerations, above=0.0),
+            "xacro_args": {
+                key: _word(key, word) for key, word in document.mapping("xacro_args", self.xacro_args).items()
+            },
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
     def _check_robots(self) -> None:
-        for key in ("srdf", "package_dirs", "locked", "base", "mobile_base"):
+        for key in ("srdf", "package_dirs", "xacro_args", "locked", "base", "mobile_base"):
             if getattr(self, key):
                 raise InputError("belongs to one of the robots", key)
         if self.tip is not None and self.tip not in self.robots:
@@ -175,4 +178,13 @@ class RobotSpec:
             return Robot.from_example(self.example, tip=self.tip, locked=self.locked, **chosen)
         assert self.urdf is not None
         files = self.urdf, self.srdf, self.package_dirs
-        return Robot.from_urdf(*files, self.tip, self.locked, name=self.name, **chosen)
+        return Robot.from_urdf(
+            *files, self.tip, self.locked, name=self.name, xacro_args=self.xacro_args, **chosen
+        )
+
+
+def _word(key: str, value: Any) -> str:
+    """Return a value of YAML as xacro reads it: `true` is the word "true"."""
+    if not isinstance(value, (str, bool, int, float)):
+        raise InputError(f"must be a text, a number or true or false, not {value!r}", f"xacro_args.{key}")
+    return str(value).lower() if isinstance(value, bool) else str(value)

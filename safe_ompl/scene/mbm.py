@@ -54,6 +54,16 @@ class MbmProblem:
         """Return the goals (G, n) in the order of the robot's joints; errors as `start_configuration`."""
         return np.array([self._for(robot, f"goals[{k}]", goal) for k, goal in enumerate(self.goals)])
 
+    def beyond_limits(self, robot: Robot) -> str | None:
+        """Return which joint is outside its limits at the start or at a goal; None if none is."""
+        with document.within(self.source):
+            for k, values in enumerate((self.start, *self.goals)):
+                key = f"goals[{k - 1}]" if k else "start"
+                beyond = robot.beyond_limits(robot.configuration(self._by_name(values), key))
+                if beyond is not None:
+                    return f"{key}: {beyond}"
+        return None
+
     def widened_limits(self, robot: Robot) -> dict[str, tuple[float, float]]:
         """Return, for each joint that a goal takes slightly beyond its limits, limits that hold the goal."""
         limits = {
@@ -70,9 +80,10 @@ class MbmProblem:
 
     def _for(self, robot: Robot, key: str, values: tuple[float, ...]) -> FloatArray:
         with document.within(self.source):
-            if not self.joint_names:
-                return configuration_for(robot, key, values)
-            return configuration_for(robot, key, dict(zip(self.joint_names, values, strict=True)))
+            return configuration_for(robot, key, self._by_name(values))
+
+    def _by_name(self, values: tuple[float, ...]) -> tuple[float, ...] | dict[str, float]:
+        return dict(zip(self.joint_names, values, strict=True)) if self.joint_names else values
 
 
 @dataclass(frozen=True)

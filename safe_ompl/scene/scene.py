@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, shown
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, files, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
@@ -98,7 +98,7 @@ class Scene:
 
     def save(self, path: str | Path) -> None:
         """Write the scene to a YAML file; mesh and point files are named relative to it."""
-        Path(path).write_text(self.to_yaml(Path(path).parent), encoding="utf-8")
+        files.write(path, self.to_yaml(Path(path).parent))
 
     @classmethod
     def from_mbm(cls, problem: Mapping[str, Any], spacing: float = _SPACING) -> Scene:

@@ -25,12 +25,14 @@ if TYPE_CHECKING:
         render_contact,
         render_path,
         save_animation,
-        save_png,
+        save_picture,
     )
     from safe_ompl.view.pictures.surface import RobotBody
+    from safe_ompl.view.plots.page import PLOT_ENDINGS
 
 __all__ = [
     "ANIMATION_ENDINGS",
+    "PLOT_ENDINGS",
     "RECORDING_ENDING",
     "BrowserView",
     "DrawnPath",
@@ -45,7 +47,7 @@ __all__ = [
     "render_path",
     "save_animation",
     "save_page",
-    "save_png",
+    "save_picture",
     "view",
 ]
 

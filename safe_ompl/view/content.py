@@ -20,7 +20,7 @@ from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks, unpacked_robot
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.paths import Curve
-from safe_ompl.planning import PlanResult, danger_field
+from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -192,7 +192,7 @@ class ViewerContent:
         """The danger of the robot in its scene; None where there is none, or nothing is dangerous."""
         if self.danger is None:
             return None
-        found = danger_field(self.robot, self.scene, self.danger)
+        found = DangerField.of_options(self.robot, self.scene, self.danger)
         return found if found.points is not None and len(found.points) else None
 
     def along(self, name: str, shares: FloatArray) -> FloatArray:

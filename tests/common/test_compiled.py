@@ -4,6 +4,7 @@ import ast
 import ctypes
 import gc
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -126,6 +127,17 @@ def test_no_part_calls_one_that_returns_new_arrays():
         assert not called & returning, node.name
 
 
+def test_no_kernel_multiplies_matrices_by_blas():
+    """For that Numba wants SciPy, which is no requirement; loops of three are faster, too."""
+    wanting = re.compile(r" @ |\bnp\.(dot|vdot|linalg|inner|cov|corrcoef|convolve|correlate)\b|\.dot\(")
+    for file in compiled.sources(Path(compiled.__file__).parents[1]):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            decorators = {ast.unparse(decorator) for decorator in getattr(node, "decorator_list", ())}
+            if decorators & {"caller", "compiled", "maker", "part"}:
+                found = [line for line in ast.unparse(node.body).splitlines() if wanting.search(line)]
+                assert not found, f"{file}: {node.name}: {found}"
+
+
 @pytest.fixture
 def made():
     """Return the event that a kernel of the package, wherever it is, is compiled."""
@@ -244,6 +256,72 @@ def test_kernels_call_and_use_nothing_of_files_that_are_not_watched():
             home = getattr(names[name], "__module__", None) or getattr(names[name], "__name__", "")
             if home.startswith("safe_ompl") and home != compiled.__name__:
                 assert home in watched, f"{module} uses {name} of {home}"
+
+
+ARRAYS = """
+import signal, sys
+import numpy as np
+from safe_ompl.common.compilation import compiled
+
+@compiled
+def arrays(n):
+    return np.zeros(n), np.zeros(n)
+
+def ctrl_c(frame, event, argument):
+    if event == "call" and frame.f_code.co_name == function:
+        sys.setprofile(None)
+        signal.raise_signal(signal.SIGINT)
+
+early, function = sys.argv[1:]
+signal.signal(signal.SIGINT, signal.default_int_handler)
+if early == "False":
+    arrays(3)
+sys.setprofile(ctrl_c)
+try:
+    arrays(3)
+except KeyboardInterrupt:
+    print("interrupted")
+sys.setprofile(None)
+print(len(arrays(3)), sum(arrays.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture(scope="module")
+def arrays(tmp_path_factory):
+    """Return a function that runs a program with a kernel that is kept in a folder, and that folder."""
+    folder = tmp_path_factory.mktemp("arrays")
+    (folder / "arrays.py").write_text(ARRAYS)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
+
+    def answer(early=True, function="none"):
+        words = [sys.executable, str(folder / "arrays.py"), str(early), function]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True)
+        return done.returncode, done.stdout, done.stderr
+
+    assert answer() == (0, "2 0\n", "")
+    return answer, folder
+
+
+def test_ctrl_c_while_a_kernel_is_loaded_waits_until_it_is(arrays):
+    """It was lost within the loader's callback, and the process crashed."""
+    assert arrays[0](True, "_object_getbuffer_hook") == (0, "interrupted\n2 1\n", "")
+
+
+def test_nothing_can_be_raised_where_a_kernel_returns_arrays(arrays):
+    """A Ctrl-C in the function that looks their class up ended in a SystemError."""
+    assert arrays[0](False, "_numba_unpickle") == (0, "2 1\n", "")
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_a_kernel_whose_file_is_damaged_is_compiled_anew(arrays, ending):
+    answer, folder = arrays
+    (file,) = folder.rglob(f"*.{ending}")
+    file.write_bytes(file.read_bytes()[:40])
+    code, out, err = answer()
+    assert (code, out) == (0, "2 0\n")
+    assert err.startswith(f"{file.parent}: a kernel that was kept is damaged")
+    assert err.count("\n") == 1
+    assert answer() == (0, "2 1\n", "")
 
 
 # ------------------------------------------------------------------------------ two processes compile together

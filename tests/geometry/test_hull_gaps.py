@@ -129,9 +129,9 @@ def test_no_point_of_a_body_leaves_where_a_cell_says_it_is(path, panda):
         ends = rng.uniform(path.edges[k], path.edges[k + 1], 3)
         centre = 0.5 * (path.edges[k] + path.edges[k + 1])
         Q = path.curve.at(np.append(ends, centre)).q
-        rotations, origins = path.bodies.frames(Q)
+        rotations, origins, _ = path.bodies.frames(Q)
         for g, joint in enumerate(carriers):
             corners = vertices[first[g] : first[g + 1]]
             places = corners @ np.swapaxes(rotations[:, joint], 1, 2) + origins[:, None, joint]
             ways = np.linalg.norm(places[:-1] - places[-1], axis=2)
-            assert ways.max() <= path.travel[k, g] + 1e-9
+            assert ways.max() <= path.frames.travel[k, g] + 1e-9

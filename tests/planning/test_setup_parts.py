@@ -8,7 +8,8 @@ from ompl import geometric as og
 from safe_ompl import DangerLimit, SafeSetup, make_planner
 from safe_ompl.collision import CollisionChecker, Separation
 from safe_ompl.common import CollisionError, InputError, UnknownNameError
-from safe_ompl.planning.ompl import CollisionFreeValidity, Constraints, WorkspaceGoal, joint_space
+from safe_ompl.paths import Constraints
+from safe_ompl.planning.ompl import CollisionFreeValidity, WorkspaceGoal, joint_space
 from safe_ompl.planning.optimise import stopping
 from safe_ompl.planning.planners import termination
 from safe_ompl.planning.problem import Problem, Wiring

@@ -58,12 +58,13 @@ class Problem:
 
 @dataclass(frozen=True)
 class ProblemSet:
-    """The problems of a file by name, for one robot."""
+    """The problems of a file by name, for one robot; `outside` says why some cannot be asked: limits of joints."""
 
     name: str
     sha256: str
     robot: Robot
     problems: Mapping[str, Problem]
+    outside: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def load(cls, file: str | Path) -> ProblemSet:
@@ -72,13 +73,14 @@ class ProblemSet:
         Raises InputError, which names file, key and value, if it holds neither kind of problems, or is malformed.
         """
         path = Path(file)
-        content = read_json(path)
+        content, outside = read_json(path), dict[str, str]()
         if isinstance(content, Mapping) and content.get("format") == DRIVES:
             with document.within(str(path), ": "):
                 robot, problems = _drives(content, path.parent)
         else:
-            robot, problems = _mbm(MbmFile.load(path))
-        return cls(path.stem, checksum(path), robot, {problem.name: problem for problem in problems})
+            robot, problems, outside = _mbm(MbmFile.load(path))
+        by_name = {problem.name: problem for problem in problems}
+        return cls(path.stem, checksum(path), robot, by_name, outside)
 
 
 def checksum(file: Path) -> str:
@@ -89,24 +91,23 @@ def checksum(file: Path) -> str:
         raise InputError(f"cannot be read ({error.strerror})", str(file)) from None
 
 
-def _mbm(file: MbmFile) -> tuple[Robot, list[Problem]]:
-    """Return the robot, with limits that hold the goals of all problems, and the problems."""
+def _mbm(file: MbmFile) -> tuple[Robot, list[Problem], dict[str, str]]:
+    """Return the robot, with limits that hold goals slightly outside, the problems, and why others are left out."""
     with document.within(str(file.path), ": "):
         robot = Robot.from_example(file.robot)
     found = list(file)
     robot = robot.with_limits(
         {name: held for problem in found for name, held in problem.widened_limits(robot).items()}
     )
-    return robot, [
-        Problem(
-            f"{problem.family} {problem.index}",
-            robot,
-            problem.scene,
-            problem.start_configuration(robot),
-            problem.goal_configurations(robot),
-        )
-        for problem in found
-    ]
+    problems, outside = list[Problem](), dict[str, str]()
+    for problem in found:
+        name, beyond = f"{problem.family} {problem.index}", problem.beyond_limits(robot)
+        if beyond is not None:
+            outside[name] = beyond
+            continue
+        ends = problem.start_configuration(robot), problem.goal_configurations(robot)
+        problems.append(Problem(name, robot, problem.scene, *ends))
+    return robot, problems, outside
 
 
 def _drives(content: Mapping[str, Any], folder: Path) -> tuple[Robot, list[Problem]]:
@@ -244,6 +245,8 @@ def _answers(data: Mapping[str, Any], sets: Sequence[ProblemSet]) -> list[Answer
 
 def _answer(data: Mapping[str, Any], chosen: ProblemSet, joints: tuple[str, ...] | None) -> Answer:
     name, seed = document.text("problem", document.require(data, "problem")), data.get("seed", 0)
+    if name in chosen.outside:
+        raise InputError(f"{name!r} cannot be asked: {chosen.outside[name]}", "problem")
     if name not in chosen.problems:
         raise InputError(f"{shown(name)} is not in the problem set {chosen.name!r}", "problem")
     if not isinstance(seed, int) or isinstance(seed, bool):

@@ -13,14 +13,13 @@ from datetime import datetime
 from functools import partial
 from importlib.metadata import version
 from os import PathLike
-from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 from ompl import tools as ot
 
 from safe_ompl.apps.benchmark.measures import Value
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, files
 
 # In the order of ob.PlannerStatus, in its words; its own logs call the last three "Unknown status".
 STATUSES = (
@@ -70,7 +69,7 @@ class Experiment:
 
     def save(self, file: str | PathLike[str]) -> None:
         """Write the log to a file."""
-        Path(file).write_text(self.text(), encoding="utf-8")
+        files.write(str(file), self.text())
 
     def text(self) -> str:
         """Return the log, or raise InputError if a property has a name that cannot be a column of the database."""

@@ -70,6 +70,11 @@ def option(
     parser.add_argument(*others, name, help=words, **more)
 
 
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add the permission to replace files; every command that writes some has it."""
+    option(parser, "--force", "replace files that exist")
+
+
 def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
     """Raise InputError if one of some options is given."""
     for name in names:
@@ -128,11 +133,29 @@ def add_urdf_options(parser: argparse._ActionsContainer) -> None:
     """Add options for what a URDF does not say: SRDF, packages, tip, joints that move, shapes that collide."""
     option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
     add_package_dirs(parser)
+    add_xacro_args(parser)
     option(parser, "--tip FRAME", "frame at the end of the arm")
     option(parser, "--lock JOINT=VALUE", "hold a joint still [rad or m] (repeatable)", joint_value, [])
     option(parser, "--group NAME", "group of the SRDF whose joints move; the others are held")
     option(parser, "--locked-state NAME", "state of the SRDF in which joints are held (default: zero)")
     add_collision_option(parser)
+
+
+def add_xacro_args(parser: argparse._ActionsContainer) -> None:
+    """Add values of the arguments of a URDF that holds xacro."""
+    option(parser, "--xacro-arg NAME:=VALUE", "of a URDF that holds xacro (repeatable)", _xacro_arg, [])
+
+
+def _xacro_arg(text: str) -> tuple[str, str]:
+    name, assigned, value = text.partition(":=")
+    if not name or not assigned:
+        raise argparse.ArgumentTypeError(f"must be NAME:=VALUE, not {text!r}")
+    return name, value
+
+
+def xacro_args(options: argparse.Namespace) -> dict[str, str]:
+    """Return the values of xacro's arguments that the options give."""
+    return _once("--xacro-arg", options.xacro_arg)
 
 
 def add_collision_option(parser: argparse._ActionsContainer) -> None:
@@ -163,16 +186,18 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> RobotSpec:
     """Return the robot that the options ask for: another one, or the usual one with another tip or other locks."""
-    if options.urdf is None and options.srdf:
-        raise InputError("needs --urdf", "--srdf")
-    locked = _once("--lock", options.lock)
+    for name in ("srdf", "xacro_arg"):
+        if options.urdf is None and getattr(options, name):
+            raise InputError("needs --urdf", f"--{name.replace('_', '-')}")
+    locked, words = _once("--lock", options.lock), xacro_args(options)
     keys = ("tip", "group", "locked_state", "collision")
     chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
     folders = tuple(options.package_dir)
     with document.within("--", separator=""):
         if options.urdf is not None:
             srdf = None if options.srdf is None else Path(options.srdf)
-            return RobotSpec(None, Path(options.urdf), srdf, folders, locked=locked, **chosen)
+            chosen |= {"locked": locked, "xacro_args": words}
+            return RobotSpec(None, Path(options.urdf), srdf, folders, **chosen)
         spec = usual() if options.robot is None else RobotSpec(options.robot)
         if folders:
             spec = spec.with_package_dirs(folders)

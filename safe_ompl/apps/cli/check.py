@@ -17,11 +17,12 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.view import add_view_options, check_view_options, show
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.common import FloatArray, InputError
+from safe_ompl.common import FloatArray, InputError, files
 from safe_ompl.common import documents as document
 from safe_ompl.io import WRITABLE, motion_text, read_json, read_log, read_motion
 from safe_ompl.motions import (
     FACTOR,
+    TIME,
     MeasuredTube,
     Motion,
     MotionCheck,
@@ -79,6 +80,7 @@ def add_commands(commands: Any) -> None:
         "scenario; see `safe-ompl tube`",
         arguments.by_joint,
     )
+    option(parser, "--time SECONDS", "leave undecided what is not proven by then", arguments.seconds, TIME)
     option(
         parser,
         "--widest-tube",
@@ -89,10 +91,13 @@ def add_commands(commands: Any) -> None:
         "--repair OUT",
         "write the motion, proven, with as little changed as that needs: "
         "our own form (.json; a message if FILE is one), a table (.csv), or a JointTrajectory (.yaml)",
+        output.output_file(*WRITABLE),
     )
-    option(parser, "--certificate FILE", "write it with its claims, for `safe-ompl verify` (.json)")
-    option(parser, "--json FILE", "write what was found as JSON; - is standard output")
-    option(parser, "--plot FILE", "draw joints, limits and distances (.png)")
+    words = "write it with its claims, for `safe-ompl verify` (.json)"
+    option(parser, "--certificate FILE", words, output.JSON_FILE)
+    option(parser, "--json FILE", "write what was found as JSON; - is standard output", output.JSON_FILE)
+    option(parser, "--plot FILE", "draw joints, limits and distances (.png, …)", output.PICTURE)
+    arguments.add_force(parser)
     group = parser.add_argument_group("in three dimensions")
     option(group, "--view", "show it in the browser")
     add_view_options(group)
@@ -128,16 +133,11 @@ def add_commands(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the motion and the scenario, and return the job."""
-    output.check_writable(options.json, "--json")
-    output.check_writable(options.certificate, "--certificate")
-    output.check_drawable(options.plot, "--plot")
     if any(getattr(options, key) for key in _SHOWN):
         check_view_options(options)
     message = False
     if options.repair is not None:
-        output.check_writable(options.repair, "--repair", *WRITABLE)
         message = Path(options.file).suffix.lower() == ".json" and "format" not in read_json(options.file)
-    output.check_distinct(options, "json", "certificate", "repair", "plot", "html", "animation")
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)
     _, robot = arguments.scenario_robot(options, scenario)
     given = scenario.limits.tube if options.tube is None else options.tube
@@ -213,7 +213,7 @@ def _check(
     """Check the motion, and show and write what was found as the options say."""
     robot, (people, without) = setup.robot, _people(options, scenario, motion)
     with document.within(options.file, ": "):
-        found = setup.check(motion, limits, people)
+        found = setup.check(motion, limits, people, options.time)
     tube = found.separation.tube
     record: dict[str, Any] = {"file": options.file, "scenario": scenario.name, "robot": robot.name}
     record |= {"proven": bool(found), "claims": found.claims, "tube": tube or None}
@@ -272,10 +272,13 @@ def _write(
     if read is not repair.motion:
         with document.within(options.repair, ": "):
             read = _sampled(read.for_robot(setup.robot), options, setup.robot)
-    found = repair.check if read is repair.motion else setup.check(read, limits, repair.check.people)
+    found = (
+        repair.check
+        if read is repair.motion
+        else setup.check(read, limits, repair.check.people, options.time)
+    )
     if found:
-        with output.opened(options.repair) as stream:
-            stream.write(text)
+        files.write(options.repair, text)
     return found
 
 

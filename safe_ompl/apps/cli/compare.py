@@ -44,6 +44,7 @@ def add_commands(commands: Any) -> None:
     )
     option(parser, "--processes N", "runs at the same time; times are cleanest with one", arguments.count, 1)
     option(parser, "--out DIR", "folder for report and pictures (default: compare-SCENARIO)", Path)
+    arguments.add_force(parser)
     option(parser, "--timed", "also compare durations, within the scenario's limits and beside its people")
     arguments.add_package_dirs(parser)
 
@@ -58,7 +59,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if options.timed:
         setup.timer  # noqa: B018  # raises now if limits are missing
     folder = options.out or Path(f"compare-{scenario.name}")
-    output.make_folder(folder, "--out")
+    output.make_folder(folder, "--out", ("report.json",), force=options.force)
     return partial(_compare, campaign, setup, options.processes, folder, options.timed)
 
 

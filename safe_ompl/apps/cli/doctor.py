@@ -24,6 +24,7 @@ from safe_ompl.danger import CertifiedDanger, DangerField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.geometry.kernels import gaps
+from safe_ompl.motions import Motion, check
 from safe_ompl.people import TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
@@ -36,7 +37,7 @@ from safe_ompl.view import render_path
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
 _EXTRAS = ("plots", "viewer", "cluster", "mcap")
 _MANY = 1000  # points, which are put into balls
-_TICKS = 2
+_TICKS = 8
 ALL_JOBS = (  # those that need what a plan needs come after it
     *PLAN_JOBS,
     f"{__name__}:ask_for_many_points",
@@ -139,20 +140,27 @@ def _field(number: int, aggregate: Literal["max", "mean"] = "max") -> DangerFiel
 
 def ask_for_many_points() -> None:
     """Call what the danger of many points needs, and a mean on an edge."""
-    q = np.zeros(2)
-    _field(_MANY, "mean").values_and_gradients([q])
+    q, many = np.zeros(2), _field(_MANY, "mean")
+    many.values_and_gradients([q])
+    many.moving.values_and_gradients([q], [q + 1.0])
     _field(1).mean(q, q)
 
 
 def ask_for_motions() -> None:
     """Call what danger in motion needs, its gradients, and bounds on paths and in time."""
     q, field = np.zeros(2), _field(1)
-    time_path([q, q + 1.0], field.robot, danger=field.moving, max_danger=1e3)
+    limits = RateLimits.of(field.robot, acceleration=10.0)
+    time_path([q, q + 1.0], field.robot, limits, danger=field.moving, max_danger=1e3)
     field.moving.value(q, q + 1.0)
     _field(_MANY).moving.value(q, q + 1.0)
     field.moving.values_and_gradients([q], [q + 1.0])
     CertifiedDanger(field).of_path([q, q + 1.0])
     field.push(q)
+    motion = Motion.hermite([0.0, 2.0], [q, q + 1.0], [q, q])
+    scene = Scene((Obstacle("person", Person(), Pose((9.0, 0.0, 0.0))),))
+    checked = check(motion, field.robot, scene, limits=limits, people=People(speed=1.6))
+    assert checked.stops is not None
+    checked.stops.stop_from(1.0)
 
 
 def ask_for_simplification() -> None:
@@ -161,8 +169,9 @@ def ask_for_simplification() -> None:
     setup = SafeSetup(robot, Scene((Obstacle("person", Person(), Pose((1.4, 0.0, -1.0))),)))
     setup.setConfigurations([-1.0, 0.0], [1.0, 0.0])
     result = setup.plan("SafeRRTConnect", seed=0, simplify=True)
-    people = People(speed=1.6, contact=True, robot_mass=20.0)
-    result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=people)
+    result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=People(speed=1.6))
+    contact = People(speed=1.6, contact=True, robot_mass=20.0)
+    result.timed(RateLimits.of(robot, acceleration=10.0), people=contact)
 
 
 def ask_for_people() -> None:
@@ -173,9 +182,10 @@ def ask_for_people() -> None:
     )
     limits = RateLimits.of(robot, acceleration=10.0)
     replanner.start(time_path([[-1.0, 0.0], [1.0, 0.0]], robot, limits, motion=replanner.prover))
-    keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3)) + np.array([1.5, 0.0, 0.2])
-    for tick in range(_TICKS):
-        replanner.update({"anna": keypoints}, {}, 0.05 * tick)
+    keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3))
+    for tick in range(_TICKS):  # until the robot retreats
+        keypoints_now = keypoints + (1.0 - 0.07 * tick) * np.array([0.9, -0.5, 0.2])
+        replanner.update({"anna": keypoints_now}, {}, 0.05 * tick)
         replanner.command(0.05 * tick + 0.02)
         replanner.think()
 

@@ -18,7 +18,7 @@ from rich.table import Table
 from safe_ompl.apps.benchmark import JUDGED, VERSION, Entry, PlainGeometry, ProblemSet
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, files
 from safe_ompl.common import documents as document
 from safe_ompl.io import read_json, schema
 from safe_ompl.view import render_contact
@@ -48,22 +48,23 @@ def add_commands(commands: Any) -> None:
         required=True,
     )
     option(parser, "--out DIR", "", Path, Path("judged"))
+    arguments.add_force(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read problems and entries, and return the job."""
-    output.make_folder(options.out, "--out")
     sets: dict[str, ProblemSet] = {}
     for file in options.problems:
         if Path(file).stem in sets:
             raise InputError("another problem set has this name: rename one", str(file))
         sets[Path(file).stem] = ProblemSet.load(file)
-    files = [file for name in options.entries for file in _files(Path(name))]
+    given = [file for name in options.entries for file in _files(Path(name))]
     entries: dict[str, Entry] = {}
-    for entry in files:
+    for entry in given:
         if entry.stem in entries:
             raise InputError("another entry has this name: rename one", str(entry))
         entries[entry.stem] = Entry.load(entry, list(sets.values()))
+    output.make_folder(options.out, "--out", [f"{name}{_ENDING}" for name in entries], force=options.force)
     return partial(_judge, entries, options.out)
 
 
@@ -104,7 +105,7 @@ def judge_into(entry: Entry, name: str, folder: Path, *, drawn: bool = True) -> 
         row, answer = min(reached, key=lambda pair: pair[0]["worst"]["distance"])
         result["worst"] = {"problem": row["problem"], "seed": row["seed"], **row["worst"]}
         if drawn:
-            picture.write_bytes(_drawn(answer.problem, row["worst"]))
+            files.write(picture, _drawn(answer.problem, row["worst"]))
     output.write_json(str(folder / f"{name}{_ENDING}"), result)
     return result
 
@@ -201,9 +202,9 @@ document.querySelectorAll("th").forEach(head => head.onclick = () => {
 
 def write_page(folder: Path) -> Path:
     """Write a page of all entries that were judged into a folder, and return it; its pictures are inside."""
-    files = sorted(folder.glob(f"*{_ENDING}"))
+    judged = sorted(folder.glob(f"*{_ENDING}"))
     results = []
-    for file in files:
+    for file in judged:
         content = read_json(file)
         with document.within(str(file), ": "):
             schema.check_form(content, JUDGED, VERSION)
@@ -229,7 +230,7 @@ def write_page(folder: Path) -> Path:
     parts.append("<p>Right: from near, without the walls before it.</p><div class=all>")
     parts += [_figure(result, folder) for result in results if not result["failed"]]
     page = folder / _PAGE
-    page.write_text("\n".join([*parts, "</div>", _TAIL]), encoding="utf-8")
+    files.write(page, "\n".join([*parts, "</div>", _TAIL]))
     return page
 
 

@@ -16,7 +16,6 @@ import pinocchio as pin
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.view import check_page
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
@@ -79,7 +78,7 @@ def add_commands(commands: Any) -> None:
     option(parser, "--mover-speed V", "largest speed of these balls [m/s]", arguments.limit, 0.5)
     option(parser, "--seconds S", "simulated time", arguments.seconds, 60.0)
     option(parser, "--out DIR", "folder for ticks.jsonl and summary.json", required=True)
-    option(parser, "--html FILE", "also write a page that plays the simulation offline (.html)")
+    option(parser, "--html FILE", "also write a page that plays the simulation offline (.html)", output.PAGE)
     add_mcap(parser)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     arguments.add_run_options(parser, usual_time="the scenario's")
@@ -109,14 +108,8 @@ def reach_of(people: People | None, options: argparse.Namespace) -> CalibratedRe
 
 def add_mcap(parser: argparse.ArgumentParser) -> None:
     """Add the log that Foxglove opens."""
-    option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)")
-
-
-def check_mcap(file: str | None) -> None:
-    """Raise InputError if a log is to be written to a file and cannot be."""
-    if file is not None:
-        output.need_extra("mcap", "--mcap")
-        output.check_writable(file, "--mcap", ".mcap")
+    option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)", output.LOG)
+    arguments.add_force(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -131,9 +124,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         for mover in found.people.values():
             mover.tracker = replace(mover.tracker, gate=reach.gate)
     setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
-    output.make_folder(Path(options.out), "--out")
-    check_page(options.html)
-    check_mcap(options.mcap)
+    output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
     replanner = Replanner(
         robot,
         found.scene,

@@ -37,13 +37,14 @@ def add_commands(commands: Any) -> None:
     option(parser, "--families A,B,...", "default: all", arguments.names)
     option(parser, "--problems 0:50", "which of each family; default: all", arguments.positions, slice(None))
     arguments.add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
-    option(parser, "--json FILE", "default: standard output", default=output.STANDARD_OUTPUT)
+    read = output.output_file(".jsonl", ".json", output.STANDARD_OUTPUT)
+    option(parser, "--json FILE", "a line for each; default: standard output", read, output.STANDARD_OUTPUT)
+    arguments.add_force(parser)
     arguments.add_robot_options(parser, instead_of="the file's")
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    output.check_writable(options.json, "--json")
     file = MbmFile.load(options.file)
     robot = _robot(file, options)
     parameters = arguments.given_parameters(options)

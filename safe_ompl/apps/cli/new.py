@@ -19,7 +19,7 @@ import yaml
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.collision import CollisionChecker
-from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, files
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.planning import SafeSetup
@@ -56,7 +56,9 @@ def add_commands(commands: Any) -> None:
         "the SRDF, or else the one with the most joints; all other joints are held. Then edit the scenario.",
     )
     option(parser, "urdf URDF", "the robot's URDF")
-    option(parser, "-o, --output FILE", "where the scenario goes (.yaml)", required=True)
+    read = output.output_file(".yaml", ".yml")
+    option(parser, "-o, --output FILE", "where the scenario goes (.yaml)", read, required=True)
+    arguments.add_force(parser)
     arguments.add_urdf_options(parser)
     parser = arguments.add_parser(
         commands,
@@ -67,24 +69,23 @@ def add_commands(commands: Any) -> None:
         "than 95 % of sampled configurations. Links that merely were never seen in contact stay enabled.",
     )
     option(parser, "urdf URDF", "the robot's URDF")
-    option(parser, "-o, --output FILE", "default: standard output", default=output.STANDARD_OUTPUT)
+    read = output.output_file(".srdf", ".xml", output.STANDARD_OUTPUT)
+    option(parser, "-o, --output FILE", "default: standard output", read, output.STANDARD_OUTPUT)
+    arguments.add_force(parser)
     option(parser, "--samples N", "configurations", arguments.count, 1000)
     arguments.add_package_dirs(parser)
+    arguments.add_xacro_args(parser)
     arguments.add_collision_option(parser)
 
 
 def _prepare_srdf(options: argparse.Namespace) -> Callable[[], int]:
     """Read the URDF, and return the job."""
-    urdf = UrdfFile(options.urdf, options.package_dir)
-    output.check_writable(options.output, "--output")
+    urdf = UrdfFile(options.urdf, options.package_dir, arguments.xacro_args(options))
     return partial(_write_srdf, urdf, options.output, options.samples, options.collision or "required")
 
 
 def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
     """Read the robot, choose its arm, and return the job."""
-    if Path(options.output).exists():
-        raise InputError(f"{options.output!r} is there already: give another file", "--output")
-    output.check_writable(options.output, "--output", ".yaml", ".yml")
     document.file("URDF", options.urdf, (".urdf", ".xml", ".xacro"))
     spec, robot = with_arm(arguments.given_robot(options, lambda: RobotSpec(urdf=Path(options.urdf))))
     return New(spec, robot, Path(options.output))
@@ -96,7 +97,7 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
     What the spec leaves open is chosen: group and tip as the SRDF has them, or else the arm that the joints tell.
     """
     assert given.urdf is not None
-    urdf = UrdfFile(given.urdf, given.package_dirs)
+    urdf = UrdfFile(given.urdf, given.package_dirs, given.xacro_args)
     full = urdf.build_model()
     # A joint that mimics one which does not exist is held as any other.
     mimics = {name: mimic for name, mimic in urdf.mimics().items() if full.existJointName(mimic.primary)}
@@ -152,7 +153,7 @@ class New:
         scene = Scene((person,))
         left, right = self._ends(CollisionChecker(self.robot, scene), samples, person)
         start, goal, solved = self._connected(scene, left, right)
-        self.file.write_text(self._text(person, start, goal), encoding="utf-8")
+        files.write(self.file, self._text(person, start, goal))
         group = f" of the group {self.spec.group!r}" if self.spec.group else ""
         number = len(self.spec.locked or {})
         _say(
@@ -289,8 +290,7 @@ def _by_joint(robot: Robot, q: FloatArray) -> str:
 
 def _write_srdf(urdf: UrdfFile, file: str, samples: int, collision: str) -> int:
     pairs = disabled_links(urdf, samples, collision)
-    with output.opened(file) as stream:
-        stream.write(srdf_text(urdf.build_model().name, pairs, samples))
+    output.write_text(file, srdf_text(urdf.build_model().name, pairs, samples))
     reasons = [pair.reason for pair in pairs]
     _say(
         f"safe-ompl: {samples} samples: {reasons.count('Always')} pairs of links always touch, "

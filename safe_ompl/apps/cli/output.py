@@ -9,11 +9,13 @@ import math
 import os
 import statistics
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from errno import EISDIR
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from tempfile import TemporaryFile
+from typing import IO, Any, NamedTuple
 
 from ompl import util as ou
 from rich import box
@@ -23,10 +25,11 @@ from rich.table import Table
 from rich.text import Text
 
 from safe_ompl.apps.benchmark import Campaign, Summary
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, files
 from safe_ompl.io import strict_json
 from safe_ompl.paths import ClearanceReport, DangerReport
 from safe_ompl.planning import PlanResult
+from safe_ompl.view import PLOT_ENDINGS
 
 STANDARD_OUTPUT = "-"
 # Module, and what it is for.
@@ -132,35 +135,75 @@ def ompl_messages(verbose: bool) -> Iterator[None]:
 # -------------------------------------------------------------------------------------------------- files
 
 
-def check_writable(file: str | None, option: str, *endings: str) -> None:
-    """Raise InputError, naming `option`, if a file has another ending or cannot be written; it is left as it was."""
-    if file is None or (file == STANDARD_OUTPUT and not endings):
-        return
-    path = Path(file)
-    if endings and path.suffix.lower() not in endings:
-        raise InputError(f"{file!r} must end in {' or '.join(endings)}", option)
-    if path.exists() and not path.is_file() and not path.is_dir():
-        return  # a pipe or a device: opening it would be more than a look
-    is_new = not path.exists()
+class OutputFile(str):
+    """A file that a command writes, as its option names it: `output_file` reads one, `check_outputs` checks all."""
+
+    endings: tuple[str, ...]
+    extra: str | None  # of the package, that writes it
+
+
+def output_file(*endings: str, extra: str | None = None) -> Callable[[str], OutputFile]:
+    """Return what reads an option that names an output; `STANDARD_OUTPUT` among the endings allows that, too."""
+
+    def read(text: str) -> OutputFile:
+        file = OutputFile(text)
+        file.endings, file.extra = endings, extra
+        return file
+
+    return read
+
+
+JSON_FILE = output_file(".json", STANDARD_OUTPUT)
+PICTURE = output_file(*PLOT_ENDINGS, extra="plots")
+PAGE = output_file(".html", extra="viewer")
+LOG = output_file(".mcap", extra="mcap")
+
+
+def check_outputs(options: argparse.Namespace) -> None:
+    """Check all outputs that the options name, before the work begins; files are left as they are.
+
+    An InputError names the option whose file has a wrong ending, cannot be written, is read by the same command, is
+    written by another option, or exists already where there is no --force; or whose extra is not installed.
+    """
+    outputs = {key: value for key, value in vars(options).items() if isinstance(value, OutputFile)}
+    others = [value for key, value in vars(options).items() if key not in outputs]
+    listed = [item for value in others for item in (value if isinstance(value, (list, tuple)) else [value])]
+    inputs = [item for item in listed if isinstance(item, (str, Path))]
+    written: dict[Path, str] = {}
+    for key, file in outputs.items():
+        option, path = f"--{key.replace('_', '-')}", Path(file)
+        if file == STANDARD_OUTPUT and STANDARD_OUTPUT in file.endings:
+            continue
+        is_pipe = path.exists() and not path.is_file() and not path.is_dir()
+        if not is_pipe and path.suffix.lower() not in file.endings:
+            endings = (ending for ending in file.endings if ending != STANDARD_OUTPUT)
+            raise InputError(f"{str(file)!r} must end in {' or '.join(endings)}", option)
+        if file.extra is not None:
+            need_extra(file.extra, option)
+        if not is_pipe:
+            _check_place(path, option, inputs, force=options.force)
+        place = path.resolve()
+        if place in written:
+            raise InputError(
+                f"{str(file)!r} is written by {written[place]} already: give another file", option
+            )
+        written[place] = option
+
+
+def _check_place(path: Path, option: str, inputs: Sequence[str | Path], *, force: bool) -> None:
+    """Raise InputError if a file cannot be written, is an input, or would be lost."""
+    file = str(path)
+    if any(_same_file(given, path) for given in inputs):
+        raise InputError(f"{file!r} is read by this command: give another file", option)
     try:
-        path.open("ab").close()
+        if path.is_dir():
+            raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
+        with TemporaryFile(dir=path.parent):
+            pass
     except OSError as error:
         raise InputError(f"cannot write {file!r} ({error.strerror})", option) from None
-    if is_new:
-        path.unlink()
-
-
-def check_distinct(options: argparse.Namespace, *keys: str) -> None:
-    """Raise an error if two results are to be written to one file."""
-    written: dict[Path, str] = {}
-    for key in keys:
-        file, option = getattr(options, key), f"--{key.replace('_', '-')}"
-        if file is None or file == STANDARD_OUTPUT:
-            continue
-        place = Path(file).resolve()
-        if place in written:
-            raise InputError(f"{file!r} is written by {written[place]} already: give another file", option)
-        written[place] = option
+    if path.exists() and not force:
+        raise InputError(f"{file!r} is there already: give another file, or --force", option)
 
 
 def missing_extra(extra: str) -> str | None:
@@ -178,25 +221,30 @@ def need_extra(extra: str, key: str | None = None) -> None:
         raise InputError(advice, key)
 
 
-def check_drawable(file: str | None, option: str, endings: Sequence[str] = (".png",)) -> None:
-    """Raise InputError, naming `option`, if a picture cannot be drawn or written."""
-    if file is not None:
-        check_writable(file, option, *endings)
-        need_extra("plots", option)
+def _same_file(given: str | Path, path: Path) -> bool:
+    with suppress(OSError, ValueError):  # where `given` is no file at all
+        return os.path.samefile(given, path)
+    return False
 
 
-def make_folder(folder: Path, option: str) -> None:
-    """Create a folder, or raise InputError, naming `option`, if that or writing into it is not possible."""
+def make_folder(folder: Path, option: str, names: Iterable[str], *, force: bool) -> None:
+    """Create a folder, or raise InputError, naming `option`; also if it holds files of these names, without --force."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
     except OSError as error:
-        raise InputError(f"cannot create the folder {str(folder)!r} ({error.strerror})", option) from None
-    check_writable(str(folder / "report.json"), option)
+        raise InputError(f"cannot write into the folder {str(folder)!r} ({error.strerror})", option) from None
+    for name in names:
+        if (folder / name).exists() and not force:
+            raise InputError(
+                f"the folder {str(folder)!r} holds {name} already: give another folder, or --force", option
+            )
 
 
 @contextmanager
-def opened(file: str) -> Iterator[TextIO]:
-    """Open a file to write text to; ``-`` is standard output."""
+def opened(file: str) -> Iterator[IO[str]]:
+    """Open a file to write lines to, of which those that are finished are kept; ``-`` is standard output."""
     if file == STANDARD_OUTPUT:
         yield sys.stdout
         sys.stdout.flush()
@@ -207,8 +255,16 @@ def opened(file: str) -> Iterator[TextIO]:
 
 def write_json(file: str, content: Any) -> None:
     """Write one line of strict JSON to a file, or to standard output for ``-``."""
-    with opened(file) as stream:
-        print(strict_json(content), file=stream)
+    write_text(file, f"{strict_json(content)}\n")
+
+
+def write_text(file: str, text: str) -> None:
+    """Write text to a file, or to standard output for ``-``."""
+    if file == STANDARD_OUTPUT:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    else:
+        files.write(file, text)
 
 
 _BEST = "*"

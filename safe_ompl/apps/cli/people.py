@@ -32,7 +32,10 @@ def add_commands(commands: Any) -> None:
     )
     option(parser, "recordings RECORDINGS", "files of recordings (.npz); all clips are used", nargs="+")
     option(parser, "--level SHARE", "share of the units that keep to it", arguments.share, required=True)
-    option(parser, "-o, --out FILE", "the reach file (.yaml)", required=True)
+    option(
+        parser, "-o, --out FILE", "the reach file (.yaml)", output.output_file(".yaml", ".yml"), required=True
+    )
+    arguments.add_force(parser)
     option(parser, "--gate V", "faster key points are glitches [m/s]", arguments.limit, Calibration.gate)
     option(
         parser,
@@ -55,7 +58,6 @@ def add_commands(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the recordings, and return the job."""
-    output.check_writable(options.out, "--out", ".yaml", ".yml")
     keys = ("level", "gate", "fit", "seed", "block")
     how = Calibration(horizons=tuple(options.horizons), **{key: getattr(options, key) for key in keys})
     recordings = [Recording.load(file, clip) for file in options.recordings for clip in list_clips(file)]

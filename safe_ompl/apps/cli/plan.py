@@ -14,7 +14,7 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError
-from safe_ompl.io import TimedMotion, marked, result_to_mapping
+from safe_ompl.io import TimedMotion, marked, motion_of_document, result_to_mapping
 from safe_ompl.planning import COSTS, PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
@@ -35,10 +35,13 @@ def add_commands(commands: Any) -> None:
         default="danger",
         help="what --simplify and --optimise reduce: danger and length, or the duration beside people",
     )
-    option(parser, "--json FILE", "write the result as JSON, for `safe-ompl view`; -: print it, and no table")
-    option(parser, "--plot FILE", "draw the path, its danger and its clearance (.png)")
-    option(parser, "--certificate FILE", "write the path with its proof, for `safe-ompl verify` (.json)")
+    words = "write the result as JSON, for `safe-ompl view`; -: print it, and no table"
+    option(parser, "--json FILE", words, output.JSON_FILE)
+    option(parser, "--plot FILE", "draw the path, its danger and its clearance (.png, …)", output.PICTURE)
+    words = "write the path with its proof, for `safe-ompl verify` (.json)"
+    option(parser, "--certificate FILE", words, output.JSON_FILE)
     add_timed_options(parser)
+    arguments.add_force(parser)
     arguments.add_limit_options(parser)
     arguments.add_robot_options(parser, instead_of="the scenario's")
 
@@ -46,10 +49,6 @@ def add_commands(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     begin = perf_counter()
-    output.check_writable(options.json, "--json")
-    output.check_writable(options.certificate, "--certificate")
-    output.check_drawable(options.plot, "--plot")
-    output.check_distinct(options, "json", "certificate", "plot", "trajectory", "timed_plot")
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)
     _, robot = arguments.scenario_robot(options, scenario)
     setup = setup_scenario(scenario, robot)
@@ -90,8 +89,8 @@ def _plan(
         output.write_json(options.certificate, proof)
     if options.plot and result.path is not None:
         draw_plan(setup, result, options.plot)
-    if trajectory is not None:
-        show_timed(trajectory, result, scenario, options)
+    if trajectory is not None and not show_timed(trajectory, result, setup, scenario, options):
+        return 1
     return 0 if result else 1
 
 
@@ -104,25 +103,30 @@ def add_timed_options(parser: Any) -> None:
     """Add --timed, --rate and --trajectory."""
     group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
     option(group, "--timed", "time the path within the limits of the joints")
-    option(group, "--rate HZ", f"points per second of the trajectory; default: {RATE:g}", arguments.limit)
+    option(
+        group,
+        "--rate HZ",
+        f"points per second of the trajectory at least; default: {RATE:g}",
+        arguments.limit,
+    )
     option(
         group,
         "--trajectory FILE",
         "write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; "
         "implies --timed",
+        output.JSON_FILE,
     )
     option(
         group,
         "--timed-plot FILE",
-        "draw its speed and the limits that bound it, its joints and their limits, and its danger (.png); implies "
+        "draw its speed and the limits that bound it, its joints and their limits, and its danger (.png, …); implies "
         "--timed",
+        output.PICTURE,
     )
 
 
 def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
     """Check the options, and return the limits of the scenario; None if no trajectory is asked for."""
-    output.check_writable(options.trajectory, "--trajectory")
-    output.check_drawable(options.timed_plot, "--timed-plot")
     if not (options.timed or options.trajectory or options.timed_plot):
         if options.rate is not None:
             raise InputError("is for a path in time: give --trajectory FILE, or --timed", "--rate")
@@ -142,9 +146,16 @@ def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Traject
 
 
 def show_timed(
-    trajectory: Trajectory, result: PlanResult, scenario: Scenario, options: argparse.Namespace
-) -> None:
-    """Show duration, what bounds the speed, and danger; draw and write what the options ask for."""
+    trajectory: Trajectory,
+    result: PlanResult,
+    setup: SafeSetup,
+    scenario: Scenario,
+    options: argparse.Namespace,
+) -> bool:
+    """Show duration, what bounds the speed, and danger; draw and write what the options ask for.
+
+    What is written is proven as a receiver joins its points; returns False, and writes nothing, where that fails.
+    """
     danger = None
     if any(obstacle.weight > 0 for obstacle in scenario.scene):
         danger = trajectory.danger(result.danger_field().moving)
@@ -164,7 +175,17 @@ def show_timed(
         motion = TimedMotion.of(trajectory, *about, rate=rate, danger=result.danger, name=result.planner)
         # The form of a JointTrajectory, and what `safe-ompl view` needs.
         content = marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
+        # Stops with a limit of the jerk are proven of the trajectory alone.
+        people = scenario.people if trajectory.limits.jerk is None else None
+        found = setup.check(motion_of_document(content), trajectory.limits, people)
+        if not found:
+            output.error_console().print(
+                f"safe-ompl: nothing is written to {options.trajectory}: between its points {found.violations[0]}; "
+                "another --rate may do"
+            )
+            return False
         output.write_json(options.trajectory, content)
+    return True
 
 
 def describe_timing(trajectory: Trajectory) -> str:

@@ -31,7 +31,7 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.robot import frame_index
-from safe_ompl.robot.loading import EXAMPLES, ExampleRobot, UrdfFile, robots_folder
+from safe_ompl.robot.loading import EXAMPLES, ExampleRobot, UrdfFile, links_lacking_shapes, robots_folder
 from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
 
@@ -54,6 +54,7 @@ def main(words: Sequence[str] | None = None) -> int:
         parser = command_line()
         argcomplete.autocomplete(parser)
         options = parser.parse_args((sys.argv[1:] if words is None else words) or ["--help"])
+        output.check_outputs(options)
         with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log:
             job = options.prepare(options)
             log.show()
@@ -61,7 +62,10 @@ def main(words: Sequence[str] | None = None) -> int:
     except (SafeOmplError, OSError) as error:
         if isinstance(error, BrokenPipeError):
             return _broken_pipe()
-        console.print(f"safe-ompl: {' '.join(str(error).split())}")
+        said = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            said = f"{error.filename}: {error.strerror}"
+        console.print(f"safe-ompl: {' '.join(said.split())}")
         return BAD_INPUT
     except (KeyboardInterrupt, SystemError) as error:
         # Numba turns a Ctrl-C that comes while it looks a kernel up into a SystemError.
@@ -164,14 +168,15 @@ def robots_table() -> Table:
         urdf = UrdfFile(robots_folder() / example.urdf)
         moving = str(_moving_joints(urdf, example))
         table.add_row(name, moving, example.tip, locked, ", ".join(_bare_links(urdf)))
-    table.caption = "not checked: links that have visual shapes but no collision shapes"
+    table.caption = "not checked: links that have no collision shapes"
     return table
 
 
 def _bare_links(urdf: UrdfFile) -> list[str]:
-    """Return the moving links that have visual shapes only, in the URDF's order."""
-    bare = urdf.links_with_visuals_only()
-    return [frame.name for frame in urdf.build_model().frames if frame.name in bare and frame.parentJoint]
+    """Return the moving links that lack collision shapes, in the URDF's order."""
+    model = urdf.build_model()
+    bare = links_lacking_shapes(model, urdf.links_with("collision"), urdf.links_with("visual"))
+    return [frame.name for frame in model.frames if frame.name in bare and frame.parentJoint]
 
 
 def _moving_joints(urdf: UrdfFile, example: ExampleRobot) -> int:

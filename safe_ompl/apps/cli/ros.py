@@ -19,7 +19,6 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.live import (
     add_mcap,
     add_reach,
-    check_mcap,
     limits_of_still,
     people_who_move,
     reach_of,
@@ -93,7 +92,6 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     output.need_extra("ros")
     output.need_extra("mcap")
-    check_mcap(options.mcap)
     if options.shield and options.follow is not None:
         raise InputError("excludes --shield, which commands the same robot", "--follow")
     scenario = arguments.load_scenario(options.scenario, options.package_dir)

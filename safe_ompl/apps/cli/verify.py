@@ -10,7 +10,7 @@ from typing import Any
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.certificates import Verified, certificate, terms_of, verify
+from safe_ompl.certificates import TIME, Verified, certificate, terms_of, verify
 from safe_ompl.common import CertificateError, InputError
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
@@ -37,6 +37,7 @@ def add_commands(commands: Any) -> None:
     )
     option(parser, "file FILE", "the certificate")
     option(parser, "scenario SCENARIO", "what it must be about; default: what the file carries", nargs="?")
+    option(parser, "--time SECONDS", "leave undecided what is not verified by then", arguments.seconds, TIME)
     arguments.add_robot_options(
         parser, instead_of="the scenario's (without a scenario: where the carried one's files are)"
     )
@@ -49,7 +50,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         why = "is for verification against a scenario: give the scenario, too"
         arguments.refuse(options, _OF_SCENARIOS, why)
         urdf = None if options.urdf is None else Path(options.urdf)
-        carried = partial(verify, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)))
+        carried = partial(
+            verify, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)), time=options.time
+        )
         built = "" if urdf is None else f" (with the URDF {urdf})"
         own = f"{built} and scene are the file's own, compared with no scenario"
         return partial(_verify, options.file, carried, own)
@@ -58,7 +61,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
     def against_scenario() -> Verified:
         terms = terms_of(scenario, robot, timed=_is_timed(content))
-        return verify(content, robot, scenario.scene, terms=terms)
+        return verify(content, robot, scenario.scene, terms=terms, time=options.time)
 
     other = "" if spec is scenario.robot else f" of {options.urdf or options.robot or 'the options'}"
     return partial(_verify, options.file, against_scenario, f"{other} and scene of {scenario.file}")

@@ -56,13 +56,15 @@ def add_commands(commands: Any) -> None:
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
     add_view_options(parser)
+    arguments.add_force(parser)
 
 
 def add_view_options(parser: argparse._ActionsContainer) -> None:
     """Add the files that a view is written to, and how it is served."""
-    option(parser, "--html FILE", "write one file that opens offline, with a play bar (.html)")
+    option(parser, "--html FILE", "write one file that opens offline, with a play bar (.html)", output.PAGE)
     option(parser, "--slice Z", "with --html: a slice of the field at this height [m]", arguments.finite)
-    option(parser, "--animation FILE", "write the motions side by side as one moving picture (.webp or .gif)")
+    words = "write the motions side by side as one moving picture (.webp or .gif)"
+    option(parser, "--animation FILE", words, output.output_file(*ANIMATION_ENDINGS, extra="plots"))
     option(parser, "--port N", "port; the next free one if it is taken", arguments.port, 8080)
     option(parser, "--no-browser", "do not open the browser, only say the address")
 
@@ -100,19 +102,10 @@ def _read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def check_view_options(options: argparse.Namespace) -> None:
     """Raise InputError if what a view is written to cannot be, or the viewer is missing."""
-    output.check_drawable(options.animation, "--animation", ANIMATION_ENDINGS)
     if options.animation is None:
         output.need_extra("viewer")
-    check_page(options.html)
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
-
-
-def check_page(file: str | None) -> None:
-    """Raise InputError if a page is to be written to a file and cannot be."""
-    if file is not None:
-        output.need_extra("viewer")
-        output.check_writable(file, "--html", ".html")
 
 
 def show(content: ViewerContent, options: argparse.Namespace) -> int:

@@ -343,8 +343,8 @@ class RosNode:
         self._diagnostics(messages.diagnostics(time, name, {"state": state, "reason": answer.what}))
         if trajectory is None:
             return
-        times, states = trajectory.sampled(_RATE)
-        rows: dict[str, Any] = {"positions": states.q, "velocities": states.qd, "accelerations": states.qdd}
+        times, points = trajectory.points(_RATE)
+        rows: dict[str, Any] = {**points}
         # Without a stamp: it begins when it is followed.
         content = messages.joint_trajectory(0, self._robot.joint_names, times.tolist(), **rows)
         self._trajectories(content)

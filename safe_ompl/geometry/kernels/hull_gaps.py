@@ -238,7 +238,11 @@ def separating_axes(
     axes, apart = np.zeros((G, S, 3)), np.full((G, S), inf)
     for g in range(G):
         R, o = frames.rotations[0, hulls.carriers[g]], frames.origins[0, hulls.carriers[g]]
-        hull = hulls.vertices[hulls.first_vertex[g] : hulls.first_vertex[g + 1]] @ R.T + o
+        own = hulls.vertices[hulls.first_vertex[g] : hulls.first_vertex[g + 1]]
+        hull = np.empty((len(own), 3))
+        for v in range(len(own)):
+            for x in range(3):
+                hull[v, x] = o[x] + R[x, 0] * own[v, 0] + R[x, 1] * own[v, 1] + R[x, 2] * own[v, 2]
         m0, m1, m2, extent = _ball(hull)
         for s in range(S):
             points = sets.points[sets.first_point[s] : sets.first_point[s + 1]]

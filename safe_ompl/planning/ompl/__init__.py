@@ -11,17 +11,13 @@ if TYPE_CHECKING:
     from safe_ompl.planning.ompl.objective import (
         DangerObjective,
         DurationObjective,
-        PeakDangerObjective,
         StateCost,
     )
     from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-    from safe_ompl.planning.ompl.user_checks import RESOLUTION, AskedMotions, SampledValidity, UserCheck
+    from safe_ompl.planning.ompl.user_checks import RESOLUTION, AskedMotions, SampledValidity
     from safe_ompl.planning.ompl.validity import (
         CertifiedMotionValidator,
         CollisionFreeValidity,
-        ConfigurationCheck,
-        Constraints,
-        danger_objection,
     )
 
 __all__ = [
@@ -31,19 +27,14 @@ __all__ = [
     "AskedMotions",
     "CertifiedMotionValidator",
     "CollisionFreeValidity",
-    "ConfigurationCheck",
-    "Constraints",
     "DangerObjective",
     "DurationObjective",
-    "PeakDangerObjective",
     "RegionGoal",
     "SampledValidity",
     "ScratchState",
     "StateBridge",
     "StateCost",
-    "UserCheck",
     "WorkspaceGoal",
-    "danger_objection",
     "joint_space",
 ]
 

@@ -191,35 +191,6 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         return self.field.values_and_gradients(Q)
 
 
-class PeakDangerObjective(DangerObjective):
-    """The largest danger on the way as a cost (minimax): paths are as dangerous as their most dangerous point.
-
-    Motions are looked at in points at most `step` apart [rad], > 0.
-    """
-
-    def __init__(self, si: Any, field: DangerField, step: float = 0.05) -> None:
-        super().__init__(si, field)
-        self.step = positive(step, "step", "number [rad]")
-
-    def getDescription(self) -> str:
-        """Return a line about the objective."""
-        return "peak of the danger field along the path (Lacevic & Rocco 2013)"
-
-    def motionCost(self, start: Any, end: Any) -> Any:
-        """Return the largest danger on the straight motion, at samples."""
-        motion = Motion.between(self._bridge, start, end)
-        t = np.linspace(0.0, 1.0, 2 + int(motion.length / self.step))[:, None]
-        return ob.Cost(float(self.values(motion.start + t * motion.delta).max()))
-
-    def combineCosts(self, first: Any, second: Any) -> Any:
-        """Return the larger cost."""
-        return ob.Cost(max(first.value(), second.value()))
-
-    def motionCostHeuristic(self, start: Any, end: Any) -> Any:
-        """Return the danger that no configuration goes below."""
-        return ob.Cost(self._least())
-
-
 class DurationObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The time that motions take under joint velocities and beside people, as a cost [s].
 
@@ -316,7 +287,7 @@ class StateCost:
     @property
     def field(self) -> DangerField | None:
         """The danger field whose values the costs are; None where they may be anything else."""
-        own = type(self._objective) in (DangerObjective, PeakDangerObjective)
+        own = type(self._objective) is DangerObjective
         return self._objective.field if own and type(self._objective.field) is DangerField else None
 
     def value_and_gradient(self, q: FloatArray) -> tuple[float, FloatArray]:

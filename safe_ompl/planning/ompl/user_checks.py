@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from math import ceil
 from typing import Any
-from weakref import ref
 
 import numpy as np
 from ompl import base as ob
 
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, positive
+from safe_ompl.paths import UserCheck, UserStateCheck
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 
 RESOLUTION = 0.01  # [rad] between two samples of a motion
@@ -19,22 +18,7 @@ _ROUNDING = 1e-9  # of a step
 REFUSES = "its own answer"  # what a witness names beside the check
 
 
-class UserCheck(ABC):
-    """A check of motions that is the user's own: a `MotionLimit` for `MotionProver.limits`.
-
-    Reports call it `name`. `resolution` is the distance [rad or m] in joint space between the samples that it is asked
-    about; None: it is asked about whole motions.
-    """
-
-    name: str
-    resolution: float | None
-
-    @abstractmethod
-    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
-        """Check the straight motion between `start` and `end: (n,)`."""
-
-
-class SampledValidity(UserCheck):
+class SampledValidity(UserStateCheck):
     """A state validity checker of the user's, or a function of a state, asked at samples of motions and their ends.
 
     What it raises arrives unchanged. Samples are no farther apart in joint space than `resolution` [rad or m].
@@ -92,21 +76,6 @@ class AskedMotions(UserCheck):
         if self.validator.checkMotion(self._from.set(start), self._to.set(end)):
             return MotionVerdict(Verdict.FREE)
         return MotionVerdict(Verdict.BLOCKED, None, (self.name, REFUSES))
-
-
-class BorrowedCheck(UserCheck):
-    """A check that somebody else keeps alive: what a motion validator holds of the user's is never freed by OMPL."""
-
-    def __init__(self, check: UserCheck) -> None:
-        self.name, self.resolution = check.name, check.resolution
-        self._check = ref(check)
-
-    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
-        """Check the straight motion between `start` and `end: (n,)`."""
-        check = self._check()
-        if check is None:
-            raise ReferenceError(f"the check {self.name} is gone")
-        return check.check(start, end)
 
 
 def _name(check: Any) -> str:

@@ -13,7 +13,7 @@ from ompl import geometric as og
 
 from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, warn_once, whole_number
 from safe_ompl.danger import DangerField, DangerLimit
-from safe_ompl.planning.ompl import danger_objection
+from safe_ompl.paths import danger_objection
 from safe_ompl.planning.planners.parameters import (
     Parameter,
     camel_case,

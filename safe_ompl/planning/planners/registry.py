@@ -13,7 +13,6 @@ from ompl import util as ou
 from safe_ompl.common import InputError, UnknownNameError, clock
 from safe_ompl.planning.ompl import WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.baselines import HRRT, TRRT, BiTRRT
 from safe_ompl.planning.planners.bubble import BubblePlanner
 from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planning.planners.parameters import camel_case, snake_case
@@ -48,15 +47,7 @@ _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "PaperBubble": (PaperSafeBubble, {"alpha": 0.0}),
 }
 
-# Danger-aware planners of others that OMPL's wheel lacks, to compare with.
-_BASELINES: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
-    "TRRT": (TRRT, {}),
-    "BiTRRT": (BiTRRT, {"descends": False}),
-    "GradienTRRT": (BiTRRT, {"descends": True}),
-    "HRRT": (HRRT, {}),
-}
-
-_PYTHON = {**_OURS, **_AS_PRINTED, **_BASELINES}
+_PYTHON = {**_OURS, **_AS_PRINTED}
 
 # Bound in OMPL's Python wheel, and safe to run with callbacks in Python.
 _OMPL = (
@@ -81,8 +72,8 @@ _REFUSED = {
 
 
 def planner_names() -> list[str]:
-    """Return the names that `make_planner` knows: ours first, then those as printed, the baselines, and OMPL's."""
-    return [*_OURS, *_AS_PRINTED, *_BASELINES, *_OMPL]
+    """Return the names that `make_planner` knows: ours first, then those as printed, and OMPL's."""
+    return [*_OURS, *_AS_PRINTED, *_OMPL]
 
 
 def is_ours(name: str) -> bool:

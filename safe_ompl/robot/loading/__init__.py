@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         check_prefixes,
         mobile_ranges,
     )
-    from safe_ompl.robot.loading.collision import CollisionSource
+    from safe_ompl.robot.loading.collision import CollisionSource, links_lacking_shapes
     from safe_ompl.robot.loading.packages import (
         EXAMPLES,
         ExampleRobot,
@@ -50,6 +50,7 @@ __all__ = [
     "disabled_links",
     "find_example",
     "joints_without_range",
+    "links_lacking_shapes",
     "mobile_ranges",
     "parsed",
     "resting_value",

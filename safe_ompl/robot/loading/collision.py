@@ -20,6 +20,7 @@ from safe_ompl.robot.loading.urdf import UrdfFile
 _log = logging.getLogger(__name__)
 
 _THICKNESS = 2e-4  # [m] of the hulls of flat meshes, such as stickers
+_NO_MASS = 1e-6  # [kg] of rounding, and of links that must have some for a simulator
 
 CollisionSource = Literal["required", "visual", "optional"]
 """What to do about links without collision shapes.
@@ -44,7 +45,7 @@ def build_collision_geometry(
     """
     check_source(collision, str(urdf.path))
     geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION, queried=not hulls)
-    bare = urdf.links_with_visuals_only()
+    bare = urdf.links_with("visual") - urdf.links_with("collision")
     if collision != "visual" or not bare:
         return geometry
     for part in urdf.build_geometry(full, pin.GeometryType.VISUAL, queried=not hulls).geometryObjects:
@@ -54,27 +55,52 @@ def build_collision_geometry(
     return geometry
 
 
-def links_with_visuals_alone(
-    urdf: UrdfFile, model: pin.Model, geometry: pin.GeometryModel, collision: str
-) -> tuple[str, ...]:
-    """Return the links, moving or not, that have visual shapes but no collision shapes.
-
-    `model` and `geometry` are the joints that move and the bodies that collide. Raises InputError if no moving link has
-    a collision shape, unless `collision` is "optional".
-    """
+def check_collides(geometry: pin.GeometryModel, collision: str, source: str) -> None:
+    """Raise InputError if no moving link has a collision shape, unless `collision` is "optional"."""
     if collision != "optional" and not any(part.parentJoint for part in geometry.geometryObjects):
         remedy = "it has no visual ones either; to plan without any, give collision='optional' (--collision optional)"
         if collision == "required":
             remedy = "its visual shapes are taken with collision='visual' (--collision visual)"
         raise InputError(
-            f"no moving link has a collision shape, so that nothing could ever touch: {remedy}",
-            str(urdf.path),
+            f"no moving link has a collision shape, so that nothing could ever touch: {remedy}", source
         )
-    collides = {model.frames[part.parentFrame].name for part in geometry.geometryObjects}
-    bare = urdf.links_with_visuals_only() - collides
-    return tuple(
-        frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.name in bare
-    )
+
+
+def links_of(model: pin.Model, geometry: pin.GeometryModel | None) -> frozenset[str]:
+    """Return the links that have shapes in a geometry."""
+    parts = () if geometry is None else geometry.geometryObjects
+    return frozenset(model.frames[part.parentFrame].name for part in parts)
+
+
+def links_lacking_shapes(model: pin.Model, collide: frozenset[str], drawn: frozenset[str]) -> tuple[str, ...]:
+    """Return the links, moving or not, that have no collision shape, and yet something seems to be there.
+
+    `collide` and `drawn` are the links with collision and visual shapes. Something is where a link is drawn; and where
+    a link without any shape carries mass, or spans some length between shapes on joints before and behind it. Links on
+    fixed joints, unless drawn, are frames.
+    """
+    frames, fixed = list(model.frames), pin.FrameType.FIXED_JOINT
+    links = [frame for frame in frames if frame.type == pin.FrameType.BODY]
+    linked = {frame.parentFrame for frame in links}  # a model made by hand may have joints without links
+    links += [f for k, f in enumerate(frames) if f.type == pin.FrameType.JOINT and k not in linked]
+    shaped = {frame.parentJoint for frame in links if frame.name in collide | drawn}
+    masses = [inertia.mass for inertia in model.inertias]
+    for frame in frames:  # of links on fixed joints, which have their mass
+        masses[frame.parentJoint] -= frame.inertia.mass if frame.type == fixed else 0.0
+
+    def spans(joint: int) -> bool:
+        ends = shaped & set(model.supports[joint]), shaped & set(model.subtrees[joint])
+        apart = any(model.jointPlacements[child].translation.any() for child in model.children[joint])
+        return joint not in shaped and all(ends) and apart
+
+    def exists(frame: pin.Frame) -> bool:
+        if frame.name in drawn:
+            return True
+        if frame.parentFrame and frames[frame.parentFrame].type == fixed:
+            return False
+        return masses[frame.parentJoint] > _NO_MASS or spans(frame.parentJoint)
+
+    return tuple(frame.name for frame in links if frame.name not in collide and exists(frame))
 
 
 def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
@@ -83,7 +109,7 @@ def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
         warn_once(
             _log,
             f"{robot}: nothing is checked for links that have no collision shape: {names} "
-            "(collision='visual' takes their visual shapes)",
+            "(collision='visual' takes visual shapes of those that have any)",
         )
 
 

@@ -30,18 +30,20 @@ class PackageFolders:
     def resolve(self, name: str) -> Path | None:
         """Return the file that `package://package/file` names, or None if there is none."""
         package, _, file = name.removeprefix(_PACKAGE).partition("/")
-        for folder in self._by_name.get(package, ()):
-            if (folder / file).is_file():
-                return folder / file
+        places = (folder / file for folder in self.named(package))
+        return next((place for place in places if place.is_file()), None)
+
+    def named(self, package: str) -> Iterator[Path]:
+        """Yield the folders of a package, the nearest first."""
+        yield from self._by_name.get(package, ())
         shares = (prefix / "share" for prefix in _variable("AMENT_PREFIX_PATH"))
         for folder in (
             *_variable("ROS_PACKAGE_PATH"),
             *shares,
         ):  # workspaces name folders of packages as these
             for place in (folder / package, folder):
-                if _package_name(place / _MANIFEST) == package and (place / file).is_file():
-                    return place / file
-        return None
+                if _package_name(place / _MANIFEST) == package:
+                    yield place
 
     @cached_property
     def _by_name(self) -> dict[str, list[Path]]:

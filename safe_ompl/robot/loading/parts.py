@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.robot.joint_tables import Mimic
-from safe_ompl.robot.loading.collision import warn_of_unchecked
+from safe_ompl.robot.loading.collision import links_lacking_shapes, warn_of_unchecked
 from safe_ompl.robot.loading.reduction import joint_limits
 from safe_ompl.robot.reach import JointChain, bounding_box
 
@@ -36,8 +36,7 @@ class RobotParts:
     checked; `read_visual` returns the visual geometry, or None. `link_ends` are joints, locked ones included, that are
     key points of the skeleton, and `tips` frames at the ends of arms, the robot's tip first. `held` has the joints that
     are held, with their values, and `accelerations` limits that are known, by joint [rad or m, /s²]; `bare_links` are
-    links, moving or not, that have visual but no collision shapes; `attached` is what the robot holds, the last one
-    last.
+    links, moving or not, that lack collision shapes; `attached` is what the robot holds, the last one last.
     """
 
     name: str
@@ -55,12 +54,8 @@ class RobotParts:
 
     @cached_property
     def links_without_collision(self) -> tuple[str, ...]:
-        """Moving links that have visual but no collision shapes."""
-        moving = {
-            frame.name
-            for frame in self.model.frames
-            if frame.type == pin.FrameType.BODY and frame.parentJoint
-        }
+        """Moving links that lack collision shapes, see `links_lacking_shapes`."""
+        moving = {frame.name for frame in self.model.frames if frame.parentJoint}
         return tuple(name for name in self.bare_links if name in moving)
 
     @cached_property
@@ -85,6 +80,12 @@ class RobotParts:
         """The joints as displacement bounds need them."""
         sliding = np.array(["P" in joint.shortname()[10:] for joint in list(self.model.joints)[1:]])
         return JointChain.from_model(self.model, sliding, *joint_limits(self.model, self.source))
+
+    def lacking(self, full: pin.Model, collide: frozenset[str], drawn: frozenset[str]) -> RobotParts:
+        """Return the robot with the names of links that lack shapes, and warn of them; as `links_lacking_shapes`."""
+        parts = replace(self, bare_links=links_lacking_shapes(full, collide, drawn))
+        warn_of_unchecked(self.name, parts.links_without_collision)
+        return parts
 
     def placed(self, pose: pin.SE3) -> RobotParts:
         """Return the robot with its base at `pose` in the world."""

@@ -17,12 +17,12 @@ from safe_ompl.robot.joint_tables import Mimic, resolved
 from safe_ompl.robot.loading.blueprint import Blueprint, RangeByJoint
 from safe_ompl.robot.loading.collision import (
     build_collision_geometry,
+    check_collides,
     drop_fixed_pairs,
-    links_with_visuals_alone,
+    links_of,
     make_convex,
     sample_configurations,
     select_self_pairs,
-    warn_of_unchecked,
 )
 from safe_ompl.robot.loading.parts import RobotParts, independent
 from safe_ompl.robot.loading.reduction import (
@@ -63,10 +63,15 @@ class UrdfBlueprint(Blueprint):
     collision: str = "required"
     group: str | None = None
     locked_state: str | None = None
+    xacro_args: Mapping[str, str] | None = None
+
+    def file(self) -> UrdfFile:
+        """Read the URDF."""
+        return UrdfFile(self.urdf, self.package_dirs, self.xacro_args)
 
     def assemble(self) -> RobotParts:
         """Read the files, lock joints, and build what remains."""
-        file = UrdfFile(self.urdf, self.package_dirs)
+        file = self.file()
         full = file.build_model()
         collision_model = build_collision_geometry(file, full, self.collision, hulls=self.hulls)
         mimics = {name: mimic for name, mimic in file.mimics().items() if full.existJointName(name)}
@@ -83,10 +88,8 @@ class UrdfBlueprint(Blueprint):
         name = self.name or full.name or file.path.stem
         choice = JointChoice(self.tip, self.locked, self.srdf, self.group, self.locked_state)
         parts = source.reduced(name, choice, self.limits, self.hulls)
-        bare = links_with_visuals_alone(file, parts.model, parts.collision_model, self.collision)
-        parts = replace(parts, bare_links=bare)
-        warn_of_unchecked(name, parts.links_without_collision)
-        return parts
+        check_collides(parts.collision_model, self.collision, str(file.path))
+        return parts.lacking(full, links_of(full, collision_model), file.links_with("visual"))
 
     def with_limits(self, limits: RangeByJoint) -> UrdfBlueprint:
         return replace(self, limits={**self.limits, **limits})
@@ -113,7 +116,9 @@ class ModelsBlueprint(Blueprint):
         """Lock joints, and build what remains; pairs that the collision model has are those that are checked."""
         models = self.model.copy(), independent(self.collision_model)
         source = _Source(*models, lambda: self.visual_model, self.mimics, self.name)
-        return source.reduced(self.name, JointChoice(self.tip, self.locked), self.limits, self.hulls)
+        parts = source.reduced(self.name, JointChoice(self.tip, self.locked), self.limits, self.hulls)
+        shapes = [links_of(self.model, geometry) for geometry in (self.collision_model, self.visual_model)]
+        return parts.lacking(self.model, *shapes)
 
     def with_limits(self, limits: RangeByJoint) -> ModelsBlueprint:
         return replace(self, limits={**self.limits, **limits})

@@ -11,6 +11,7 @@ import os
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 
@@ -52,34 +53,66 @@ def parsed(path: Path) -> ElementTree.Element:
     return ElementTree.fromstring(re.sub(r"<robot\b", f"<robot {declared}", text, count=1).encode())
 
 
-def check_expanded(root: ElementTree.Element, path: Path, source: str) -> None:
-    """Raise InputError if `root` holds xacro's tags, or expressions in what describes links and joints.
+def xacro_evidence(root: ElementTree.Element) -> str | None:
+    """Return one of xacro's tags that `root` holds, or an expression in what describes links and joints; or None.
 
     A declared name space alone says nothing: xacro leaves it in what it writes.
     """
     for element in root.iter():
         if isinstance(element.tag, str) and _XACRO_TAG.match(element.tag):
-            raise _not_expanded(path, source, f"<xacro:{element.tag.partition('}')[2]}>")
+            return f"<xacro:{element.tag.partition('}')[2]}>"
     for part in (part for part in root if part.tag in ("link", "joint")):
         for text in (text for element in part.iter() for text in element.attrib.values()):
             expression = _EXPRESSION.search(text)
             if expression is not None:
-                raise _not_expanded(path, source, expression.group())
+                return expression.group()
+    return None
 
 
-def unreadable(path: Path, source: str, error: ElementTree.ParseError) -> InputError:
-    """Return the error about a file that is not XML, or XML but for xacro's undeclared name space."""
-    if "unbound prefix" in str(error) and "<xacro:" in path.read_text(encoding="utf-8", errors="replace"):
-        return _not_expanded(path, source, "xacro's tags")
-    return InputError(f"not well-formed XML ({error})", source)
+def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]) -> ElementTree.Element:
+    """Return the outermost tag of the URDF that xacro makes of a file; `packages` are those that `$(find …)` names.
+
+    Raises ModuleNotFoundError where the package xacro is not installed, and InputError if xacro fails.
+    """
+    import xacro
+    from xacro import substitution_args
+
+    def find(package: str) -> str:
+        folder = next(packages.named(package), None)
+        if folder is None:
+            raise InputError(f"package {package!r} not found; give the folder above it as a package dir")
+        return str(folder)
+
+    finds, substitution_args._eval_find = substitution_args._eval_find, find  # else it needs ROS
+    try:
+        return ElementTree.fromstring(xacro.process_file(str(path), mappings=dict(arguments)).toxml())
+    except Exception as error:  # of any kind: files hold expressions of Python
+        raise InputError(f"xacro cannot expand it ({' '.join(str(error).split())})", str(path)) from None
+    finally:
+        substitution_args._eval_find = finds
 
 
-def _not_expanded(path: Path, source: str, evidence: str) -> InputError:
-    stem = path.name.removesuffix(".xacro").removesuffix(".urdf")
-    target = f"{stem}.urdf" if path.name != f"{stem}.urdf" else f"{stem}_expanded.urdf"
-    return InputError(
-        f"a xacro file, not yet a URDF (it holds {evidence}); expand it with: xacro {path.name} -o {target}",
-        source,
+def _read(
+    path: Path, source: str, packages: PackageFolders, arguments: Mapping[str, str] | None
+) -> tuple[ElementTree.Element, bool]:
+    """Return the outermost tag of a URDF, and whether xacro has expanded it."""
+    try:
+        root = parsed(path)
+        evidence = xacro_evidence(root)
+    except ElementTree.ParseError as error:
+        text = path.read_text(encoding="utf-8", errors="replace")
+        if "unbound prefix" not in str(error) or "<xacro:" not in text:
+            raise InputError(f"not well-formed XML ({error})", source) from None
+        evidence = "xacro's tags"
+    if evidence is None:
+        if arguments:
+            raise InputError(f"holds no xacro that could take the arguments {', '.join(arguments)}", source)
+        return root, False
+    if arguments is not None:
+        with suppress(ModuleNotFoundError):
+            return _expanded(path, packages, arguments), True
+    raise InputError(
+        f"a xacro file, not yet a URDF (it holds {evidence}); `pip install xacro`, and it is expanded", source
     )
 
 
@@ -198,31 +231,35 @@ def check_complete(
 class UrdfFile:
     """A URDF file with its package folders; those above the URDF are searched too for `package://` names.
 
+    A file that holds xacro is expanded with `xacro_args`; None refuses it: xacro evaluates expressions of Python, which
+    files that others made should not hold.
+
     Raises InputError if the file is missing or is not a URDF, a package folder does not exist, or a joint has no
     direction.
     """
 
-    def __init__(self, path: str | Path, package_dirs: Sequence[str | Path] = ()) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        package_dirs: Sequence[str | Path] = (),
+        xacro_args: Mapping[str, str] | None = None,
+    ) -> None:
         self.path = existing_file(path, "URDF")
         given = [Path(folder) for folder in package_dirs]
         for folder in given:
             if not folder.is_dir():
                 raise InputError(f"package folder {str(folder)!r} does not exist", str(path))
         self.package_dirs = [str(folder.resolve()) for folder in (*given, *self.path.parents)]
-        try:
-            self._root = parsed(self.path)
-        except ElementTree.ParseError as error:
-            raise unreadable(self.path, str(path), error) from None
+        self._given = [folder.resolve() for folder in given]
+        self._packages = PackageFolders(self.path, self._given)
+        self._root, self._from_xacro = _read(self.path, str(path), self._packages, xacro_args)
         if self._root.tag != "robot":
             raise InputError(f"not a URDF: the outermost tag is <{self._root.tag}>, not <robot>", str(path))
-        check_expanded(self._root, self.path, str(path))
         if self._root.find("link") is None:
             raise InputError("not a valid URDF: it has no link", str(path))
         if not self._root.get("name"):  # the parser refuses a robot without one
             self._root.set("name", self.path.stem)
         check_joints(self._root, str(path))
-        self._given = [folder.resolve() for folder in given]
-        self._packages = PackageFolders(self.path, self._given)
 
     def build_model(self) -> pin.Model:
         """Return the kinematic model with all its joints free."""
@@ -271,17 +308,18 @@ class UrdfFile:
                 found[name] = file
         return found
 
+    def source(self, text: str) -> str:
+        """Return the text of the URDF: that of its file, or what xacro made of it."""
+        return self.renamed({}) if self._from_xacro else text
+
     def renamed(self, meshes: Mapping[str, str]) -> str:
         """Return the text of the URDF with other names for some of its meshes."""
         return _text(_copied(self._root), lambda name: meshes.get(name, name))
 
-    def links_with_visuals_only(self) -> frozenset[str]:
-        """Return the links that have visual shapes but no collision shapes."""
-        return frozenset(
-            link.get("name", "")
-            for link in self._root.findall("link")
-            if link.find("visual") is not None and link.find("collision") is None
-        )
+    def links_with(self, tag: str) -> frozenset[str]:
+        """Return the links that have "collision" or "visual" shapes."""
+        links = self._root.findall("link")
+        return frozenset(link.get("name", "") for link in links if link.find(tag) is not None)
 
     def mimics(self) -> Mapping[str, Mimic]:
         """Return the mimic joints by name."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, SafeOmplError
+from safe_ompl.common import FloatArray, SafeOmplError, files
 from safe_ompl.io import TimedMotion
 from safe_ompl.planning import PlanResult
 from safe_ompl.view.browser.layers import BOARD_SHAPE, PLANES, FieldSlice
@@ -230,7 +230,7 @@ def save_page(content: ViewerContent, file: str | Path, *, slice_at: float | Non
                 recording.insert_sleep(content.playing_time / (frames - 1))
                 view.go_to(float(share))
             recording.insert_sleep(_REST)
-        Path(file).write_text(recording.as_html(), encoding="utf-8")
+        files.write(file, recording.as_html())
     finally:
         view.stop()
 

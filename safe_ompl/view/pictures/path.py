@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.common import FloatArray, InputError, SafeOmplError
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.geometry import Person
 from safe_ompl.paths import PROFILE_POINTS, Curve
-from safe_ompl.planning import PlanResult, SafeSetup
+from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.view.content import Nearest, ViewerContent
@@ -22,8 +22,12 @@ from safe_ompl.view.pictures.camera import Camera, in_picture
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view, hiding, resampled, view_of
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
+from safe_ompl.view.plots.page import plot_kind
 from safe_ompl.view.plots.paths import plot_plan
 from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
+
+if TYPE_CHECKING:
+    from safe_ompl.planning import SafeSetup  # who has no OMPL draws all the same
 
 Image = NDArray[np.uint8]
 """Rows of pixels in sRGB: (height, width, 3)."""
@@ -197,7 +201,7 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
     size = len(right) * 5 // 4, len(right)
     left = render_path(setup.robot, setup.scene, drawn_path(result), size=size)
-    save_png(np.hstack([left, right]), file)
+    save_picture(np.hstack([left, right]), file)
 
 
 def drawn_path(result: PlanResult) -> DrawnPath:
@@ -275,17 +279,21 @@ def render_comparison(
     ]
     caption = _CAPTION + (_PLANNED if any(path.planned is not None for path in shown.values()) else "")
     page = _panels(images, list(paths), [path.subtitle for path in shown.values()], caption)
-    save_png(np.asarray(page), file)
+    save_picture(np.asarray(page), file)
 
 
-def save_png(image: Image, file: str | Path) -> None:
-    """Save a picture, (height, width, 3) of uint8, as a PNG file; missing folders are made."""
+def save_picture(image: Image, file: str | Path) -> None:
+    """Save a picture, (height, width, 3) of uint8, as PNG, SVG, PDF or WebP by its ending; missing folders are made."""
+    kind = plot_kind(file)
     Path(file).parent.mkdir(parents=True, exist_ok=True)
     try:
         from matplotlib.image import imsave
     except ImportError as missing:
-        raise SafeOmplError("PNG files need Matplotlib: pip install 'safe-ompl[plots]'") from missing
-    imsave(file, image, format="png", pil_kwargs={"compress_level": _COMPRESSION})
+        raise SafeOmplError("pictures need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    with files.replacing(file, binary=True) as stream:
+        imsave(
+            stream, image, format=kind, pil_kwargs={"compress_level": _COMPRESSION} if kind == "png" else None
+        )
 
 
 def _panels(
@@ -358,8 +366,10 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
     duration = round(1e3 * content.playing_time / (len(shares) - 1))  # [ms] of a frame
     stays = [duration] * (len(shares) - 1) + [round(1e3 * _REST)]
     Path(file).parent.mkdir(parents=True, exist_ok=True)
-    options = {"quality": _QUALITY, "method": 5} if ending == ".webp" else {"optimize": True}
-    pages[0].save(file, save_all=True, append_images=pages[1:], duration=stays, loop=0, **options)
+    options: dict[str, Any] = {"quality": _QUALITY, "method": 5} if ending == ".webp" else {"optimize": True}
+    options |= {"save_all": True, "append_images": pages[1:], "duration": stays, "loop": 0}
+    with files.replacing(file, binary=True) as stream:
+        pages[0].save(stream, ending[1:], **options)
 
 
 class _Frames:

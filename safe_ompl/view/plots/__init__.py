@@ -1,8 +1,8 @@
 """Plots of danger along paths, of speeds, and of what compares planners.
 
 All functions take numbers or motions, write one picture and return it as a `matplotlib.figure.Figure`. `file` is where
-it goes: the ending of its name decides the format (PNG, SVG or PDF), and missing folders are made. `title` is the line
-above it, `dpi` are pixels per inch, where these can be chosen. Without Matplotlib they raise a SafeOmplError.
+it goes: the ending of its name decides the format (PNG, SVG, PDF or WebP), and missing folders are made. `title` is the
+line above it, `dpi` are pixels per inch, where these can be chosen. Without Matplotlib they raise a SafeOmplError.
 """
 
 from safe_ompl.view.plots.motions import plot_check

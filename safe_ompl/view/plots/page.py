@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, files, finite_array
 
 ALONG = "along the path, from start to goal"
 DANGER = "danger"
@@ -34,6 +34,17 @@ _STYLE: dict[str, Any] = {
 }
 
 
+PLOT_ENDINGS = (".png", ".svg", ".pdf", ".webp")
+
+
+def plot_kind(file: str | Path) -> str:
+    """Return the form that a picture's ending asks for, or raise InputError where it is another one."""
+    ending = Path(file).suffix.lower()
+    if ending not in PLOT_ENDINGS:
+        raise InputError(f"{str(file)!r} must end in {' or '.join(PLOT_ENDINGS)}", "picture")
+    return ending[1:]
+
+
 class Page:
     """A figure of width and height [inch] that is saved to a file when it is complete, or only drawn on its canvas.
 
@@ -52,6 +63,7 @@ class Page:
         except ImportError as missing:
             raise SafeOmplError("plots need Matplotlib: pip install 'safe-ompl[plots]'") from missing
         self._file = None if file is None else Path(file)
+        self._kind = None if file is None else plot_kind(file)
         self._style = matplotlib.rc_context(_STYLE)
         with matplotlib.rc_context(_STYLE):
             # The margin keeps what ends at the edge of the axes, such as a tick's label, from being cut.
@@ -73,7 +85,8 @@ class Page:
                 self.figure.canvas.draw()
             elif error is None and self._file is not None:
                 self._file.parent.mkdir(parents=True, exist_ok=True)
-                self.figure.savefig(self._file)
+                with files.replacing(self._file, binary=True) as stream:
+                    self.figure.savefig(stream, format=self._kind)
         finally:
             self._style.__exit__(kind, error, trace)
 

@@ -407,7 +407,7 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
         (("--repair", "no/out.csv"), "--repair: cannot write 'no/out.csv' (No such file or directory)"),
         (
             ("--repair", "a.json", "--json", "a.json"),
-            "--repair: 'a.json' is written by --json already: give another file",
+            "--json: 'a.json' is written by --repair already: give another file",
         ),
         (("--plot", "a.jpg"), "--plot: 'a.jpg' must end in .png"),
         (("--tube", "wide"), "argument --tube: must be a positive number, not 'wide'"),

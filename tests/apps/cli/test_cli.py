@@ -7,6 +7,7 @@ import json
 import logging
 import re
 import threading
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -621,10 +622,59 @@ def test_output_is_checked_before_planning(run, monkeypatch):
 
 def test_checking_an_output_file_leaves_it_alone(run, folder):
     (folder / "old.json").write_text("precious")
-    assert_refused(run("plan", "nowhere", "--json", "old.json"), "nowhere")
+    assert_refused(run("plan", "nowhere", "--json", "old.json", "--force"), "nowhere")
     assert_refused(run("plan", "nowhere", "--json", "new.json"), "nowhere")
     assert (folder / "old.json").read_text() == "precious"
     assert not (folder / "new.json").exists()
+
+
+OUTPUTS: dict[str, tuple[list[str], str]] = {
+    "a plan": (["plan", "test.yaml", "--json", "old.json"], "--json: 'old.json' is there already"),
+    "a picture": (["plan", "test.yaml", "--plot", "old.svg"], "--plot: 'old.svg' is there already"),
+    "a trajectory": (["plan", "test.yaml", "--trajectory", "old.json"], "--trajectory: 'old.json' is there"),
+    "a repair": (
+        ["check", "old.json", "--scenario", "test.yaml", "--repair", "old.csv"],
+        "--repair: 'old.csv' is there",
+    ),
+    "lines": (["mbm", "problems.json", *ARM, "--json", "old.json"], "--json: 'old.json' is there already"),
+    "a scenario": (["new", "arm.urdf", "-o", "old.yaml"], "--output: 'old.yaml' is there already"),
+    "an SRDF": (["srdf", "arm.urdf", "-o", "arm.srdf"], "--output: 'arm.srdf' is there already"),
+    "a page": (["view", "test.yaml", "--html", "old.html"], "--html: 'old.html' is there already"),
+    "reach": (["people", "calibrate", "a.npz", "--level", "0.9", "-o", "old.yaml"], "'old.yaml' is there"),
+    "a report": (
+        ["compare", "test.yaml", "--out", "old"],
+        "--out: the folder 'old' holds report.json already",
+    ),
+    "a drive": (
+        ["live", "test.yaml", "--movers", "1", "--out", "old"],
+        "'old' holds ticks.jsonl already",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), OUTPUTS.values(), ids=list(OUTPUTS))
+def test_nothing_is_overwritten_without_force(run, folder, problems, arguments, words):
+    (folder / "old").mkdir()
+    names = ("old.json", "old.csv", "old.yaml", "old.html", "old.svg", "old/report.json", "old/ticks.jsonl")
+    for name in names:
+        (folder / name).write_text("precious")
+    assert_refused(run(*arguments), words, "or --force")
+    assert all((folder / name).read_text() == "precious" for name in names)
+
+
+def test_force_replaces_files_but_no_input(run, folder):
+    (folder / "old.json").write_text("old")
+    assert run("plan", "test.yaml", "--json", "old.json", "--force")[0] == 0
+    strict((folder / "old.json").read_text())
+    again = ("check", "old.json", "--scenario", "test.yaml", "--repair")
+    assert_refused(run(*again, "./old.json", "--force"), "--repair", "is read by this command")
+    assert_refused(run("new", "arm.urdf", "-o", "arm.urdf", "--force"), "must end in .yaml")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full disk")
+def test_a_full_disk_is_named(run):
+    status, _, err = run("plan", "test.yaml", "--json", "/dev/full")
+    assert (status, err) == (2, "safe-ompl: /dev/full: No space left on device\n")
 
 
 def test_pictures_without_the_extra_are_refused_with_advice(run, monkeypatch):

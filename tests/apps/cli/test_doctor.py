@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
 
 import safe_ompl
 from safe_ompl.apps import main
@@ -76,3 +77,12 @@ def test_a_program_frees_what_it_made():
 def test_the_version_is_the_same_everywhere():
     assert f"\nversion: {safe_ompl.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"## {safe_ompl.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["context"]["version"] == safe_ompl.__version__
+
+
+def test_the_recipe_of_conda_forge_needs_what_the_package_needs():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8").split("\ndependencies = [")[1].split("]")[0]
+    needed = re.findall(r'^    "([\w-]+)(.*?)",', text.replace('"pin>', '"pinocchio>'), re.MULTILINE)
+    recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["requirements"]["run"][1:] == [" ".join(parts) for parts in needed]

@@ -124,7 +124,9 @@ def test_an_entry_is_judged_with_a_page_and_pictures(problems, tmp_path, capsys)
     assert len(re.findall(r"<img [^>]*src=\"data:image/webp;base64,", page)) == 2
     assert 'data-value="250.0"' in page
     assert "mm inside pole" in page
-    assert main(["judge", str(folder / "around.json"), *words[2:]]) == 0  # the others stay on the page
+    assert (
+        main(["judge", str(folder / "around.json"), *words[2:], "--force"]) == 0
+    )  # the others stay on the page
     assert "straight" in (out / "index.html").read_text()
 
 

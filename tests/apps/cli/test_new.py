@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from safe_ompl import Scenario
 from safe_ompl.apps import main
+from safe_ompl.common.errors import warn_once
 
 SCARA = """
 <robot name="scara">
@@ -52,6 +54,29 @@ def test_a_new_scenario_can_be_planned(urdf, tmp_path, capsys):
     assert scenario.scene["person"].weight == 1.0
     assert main(["plan", str(file), "--json", str(result)]) == 0
     assert json.loads(result.read_text())["certified"]
+
+
+def test_a_link_without_shapes_is_named_by_every_command(tmp_path, capfd):
+    text = (Path(__file__).parents[3] / "examples" / "arm.urdf").read_text()
+    file, scenario, result, proof = (
+        tmp_path / f"arm.{kind}" for kind in ("urdf", "yaml", "json", "proof.json")
+    )
+    file.write_text(re.sub(r'(<link name="upper_arm">).*?(</link>)', r"\1\2", text, flags=re.DOTALL))
+
+    def said(*arguments):
+        warn_once.cache_clear()
+        assert main([str(argument) for argument in arguments]) == 0
+        out, err = capfd.readouterr()
+        assert "nothing is checked for links that have no collision shape: upper_arm" in err
+        return out
+
+    said("new", file, "-o", scenario)
+    assert "no collision geometry: upper_arm" in said(
+        "plan", scenario, "--json", result, "--certificate", proof
+    )
+    assert json.loads(result.read_text())["links_without_collision"] == ["upper_arm"]
+    for against in ((), (scenario,)):
+        assert "not covered: links without collision geometry: upper_arm" in said("verify", proof, *against)
 
 
 def test_nothing_is_overwritten(urdf, tmp_path, capsys):
@@ -228,16 +253,37 @@ def test_wrong_options_are_one_line(words, said, butler, capsys, tmp_path):
         ("<html/>", "not a URDF: the outermost tag is <html>"),
         ("<robot/>", "it has no link"),
         ('<robot name="r"><link name="a"/></robot>', "no joint"),
-        ('<robot name="r"><xacro:include filename="b"/></robot>', "expand it with: xacro bad.urdf"),
+        ('<robot name="r"><xacro:include filename="b"/></robot>', "`pip install xacro`"),
     ],
 )
 def test_wrong_urdfs_are_one_line(text, said, tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "xacro", None)
     (tmp_path / "bad.urdf").write_text(text)
     assert main(["new", "bad.urdf", "-o", "mine.yaml"]) == 2
     told = capfd.readouterr().err
     assert said in told
     assert "bad.urdf" in told
+
+
+def test_arguments_of_xacro_go_to_the_scenario(tmp_path, capsys, monkeypatch, data_folder):
+    pytest.importorskip("xacro")
+    monkeypatch.chdir(tmp_path)
+    text = (data_folder / "gripper_arm.urdf").read_text()
+    head = (
+        'name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="name" default=""/>'
+    )
+    Path("arm.urdf.xacro").write_text(text.replace('name="gripper_arm">', head))
+    words = ["--xacro-arg", "name:=left"]
+    assert main(["new", "arm.urdf.xacro", "-o", "mine.yaml", *words]) == 0
+    assert Scenario.load("mine.yaml").build_robot().name == "left"
+    assert main(["srdf", "arm.urdf.xacro", "-o", "arm.srdf", *words]) == 0
+    assert 'name="left"' in Path("arm.srdf").read_text()
+    capsys.readouterr()
+    for wrong in (words * 2, ["--xacro-arg", "name=left"]):
+        assert main(["new", "arm.urdf.xacro", "-o", "other.yaml", *wrong]) == 2
+        said = capsys.readouterr().err.removeprefix("safe-ompl: ").removeprefix("argument ")
+        assert said.startswith("--xacro-arg: ")
 
 
 def test_a_drive_can_be_looked_at_here_and_elsewhere(butler, capsys, monkeypatch):
@@ -271,9 +317,9 @@ def test_a_drive_can_be_looked_at_here_and_elsewhere(butler, capsys, monkeypatch
     assert main([*ticks, *folder]) == 0
     monkeypatch.undo()
     monkeypatch.chdir(butler.parent / "work" / "here")
-    assert main([*drive, *folder]) == 0
+    assert main([*drive, *folder, "--force"]) == 0
     butler.rename(butler.parent / "gone")
-    assert main(ticks) == 0
+    assert main([*ticks, "--force"]) == 0
 
 
 def test_a_gripper_without_an_arm_has_no_sides(tmp_path, capsys, monkeypatch):

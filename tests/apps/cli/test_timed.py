@@ -11,6 +11,7 @@ import yaml
 from safe_ompl import InputError, People, Scenario, plan
 from safe_ompl.apps import main
 from safe_ompl.scene import MotionLimits, find_scenario
+from safe_ompl.trajectories import Trajectory
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,27 @@ def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path
         "tool speed",
     ]
     times = [point["time_from_start"] for point in told["points"]]
-    np.testing.assert_allclose(np.diff(times)[:-1], 0.02)
+    assert 0.019 < np.diff(times).max() < 0.02 * 1.001
+    assert main(["check", str(file), "--scenario", str(scenario_file)]) == 0
+    assert "stops beside people" in capsys.readouterr().out
+
+
+def test_points_that_are_not_proven_are_not_written(scenario_file, tmp_path, capsys, monkeypatch):
+    file = tmp_path / "trajectory.json"
+    original = Trajectory.points
+
+    def sampled(trajectory, rate):  # as they were once
+        times = original(trajectory, rate)[0]
+        return times, dict(
+            zip(("positions", "velocities", "accelerations"), trajectory.at(times), strict=True)
+        )
+
+    monkeypatch.setattr(Trajectory, "points", sampled)
+    assert main(["plan", str(scenario_file), "--time", "5", "--trajectory", str(file)]) == 1
+    assert not file.exists()
+    said = " ".join(capsys.readouterr().err.split())
+    assert "nothing is written to" in said
+    assert "acceleration at" in said
 
 
 def test_the_certificate_of_a_timed_plan_claims_its_stops(scenario_file, tmp_path, capsys):

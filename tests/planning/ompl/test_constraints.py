@@ -19,8 +19,8 @@ from safe_ompl.collision import Separation
 from safe_ompl.common import UnknownNameError
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle, Pose, Sphere
+from safe_ompl.paths import ConfigurationCheck
 from safe_ompl.planning.ompl import (
-    ConfigurationCheck,
     SampledValidity,
     ScratchState,
     StateBridge,

@@ -12,7 +12,6 @@ from safe_ompl import (
     DangerField,
     DangerObjective,
     InputError,
-    PeakDangerObjective,
     Pose,
     Scenario,
     Scene,
@@ -175,41 +174,26 @@ def test_the_minimum_holds_for_prismatic_joints(robot_named, points, rng):
     assert 0 < field.minimum <= field.values(rng.uniform(slider.lower, slider.upper, (1000, slider.n))).min()
 
 
-@pytest.mark.parametrize("kind", [DangerObjective, PeakDangerObjective])
-def test_the_heuristic_never_exceeds_the_cost_of_a_motion(setting, rng, kind):
+def test_the_heuristic_never_exceeds_the_cost_of_a_motion(setting, rng):
     si, field, bridge = setting
-    objective = kind(si, field)
+    objective = DangerObjective(si, field)
     first, second = ScratchState(bridge), ScratchState(bridge)
     for q1, q2 in rng.uniform(bridge.lower, bridge.upper, (20, 2, bridge.n)):
         ends = first.set(q1), second.set(q2)
         assert objective.motionCostHeuristic(*ends).value() <= objective.motionCost(*ends).value()
 
 
-def test_the_peak_of_a_motion_and_of_a_path(setting, rng):
-    si, field, bridge = setting
-    objective = PeakDangerObjective(si, field)
-    first, second = ScratchState(bridge), ScratchState(bridge)
-    q1, q2 = rng.uniform(bridge.lower, bridge.upper, (2, bridge.n))
-    t = np.linspace(0, 1, 2001)[:, None]
-    exact = field.values(q1 + t * bridge.difference(q1, q2)).max()
-    assert objective.motionCost(first.set(q1), second.set(q2)).value() == pytest.approx(exact, rel=0.02)
-    assert objective.combineCosts(ob.Cost(2.0), ob.Cost(3.0)).value() == 3.0
-
-
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), "fine"])
-def test_tolerance_and_step_must_be_positive(setting, value):
+def test_the_tolerance_must_be_positive(setting, value):
     si, field, _ = setting
     with pytest.raises(InputError, match="tolerance"):
         DangerObjective(si, field, tolerance=value)
-    with pytest.raises(InputError, match="step"):
-        PeakDangerObjective(si, field, step=value)
 
 
 @pytest.mark.parametrize("planner", ["RRTstar", "InformedRRTstar", "SORRTstar", "BITstar"])
-@pytest.mark.parametrize("kind", [DangerObjective, PeakDangerObjective])
-def test_optimising_planners_stop_when_asked(kind, planner, ticks):
+def test_optimising_planners_stop_when_asked(planner, ticks):
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
-    setup.setOptimizationObjective(kind(setup.getSpaceInformation(), setup.field))
+    setup.setOptimizationObjective(DangerObjective(setup.getSpaceInformation(), setup.field))
     result = setup.plan(planner, time=0.05, seed=2)
     assert 50 <= ticks.looks < 80
     assert result.status in ("Exact solution", "Approximate solution", "Timeout")

@@ -137,7 +137,7 @@ def test_any_order_of_ends(name, first):
     assert len(path) >= 2
 
 
-@pytest.mark.parametrize("name", [*OURS, "TRRT", "BiTRRT", "GradienTRRT"])
+@pytest.mark.parametrize("name", OURS)
 def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name):
     planner = make_planner(name, build(name).getSpaceInformation())
     part = weakref.ref(planner.counts)

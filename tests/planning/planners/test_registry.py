@@ -14,7 +14,6 @@ from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 PRINTED = [name for name in planner_names() if name.startswith("Paper")]
-BASELINES = ["TRRT", "BiTRRT", "GradienTRRT", "HRRT"]
 
 
 @pytest.fixture(scope="module")
@@ -27,19 +26,13 @@ def si(setup):
     return setup.getSpaceInformation()
 
 
-@pytest.mark.parametrize("name", [*OURS, *BASELINES, *PRINTED])
+@pytest.mark.parametrize("name", [*OURS, *PRINTED])
 def test_at_most_two_of_our_classes_are_below_ompls(si, name):
     classes = inspect.getmro(type(make_planner(name, si)))
     assert classes.index(ob.Planner) <= 2
 
 
-@pytest.mark.parametrize("name", BASELINES)
-def test_transition_based_planners_have_no_setters_without_effect(si, name):
-    planner = make_planner(name, si)
-    assert not any(hasattr(planner, f"set{parameter}") for parameter in ("Alpha", "Slide", "NearestFraction"))
-
-
-@pytest.mark.parametrize("name", [*OURS, *BASELINES, "RRTConnect"])
+@pytest.mark.parametrize("name", [*OURS, "RRTConnect"])
 def test_a_planner_says_what_goals_it_plans_to(setup, si, name):
     place, region = WorkspaceGoal(si, setup.robot, [0.5, 0.5, 0.0]), ob.GoalStates(si)
     planner = make_planner(name, si)
@@ -48,7 +41,7 @@ def test_a_planner_says_what_goals_it_plans_to(setup, si, name):
 
 
 def test_goals_that_cannot_be_sampled_are_refused_by_ours(si):
-    for name in (*OURS, *BASELINES):
+    for name in OURS:
         assert not make_planner(name, si).accepts(ob.GoalRegion(si))
 
 
@@ -71,7 +64,7 @@ def test_what_is_fixed_may_be_said(si):
     assert make_planner("ClassicRRTConnect", si, {"alpha": 0}).getAlpha() == 0
 
 
-@pytest.mark.parametrize("name", ["SafeRRTConnect", "TRRT", "RRTConnect"])
+@pytest.mark.parametrize("name", ["SafeRRTConnect", "RRTConnect"])
 def test_the_seed_is_no_parameter(setup, name):
     with pytest.raises(InputError, match="seed"):
         setup.plan(name, parameters={"seed": 3})

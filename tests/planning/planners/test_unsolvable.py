@@ -9,7 +9,6 @@ from safe_ompl import SafeSetup, planner_names
 from safe_ompl.planning.planners import is_ours, needs_place
 
 OURS = [name for name in planner_names() if is_ours(name)]
-BASELINES = ["TRRT", "BiTRRT", "GradienTRRT", "HRRT"]
 LIMIT = 0.25  # [s]
 
 
@@ -17,7 +16,7 @@ def megabytes():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-@pytest.mark.parametrize("planner", [name for name in [*OURS, *BASELINES] if not needs_place(name)])
+@pytest.mark.parametrize("planner", [name for name in OURS if not needs_place(name)])
 def test_a_goal_behind_a_wall(arm_between_walls, planner):
     arm_between_walls.plan(planner, time=0.05)  # loads kernels
     before = megabytes()

@@ -76,6 +76,40 @@ def test_links_without_collision_shapes_are_named(file, caplog):
     assert CollisionChecker(filled, WALL).in_collision(np.zeros(2))
 
 
+MASS = '<inertial><mass value="{}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+ONE_PLACE = "<!-- both axes are in one place -->"
+FIXED = '<link name="f">{}</link><joint name="c" type="fixed"><parent link="upper"/><child link="f"/></joint>'
+
+
+@pytest.mark.parametrize(
+    ("upper", "lower", "base", "more", "lacking"),
+    {
+        "a frame at the end": (COLLISION, "", "", "", ()),
+        "mass at the end": (COLLISION, MASS.format(0.5), "", "", ("lower",)),
+        "mass of a simulator's": (COLLISION, MASS.format(1e-9), "", "", ()),
+        "between shapes": ("", COLLISION, COLLISION, "", ("upper",)),
+        "between drawings": ("", COLLISION, VISUAL, "", ("upper",)),
+        "two axes in one place": ("", COLLISION, COLLISION, ONE_PLACE, ()),
+        "nothing before it": ("", COLLISION, "", "", ()),
+        "shapes on a link fixed to it": ("", COLLISION, COLLISION, FIXED.format(COLLISION), ()),
+        "a fixed frame": (COLLISION, COLLISION, COLLISION, FIXED.format(MASS.format(0.5)), ()),
+        "mass of both": (MASS.format(2), COLLISION, "", FIXED.format(MASS.format(1)), ("upper",)),
+        "a base that stands": (COLLISION, COLLISION, MASS.format(9), "", ()),
+    }.values(),
+)
+def test_links_without_any_shape_are_named_where_something_must_be(file, upper, lower, base, more, lacking):
+    joint = {"joint": '<axis xyz="0 0 1"/>'} if more == ONE_PLACE else {}
+    text = arm(file, upper, lower, **joint).read_text()
+    file.write_text(text.replace('<link name="base"/>', f'<link name="base">{base}</link>{more}'))
+    robot = Robot.from_urdf(file)
+    assert robot.links_without_collision == lacking
+    collision, visual = robot.collision_model, robot.visual_model if "<visual>" in text + base else None
+    same = Robot.from_models(robot.model, collision, visual, tip=robot.tip)
+    assert same.links_without_collision == lacking
+    wheeled = Robot.from_urdf(file, mobile_base=((-1, 1), (-1, 1)))
+    assert wheeled.links_without_collision == ("base",) * (base not in ("", COLLISION)) + lacking
+
+
 def test_only_moving_links_count(file):
     assert Robot.from_urdf(arm(file, VISUAL, COLLISION), locked={"a": 0.0}).links_without_collision == ()
 

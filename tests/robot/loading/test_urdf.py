@@ -1,9 +1,13 @@
 """URDFs as people have them: xacro not yet expanded, packages in folders of other names."""
 
+import pickle
+import sys
+
 import pytest
 
 from safe_ompl import InputError, Robot
-from safe_ompl.robot import RobotSpec
+from safe_ompl.io.robot_document import built_robot, carried_robot
+from safe_ompl.robot import RobotSpec, robot_hash
 
 XACRO = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
 
@@ -21,12 +25,81 @@ XACRO = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
     ],
 )
 @pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.xacro", "arm.urdf"])
-def test_xacro_is_recognised(tmp_path, text, evidence, name):
+def test_xacro_is_recognised(tmp_path, text, evidence, name, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xacro", None)
     path = tmp_path / name
     path.write_text(text)
-    target = "arm_expanded.urdf" if name == "arm.urdf" else "arm.urdf"
-    with pytest.raises(InputError, match=f"{evidence}.*expand it with: xacro {name} -o {target}"):
+    with pytest.raises(InputError, match=f"{evidence}.*`pip install xacro`"):
         RobotSpec(urdf=path).build()
+
+
+@pytest.fixture
+def macros(data_folder, tmp_path):
+    """Return the arm with a gripper as xacro, with a property of another package: how long its links are."""
+    pytest.importorskip("xacro")
+    package = tmp_path / "src" / "sizes-main"
+    package.mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>sizes</name></package>")
+    (package / "sizes.xacro").write_text(XACRO.format('<xacro:property name="length" value="${3 * 0.1}"/>'))
+    head = (
+        'name="$(arg prefix)arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:include filename="$(find sizes)/sizes.xacro"/>'
+    )
+    text = (data_folder / "gripper_arm.urdf").read_text()
+    assert 'size="0.3 ' in text
+    text = text.replace('name="gripper_arm">', head).replace('size="0.3 ', 'size="${length} ')
+    path = tmp_path / "src" / "arm.urdf.xacro"
+    path.write_text(text)
+    return path
+
+
+def test_xacro_is_expanded(macros, data_folder, tmp_path):
+    """In every place where a robot comes from: the same as the robot of its URDF, and files carry what was expanded."""
+    plain = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
+    robot = Robot.from_urdf(macros, tip="hand", xacro_args={"prefix": "left_"})
+    scenario = tmp_path / "scenarios"
+    spec = RobotSpec(urdf=macros, tip="hand", xacro_args={"prefix": 2})
+    assert [robot.name, spec.build().name] == ["left_arm", "2arm"]
+    assert RobotSpec.from_mapping(spec.to_mapping(scenario), scenario) == spec
+    carried = carried_robot(robot)
+    assert "xacro:" not in carried["recipe"]["urdf"]["text"]
+    hashes = {
+        robot_hash(one) for one in (plain, robot, built_robot(carried), pickle.loads(pickle.dumps(robot)))
+    }
+    assert len(hashes) == 1
+
+
+def test_what_others_sent_is_never_expanded(macros):
+    """Expressions of xacro are Python."""
+    carried = carried_robot(Robot.from_urdf(macros, tip="hand", xacro_args={"prefix": ""}))
+    carried["recipe"]["urdf"]["text"] = macros.read_text()
+    with pytest.raises(InputError, match="not yet a URDF"):
+        built_robot(carried)
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "message"),
+    [
+        (XACRO.format('<link name="${size}"/>'), {}, "xacro cannot expand it.*size"),
+        (
+            XACRO.format('<xacro:include filename="$(find none)/a"/>'),
+            {},
+            "package 'none' not found.*package dir",
+        ),
+        (
+            XACRO.format('<link name="base"/>'),
+            {"prefix": "a"},
+            "no xacro that could take the arguments prefix",
+        ),
+    ],
+)
+def test_what_xacro_cannot_expand_is_one_line(tmp_path, text, arguments, message):
+    pytest.importorskip("xacro")
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as found:
+        Robot.from_urdf(path, xacro_args=arguments)
+    assert "\n" not in str(found.value)
 
 
 def test_what_xacro_leaves_behind_does_no_harm(edited):

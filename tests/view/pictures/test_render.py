@@ -10,7 +10,7 @@ from matplotlib.image import imread
 
 from safe_ompl import Box, InputError, Obstacle, Person, Pose, Robot, Scene, Sphere
 from safe_ompl.geometry import surfaces
-from safe_ompl.view import DrawnPath, render_comparison, render_path, save_png
+from safe_ompl.view import DrawnPath, render_comparison, render_path, save_picture
 from safe_ompl.view.pictures.camera import Camera, in_picture
 from safe_ompl.view.pictures.path import moments
 from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, ZBuffer, tone_mapped
@@ -357,7 +357,7 @@ def test_a_comparison_is_saved_with_a_panel_per_planner(planar, scene, tmp_path)
 
 def test_pictures_are_saved_as_they_are(tmp_path):
     image = np.random.default_rng(0).integers(0, 255, (5, 7, 3), dtype=np.uint8)
-    save_png(image, tmp_path / "sub" / "a.png")
+    save_picture(image, tmp_path / "sub" / "a.png")
     assert np.array_equal(np.round(255 * imread(tmp_path / "sub" / "a.png"))[..., :3], image)
 
 

@@ -35,8 +35,8 @@ class Extension(Enum):
     REACHED = "a new node at the target"
 
 
-_LED = {ADVANCED: Extension.ADVANCED, REACHED: Extension.REACHED}
-_LEVEL: FloatArray = np.empty(0)
+_ADDED = {ADVANCED: Extension.ADVANCED, REACHED: Extension.REACHED}
+_NO_SLOPE: FloatArray = np.empty(0)
 
 
 def steered(bridge: StateBridge, q: FloatArray, target: FloatArray, step: float) -> tuple[float, FloatArray]:
@@ -134,10 +134,11 @@ class SafeStep:
         margin = self.margin.in_force
         if (margin and self.margin.falls_next) or (self.fixed is not None and self.fixed.acts):
             return None
-        look = self._look(trees, tree, old)
-        if look is None:
+        proofs = self._kernel.proofs(margin)
+        look = None if proofs is None else self._look(trees, tree, old)
+        if proofs is None or look is None:
             return None
-        taken = self._kernel.take(tree, old, target, step, margin, look)
+        taken = self._kernel.take(tree, old, target, step, proofs, look)
         if taken is None:
             return None
         trees.blocked += 0 if taken.outcome == MISSED else taken.refused
@@ -146,17 +147,17 @@ class SafeStep:
         if taken.dangerous:
             trees.dangerous += 1
             self.threshold.refuse()
-        if taken.outcome not in _LED:
+        if taken.outcome not in _ADDED:
             return Extension.TRAPPED, old
         new = trees.add(tree, self._kernel.places[0], old, taken.cost, taken.gradient)
-        return _LED[taken.outcome], new
+        return _ADDED[taken.outcome], new
 
     def _look(self, trees: Trees, tree: Tree, old: int) -> Look | None:
         """Return how a step looks at danger; None where the kernel cannot."""
         danger = self._kernel.danger()
         if danger is None:
             return None
-        slope, share, ceiling = _LEVEL, 0.0, np.nan
+        slope, share, ceiling = _NO_SLOPE, 0.0, np.nan
         if self.descent.acts:
             slope, share = tree.gradient(old) / self.danger.slope, self.descent.share
         if self.threshold.acts:
@@ -168,7 +169,7 @@ class SafeStep:
     def _composed(
         self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
     ) -> tuple[Extension, int]:
-        """Do so with whatever says what is free and dangerous."""
+        """Do so with whatever says what is free and dangerous, in the order of `take_step`."""
         q_old = tree.configurations[old]
         length, moved_to = steered(self.problem.bridge, q_old, target, step)
         if length <= step or not self.danger.weight:

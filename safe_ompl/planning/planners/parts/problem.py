@@ -214,7 +214,7 @@ class AdaptiveThreshold:
         return max(self.level, float(tree.costs[old]))
 
     def tolerates(self, cost: float, tree: Tree, old: int, trees: Trees) -> bool:
-        """Return whether a danger is no larger than the ceiling of node `old` of a tree; count it if it is."""
+        """Return whether a danger is no larger than the ceiling of node `old` of a tree; count a refusal."""
         if not self.acts or cost <= self.ceiling(tree, old, trees):
             return True
         self.refuse()

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import DistanceBounds, MotionProver, RequiredDistances, edge_memory, prove_curve
+from safe_ompl.collision import CollisionChecker, DistanceBounds, RequiredDistances, edge_memory, prove_curve
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import PointDanger, dangers
@@ -143,6 +143,14 @@ class Look(NamedTuple):
     too_dangerous: int
 
 
+class Proofs(NamedTuple):
+    """How steps are proven: a checker, its changes that are done, and the arguments of `take_step` from `joints` on."""
+
+    checker: CollisionChecker
+    done: int
+    arguments: tuple[Any, ...]
+
+
 class StepKernel:
     """Calls the kernel of steps where it can do all that is asked of a step; `places: (2, n)` is where that led."""
 
@@ -152,42 +160,39 @@ class StepKernel:
         self._problem = problem
         self._space = bridge.lower, bridge.upper, bridge.circular
         # With a margin, and without: the bounds that are asked, and what the kernel needs of them.
-        self._proofs: dict[bool, tuple[RequiredDistances, DistanceBounds, tuple[Any, ...] | None]] = {}
+        self._known: dict[bool, tuple[RequiredDistances, DistanceBounds, tuple[Any, ...] | None]] = {}
         self._danger: tuple[DangerField, PointDanger | None] | None = None
 
-    def take(
-        self, tree: Tree, old: int, target: FloatArray, step: float, margin: float, look: Look
-    ) -> Taken | None:
-        """Take a step [rad] from a node towards a target (n,) that keeps a margin [m]; None where it cannot."""
+    def proofs(self, margin: float) -> Proofs | None:
+        """Return how steps are proven to keep a margin [m]; None where bounds say nothing, or more is to be asked."""
         motion = self._problem.motion_prover
         if motion is None or motion.limits or self._problem.limit is not None:
             return None
-        changes, counts = motion.checker.changes, motion.checker.counts
-        done, proofs = changes.done, self._proofs_of(motion, margin)
-        if proofs is None:
-            return None
-        q, backwards = tree.configurations[old], not tree.from_start
-        gradients: FloatArray = np.empty((min(1, len(look.slope)), len(q)))
-        begin = q, plain(target), step, backwards
-        arguments: Any = *begin, *self._space, *look, *proofs, self.places, gradients
-        found = take_step(*arguments)
-        taken = Taken(*found, gradients[0] if len(gradients) and found[4] else None)
-        counts.bound_queries += taken.places
-        if taken.evaluations:
-            self._count(taken.evaluations)
-        return None if taken.outcome == UNDECIDED or changes.begun != done else taken
-
-    def _proofs_of(self, motion: MotionProver, margin: float) -> tuple[Any, ...] | None:
-        """Return the arguments of a proof, and memory for it; None where bounds say nothing."""
-        required = motion.required_with(margin)
-        bounds, known = required.pairs.bounds, self._proofs.get(margin > 0)
+        done, required = motion.checker.changes.done, motion.required_with(margin)
+        bounds, known = required.pairs.bounds, self._known.get(margin > 0)
         if known is None or known[0] is not required or known[1] is not bounds:
             limits = self._problem.limits_of(motion)
             tables = bounds.edge_tables(limits, required.bounded, motion.floor)
             if tables is not None:
                 tables += edge_memory(len(limits.tables[0]), len(required.pairs.names))
-            known = self._proofs[margin > 0] = required, bounds, tables
-        return known[2]
+            known = self._known[margin > 0] = required, bounds, tables
+        return None if known[2] is None else Proofs(motion.checker, done, known[2])
+
+    def take(
+        self, tree: Tree, old: int, target: FloatArray, step: float, proofs: Proofs, look: Look
+    ) -> Taken | None:
+        """Take a step [rad] from a node towards a target (n,); None where it is not decided."""
+        checker = proofs.checker
+        q, backwards = tree.configurations[old], not tree.from_start
+        gradients: FloatArray = np.empty((min(1, len(look.slope)), len(q)))
+        begin = q, plain(target), step, backwards
+        arguments: Any = *begin, *self._space, *look, *proofs.arguments, self.places, gradients
+        found = take_step(*arguments)
+        taken = Taken(*found, gradients[0] if len(gradients) and found[4] else None)
+        checker.counts.bound_queries += taken.places
+        if taken.evaluations:
+            self._count(taken.evaluations)
+        return None if taken.outcome == UNDECIDED or checker.changes.begun != proofs.done else taken
 
     def danger(self) -> PointDanger | None:
         """Return what the kernel needs for the danger; None where the cost is another one, or joints are coupled."""

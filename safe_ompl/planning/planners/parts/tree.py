@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
-from xml.etree import ElementTree as Xml
 
 import numpy as np
 from ompl import base as ob
@@ -284,14 +283,6 @@ class TreeSchedule:
 
 _log = logging.getLogger(__name__)
 
-_COLUMNS = (
-    ("coords", "node", "string"),
-    ("danger", "node", "double"),
-    ("start", "node", "boolean"),
-    ("goal", "node", "boolean"),
-    ("weight", "edge", "double"),
-)
-
 
 @dataclass(frozen=True)
 class PlannerGraph:
@@ -322,27 +313,6 @@ class PlannerGraph:
         for start, end in self.edges.tolist():
             data.addEdge(numbers[start], numbers[end])
         data.decoupleFromPlanner()  # it holds pointers to our states until then
-
-    def graphml(self) -> str:
-        """Return the graph as GraphML: coordinates, danger and marks of vertices, lengths of edges."""
-        root = Xml.Element("graphml", xmlns="http://graphml.graphdrawing.org/xmlns")
-        for name, kind, type_ in _COLUMNS:
-            attributes = {"attr.name": name, "attr.type": type_}
-            Xml.SubElement(root, "key", {"id": name, "for": kind, **attributes})
-        graph = Xml.SubElement(root, "graph", id="G", edgedefault="directed")
-        starts, goals = set(self.starts.tolist()), set(self.goals.tolist())
-        for k, (q, cost) in enumerate(zip(self.configurations.tolist(), self.costs.tolist(), strict=True)):
-            node = Xml.SubElement(graph, "node", id=f"n{k}")
-            marks = (str(k in marked).lower() for marked in (starts, goals))
-            for (name, _, _), text in zip(_COLUMNS, (",".join(map(str, q)), str(cost), *marks), strict=False):
-                Xml.SubElement(node, "data", key=name).text = text
-        for k, ((start, end), length) in enumerate(
-            zip(self.edges.tolist(), self.lengths.tolist(), strict=True)
-        ):
-            edge = Xml.SubElement(graph, "edge", id=f"e{k}", source=f"n{start}", target=f"n{end}")
-            Xml.SubElement(edge, "data", key="weight").text = str(length)
-        Xml.indent(root)
-        return Xml.tostring(root, encoding="unicode", xml_declaration=True)
 
 
 def _new_state(data: Any, bridge: StateBridge, states: list[Any]) -> Any:

@@ -1,7 +1,6 @@
 """What planners have built, as OMPL's planner data and as GraphML."""
 
 from itertools import pairwise
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -10,12 +9,11 @@ from ompl import geometric as og
 
 from safe_ompl import SafeRRTConnect, Scenario, make_planner, planner_data, planner_names
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.planners import is_ours, needs_place
+from safe_ompl.planning.planners import is_ours
 from safe_ompl.planning.planners.parts.tree import two_trees
 from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
-MARK = "{http://graphml.graphdrawing.org/xmlns}"
 
 
 @pytest.fixture(scope="module")
@@ -77,24 +75,6 @@ def test_data_of_ompls_own_planners(setup):
     assert data.numVertices() > 2
 
 
-def test_graphml(setup):
-    graph, _ = graph_of(setup, "SafePRM")
-    root = ElementTree.fromstring(graph.graphml().encode())
-    nodes, edges = root.findall(f".//{MARK}node"), root.findall(f".//{MARK}edge")
-    read = [{data.get("key"): data.text for data in node} for node in nodes]
-    np.testing.assert_array_equal(
-        np.array([[float(x) for x in node["coords"].split(",")] for node in read]), graph.configurations
-    )
-    assert [float(node["danger"]) for node in read] == graph.costs.tolist()
-    assert [k for k, node in enumerate(read) if node["start"] == "true"] == graph.starts.tolist()
-    assert [k for k, node in enumerate(read) if node["goal"] == "true"] == graph.goals.tolist()
-    ends = [[int(edge.get(key)[1:]) for key in ("source", "target")] for edge in edges]
-    assert ends == graph.edges.tolist()
-    assert [float(edge[0].text) for edge in edges] == graph.lengths.tolist()
-    declared = {key.get("id") for key in root.findall(f"{MARK}key")}
-    assert declared == {"coords", "danger", "start", "goal", "weight"}
-
-
 @pytest.mark.parametrize("name", OURS)
 def test_nothing_built_yet(setup, name):
     planner = make_planner(name, setup.getSpaceInformation())
@@ -103,7 +83,6 @@ def test_nothing_built_yet(setup, name):
     data = ob.PlannerData(setup.getSpaceInformation())
     planner.fillPlannerData(data)
     assert data.numVertices() == 0
-    assert needs_place(name) or "<graph " in graph.graphml()
 
 
 def test_two_trees_that_meet_share_a_vertex():

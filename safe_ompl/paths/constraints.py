@@ -1,0 +1,212 @@
+"""Constraints: what every configuration and every motion must keep to, and the check of configurations."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+from weakref import ref
+
+from safe_ompl.collision import (
+    TOUCHING_ONLY,
+    CollisionChecker,
+    MotionLimit,
+    MotionVerdict,
+    Separation,
+    ToolLimit,
+)
+from safe_ompl.common import FloatArray
+from safe_ompl.danger import DangerLimit
+from safe_ompl.robot import JointLimits
+
+Pairs = Sequence[tuple[str, str]]
+Limit = TypeVar("Limit", bound=ToolLimit)
+
+
+class UserCheck(ABC):
+    """A check of motions that is the user's own: a `MotionLimit` for `MotionProver.limits`.
+
+    Reports call it `name`. `resolution` is the distance [rad or m] in joint space between the samples that it is asked
+    about; None: it is asked about whole motions.
+    """
+
+    name: str
+    resolution: float | None
+
+    @abstractmethod
+    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
+        """Check the straight motion between `start` and `end: (n,)`."""
+
+
+class UserStateCheck(UserCheck):
+    """A check of single configurations that is the user's own, at samples of motions, by OMPL's `checker`."""
+
+    checker: Any
+
+    @abstractmethod
+    def allows(self, q: FloatArray) -> bool:
+        """Return what it says of a configuration (n,)."""
+
+    @abstractmethod
+    def accepts(self, state: Any) -> bool:
+        """Return what it says of an OMPL state."""
+
+
+class BorrowedCheck(UserCheck):
+    """A check that somebody else keeps alive: what a motion validator holds of the user's is never freed by OMPL."""
+
+    def __init__(self, check: UserCheck) -> None:
+        self.name, self.resolution = check.name, check.resolution
+        self._check = ref(check)
+
+    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
+        """Check the straight motion between `start` and `end: (n,)`."""
+        check = self._check()
+        if check is None:
+            raise ReferenceError(f"the check {self.name} is gone")
+        return check.check(start, end)
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """What every configuration and every motion must keep to, besides joint limits and collision.
+
+    State validity, motion validity and `SafeSetup` read the same constraints. Others are put in place with
+    `setConstraints`, as ``setConstraints(dataclasses.replace(getConstraints(), danger=None))``.
+
+    Attributes
+    ----------
+    separation : Separation
+        The distances from obstacles, at rest or moving.
+    danger : DangerLimit or None
+        The largest danger.
+    tool : tuple of ToolLimit
+        Orientation and place of the tool.
+    user : tuple of UserCheck
+        The user's own state validity checker and motion validator, which nothing can be proven of.
+    from_dangerous : (float, sequence of (str, str)) or None
+        Distance [m] and exempt pairs of a minimum clearance that is kept from whatever is dangerous, in any scene.
+    """
+
+    separation: Separation = TOUCHING_ONLY
+    danger: DangerLimit | None = None
+    tool: tuple[ToolLimit, ...] = ()
+    user: tuple[UserCheck, ...] = ()
+    from_dangerous: tuple[float, Pairs] | None = None
+
+    @property
+    def limits(self) -> tuple[MotionLimit, ...]:
+        """All but the separation, in the order in which `MotionProver` proves or asks."""
+        danger = () if self.danger is None else (self.danger,)
+        return (*self.user, *self.tool, *danger)
+
+    @property
+    def user_checker(self) -> UserStateCheck | None:
+        """The user's own state validity checker, if there is one."""
+        return next((check for check in self.user if isinstance(check, UserStateCheck)), None)
+
+    def tool_limit(self, kind: type[Limit]) -> Limit | None:
+        """Return the limit of the tool that is of a kind, if there is one."""
+        return next((limit for limit in self.tool if isinstance(limit, kind)), None)
+
+    def with_min_clearance(
+        self,
+        checker: CollisionChecker,
+        distance: float,
+        obstacles: Sequence[str] | None = None,
+        exempt: Pairs = (),
+    ) -> Constraints:
+        """Return the same with another distance from chosen obstacles; arguments and errors of `MinClearance.of`."""
+        separation = self.separation.with_min_clearance(checker, distance, obstacles, exempt)
+        from_dangerous = (distance, tuple(exempt)) if obstacles is None else None
+        return replace(self, separation=separation, from_dangerous=from_dangerous)
+
+    def with_moving_obstacles(self, speeds: Mapping[str, float], time: float) -> Constraints:
+        """Return the same among obstacles that move; arguments as `MotionProver.with_moving_obstacles`."""
+        return replace(self, separation=replace(self.separation, speeds=speeds, time=time))
+
+    def with_tube(self, widths: tuple[float, ...]) -> Constraints:
+        """Return the same within a tube: how far each of the n joints may be from where it should be [rad or m]."""
+        return replace(self, separation=replace(self.separation, tube=widths))
+
+    def in_scene_of(self, checker: CollisionChecker) -> Constraints:
+        """Return the same in another scene, in which other obstacles may be dangerous."""
+        if self.from_dangerous is None:
+            return self
+        distance, exempt = self.from_dangerous
+        dangerous = [obstacle.name for obstacle in checker.scene if obstacle.weight > 0]
+        still = [pair for pair in exempt if pair[1] in dangerous]
+        separation = self.separation.with_min_clearance(
+            checker, distance if dangerous else 0.0, dangerous, still
+        )
+        return replace(self, separation=separation)
+
+    def borrowed(self) -> Constraints:
+        """Return the same without keeping the user's checks alive, for what OMPL never frees."""
+        borrowed = (c if isinstance(c, BorrowedCheck) else BorrowedCheck(c) for c in self.user)
+        return replace(self, user=tuple(borrowed))
+
+
+def danger_objection(limit: DangerLimit, q: FloatArray) -> str | None:
+    """Return why `q: (n,)` is too dangerous, in words that follow the name of a configuration; None if it is not."""
+    return None if limit.allows(q) else f": danger {limit.danger(q):.4g} is above the limit {limit.limit:g}"
+
+
+class ConfigurationCheck:
+    """Says of single configurations whether constraints allow them: quickly, or in words.
+
+    An UnknownNameError if the scene has no obstacle of a name in the constraints.
+    """
+
+    def __init__(self, checker: CollisionChecker, constraints: Constraints) -> None:
+        self.checker, self.constraints = checker, constraints
+        self._joint_limits = JointLimits(checker.robot)
+        self._required = constraints.separation.required(checker)
+        self._tool, self._danger = constraints.tool, constraints.danger
+        self._sampled = constraints.user_checker
+
+    def within_limits(self, q: FloatArray) -> bool:
+        """Return whether `q: (n,)` is finite and within the joint limits of the robot."""
+        return self._joint_limits.hold(q)
+
+    def allows(self, q: FloatArray, state: Any = None) -> bool:
+        """Return whether `q: (n,)` is finite, within the joint limits, and allowed.
+
+        Where `state` is the same configuration as an OMPL state, the user's checker is asked about that.
+        """
+        if not self._joint_limits.hold(q) or self.checker.touches(q) or self._required.violated(q):
+            return False
+        if self._tool and not all(limit.allows(q) for limit in self._tool):
+            return False
+        if self._danger is not None and not self._danger.allows(q):
+            return False
+        if self._sampled is None:
+            return True
+        return self._sampled.allows(q) if state is None else self._sampled.accepts(state)
+
+    def objection(self, q: FloatArray) -> str | None:
+        """Return why `q: (n,)` is not allowed, in words that follow the name of a configuration; None where it is."""
+        separation, limit = self.constraints.separation, self._danger
+        beyond = self.checker.robot.beyond_limits(q)
+        if beyond is not None:
+            return f": {beyond}"
+        pair = self.checker.colliding_pair(q)
+        if pair is not None:
+            return f" is in collision: {pair[0]!r} touches {pair[1]!r}"
+        at_rest = self._required
+        if separation.speeds:
+            at_rest = replace(separation, speeds={}, time=0.0).required(self.checker)
+        near = at_rest.violating_pair(q)
+        if near is not None:
+            least = f"{1e3 * at_rest.at_start.max():g} mm"
+            return f" is too near: {near[0]!r} keeps less than {least} from {near[1]!r}"
+        if limit is not None and (dangerous := danger_objection(limit, q)):
+            return dangerous
+        near = self._required.violating_pair(q) if separation.speeds else None
+        if near is not None:
+            moved = 1e3 * separation.time * separation.speeds.get(near[1], 0.0)
+            return f" is too near: {near[1]!r} may move {moved:g} mm, and come to {near[0]!r}"
+        if self._sampled is not None and not self._sampled.allows(q):
+            return f" is refused by your state validity checker {self._sampled.name}"
+        return next((f": {tool.objection(q)}" for tool in self._tool if not tool.allows(q)), None)
