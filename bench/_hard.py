@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -63,30 +62,6 @@ class HardProblem:
     start: FloatArray
     goal: FloatArray
     witness: FloatArray
-
-
-def mbm_form(problems: Iterable[HardProblem]) -> dict[str, dict[str, Any]]:
-    """Return the problems of each robot as MotionBenchMaker files have them; there the floor is dangerous, too."""
-    files: dict[str, dict[str, Any]] = {}
-    for problem in problems:
-        robot = problem.robot
-        file = files.setdefault(
-            robot.name, {"robot": robot.name, "joints": robot.joint_names, "problems": {}}
-        )
-        item: dict[str, Any] = {"index": int(problem.name.split()[-1]), "box": [], "capsule": []}
-        item |= {"start": problem.start.tolist(), "goals": [problem.goal.tolist()]}
-        for obstacle in problem.scene:
-            pose, shape = obstacle.pose, obstacle.shape
-            place = {"position": pose.position, "orientation_quat_xyzw": pose.quaternion_xyzw}
-            if isinstance(shape, Box):
-                size: dict[str, Any] = {"half_extents": [side / 2 for side in shape.size]}
-            else:
-                size = {"radius": shape.radius, "length": shape.length}
-            item["box" if "half_extents" in size else "capsule"].append(
-                {"name": obstacle.name, **size, **place}
-            )
-        file["problems"].setdefault(problem.kind, []).append(item)
-    return files
 
 
 @dataclass(frozen=True)

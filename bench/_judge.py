@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from bench._plain import PlainGeometry
 from safe_ompl import DangerField, Pose, Robot, Scene
-from safe_ompl.apps.benchmark import PlainGeometry
 from safe_ompl.common import FloatArray
 from safe_ompl.robot.loading import Attachment
 

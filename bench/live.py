@@ -7,17 +7,12 @@ MINUTES` measures memory instead.
 
 All clips at 20 places with all policies are about 13 hours of simulated time; one idle core simulates 6 s in a
 second (`--jobs` for more cores; `--sample N` for N of all clips and places, drawn evenly).
-
-With --export OUT the drives are written as problems for anybody (`drives.json`), with an entry of the open table for
-each policy; `safe-ompl judge OUT/entries --problems OUT/drives.json` judges them. The judge's person is the recorded
-one without the glitches of the sensor, which the policies see.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
-import json
 import logging
 import resource
 from concurrent.futures import ProcessPoolExecutor
@@ -34,7 +29,6 @@ from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from bench._scenes import ACCELERATIONS
 from bench._touches import TouchJudge
 from safe_ompl import (
-    Motion,
     People,
     Pose,
     RateLimits,
@@ -45,11 +39,7 @@ from safe_ompl import (
     Trajectory,
     time_path,
 )
-from safe_ompl.apps.benchmark import checksum
 from safe_ompl.collision import MotionProver
-from safe_ompl.common.documents import file_name
-from safe_ompl.io import marked
-from safe_ompl.io.problems import carried_scene
 from safe_ompl.people import CalibratedReach, Recording, TrackedBody, list_clips
 from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
@@ -253,40 +243,13 @@ def _resident() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # the most that it ever was
 
 
-def export(options: argparse.Namespace, chosen: list[Situation]) -> None:
-    """Write drives as problems, and an entry for each policy."""
-    out, seconds, drives = options.export, options.seconds or 10.0, []
-    (out / "entries").mkdir(parents=True, exist_ok=True)
-    for file, clip, place in chosen:
-        one = simulation(file, clip, place, "alone", monitored=False, count=options.places)
-        there, back = (trajectory.curve.at([0.0]).q[0].tolist() for trajectory in one.trajectories)
-        drive = {"name": f"{file.stem} {clip} {place}", "recording": file_name(file.resolve(), out)}
-        drive |= {"sha256": checksum(file), "clip": clip, "gate": GLITCH, "seconds": seconds}
-        drive |= {"place": one.world.people["operator"].tracker.place.to_mapping()}
-        drives.append({**drive, "start": there, "goals": [back, there]})
-    problems, scene = out / "drives.json", carried_scene(one.replanner.surroundings.still)
-    content = {"format": "safe-ompl drives", "robot": "panda", "scene": scene, "drives": drives}
-    problems.write_text(json.dumps(content), encoding="utf-8")
-    for policy in options.policies.split(","):
-        answers = []
-        for (file, clip, place), drive in zip(chosen, drives, strict=True):
-            one = simulation(file, clip, place, policy, monitored=False, count=options.places)
-            ticks = list(one.ticks(seconds + 2 * one.replanner.tick))
-            times, q, qd = ([tick[key] for tick in ticks] for key in ("time", "q", "qd"))
-            driven = Motion.hermite(times, q, qd, names=one.replanner.robot.joint_names)
-            answers.append({"problem": drive["name"], "motion": marked("motion", driven.to_mapping())})
-        sets = [{"name": problems.stem, "sha256": checksum(problems), "answers": answers}]
-        entry = {"format": "safe-ompl entry", "version": 1, "system": policy, "sets": sets}
-        (out / "entries" / f"{policy}.json").write_text(json.dumps(entry), encoding="utf-8")
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     add = parser.add_argument
     add("folder", type=Path)
     add("--clips", type=int, default=0, metavar="N", help="of each file; default: all")
     add("--places", type=int, default=20, metavar="N")
-    add("--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's, exported 10")
+    add("--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's")
     add("--sample", type=int, default=0, metavar="N", help="of all clips and places, drawn evenly")
     add("--reach", metavar="FILE", help="calibrated reach, with its gate; default: speeds")
     add("--near", action="store_true", help="people within arm's reach, who face the robot")
@@ -296,7 +259,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--policies", default=",".join(POLICIES))
     add("--jobs", type=int, default=1, metavar="N", help="processes")
     add("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
-    add("--export", type=Path, metavar="OUT", help="write drives and entries instead")
 
 
 def main(options: argparse.Namespace, report: Report) -> int:
@@ -307,9 +269,6 @@ def main(options: argparse.Namespace, report: Report) -> int:
     chosen = situations(options.folder, options.clips, options.places, options.sample, options.seed)
     if options.memory:
         memory(report, chosen[0][0], chosen[0][1], options.memory)
-        return 0
-    if options.export:
-        export(options, chosen)
         return 0
     how = (options.seconds, options.places, reach, options.near, options.gate, options.tick)
     jobs = [(*situation, policy, *how) for situation in chosen for policy in options.policies.split(",")]

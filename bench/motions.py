@@ -25,9 +25,11 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from safe_ompl.apps.benchmark.judge import TOLERANCE
 from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
 
 from bench._harness import Report, positions
+from bench._plain import PlainGeometry
 from bench._planning import mbm_problems
 from bench._scenes import free_configuration, scattered
 from safe_ompl import (
@@ -41,8 +43,6 @@ from safe_ompl import (
     Verdict,
     widest_tube,
 )
-from safe_ompl.apps.benchmark import PlainGeometry
-from safe_ompl.apps.benchmark.judge import TOLERANCE
 from safe_ompl.collision import Separation
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import check_with, repair_with

@@ -50,4 +50,3 @@ def test_the_list_of_examples_is_complete():
     with_ros = [FOLDER / "ros" / "world.py"]  # see tests/apps/exchange/test_ros_node.py
     found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS, *PHYSICS, *with_ros)]
     assert sorted(listed) == sorted(found)
-    assert len(SCRIPTS) == 13

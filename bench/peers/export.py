@@ -5,18 +5,33 @@ from __future__ import annotations
 import json
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 import coal
 import numpy as np
 
+from bench._plain import Judge
 from safe_ompl import Robot
 from safe_ompl.robot.loading.packages import EXAMPLES, robots_folder
 from safe_ompl.scene.mbm import MbmFile, MbmProblem
 
 
-def export(file: MbmFile, positions: slice, folder: Path) -> tuple[Path, list[dict[str, Any]], list[str]]:
+class Problem(NamedTuple):
+    """A problem as systems are asked, and its judge; nobody can solve it if it is blocked: it touches at its ends."""
+
+    robot: Robot
+    question: dict[str, Any]
+    judge: Judge
+    blocked: bool
+
+    @property
+    def name(self) -> str:
+        """Its family and number."""
+        return str(self.question["name"])
+
+
+def export(file: MbmFile, positions: slice, folder: Path) -> tuple[Path, list[Problem], list[str]]:
     """Write the robot of a MotionBenchMaker file to a folder; return its description and the chosen problems.
 
     Those with a joint outside its limits at the start or a goal are named apart.
@@ -39,7 +54,7 @@ def _name(problem: MbmProblem) -> str:
     return f"{problem.family} {problem.index}"
 
 
-def _problem(problem: MbmProblem, robot: Robot) -> dict[str, Any]:
+def _problem(problem: MbmProblem, robot: Robot) -> Problem:
     obstacles = []
     for obstacle in problem.scene.obstacles:
         for name, shape, placement in obstacle.geometries():
@@ -47,12 +62,15 @@ def _problem(problem: MbmProblem, robot: Robot) -> dict[str, Any]:
             item = {"name": name, "kind": kind, "size": size}
             item |= {"position": placement.translation.tolist(), "rotation": placement.rotation.tolist()}
             obstacles.append(item)
-    return {
+    start, goal = problem.start_configuration(robot), problem.goal_configurations(robot)[0]
+    question = {
         "name": _name(problem),
-        "start": problem.start_configuration(robot).tolist(),
-        "goal": problem.goal_configurations(robot)[0].tolist(),
+        "start": start.tolist(),
+        "goal": goal.tolist(),
         "obstacles": obstacles,
     }
+    judge = Judge(robot, problem.scene)
+    return Problem(robot, question, judge, any(judge.plain.touches(q) for q in (start, goal)))
 
 
 def _size(shape: Any) -> tuple[str, list[float]]:

@@ -45,18 +45,6 @@ def python_of(system: System, folder: Path) -> Path:
     return environment / "bin/python"
 
 
-def version_of(system: System, folder: Path) -> str:
-    """Return the version of a system's package as its environment has it."""
-    name = (system.requirements or (system.runner.rstrip("_").replace("_", "-"),))[0]
-    command = [
-        python_of(system, folder),
-        "-c",
-        f"from importlib.metadata import version as v; print(v({name!r}))",
-    ]
-    found = subprocess.run(command, check=False, capture_output=True, text=True).stdout.strip()
-    return f"{name} {found}"
-
-
 def _reason(log: Path) -> str:
     """Return the first error of a log with the line after it; that a process of pip ended says nothing."""
     lines = [line.strip() for line in log.read_text().splitlines() if line.strip()]

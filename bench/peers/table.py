@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from bench._harness import markdown_table
-from safe_ompl.apps.benchmark.entries import COLUMNS as JUDGED
 
 Run = dict[str, Any]
 
@@ -25,6 +24,15 @@ def _judged(key: str, factor: float) -> Callable[[Run], float]:
     return lambda run: factor * run[key]
 
 
+JUDGED = {  # key of a run: heading, unit's factor
+    "min_clearance": ("min clearance [mm]", 1e3),
+    "mean_clearance": ("mean clearance [mm]", 1e3),
+    "near": ("< 50 mm [rad]", 1.0),
+    "mean_danger": ("mean danger", 1.0),
+    "peak_danger": ("peak danger", 1.0),
+    "integral_danger": ("danger integral", 1.0),
+    "length": ("length [rad]", 1.0),
+}
 COLUMNS: dict[str, Callable[[Run], float]] = {
     "building [ms]": _milliseconds("building"),
     "planning [ms]": _milliseconds("planning"),

@@ -8,13 +8,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from bench.peers import processes
+from bench._plain import SPACING, Judge, samples
+from bench.peers import judged, processes
 from bench.peers.export import export
 from bench.peers.processes import Runner, UnavailableError, python_of
 from bench.peers.systems import SYSTEMS, System
 from bench.peers.table import figure, markdown
-from safe_ompl import Motion, Robot, Scene
-from safe_ompl.apps.benchmark import Judge, ProblemSet
+from safe_ompl import CollisionChecker, Motion, Robot, Scene
 from safe_ompl.scene import MbmFile
 
 POLE = {
@@ -36,10 +36,8 @@ def exported(tmp_path_factory):
     file = folder / "problems.json"
     file.write_text(json.dumps({"robot": "panda", "problems": {"pole": [problem, beyond]}}))
     robot, problems, outside = export(MbmFile.load(file), slice(None), folder)
-    known = ProblemSet.load(file)
-    assert [problem["name"] for problem in problems] == list(known.problems) == ["pole 1"]
-    assert outside == list(known.outside) == ["pole 2"]
-    assert "goals[1]: joint 'panda_joint1' = 9 is outside its limits" in known.outside["pole 2"]
+    assert [(problem.name, problem.blocked) for problem in problems] == [("pole 1", False)]
+    assert outside == ["pole 2"]
     return robot, problems[0]
 
 
@@ -59,15 +57,33 @@ def test_a_runner_answers_with_a_path_and_its_times(exported, tmp_path, name):
     runner = Runner(system, robot, tmp_path)
     try:
         answer = runner.ask(
-            {**problem, "seed": 1, "time": 10.0}, processes.WARMING
+            {**problem.question, "seed": 1, "time": 10.0}, processes.WARMING
         )  # kernels may be compiled
     finally:
         runner.close()
-    path = np.array(answer["path"])
+    run = judged(answer, problem, 1)
+    assert run["solved"]
     if name == "safe_ompl, raw":  # the other one may touch between its samples
-        assert not Judge(Robot.from_example("panda"), SCENE).verdict(Motion.through(path)).touching
-    assert np.abs(path[[0, -1]] - [problem["start"], problem["goal"]]).max() < 1e-4
+        assert not run["touching"]
     assert min(answer[key] for key in ("building", "planning", "smoothing")) >= 0
+
+
+@pytest.mark.parametrize(
+    ("path", "error"),
+    [
+        (None, "no path"),
+        ([LEFT], "the path has other ends"),
+        ([LEFT, RIGHT[:5]], "way points"),
+        ([LEFT, LEFT], "the path has other ends"),
+        ([LEFT, [9.0, *LEFT[1:]], RIGHT], "'panda_joint1' is 6.1 outside its limits"),
+        ([LEFT, [np.nan, *LEFT[1:]], RIGHT], "way points"),
+    ],
+)
+def test_what_is_no_answer_is_not_solved(exported, path, error):
+    answer = {"path": path, "building": 0.0, "planning": 0.0, "smoothing": 0.0}
+    run = judged(answer, exported[1], 0)
+    assert not run["solved"]
+    assert error in run["error"]
 
 
 FAKE = """
@@ -175,3 +191,66 @@ def test_the_table_tells_contacts_and_what_was_not_run(tmp_path):
     assert "Not run: **other** (no wheel)." in text
     figure({"one": [solved], "two": [failed]}, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 5000
+
+
+# ------------------------------------------------------------------------------------------------ the judge
+
+AROUND = [LEFT, [1.0, -1.2, 0.0, -2.6, 0.0, 1.9, 0.8], [-1.0, -1.2, 0.0, -2.6, 0.0, 1.9, 0.8], RIGHT]
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return Robot.from_example("panda")
+
+
+def test_the_judge_measures_what_the_package_measures(panda):
+    checker, judge = CollisionChecker(panda, SCENE), Judge(panda, SCENE)
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(panda.lower, panda.upper, (20, 7)):
+        verdict = judge.verdict(Motion.through([q, q]))
+        assert verdict.touching == checker.in_collision(q) == judge.plain.touches(q)
+        if not verdict.touching:
+            assert verdict.min_clearance == pytest.approx(checker.clearance(q).distance, abs=1e-5)
+
+
+def test_the_judge_knows_contact_clearance_and_length(panda):
+    judge = Judge(panda, SCENE)
+    verdict = judge.verdict(Motion.through([LEFT, RIGHT]))
+    assert verdict.touching
+    assert verdict.length == pytest.approx(2.0)
+    assert verdict.worst.other == "pole"
+    assert (
+        verdict.worst.distance < -0.04
+    )  # the forearm passes through the middle of the pole, whose radius is 50 mm
+    free = judge.verdict(Motion.through(AROUND))
+    assert not free.touching
+    clearances = [
+        CollisionChecker(panda, SCENE).clearance(q).distance for q in samples(Motion.through(AROUND), 0.005)
+    ]
+    assert free.min_clearance == pytest.approx(min(clearances), abs=1e-3)
+    assert free.mean_clearance == pytest.approx(np.mean(clearances), rel=0.01)
+
+
+def test_samples_that_are_left_out_touch_nothing(panda):
+    # Graze the pole: the first contact must be the one that all samples show.
+    judge, checker = Judge(panda, SCENE), CollisionChecker(panda, SCENE)
+    rng = np.random.default_rng(1)
+    found = 0
+    for _ in range(6):
+        start = np.array(LEFT) + rng.uniform(-0.2, 0.2, 7)
+        motion = Motion.through([start, start - [rng.uniform(0.5, 1.2), 0, 0, 0, 0, 0, 0]])
+        every = any(checker.in_collision(q) for q in samples(motion, 0.002))
+        found += every
+        assert judge.verdict(motion).touching or not every
+    assert 0 < found < 6
+
+
+def test_a_curve_that_comes_back_is_sampled_densely(panda):
+    # One piece from a configuration back to itself: q + 4 u (1 − u) d, whose ends show no motion.
+    far = np.zeros(7)
+    far[0] = -2.0
+    motion = Motion([0.0, 1.0], np.array([[LEFT, 4 * far, -4 * far]]))
+    rows = samples(motion, SPACING)
+    assert np.linalg.norm(np.diff(rows, axis=0), axis=1).max() <= SPACING
+    assert np.abs(np.diff(rows, axis=0)).sum() == pytest.approx(4.0, rel=1e-3)
+    assert Judge(panda, SCENE).verdict(motion).touching

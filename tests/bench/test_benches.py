@@ -1,4 +1,4 @@
-"""Each bench runs in miniature, prints what it found and writes it as JSON; and what they write for strangers."""
+"""Each bench runs in miniature, prints what it found and writes it as JSON."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,6 @@ import pytest
 
 from bench import _harness, worth
 from bench._harness import Report, bench, in_turn, markdown_table, names, run
-from safe_ompl.apps.benchmark import Entry, ProblemSet
 from safe_ompl.people import find_skeleton
 
 POLE = {"name": "pole", "radius": 0.05, "length": 1.0, "position": [0.5, 0.0, 0.5]}
@@ -141,26 +140,3 @@ def test_no_motion_is_shorter_than_the_bound():
     bound = worth.duration(problem, "bound", 0, 1.0)
     found = worth.duration(problem, "RRTConnect", 0, 5.0)
     assert 0.5 < bound < found
-
-
-# ------------------------------------------------------------------------------------------------ for strangers
-
-
-def test_hard_problems_are_exported_with_ways_that_solve_them(tmp_path):
-    assert run(["hard", "--problems", "0:2", "--export", str(tmp_path)]) == 0
-    known = [ProblemSet.load(file) for file in sorted(tmp_path.glob("hard_*.json"))]
-    rows = Entry.load(tmp_path / "as_made.json", known).judged()["rows"]
-    assert len(rows) == 2
-    assert all(row["solved"] and not row["touching"] for row in rows)
-    assert all(0 < row["min_clearance"] < 0.02 for row in rows)  # they are narrow
-
-
-def test_drives_are_exported_with_entries(files, tmp_path):
-    words = f"{files} --export {tmp_path} --sample 1 --places 1 --seconds 0.5 --policies alone"
-    assert run(["live", *words.split()]) == 0
-    drive = json.loads((tmp_path / "drives.json").read_text())["drives"][0]
-    assert Path(tmp_path, drive["recording"]).is_file()
-    entry = Entry.load(tmp_path / "entries" / "alone.json", [ProblemSet.load(tmp_path / "drives.json")])
-    (row,) = entry.judged()["rows"]
-    assert row["solved"], row["error"]
-    assert row["length"] > 0.01

@@ -1,4 +1,4 @@
-"""Benchmarks in OMPL's form, with their runs and logs; entries of the open table, and their judge."""
+"""Benchmarks in OMPL's form, with their runs and logs."""
 
 from __future__ import annotations
 
@@ -16,23 +16,12 @@ if TYPE_CHECKING:
         failure,
         summarize,
     )
-    from safe_ompl.apps.benchmark.entries import JUDGED, VERSION, Entry, ProblemSet, answered, checksum
-    from safe_ompl.apps.benchmark.judge import Judge, PlainGeometry, Verdict
 
 __all__ = [
-    "JUDGED",
-    "VERSION",
     "Benchmark",
     "Campaign",
-    "Entry",
-    "Judge",
-    "PlainGeometry",
-    "ProblemSet",
     "Summary",
-    "Verdict",
-    "answered",
     "check_named_planner",
-    "checksum",
     "default_planners",
     "failure",
     "summarize",

@@ -16,7 +16,6 @@ from safe_ompl.apps.cli import (
     arguments,
     check,
     compare,
-    judge,
     live,
     mbm,
     new,
@@ -91,7 +90,7 @@ def command_line() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (plan, check, view, verify, live, people, ros, compare, mbm, judge, new):
+    for command in (plan, check, view, verify, live, people, ros, compare, mbm, new):
         command.add_commands(commands)
     add_commands(commands)
     for own in commands.choices.values():

@@ -2,7 +2,7 @@
 
 A motion is sampled every `SPACING` rad. A body moves no farther than each joint's motion times the length of the chain
 from there to the body's far end; samples at which a pair cannot touch by that, as it was too far apart before, are left
-out. Beside recorded people there is a sample every 5 ms, without exception.
+out.
 """
 
 from __future__ import annotations
@@ -13,21 +13,15 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
-from safe_ompl.geometry import Limb, Obstacle, Pose, placed
 from safe_ompl.motions import Motion
-from safe_ompl.people import Recording, TrackedBody
-from safe_ompl.people.simulation import ContactMonitor, Solid
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.trajectories import RateLimits
 
 SPACING, COARSE = 0.0002, 0.01  # [rad] between samples, for contact and for means
 ROUNDING = 1e-4  # [rad or m] by which a motion may miss its start and goal, or pass limits
-INSTANTS = 0.005  # [s] between samples beside people
 NEAR = 0.05  # [m]
 TOLERANCE = 2e-5  # [m] of coal's distances, and of clearances that are searched for
 _MOST = 2_000_000  # samples of a motion
-_STILL = 1e-6  # [rad/s] slower than this is at rest
 
 
 @dataclass(frozen=True)
@@ -36,16 +30,15 @@ class Worst:
 
     distance: float
     link: str
-    other: str  # An obstacle, another link, or a limb of the person
+    other: str  # An obstacle or another link
     q: tuple[float, ...]
-    time: float | None = None  # [s], beside people
 
 
 @dataclass(frozen=True)
 class Verdict:
     """What the samples of a motion show. Clearances are distances to obstacles, means over arc length."""
 
-    touching: bool  # Whether a sample touches an obstacle, the robot itself, or, while it moves, a person
+    touching: bool  # Whether a sample touches an obstacle or the robot itself
     min_clearance: float | None  # [m], None where there is no obstacle
     mean_clearance: float | None
     near: float  # Length that is nearer than 50 mm [rad]
@@ -110,12 +103,6 @@ class PlainGeometry:
         """Return whether the robot touches anything, or itself, at `q: (n,)`."""
         full = self.robot.pinocchio_configuration(q)
         return bool(pin.computeCollisions(self.model, self.data, self.geometry, self._results, full, True))
-
-    def touching_point(self, pair: int) -> FloatArray:
-        """Return the point (3,) between the two bodies of a pair where they are nearest, as measured last [m]."""
-        found = self._results.distanceResults[pair]
-        point: FloatArray = np.mean([found.getNearestPoint1(), found.getNearestPoint2()], axis=0)
-        return point
 
     def least(self, Q: FloatArray, enough: float) -> tuple[float, int, int]:
         """Return the least distance [m] at configurations along a curve `Q: (S, n)`, its pair and its sample.
@@ -227,71 +214,3 @@ def samples(motion: Motion, spacing: float) -> FloatArray:
     pieces = zip(motion.times[:-1], motion.times[1:], sample_counts(motion, spacing), strict=True)
     times = [np.linspace(start, end, count + 1)[1:] for start, end, count in pieces]
     return motion.at(np.concatenate([motion.times[:1], *times]))
-
-
-# ---------------------------------------------------------------------------------------------- beside people
-
-
-@dataclass(frozen=True)
-class Beside:
-    """A recorded person beside the robot, and what the robot does there: it goes to each goal in turn."""
-
-    recording: Recording
-    place: Pose  # of the recording in the robot's frame
-    seconds: float
-    goals: tuple[tuple[float, ...], ...]
-    tolerance: float = 0.01  # [rad or m] within which a joint is at its goal
-
-    def limbs(self, time: float) -> list[Limb]:
-        """Return the limbs of the person at a time [s]."""
-        body = TrackedBody()
-        seen = placed(self.place.se3, self.recording.skeleton.keypoints(self.recording.at(time)))
-        ends = body.ends(body.completed(seen)[0])
-        limbs = zip(body.limbs, ends, body.radii(ends).tolist(), strict=True)
-        return [Limb(name, start, end, radius) for name, (start, end), radius in limbs]
-
-    def obstacles(self, time: float) -> list[Obstacle]:
-        """Return the limbs of the person at a time [s] as obstacles."""
-        return [
-            Obstacle(f"person {limb.name}", limb.shape, Pose.of(limb.placement)) for limb in self.limbs(time)
-        ]
-
-
-@dataclass(frozen=True)
-class DriveVerdict:
-    """What samples of a drive beside a person show."""
-
-    contacts_while_moving: int
-    contacts_at_rest: int
-    contact_speed: float  # The largest speed of the robot where it touches the person while it moves [m/s]
-    nearest: float | None  # Smallest distance to the person while the robot moves, if it ever does [m]
-    tasks: int  # How many goals were reached, in turn
-    speed: float  # The largest speed of a joint, over its limit
-    worst: Worst | None  # While it moves
-
-
-def judged_drive(robot: Robot, beside: Beside, motion: Motion) -> DriveVerdict:
-    """Return what samples of a motion in time, every 5 ms, show beside a person."""
-    worst: Worst | None = None
-    monitor, tasks = ContactMonitor(robot), 0
-    times = np.arange(0.0, beside.seconds, INSTANTS)
-    Q, rates = motion.at(motion.times[0] + times), motion.derivative(motion.times[0] + times, 1)
-    for time, q, qd in zip(times.tolist(), Q, rates, strict=True):
-        moving = bool(np.abs(qd).max() > _STILL)
-        solids = [Solid("person", x.name, x.geometry, x.placement) for x in beside.limbs(time)]
-        nearest = monitor.observe(time, q, solids, moving=moving, obeyed=True, qd=qd)
-        if moving and (worst is None or nearest.distance < worst.distance):
-            other = f"{nearest.who} {nearest.limb}"
-            worst = Worst(nearest.distance, str(nearest.link), other, tuple(q.tolist()), time)
-        goal = np.array(beside.goals[tasks % len(beside.goals)])
-        tasks += bool(np.abs(robot.difference(q, goal)).max() <= beside.tolerance)
-    contacts = [contact for contact in monitor.contacts if contact.moving]
-    return DriveVerdict(
-        len(contacts),
-        len(monitor.contacts) - len(contacts),
-        max((contact.speed for contact in contacts), default=0.0),
-        None if worst is None else worst.distance,
-        tasks,
-        float((np.abs(rates) / RateLimits.of(robot, acceleration=1.0).velocity).max()),
-        worst,
-    )
