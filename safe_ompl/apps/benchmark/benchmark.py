@@ -123,9 +123,7 @@ class Benchmark:
         """
         self._events.after = event
 
-    def benchmark(
-        self, request: Any = None, *, seed: int = 0, processes: int | None = None, client: Any = None
-    ) -> None:
+    def benchmark(self, request: Any = None, *, seed: int = 0, processes: int | None = None) -> None:
         """Do the runs.
 
         Parameters
@@ -138,13 +136,11 @@ class Benchmark:
         processes : int, optional
             How many runs go on at the same time; times are most accurate with 1. By default one for each processor,
             or 1 if events are set, since these may change objects of this process.
-        client : distributed.Client or str, optional
-            A cluster of dask.distributed, or its address, to do the runs on (`pip install safe-ompl[cluster]`).
 
         Raises
         ------
         InputError
-            No planner, a number of runs or processes below 1, or a problem or planner that cannot be pickled.
+            No planner, or a number of runs or processes below 1.
         """
         request = request or ot.Request()
         if request.runCount < 1:
@@ -153,12 +149,9 @@ class Benchmark:
         if processes is None:
             machine = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
             processes = 1 if self._events else machine
-        if client is not None:
-            self._check_portable()
         limits = RunLimits(request.maxTime, request.maxMem, request.timeBetweenUpdates, request.simplify)
-        setup = self._setup if client is None else self._given
-        job = MeasuredRuns(setup, {entry.name: entry for entry in self._entries}, limits, self._events)
-        runs = do_tasks(job, tasks, processes, client)
+        job = MeasuredRuns(self._setup, {entry.name: entry for entry in self._entries}, limits, self._events)
+        runs = do_tasks(job, tasks, processes)
         if self._switch is not None:
             for entry in self._entries:
                 self._switch(entry.planner(self._setup))
@@ -184,19 +177,6 @@ class Benchmark:
                 begin,
                 self._parameters,
             )
-
-    def _check_portable(self) -> None:
-        """Raise InputError if the problem or a planner cannot be sent to another machine."""
-        if not callable(self._given):
-            raise InputError(
-                "on a cluster the benchmark needs a function that builds the setup, in place of the setup"
-            )
-        for entry in self._entries:
-            if isinstance(entry.source, ob.Planner):
-                raise InputError(
-                    f"on a cluster planner {entry.name!r} must be given by name or by addPlannerAllocator: "
-                    "OMPL's objects cannot be pickled"
-                )
 
     def _report(self, display: bool, run: Run, share: float) -> None:
         self._status.activePlanner = run.planner

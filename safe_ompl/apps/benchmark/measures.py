@@ -8,7 +8,6 @@ import resource
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -152,21 +151,15 @@ class Entry:
 class MeasuredRuns:
     """The job of a benchmark: its runs, each with what was measured of it."""
 
-    setup: Any  # The problem; a function that builds it where the problem itself cannot be pickled
+    setup: Any  # The problem
     entries: Mapping[str, Entry]  # The planners by their names
     limits: RunLimits  # Of each run
     events: Events  # What is called before and after each run
 
-    @cached_property
-    def problem(self) -> Any:
-        """The problem, built when it is first needed."""
-        return self.setup() if callable(self.setup) else self.setup
-
     def run(self, task: Run) -> Measured:
         """Do one run; if the planner or a callback raises an exception, the run is a crash with its message."""
-        problem = self.problem  # if it cannot be built, no run can be done: that is no crash of one of them
         try:
-            return _measure(problem, self.entries[task.planner], task.seed, self.limits, self.events)
+            return _measure(self.setup, self.entries[task.planner], task.seed, self.limits, self.events)
         except Exception as error:
             return self.crash(task, f"{type(error).__name__}: {error}")
 

@@ -1,18 +1,14 @@
-"""The run engine: which planner runs with which seed, in this process, in others of this machine, or on a cluster."""
+"""The run engine: which planner runs with which seed, in this process or in others."""
 
 from __future__ import annotations
 
 import logging
 import multiprocessing
-import pickle
 import signal
 from collections.abc import Collection, Iterator, Sequence
-from functools import lru_cache
 from logging.handlers import QueueHandler
 from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple, Protocol, TypeVar
-
-from ompl import util as ou
 
 from safe_ompl.common import InputError, pass_on, whole_number
 
@@ -59,17 +55,13 @@ class Job(Protocol[_Task, _Outcome]):
 
 
 def do_tasks(
-    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], processes: int = 1, client: Any = None
+    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], processes: int = 1
 ) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks, and yield each with its outcome as they come.
 
-    One process is this one, more are forked; or a `client`, a cluster of dask.distributed or the address of its
-    scheduler, does the tasks, with a pickled copy of the job for each worker. Raises InputError for a number of
-    processes below 1.
+    One process is this one, more are forked. Raises InputError for a number of processes below 1.
     """
     processes = whole_number("processes", processes, at_least=1)
-    if client is not None:
-        return _on_cluster(job, tasks, client)
     if processes == 1:
         return ((task, job.run(task)) for task in tasks)
     return in_processes(job, tasks, min(processes, len(tasks)))
@@ -171,42 +163,3 @@ def _work(job: Job[Any, Any], pipe: Connection, others: Sequence[Connection]) ->
         except Exception as error:
             message = _Raised(error)
         pipe.send(message)
-
-
-def _on_cluster(
-    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], client: Any
-) -> Iterator[tuple[TaskT, Outcome]]:
-    """Do tasks on a cluster of dask.distributed.
-
-    Its scheduler repeats the runs of a lost worker on another one, and lets workers join and leave; dask-jobqueue and
-    dask-kubernetes start workers on most clusters. The backend of joblib gives up all runs when one worker dies.
-    """
-    import cloudpickle
-    from distributed import Client, KilledWorker, as_completed
-
-    own = Client(client) if isinstance(client, str) else None
-    try:
-        blob: bytes = cloudpickle.dumps(job)
-        futures = {(own or client).submit(_run_from, blob, task, pure=False): task for task in tasks}
-        for future in as_completed(list(futures)):
-            error = future.exception()
-            if error is None:
-                yield futures[future], future.result()
-            elif isinstance(error, KilledWorker):
-                yield futures[future], job.crash(futures[future], f"the run ended its workers: {error}")
-            else:
-                raise error
-    finally:
-        if own is not None:
-            own.close()
-
-
-def _run_from(blob: bytes, task: Any) -> Any:
-    return _job_from(blob).run(task)
-
-
-@lru_cache(maxsize=1)  # a worker keeps the job with the problem that it builds, for all runs
-def _job_from(blob: bytes) -> Job[Any, Any]:
-    ou.noOutputHandler()
-    job: Job[Any, Any] = pickle.loads(blob)
-    return job

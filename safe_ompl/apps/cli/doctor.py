@@ -35,7 +35,7 @@ from safe_ompl.version import __version__
 from safe_ompl.view import render_path
 
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
-_EXTRAS = ("plots", "viewer", "cluster", "mcap")
+_EXTRAS = ("plots", "viewer", "mcap")
 _MANY = 1000  # points, which are put into balls
 _TICKS = 8
 ALL_JOBS = (  # those that need what a plan needs come after it

@@ -7,7 +7,6 @@ import os
 import signal
 import sqlite3
 import threading
-from functools import partial
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from ompl import geometric as og
 from ompl import tools as ot
 from ompl import util as ou
 
-from safe_ompl import Benchmark, InputError, SafeRRTConnect, SafeSetup, Scenario
+from safe_ompl import Benchmark, InputError, SafeRRTConnect, Scenario
 from safe_ompl.apps.benchmark.measures import planner_settings
 from safe_ompl.apps.benchmark.runs import in_processes
 from safe_ompl.common import warn_once
@@ -255,41 +254,6 @@ def test_bad_benchmarks_are_refused(setup):
         benchmark.benchmark(request(), processes=0)
     with pytest.raises(InputError, match="runCount"):
         benchmark.benchmark(request(runCount=0))
-    with pytest.raises(InputError, match="builds the setup"):
-        benchmark.benchmark(request(), client="tcp://nowhere:1")
-    built: list[SafeSetup] = []
-    travelling = Benchmark(lambda: built.append(build()) or built[-1])
-    travelling.addPlanner(og.RRT(built[0].getSpaceInformation()))
-    with pytest.raises(InputError, match="'RRT'"):
-        travelling.benchmark(request(), client="tcp://nowhere:1")
-
-
-def test_a_cluster_that_loses_a_worker(tmp_path):
-    distributed = pytest.importorskip("distributed")
-
-    def unlucky(si):
-        mark = tmp_path / "lost"
-        if not mark.exists():
-            mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return SafeRRTConnect(si, "unlucky")
-
-    benchmark = Benchmark(partial(setup_scenario, Scenario.load(find_scenario("planar3"))), "cluster")
-    (tmp_path / "lost").touch()
-    benchmark.addPlannerAllocator(unlucky)
-    benchmark.addPlanner("SafePRM")
-    (tmp_path / "lost").unlink()
-    with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        benchmark.benchmark(request(runCount=3), client=client)
-    assert (tmp_path / "lost").exists()
-    runs = runs_of(benchmark, tmp_path)
-    assert [run["planner"] for run in runs] == 3 * ["unlucky"] + 3 * ["SafePRM"]
-    assert [run["status"] for run in runs] == 6 * [6]
-    here = build().plan("SafePRM", seed=2)
-    assert runs[-1]["danger_integral"] == here.report.danger.integral
 
 
 class Talkative:
