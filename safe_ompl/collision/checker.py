@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision.broad_phase import Distances
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairSet, PairTable
-from safe_ompl.common import Changes, Counts, FloatArray, InputError, configuration, finite_array
+from safe_ompl.common import Changes, Counts, FloatArray, InputError, configuration, finite_array, instance
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -69,8 +69,8 @@ class CollisionChecker:
     def __init__(
         self, robot: Robot, scene: Scene, counts: Counts | None = None, *, movable: Sequence[str] = ()
     ) -> None:
-        self.robot = robot
-        self.scene = scene
+        self.robot = instance("robot", robot, Robot)
+        self.scene = instance("scene", scene, Scene)
         self.counts = Counts() if counts is None else counts
         self._bodies = SceneGeometry(robot, scene, movable)
         self._table = PairTable(robot, self._bodies)

@@ -11,7 +11,6 @@ keeps them with the data, takes ten times as long for any document.
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import yaml
 
 from safe_ompl.common import inputs
-from safe_ompl.common.errors import InputError
+from safe_ompl.common.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     _Loader = yaml.SafeLoader
@@ -62,8 +61,7 @@ def check_keys(data: Mapping[str, Any], valid: Iterable[str]) -> None:
     known = list(valid)
     for name in data:
         if name not in known:
-            close = difflib.get_close_matches(str(name), known, n=1)
-            hint = f"did you mean {close[0]!r}? " if close else ""
+            hint = did_you_mean(name, known)
             raise InputError(f"unknown key; {hint}valid keys: {', '.join(known)}", str(name))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import logging
 from collections.abc import Iterable
 from functools import cache
@@ -28,11 +29,19 @@ class UnknownNameError(InputError):
 
     def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
         known = tuple(known)
-        super().__init__(f"unknown {kind} {name!r}; known: {', '.join(known) or '(none)'}", source)
+        hint = did_you_mean(name, known)
+        super().__init__(f"unknown {kind} {name!r}; {hint}known: {', '.join(known) or '(none)'}", source)
         self._arguments = (kind, name, known, source)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), self._arguments
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """Return a question about the known name that is most like a wrong one, whatever its case; empty if none is."""
+    folded = {other.casefold(): other for other in known}
+    close = difflib.get_close_matches(str(name).casefold(), folded, n=1)
+    return f"did you mean {folded[close[0]]!r}? " if close else ""
 
 
 class CollisionError(InputError):

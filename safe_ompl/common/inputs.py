@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from numbers import Integral, Real
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from safe_ompl.common.errors import InputError
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
+_Kind = TypeVar("_Kind")
 
 _SHOWN = 200  # characters of a value in a message
 _LISTED = 12  # numbers of an array in a message
@@ -89,6 +90,14 @@ def text(name: str, value: Any) -> str:
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"{name} must be text that is not empty, got {shown(value)}")
     return str(value)
+
+
+def instance(name: str, value: Any, kind: type[_Kind]) -> _Kind:
+    """Return `value` where it is of a class, or raise InputError, which names the class."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise InputError(f"{name} must be {article} {kind.__name__}, got {shown(value)}")
+    return value
 
 
 def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:

@@ -18,7 +18,7 @@ from safe_ompl.collision import (
     ToolLimit,
     Verdict,
 )
-from safe_ompl.common import FloatArray, InputError, clock, finite_array, polynomials, positive
+from safe_ompl.common import FloatArray, InputError, clock, finite_array, instance, polynomials, positive
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations
@@ -144,7 +144,7 @@ def check(
     itself (`docs/mathematics.md` §4), and so are stops (§9). Of bare samples with a bound of the speed, it is proven of
     all motions between.
     """
-    wanted = Constraints() if constraints is None else constraints
+    wanted = Constraints() if constraints is None else instance("constraints", constraints, Constraints)
     if tube is not None:
         wanted = wanted.with_tube(tube_of(tube, robot))
     return check_with(motion, _proof(robot, scene, wanted), limits, speeds, people, time)
@@ -160,6 +160,7 @@ def check_with(
 ) -> MotionCheck:
     """Return the same as `check` with a `MotionProver` that is there already; arguments and errors as `check`."""
     end = clock() + positive(time, "time", "number of seconds")
+    limits = None if limits is None else instance("limits", limits, RateLimits)
     robot = proof.checker.robot
     motion = Motion.of(motion, space=robot).for_robot(robot)
     if speeds and not motion.timed:

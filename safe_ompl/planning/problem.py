@@ -19,6 +19,7 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     PlanningError,
+    instance,
     positive,
 )
 from safe_ompl.paths import ConfigurationCheck, Constraints, UserCheck
@@ -76,7 +77,7 @@ class Wiring:
         An UnknownNameError if a constraint is about an obstacle that the scene does not have. Then all stays what it
         was.
         """
-        if constraints.user and not self._registered:
+        if instance("constraints", constraints, Constraints).user and not self._registered:
             # A user's function refers to its module, which refers to the setup. The cycle closes in C++, where Python's
             # garbage collector cannot see it.
             atexit.register(_let_go, ref(self))

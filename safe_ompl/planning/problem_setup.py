@@ -22,7 +22,7 @@ from safe_ompl.collision import (
     TipBounds,
     ToolOrientation,
 )
-from safe_ompl.common import Counts, FloatArray, InputError, finite_array, number
+from safe_ompl.common import Counts, FloatArray, InputError, finite_array, instance, number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle
 from safe_ompl.paths import Constraints, PathReport, UserCheck, Validation, validate
@@ -61,13 +61,13 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         floor: float = FLOOR,
         movable: Sequence[str] = (),
     ) -> None:
+        counts = Counts()
+        checker = CollisionChecker(robot, scene, counts, movable=movable)
         if danger is not None:
             compile_kernels()
         super().__init__(joint_space(robot))
         si = self.getSpaceInformation()
-        self.robot = robot
-        self.counts = Counts()
-        checker = CollisionChecker(robot, scene, self.counts, movable=movable)
+        self.robot, self.counts = robot, counts
         self.field = None if danger is None else DangerField.of_options(robot, scene, danger, self.counts)
         self.danger_options = None if danger is None else dict(danger)
         self.wiring = Wiring(si, checker, floor)
@@ -121,10 +121,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         and goals are still free is found out when planning begins. An InputError if it is no scene, an UnknownNameError
         if a constraint is about an obstacle that it does not have: then the scene stays what it was.
         """
-        if not isinstance(scene, Scene):
-            raise InputError(f"must be a Scene, got {scene!r}")
         try:
-            self.checker.move(scene)
+            self.checker.move(instance("scene", scene, Scene))
         except InputError:  # more than places of movable obstacles differs
             moved = {o.name for o in self.scene if o.name in scene.names and o != scene[o.name]}
             movable = [name for name in scene.names if name in moved | self.checker.movable]

@@ -141,7 +141,10 @@ class ForwardKinematics:
         """Return which joint is outside its limits at `q: (n,)`, with its value and these; None if none is."""
         for i in np.flatnonzero(~self.within_limits(q)):
             limits = f"[{self.lower[i]:g}, {self.upper[i]:g}]"
-            return f"joint {self.joint_names[i]!r} = {q[i]:g} is outside its limits {limits}"
+            turned = np.radians(q[i])  # what is more than a turn, and fits so, was meant in degrees
+            likely = abs(q[i]) > 2 * np.pi and self.lower[i] <= turned <= self.upper[i]
+            hint = f"; degrees? {q[i]:g}° are {turned:.4g} rad" if likely and not self.prismatic[i] else ""
+            return f"joint {self.joint_names[i]!r} = {q[i]:g} is outside its limits {limits}{hint}"
         return None
 
     def named(self, q: ArrayLike | str) -> dict[str, float]:

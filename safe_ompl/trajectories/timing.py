@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import FloatArray, InputError, finite_array, number
+from safe_ompl.common import FloatArray, InputError, finite_array, instance, number
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
@@ -125,8 +125,8 @@ class PathTimer:
         caps: MotionCaps | None = None,
         **named: Any,
     ) -> None:
-        self.robot = robot
-        self.limits = RateLimits.of(robot) if limits is None else limits
+        self.robot = instance("robot", robot, Robot)
+        self.limits = RateLimits.of(robot) if limits is None else instance("limits", limits, RateLimits)
         if self.limits.joint_names != robot.joint_names:
             raise InputError(
                 f"the limits are for the joints {self.limits.joint_names}, the robot's are {robot.joint_names}"

@@ -154,7 +154,7 @@ def test_names_are_checked(crank):
     motion = MotionProver(CollisionChecker(crank, balls(a=0.9, b=0.8)))
     for arguments, message in (
         ((0.1, ["c"]), "unknown obstacle 'c'; known: a, b"),
-        ((0.1, None, [("bal", "a")]), "unknown link 'bal'; known: ball"),
+        ((0.1, None, [("bal", "a")]), "unknown link 'bal'; did you mean 'ball'"),
         ((0.1, None, [("ball", "c")]), "unknown obstacle 'c'"),
         ((0.1, "a", []), "obstacles must be a list of names, got 'a'"),
         ((0.1, 3, []), "obstacles must be a list of names, got 3"),

@@ -1,10 +1,12 @@
 """Checks of what users give: types of people's values, bounds, and messages in one voice."""
 
+import re
+
 import numpy as np
 import pytest
 
 from safe_ompl import InputError
-from safe_ompl.common import inputs
+from safe_ompl.common import UnknownNameError, documents, inputs
 
 
 @pytest.mark.parametrize("value", [3, 3.0, np.float32(3), np.int64(3), np.uint8(3), np.array(3.0)])
@@ -63,12 +65,30 @@ def test_bounds_that_are_met_exactly():
         (lambda: inputs.finite_array(None, (2,), "q"), "q must be numbers, got None"),
         (lambda: inputs.finite_array([1, 2, 3], (None, 3), "p"), "p must have shape (any, 3), got (3,)"),
         (lambda: inputs.finite_array([1, np.nan], (2,), "q"), "q must be finite, got [1.0, nan]"),
+        (lambda: inputs.instance("x", {}, InputError), "x must be an InputError, got {}"),
     ],
 )
 def test_everything_else_speaks_alike(check, message):
     with pytest.raises(InputError) as caught:
         check()
     assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "meant"),
+    [
+        ("saferrtconnect", ("RRTConnect", "SafeRRTConnect"), "SafeRRTConnect"),
+        ("panda_shelv", ("panda_shelf", "ur5_pillar"), "panda_shelf"),
+        ("elbow", ("shoulder_joint", "elbow_joint"), "elbow_joint"),
+        ("fly", ("panda_shelf", "ur5_pillar"), None),
+        (7, ("a", "b"), None),
+    ],
+)
+def test_names_that_are_nearly_right(name, known, meant):
+    hint = f"did you mean {meant!r}? " if meant else ""
+    assert str(UnknownNameError("x", name, known)).startswith(f"unknown x {name!r}; {hint}known: {known[0]}")
+    with pytest.raises(InputError, match=re.escape(f"unknown key; {hint}valid keys")):
+        documents.check_keys({name: 1}, known)
 
 
 def test_flags_may_be_numpy_s():

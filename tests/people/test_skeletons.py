@@ -128,7 +128,7 @@ def test_limbs_are_those_of_the_person_of_scenes():
 
 
 def test_what_is_no_skeleton_is_refused():
-    with pytest.raises(UnknownNameError, match="unknown skeleton 'coco18'; known: coco17"):
+    with pytest.raises(UnknownNameError, match="unknown skeleton 'coco18'; did you mean 'coco17'"):
         find_skeleton("coco18")
     with pytest.raises(InputError, match="no skeleton has the 2 key points a, b"):
         skeleton_of(["a", "b"])

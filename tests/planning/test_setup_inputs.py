@@ -8,7 +8,7 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl import MotionProver, SafeRRTConnect, SafeSetup, Scene, planner_data
+from safe_ompl import MotionProver, SafeRRTConnect, SafeSetup, Scene, check, planner_data, time_path
 from safe_ompl.common import CollisionError, InputError, UnknownNameError
 from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
 from safe_ompl.planning.ompl import ScratchState, StateBridge, WorkspaceGoal
@@ -47,11 +47,50 @@ def test_forms_of_a_configuration(setup, form):
 
 def test_names_that_are_wrong(setup):
     named = setup.robot.named(START)
-    with pytest.raises(UnknownNameError, match="start configuration: unknown joint 'elbow'; known: shoulder"):
+    with pytest.raises(
+        UnknownNameError, match="start configuration: unknown joint 'elbow'; did you mean 'elbow_j"
+    ):
         setup.setStartConfiguration({**named, "elbow": 1.0})
     del named["elbow_joint"]
     with pytest.raises(InputError, match="goal configuration: no value for 'elbow_joint'"):
         setup.setConfigurations(START, named)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda robot, scene: SafeSetup(robot, {}), "scene must be a Scene, got {}"),
+        (lambda robot, scene: SafeSetup("ur5", scene), "robot must be a Robot, got 'ur5'"),
+        (
+            lambda robot, scene: SafeSetup(robot, scene).setConstraints([1]),
+            "constraints must be a Constraints",
+        ),
+        (
+            lambda robot, scene: check([START, GOAL], robot, scene, constraints=[1]),
+            "constraints must be a Con",
+        ),
+        (
+            lambda robot, scene: check([START, GOAL], robot, scene, limits=5.0),
+            "limits must be a RateLimits, got",
+        ),
+        (lambda robot, scene: time_path([START, GOAL], robot, 5.0), "limits must be a RateLimits, got 5.0"),
+        (lambda robot, scene: time_path([START, GOAL], 5.0), "robot must be a Robot, got 5.0"),
+        (
+            lambda robot, scene: SafeSetup(robot, scene).setStartConfiguration(np.degrees(START)),
+            "start: joint 'shoulder_pan_joint' = 45.8366 is outside its limits [-3.14159, 3.14159]; "
+            "degrees? 45.8366° are 0.8 rad",
+        ),
+        (
+            lambda robot, scene: SafeSetup(robot, scene).setStartConfiguration(1000 * START),
+            "start: joint 'shoulder_pan_joint' = 800 is outside its limits [-3.14159, 3.14159]",
+        ),
+    ],
+)
+def test_what_is_of_the_wrong_kind(ur5, wrong, message):
+    with pytest.raises(InputError) as caught:
+        wrong(ur5, Scene(()))
+    assert str(caught.value).startswith(message)
+    assert ("degrees?" in str(caught.value)) == ("degrees?" in message)
 
 
 def test_one_warning_for_many_goals_in_collision(setup, caplog):

@@ -56,7 +56,7 @@ def test_mappings_from_names(panda):
     q = np.linspace(-0.5, -0.1, 7)
     np.testing.assert_array_equal(panda.configuration(panda.named(q)), q)
     np.testing.assert_array_equal(panda.keypoints(panda.named(q)), panda.keypoints(q))
-    with pytest.raises(UnknownNameError, match="unknown joint 'panda_joint9'; known: panda_joint1"):
+    with pytest.raises(UnknownNameError, match="unknown joint 'panda_joint9'; did you mean 'panda_joint"):
         panda.configuration({"panda_joint9": 0.0})
     with pytest.raises(InputError, match="configuration: no value for 'panda_joint2', 'panda_joint3'"):
         panda.configuration({"panda_joint1": 0.0})

@@ -74,7 +74,7 @@ def test_kinds_of_joints(kinova, twin_arm):
 
 
 def test_unknown_example_lists_those_that_exist():
-    with pytest.raises(UnknownNameError, match=r"unknown example robot 'panda2'; known: kinova, panda, "):
+    with pytest.raises(UnknownNameError, match=r"unknown example robot 'panda2'; did you mean 'panda'"):
         Robot.from_example("panda2")
 
 

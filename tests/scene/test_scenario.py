@@ -226,7 +226,7 @@ def test_what_does_not_fit_the_robot_is_refused(folder, arm, change, kind, messa
 @pytest.mark.parametrize(
     ("robot", "message"),
     [
-        ("robot: pandda", "case.yaml: robot: unknown example robot 'pandda'; known: "),
+        ("robot: pandda", "case.yaml: robot: unknown example robot 'pandda'; did you mean 'panda'"),
         ("robot: {urdf: planar3.urdf, tip: hand}", "case.yaml: robot: "),
         ("robot: {urdf: planar3.urdf, locked: {elbow: 0}}", "case.yaml: robot: "),
     ],
@@ -246,7 +246,9 @@ def test_scenarios_are_found_by_name_and_by_path(folder, monkeypatch):
     assert find_scenario(file) == file
     assert set(HAZARD) <= set(list_scenarios())
     assert find_scenario("planar3").name == "planar3.yaml"
-    with pytest.raises(UnknownNameError, match=r"unknown scenario file or name 'planar33'; known: .*planar3"):
+    with pytest.raises(
+        UnknownNameError, match=r"unknown scenario file or name 'planar33'; did you mean 'planar3'"
+    ):
         find_scenario("planar33")
 
     (folder / "scenarios").mkdir()

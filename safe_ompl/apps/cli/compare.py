@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl.apps.benchmark import Campaign, Summary, default_planners, summarize
-from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli import arguments, output, tables
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
@@ -86,9 +86,9 @@ def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path,
     for run, duration in zip(report["runs"], durations, strict=False):
         run["duration"] = duration if duration is not None and math.isfinite(duration) else None
     output.write_json(str(folder / "report.json"), report)
-    output.console().print(output.comparison_table(campaign, robot.name, summaries, planned))
+    output.console().print(tables.comparison_table(campaign, robot.name, summaries, planned))
     if timed:
-        output.console().print(output.durations_table([result.planner for result in results], durations))
+        output.console().print(tables.durations_table([result.planner for result in results], durations))
     console, advice = output.error_console(), output.missing_extra("plots")
     if advice:
         console.print(f"safe-ompl: no pictures: {advice}")

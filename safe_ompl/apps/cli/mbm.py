@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from safe_ompl.apps.benchmark import failure
-from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli import arguments, output, tables
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
 from safe_ompl.common import InputError, SafeOmplError, UnknownNameError
@@ -76,7 +76,7 @@ class Mbm:
                 line, result = self._solve(family, k)
                 print(json_line(line), file=stream, flush=True)
                 results.setdefault(family, []).append(result)
-        console.print(output.families_table(results))
+        console.print(tables.families_table(results))
         return 0 if all(result for of_family in results.values() for result in of_family) else 1
 
     def _solve(self, family: str, k: int) -> tuple[dict[str, Any], PlanResult]:

@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from safe_ompl.apps.benchmark import check_named_planner
-from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli import arguments, output, tables
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError
@@ -76,7 +76,7 @@ def _plan(
         names = {"scenario": scenario.name, "robot": setup.robot.name}
         output.write_json(options.json, {**marked("result", names), **result_to_mapping(result)})
     if options.json != output.STANDARD_OUTPUT:
-        output.console().print(output.plan_table(scenario.name, setup.robot.name, result))
+        output.console().print(tables.plan_table(scenario.name, setup.robot.name, result))
     trajectory = None
     if limits is not None and result.path is not None:
         trajectory = timed(result, scenario, limits)

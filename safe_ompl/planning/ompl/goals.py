@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from ompl import base as ob
 
-from safe_ompl.common import FloatArray, InputError, PlanningError, positive, shown, whole_number
+from safe_ompl.common import FloatArray, InputError, PlanningError, instance, positive, whole_number
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.robot import (
@@ -244,8 +244,7 @@ class RegionGoal(WorkspaceGoal):
         tolerance: float = REGION_TOLERANCE,
         **options: Any,
     ) -> None:
-        if not isinstance(region, GoalRegion):
-            raise InputError(f"region must be a GoalRegion, got {shown(region)}")
+        instance("region", region, GoalRegion)
         self.region = region
         self._inside = RegionPlace(robot, region)
         super().__init__(si, robot, self._inside, tolerance=tolerance, **options)

@@ -337,6 +337,22 @@ def test_compare_draws_pictures(run, folder):
     assert drawn == {"profiles.png", "bands.png", "times.png", "clearances.png", "paths.png"}
 
 
+@pytest.mark.parametrize(("width", "shown"), [(60, "path"), (80, "min"), (120, "evals"), (None, "evals")])
+def test_the_table_of_planners_keeps_their_names(run, monkeypatch, width, shown):
+    monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if width is not None:
+        monkeypatch.setenv("COLUMNS", str(width))
+    planners = "PaperSafeRRTConnect,SafeRRTConnect"
+    _, out, _ = run("compare", "test.yaml", "--planners", planners, "--runs", 1, "--force")
+    table = out.partition("Medians")[0]
+    assert all(f"\n{name} " in table for name in planners.split(","))
+    assert shown in table
+    assert "…" not in table
+    assert max(map(len, out.splitlines())) <= (width or 160)
+    assert ("not shown" in out) == (shown != "evals")
+
+
 def test_compare_without_solution_is_status_1(run, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     status, out, _ = run(

@@ -193,7 +193,7 @@ def test_recordings_are_read_and_played_to_and_fro(clips):
 
 
 def test_recordings_that_are_none(clips, tmp_path):
-    with pytest.raises(InputError, match=r"swaying.npz: unknown clip 'clip_7'; known: clip_0, clip_1"):
+    with pytest.raises(InputError, match=r"swaying.npz: unknown clip 'clip_7'; did you mean 'clip_1'"):
         Recording.load(clips, "clip_7")
     text = tmp_path / "text.npz"
     text.write_text("nothing")

@@ -120,7 +120,7 @@ def test_links_of_example_robots_that_are_not_checked(robot_named):
 
 
 def test_unknown_choice(file):
-    with pytest.raises(UnknownNameError, match="'visuals'; known: required, visual, optional"):
+    with pytest.raises(UnknownNameError, match="'visuals'; did you mean 'visual'"):
         Robot.from_urdf(arm(file, COLLISION, COLLISION), collision="visuals")
 
 
