@@ -56,7 +56,7 @@ class StopAndGo(Replanner):
         stop = float((full / path.brakes).max())
         delay = time - self.surroundings.time + self.tick
         body = float((2 * path.frames.travel.max(axis=1) / np.diff(path.edges) * full).max())  # [m/s]
-        fastest = float(self.surroundings.sets.growth[:, :, 1].max())
+        fastest = float(self.surroundings.sets.growth[..., 1].max())
         return fastest * (delay + stop) + body * (delay + stop / 2)
 
 

@@ -8,15 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.people.calibration import Calibration, calibrate
-    from safe_ompl.people.reach import (
-        AccelerationReach,
-        CalibratedReach,
-        IntersectedReach,
-        LimbLengthReach,
-        ReachModel,
-        ReachSets,
-        SpeedReach,
-    )
+    from safe_ompl.people.reach import CalibratedReach, ReachSets, limb_lines
     from safe_ompl.people.skeletons import (
         KEYPOINTS,
         PELVIS,
@@ -40,23 +32,19 @@ if TYPE_CHECKING:
 __all__ = [
     "KEYPOINTS",
     "PELVIS",
-    "AccelerationReach",
     "CalibratedReach",
     "Calibration",
-    "IntersectedReach",
-    "LimbLengthReach",
-    "ReachModel",
     "ReachSets",
     "ReachViolation",
     "Recording",
     "Skeleton",
-    "SpeedReach",
     "Surroundings",
     "TrackedBody",
     "Tracker",
     "calibrate",
     "facing",
     "find_skeleton",
+    "limb_lines",
     "list_clips",
     "skeleton_of",
     "who_is_where",

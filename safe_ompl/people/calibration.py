@@ -75,7 +75,7 @@ class Windows:
             track.observe(points, k / recording.rate)
             seen.append(track.measured())
         ends = np.array([body.ends(points) for points in truly])
-        before, ages = np.array([m.ends for m in seen]), np.array([m.ages for m in seen])
+        before, ages = map(np.array, zip(*seen, strict=True))
         K = floor(longest * recording.rate + _SAME)
         moved = np.full((len(ends), K, len(body.limbs)), np.nan)
         for k in range(1, min(K + 1, len(ends))):

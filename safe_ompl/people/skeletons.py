@@ -45,8 +45,6 @@ class Skeleton:
         Length of its unit [m].
     axes : 3 × 3 float
         Its axes in a frame with x forward, y to the left and z up: the rows are x, y, z.
-    placed : bool
-        Whether it says where in the room people are; if not, they are given about their own hip.
     """
 
     name: str
@@ -54,7 +52,6 @@ class Skeleton:
     sources: Mapping[str, tuple[str, ...]] = field(hash=False)
     scale: float = 1.0
     axes: tuple[tuple[float, ...], ...] = _Z_UP
-    placed: bool = True
 
     def __repr__(self) -> str:
         return f"Skeleton({self.name!r}, {len(self.points)} points, {self.scale:g} m)"
@@ -160,7 +157,6 @@ _KNOWN = (
         _MEDIAPIPE,
         _sources(*_EARS, hand="{side}_index", toe="{side}_foot_index"),
         axes=_CAMERA,
-        placed=False,
     ),
     Skeleton(
         "azure_kinect32",

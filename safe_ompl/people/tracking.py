@@ -13,14 +13,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, float_array, number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import STANDING, Obstacle, Pose, placed
-from safe_ompl.people.reach import (
-    CalibratedReach,
-    IntersectedReach,
-    Measured,
-    ReachModel,
-    ReachSets,
-    SpeedReach,
-)
+from safe_ompl.people.reach import CalibratedReach, ReachSets, limb_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.robot import bounding_hull
 from safe_ompl.scene import People, Scene
@@ -124,17 +117,22 @@ class PersonTrack:
     `TrackedBody` says; `assumed` names them.
     """
 
-    def __init__(self, name: str, tracker: Tracker, people: People, reach: ReachModel | None = None) -> None:
-        self.name, self.tracker, self.people = name, tracker, people
-        self.reach: ReachModel = SpeedReach() if reach is None else reach
-        with document.within(name, ": "):
-            _check_calibration(self.reach, tracker)
+    def __init__(
+        self, name: str, tracker: Tracker, people: People, reach: CalibratedReach | None = None
+    ) -> None:
+        self.name, self.tracker = name, tracker
+        own = tracker.skeleton.name, tracker.gate
+        if reach is not None and own != (reach.skeleton, reach.gate):
+            raise InputError(
+                f"the reach was calibrated with the skeleton {reach.skeleton!r} and a gate of {reach.gate:g} m/s, the "
+                f"tracker has {own[0]!r} and {'no gate' if own[1] is None else f'one of {own[1]:g} m/s'}",
+                name,
+            )
+        self._lines = limb_lines(tracker.body.limbs, people, reach)
         self.time = -np.inf
         self.gate = Gate(tracker)
         self._places: FloatArray = np.full((len(KEYPOINTS), 3), np.nan)
         self._times: FloatArray = np.full(len(KEYPOINTS), -np.inf)
-        self._before: FloatArray = self._places.copy()
-        self._before_times = self._times.copy()
         self._completed: FloatArray | None = None
         self._sets: ReachSets | None = None  # of the last measurement, once they were asked for
         self._rests: IntArray = np.arange(len(KEYPOINTS))
@@ -178,7 +176,6 @@ class PersonTrack:
         new = np.isfinite(seen).all(axis=1)
         promised = self.sets() if new.any() and self._completed is not None else None
         since = time - self.time
-        self._before[new], self._before_times[new] = self._places[new], self._times[new]
         self._places[new], self._times[new] = seen[new], time
         self.time, self._sets = time, None
         if np.isfinite(self._places).any():
@@ -196,27 +193,22 @@ class PersonTrack:
     def sets(self) -> ReachSets:
         """Return where the limbs may be from the time of the last measurement on; errors as `measured`."""
         if self._sets is None:
-            self._sets = self.reach.sets(self.measured(), self.people)
+            ends, ages = self.measured()
+            known = self.tracker.noise + self._lines[..., 0] + self._lines[..., 1] * ages[:, None]
+            body, growth = self.tracker.body, np.stack([known, self._lines[..., 1]], axis=-1)
+            names = tuple((self.name, limb) for limb in body.limbs)
+            self._sets = ReachSets.of(names, ends, body.radii(ends), growth)
         return self._sets
 
-    def measured(self) -> Measured:
-        """Return what is known of the limbs at the time of the last measurement; raise InputError if there was none."""
+    def measured(self) -> tuple[FloatArray, FloatArray]:
+        """Return where the ends (M, 2, 3) of the limbs were seen last [m], and how long ago (M,) the elder one was [s].
+
+        Raises InputError if the person was never seen.
+        """
         if self._completed is None:
             raise InputError("was never seen", self.name)
-        body = self.tracker.body
-        ages = self.time - self._times[self._rests]
-        twice = np.isfinite(self._before_times)
-        intervals = np.where(twice, self._times - np.where(twice, self._before_times, 0.0), np.inf)
-        velocities = (self._places - self._before) / np.maximum(intervals, 1e-9)[:, None]
-        velocities = np.where(twice[:, None], velocities, 0.0)[self._rests]
-        used = body.weights > 0
-        baseline = float(np.max(intervals[np.unique(self._rests[: len(STANDING)])]))
-        ends, rates = body.ends(self._completed), body.ends(velocities)
-        arms = [KEYPOINTS.index(f"{side}_shoulder") for side in ("left", "right")]
-        old = np.where(used, ages[: len(STANDING)], 0.0).max(axis=(1, 2))
-        limbs = ends, rates, body.radii(ends), old
-        arms_known = self._completed[arms], ages[arms]
-        return Measured(self.name, body.limbs, *limbs, baseline, *arms_known, body.height, self.tracker.noise)
+        body, ages = self.tracker.body, (self.time - self._times[self._rests])[: len(STANDING)]
+        return body.ends(self._completed), np.where(body.weights > 0, ages, 0.0).max(axis=(1, 2))
 
 
 class ObjectTrack:
@@ -261,7 +253,7 @@ class ObjectTrack:
         """Return where it may be from the time of the last measurement on."""
         found = ReachSets.none()
         for points, (_, radius) in zip(self.points_at(self.pose), self._hulls, strict=True):
-            growth = np.array([[self.speed * self.age, self.speed, 0.0]])
+            growth = np.array([[[self.speed * self.age, self.speed]]])
             one = ReachSets.of(((self.name, ""),), points[None], np.array([radius]), growth)
             found = found.beside(one)
         return found
@@ -286,7 +278,7 @@ class Surroundings:
         trackers: Mapping[str, Tracker],
         objects: Mapping[str, float],
         people: People,
-        reach: ReachModel | None = None,
+        reach: CalibratedReach | None = None,
     ) -> None:
         for name in trackers:
             if name in objects:
@@ -382,18 +374,6 @@ def who_is_where(
             for name, pose in poses.items()
         },
     }
-
-
-def _check_calibration(reach: ReachModel, tracker: Tracker) -> None:
-    """Raise InputError if a reach model was calibrated with another skeleton or gate than a tracker has."""
-    for model in reach.models if isinstance(reach, IntersectedReach) else ():
-        _check_calibration(model, tracker)
-    own = tracker.skeleton.name, tracker.gate
-    if isinstance(reach, CalibratedReach) and own != (reach.skeleton, reach.gate):
-        raise InputError(
-            f"the reach was calibrated with the skeleton {reach.skeleton!r} and a gate of {reach.gate:g} m/s, the "
-            f"tracker has {own[0]!r} and {'no gate' if own[1] is None else f'one of {own[1]:g} m/s'}"
-        )
 
 
 def _track(obstacle: Obstacle, speed: float) -> ObjectTrack:

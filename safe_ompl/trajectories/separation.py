@@ -22,7 +22,7 @@ import pinocchio as pin
 from safe_ompl.collision import DISTANCE_ERROR, fresh_data
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, PerThread, compiled, part
 from safe_ompl.geometry.kernels import POSE, Shapes, begin_axis, distance_bounds, from_box, place_bodies
-from safe_ompl.people import CalibratedReach
+from safe_ompl.people import CalibratedReach, limb_lines
 from safe_ompl.robot import ConvexBodies, Robot, plain
 from safe_ompl.robot.kernels import place_joints
 from safe_ompl.scene import People, Scene
@@ -204,11 +204,8 @@ class PeopleDistances:
         found = [(name, *part) for name in self._names for part in scene[name].geometries()]
         self._parts = [part for _, part, _, _ in found]
         self.limbs = tuple((name, part[len(name) + 1 :]) for name, part, _, _ in found)
-        speeds = np.array([people.speed_of(limb) for _, limb in self.limbs])
-        self._lines: FloatArray = np.stack([0 * speeds, speeds], axis=1)[:, None]
-        if people.reach is not None:
-            reach = CalibratedReach.load(people.reach)
-            self._lines = reach.lines_of([limb for _, limb in self.limbs], people)
+        reach = None if people.reach is None else CalibratedReach.load(people.reach)
+        self._lines = limb_lines([limb for _, limb in self.limbs], people, reach)
         self.speeds: FloatArray = self._lines[..., 1].max(axis=1)
         self.move(scene)
         self.contact: ContactLimits | None = None

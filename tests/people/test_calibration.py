@@ -11,9 +11,7 @@ from safe_ompl.apps.cli.program import main
 from safe_ompl.people import (
     CalibratedReach,
     Calibration,
-    IntersectedReach,
     Recording,
-    SpeedReach,
     TrackedBody,
     Tracker,
     calibrate,
@@ -21,7 +19,6 @@ from safe_ompl.people import (
     without_glitches,
 )
 from safe_ompl.people.calibration import Windows, conformal_quantile, measured_limbs
-from safe_ompl.people.reach import Measured
 from safe_ompl.people.tracking import Gate, PersonTrack
 
 SKELETON = find_skeleton("recording12")
@@ -196,12 +193,6 @@ def test_without_glitches_people_move_straight_between_what_passed():
 # ------------------------------------------------------------------------------------------------------- growth
 
 
-def measured(limbs, ages=0.0):
-    ends = np.zeros((len(limbs), 2, 3))
-    rest = np.inf, np.zeros((2, 3)), np.zeros(2), 1.75
-    return Measured("anna", limbs, ends, ends, np.zeros(len(limbs)), np.full(len(limbs), ages), *rest)
-
-
 def test_growth_is_concave_and_no_smaller_than_the_lengths_nor_larger_than_the_gate():
     times = np.linspace(0.0, 2.0, 401)
     for limb, lengths in LENGTHS.items():
@@ -221,25 +212,19 @@ def test_growth_is_concave_and_no_smaller_than_the_lengths_nor_larger_than_the_g
     assert REACH.grown("right_hand", 0.1) == pytest.approx(0.3)
 
 
-def test_sets_hold_all_places_within_the_growth_and_no_others():
-    rng, limbs = np.random.default_rng(6), ("torso", "right_hand", "left_foot")
-    people = People(speed=1.2)
-    for age in (0.0, 0.07):
-        sets = REACH.sets(measured(limbs, age), people)
-        for time in rng.uniform(0.0, 1.0, 50):
-            allowed = [
-                REACH.grown("torso", age + time),
-                REACH.grown("right_hand", age + time),
-                1.2 * (age + time),
-            ]
-            ways = rng.normal(size=(3, 2, 3))
-            ways *= np.array(allowed)[:, None, None] / np.linalg.norm(ways, axis=2, keepdims=True)
-            assert sets.excess(ways, time).max() <= 1e-9
-            assert (sets.excess(ways + 1e-6 * np.sign(ways), time) > 0).all()
-    both = IntersectedReach((REACH, SpeedReach())).sets(measured(limbs), people)
-    ends = np.full((3, 2, 3), 0.2)
-    singles = [model.sets(measured(limbs), people).excess(ends, 0.1) for model in (REACH, SpeedReach())]
-    np.testing.assert_allclose(both.excess(ends, 0.1), np.max(singles, axis=0))
+@pytest.mark.parametrize("age", [0.0, 0.07])
+def test_sets_hold_all_places_within_the_growth_and_no_others(age):
+    rng, body = np.random.default_rng(6), TrackedBody(only=("torso", "left_upper_arm", "right_hand"))
+    person = PersonTrack("anna", Tracker(SKELETON, body, gate=3.0), People(speed=1.2), REACH)
+    person.observe(STANDING, 0.0)
+    person.observe(None, age)
+    sets, (ends, _) = person.sets(), person.measured()
+    for since in age + rng.uniform(0.0, 1.0, 50):
+        allowed = [REACH.grown(k, since) if k in LENGTHS else 1.2 * since for k in body.limbs]
+        ways = rng.normal(size=(3, 2, 3))
+        ways *= np.array(allowed)[:, None, None] / np.linalg.norm(ways, axis=2, keepdims=True)
+        assert sets.excess(ends + ways, since - age).max() <= 1e-9
+        assert (sets.excess(ends + 1.001 * ways, since - age) > 0).all()
 
 
 def test_limbs_are_calibrated_whose_place_is_seen():
@@ -249,18 +234,11 @@ def test_limbs_are_calibrated_whose_place_is_seen():
     assert set(measured_limbs(find_skeleton("azure_kinect32"))) == set(TrackedBody().limbs)
 
 
-def test_the_tracker_must_have_the_gate_and_the_skeleton():
-    for tracker in (
-        Tracker(SKELETON),
-        Tracker(SKELETON, gate=2.0),
-        Tracker(find_skeleton("coco17"), gate=3.0),
-    ):
-        for reach in (REACH, IntersectedReach((SpeedReach(), REACH))):
-            with pytest.raises(
-                InputError, match="anna: the reach was calibrated with the skeleton 'recording12'"
-            ):
-                PersonTrack("anna", tracker, People(), reach)
-    PersonTrack("anna", Tracker(SKELETON, gate=3.0), People(), REACH)
+@pytest.mark.parametrize(("skeleton", "gate"), [("recording12", None), ("recording12", 2.0), ("coco17", 3.0)])
+def test_the_tracker_must_have_the_gate_and_the_skeleton(skeleton, gate):
+    tracker = Tracker(find_skeleton(skeleton), gate=gate)
+    with pytest.raises(InputError, match="anna: the reach was calibrated with the skeleton 'recording12'"):
+        PersonTrack("anna", tracker, People(), REACH)
 
 
 # -------------------------------------------------------------------------------------------------------- files

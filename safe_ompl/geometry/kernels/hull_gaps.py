@@ -104,22 +104,19 @@ class Hulls(NamedTuple):
 
 
 class Sets(NamedTuple):
-    """S sets in which what moves may be: owners (S,), points and velocities (P, 3), first ones (S + 1,), radii (S,).
+    """M bodies that move: points (P, 3) of the sets in which they may be, first ones (M + 1,) and radii (M,).
 
-    Also growth (S, L, 3), of which the least counts; see `people.reach.ReachSets`. Sets of the same owner come one
-    after the other: the owner is in all of them.
+    Also growth (M, L, 2), of which the least counts; see `people.reach.ReachSets`.
     """
 
-    owners: IntArray
     points: FloatArray
-    velocities: FloatArray
     first_point: IntArray
     radii: FloatArray
     growth: FloatArray
 
 
 class Borne(NamedTuple):
-    """How fast contact is borne: ṡ² of the windows (W,) at most, and the largest (N, G, M) of cell, body and owner.
+    """How fast contact is borne: ṡ² of the windows (W,) at most, and the largest (N, G, M) of cell and bodies.
 
     Where contact is not allowed the last array is empty.
     """
@@ -131,7 +128,7 @@ class Borne(NamedTuple):
 @compiled
 def gaps(
     at: IntArray,
-    times: FloatArray,
+    until: FloatArray,
     borne: Borne,
     cells: CellFrames,
     hulls: Hulls,
@@ -144,82 +141,61 @@ def gaps(
     """Return the least that is left between a robot and what moves, over the windows of a motion, and where that is.
 
     The margin min (distance − growth − travel − left) [m] is a lower bound, negative where nothing is proven; then come
-    the window, the body and the owner, −1 if there is nothing. The robot is in the cells `at: (W,)` of a path from the
-    first to the last of `times: (2, W)` [s]. The distance `left` must be left [m], margins above `enough` [m] need not
-    be known. The least is found within `close` [m]; 0: only whether it is negative, and then perhaps to `stop_at_first`
-    such one. A body and an owner that may touch at the speed of a window need no distance in it.
+    the window, the body of the robot and the one that moves, −1 if there is nothing. The robot is in the cells
+    `at: (W,)` of a path no longer than `until: (W,)` [s]. The distance `left` must be left [m], margins above `enough`
+    [m] need not be known. The least is found within `close` [m]; 0: only whether it is negative, and then perhaps to
+    `stop_at_first` such one. Two bodies that may touch at the speed of a window need no distance in it.
     """
     squares, most = borne
     rotations, origins, travel = cells
     carriers, vertices, first_vertex, pads, middles, extents = hulls
-    owners, points, velocities, first_point, radii, growth = sets
-    begin, end = times[0], times[1]
+    points, first_point, radii, growth = sets
     worst, window, body, who = inf, -1, -1, -1
-    G, S = len(carriers), len(owners)
+    G, S = len(carriers), len(radii)
     local = np.empty((len(points), 3))
-    now = np.empty((len(points), 3))
     balls = np.empty((S, 4))
+    for s in range(S):
+        b0, b1, b2, r = _ball(points[first_point[s] : first_point[s + 1]])
+        balls[s, 0], balls[s, 1], balls[s, 2], balls[s, 3] = b0, b1, b2, r
     grown = np.empty(S)
     delta = np.empty(3)
     for w in range(len(at)):
         k = at[w]
-        middle = 0.5 * (begin[w] + end[w])
-        half = 0.5 * (end[w] - begin[w])
         for s in range(S):
-            fastest = 0.0
-            for p in range(first_point[s], first_point[s + 1]):
-                squared = 0.0
-                for x in range(3):
-                    now[p, x] = points[p, x] + middle * velocities[p, x]
-                    squared += velocities[p, x] * velocities[p, x]
-                fastest = max(fastest, squared)
-            b0, b1, b2, r = _ball(now[first_point[s] : first_point[s + 1]])
-            balls[s, 0], balls[s, 1], balls[s, 2], balls[s, 3] = b0, b1, b2, r
-            t = end[w]
             least = inf
             for i in range(growth.shape[1]):
-                least = min(least, growth[s, i, 0] + t * (growth[s, i, 1] + 0.5 * t * growth[s, i, 2]))
-            grown[s] = radii[s] + least + half * sqrt(fastest)
+                least = min(least, growth[s, i, 0] + until[w] * growth[s, i, 1])
+            grown[s] = radii[s] + least
         for g in range(G):
             R, o = rotations[k, carriers[g]], origins[k, carriers[g]]
             c0 = o[0] + R[0, 0] * middles[g, 0] + R[0, 1] * middles[g, 1] + R[0, 2] * middles[g, 2]
             c1 = o[1] + R[1, 0] * middles[g, 0] + R[1, 1] * middles[g, 1] + R[1, 2] * middles[g, 2]
             c2 = o[2] + R[2, 0] * middles[g, 0] + R[2, 1] * middles[g, 1] + R[2, 2] * middles[g, 2]
-            s = 0
-            while s < S:
-                owner, kept = owners[s], -inf
-                if len(most) and squares[w] <= most[k, g, owner]:
-                    kept = inf
-                while s < S and owners[s] == owner:
-                    if kept < worst or kept < 0.0:
-                        need = grown[s] + travel[k, g] + left + pads[g]
-                        far = sqrt(
-                            (c0 - balls[s, 0]) ** 2 + (c1 - balls[s, 1]) ** 2 + (c2 - balls[s, 2]) ** 2
+            for s in range(S):
+                if len(most) and squares[w] <= most[k, g, s]:
+                    continue
+                need = grown[s] + travel[k, g] + left + pads[g]
+                far = sqrt((c0 - balls[s, 0]) ** 2 + (c1 - balls[s, 1]) ** 2 + (c2 - balls[s, 2]) ** 2)
+                apart = far - balls[s, 3] - extents[g] - need
+                if apart < min(worst, enough):
+                    a, b = first_point[s], first_point[s + 1]
+                    for p in range(a, b):
+                        v0, v1, v2 = points[p, 0] - o[0], points[p, 1] - o[1], points[p, 2] - o[2]
+                        for x in range(3):
+                            local[p, x] = R[0, x] * v0 + R[1, x] * v1 + R[2, x] * v2
+                    for x in range(3):
+                        delta[x] = middles[g, x] - (
+                            R[0, x] * (balls[s, 0] - o[0])
+                            + R[1, x] * (balls[s, 1] - o[1])
+                            + R[2, x] * (balls[s, 2] - o[2])
                         )
-                        apart = far - balls[s, 3] - extents[g] - need
-                        if apart < min(worst, enough):
-                            a, b = first_point[s], first_point[s + 1]
-                            for p in range(a, b):
-                                v0, v1, v2 = now[p, 0] - o[0], now[p, 1] - o[1], now[p, 2] - o[2]
-                                for x in range(3):
-                                    local[p, x] = R[0, x] * v0 + R[1, x] * v1 + R[2, x] * v2
-                            for x in range(3):
-                                delta[x] = middles[g, x] - (
-                                    R[0, x] * (balls[s, 0] - o[0])
-                                    + R[1, x] * (balls[s, 1] - o[1])
-                                    + R[2, x] * (balls[s, 2] - o[2])
-                                )
-                            decide = close == 0.0
-                            wanted = max(need, 0.0) if decide else min(worst, enough) + need
-                            hull = vertices[first_vertex[g] : first_vertex[g + 1]]
-                            apart = max(
-                                apart,
-                                hull_gap(hull, local[a:b], delta, wanted, max(close, _CLOSE), decide) - need,
-                            )
-                        kept = max(kept, apart)
-                    s += 1
-                if kept < worst:
-                    worst, window, body, who = kept, w, g, owner
+                    decide = close == 0.0
+                    wanted = max(need, 0.0) if decide else min(worst, enough) + need
+                    hull = vertices[first_vertex[g] : first_vertex[g + 1]]
+                    gap = hull_gap(hull, local[a:b], delta, wanted, max(close, _CLOSE), decide)
+                    apart = max(apart, gap - need)
+                if apart < worst:
+                    worst, window, body, who = apart, w, g, s
                     if stop_at_first and worst < 0.0:
                         return worst, window, body, who
     return worst, window, body, who
@@ -234,7 +210,7 @@ def separating_axes(
     The robot is in the middle of the first cell; sets and bodies are without radii, growth and pads. Bounds of more
     than `far` [m] need not be known: they are infinite.
     """
-    G, S = len(hulls.carriers), len(sets.owners)
+    G, S = len(hulls.carriers), len(sets.radii)
     axes, apart = np.zeros((G, S, 3)), np.full((G, S), inf)
     for g in range(G):
         R, o = frames.rotations[0, hulls.carriers[g]], frames.origins[0, hulls.carriers[g]]
@@ -302,7 +278,7 @@ def cell_gaps(
     More than `far` need not be known, and what is less but within `close` [m].
     """
     found = np.empty(len(at))
-    now = np.zeros((2, 1))
+    now = np.zeros(1)
     for w in range(len(at)):
         one = Borne(borne.squares[w : w + 1], borne.most)
         margin = gaps(at[w : w + 1], now, one, cells, hulls, sets, left + far, 0.0, close, False)[0]

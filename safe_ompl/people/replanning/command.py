@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.common import FloatArray, number, positive
-from safe_ompl.people import ReachModel
+from safe_ompl.people import CalibratedReach
 from safe_ompl.people.replanning.guarded_path import GuardedPath, MotionMargin, PathLimits, StopMotion
 from safe_ompl.trajectories import State
 
@@ -114,8 +114,8 @@ class ReplanningOptions:
 
     Parameters
     ----------
-    reach : ReachModel, optional
-        The assumption about how people move; default: the reach file of `People`, or else its speeds.
+    reach : CalibratedReach, optional
+        How far people go; default: the reach file of `People`, or else its speeds.
     tick : float
         Time between two commands [s].
     lost_after : float
@@ -133,7 +133,7 @@ class ReplanningOptions:
         If a number is out of its range.
     """
 
-    reach: ReachModel | None = None
+    reach: CalibratedReach | None = None
     tick: float = 0.05
     lost_after: float = 0.5
     limits: PathLimits | None = None

@@ -343,7 +343,7 @@ class GuardedPath:
             most = np.empty((len(self.brakes), *receding.shape))
             most[rows] = np.maximum(known, np.where(receding, self._slow[rows][:, :, None], -1.0))
         borne = Borne(fastest, most)
-        margin, window, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), borne, *arrays)
+        margin, window, body, who = gaps(motion.cells, times[1:], borne, *arrays)
         if body < 0:
             return MotionMargin(np.inf)
         rule = SEPARATION
@@ -398,7 +398,7 @@ class GuardedPath:
         reaction = tick + since
         full = np.sqrt(self.squares)
         speeds, left = full, _AHEAD
-        if len(sets):
+        if len(sets.names):
             needed = reaction + full / self.brakes
             longest = float(needed.max())
             grown = sets.grown(longest) - sets.grown(0.0)

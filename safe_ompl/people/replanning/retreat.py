@@ -54,7 +54,7 @@ class Receding:
         for g in np.flatnonzero(path.bodies.turning).tolist():
             near = np.flatnonzero((self._apart[g] > 0.0) & (self._apart[g] < np.inf))
             lost = path.bodies.swept(g, frames, self._axes[g, near])
-            self._always[g, sets.owners[near[self._apart[g, near] > lost]]] = True
+            self._always[g, near[self._apart[g, near] > lost]] = True
 
     def along(self, motion: StopMotion) -> BoolArray:
         """Return which (G, M) do along a motion; where it goes through a corner only those that always do."""
@@ -65,7 +65,7 @@ class Receding:
         frames = path.bodies.frames(path.curve.at(np.array([self._s, last])).q)
         bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
         body, which = np.nonzero(chords_ahead(path.bodies.arrays, frames, self._axes, self._apart, bends))
-        found[body, self._sets.owners[which]] = True
+        found[body, which] = True
         return found
 
 

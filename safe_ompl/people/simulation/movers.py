@@ -249,7 +249,7 @@ class _Stance:
 class Walker:
     """A person who walks about at random, turns, and reaches out with both arms.
 
-    No end of a limb is ever faster than `People.speed_of` it times `speed`, so that `SpeedReach` holds at 1. The person
+    No end of a limb is ever faster than `People.speed_of` it times `speed`, as is promised at 1. The person
     stays in a sector of a ring about a centre, and walks through obstacles and the robot.
 
     Parameters
