@@ -9,11 +9,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, shown
 from safe_ompl.common import documents as document
@@ -115,6 +116,10 @@ class Box(Shape):
 
     kind: ClassVar[str] = "box"
     size: tuple[float, ...]
+
+    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+
+        def __init__(self, size: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         self._set("size", document.numbers("size", self.size, 3, above=0.0, at_most=LONGEST))

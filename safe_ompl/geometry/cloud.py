@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import product
 from math import ceil
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import coal
 import numpy as np
@@ -78,6 +78,16 @@ class PointCloud(Shape):
     file: Path | None = None
     points: ArrayLike | None = None
     resolution: float | None = None
+
+    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+
+        def __init__(
+            self,
+            radius: float,
+            file: str | Path | None = ...,
+            points: ArrayLike | None = ...,
+            resolution: float | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         self._set("radius", document.number("radius", self.radius, at_least=_LEAST_RADIUS, at_most=LONGEST))

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, halton_point, warn_once
 from safe_ompl.common import documents as document
@@ -45,6 +46,10 @@ class Mesh(Shape):
     file: Path
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     convex: bool = True
+
+    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+
+        def __init__(self, file: str | Path, scale: ArrayLike = ..., convex: bool = ...) -> None: ...
 
     def __post_init__(self) -> None:
         self._set("file", document.file("file", self.file, (".stl", ".obj", ".dae", ".ply")))

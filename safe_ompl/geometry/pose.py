@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -43,6 +43,10 @@ class Pose:
 
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
     quaternion_xyzw: tuple[float, ...] = _NO_TURN
+
+    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+
+        def __init__(self, position: ArrayLike = ..., quaternion_xyzw: ArrayLike = ...) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", document.numbers("position", self.position, 3))

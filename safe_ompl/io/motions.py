@@ -6,9 +6,10 @@ import csv
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, files, finite_array
 from safe_ompl.common import documents as document
@@ -38,6 +39,10 @@ class JointPath:
 
     joint_names: tuple[str, ...]
     points: FloatArray
+
+    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+
+        def __init__(self, joint_names: Iterable[str], points: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         names = tuple(document.text("joint name", name) for name in self.joint_names)

@@ -105,7 +105,7 @@ class SafeSetup(ProblemSetup):
         elif isinstance(self.getGoal(), ob.GoalSampleableRegion):
             self.setPlanner(SafeRRTConnect(self.getSpaceInformation()))
 
-    def solve(self, time: Any = 1.0) -> Any:
+    def solve(self, time: float | ob.PlannerTerminationCondition = 1.0) -> ob.PlannerStatus:
         """Plan with the planner that is set, `SafeRRTConnect` if none is, as OMPL's `solve`; may be interrupted.
 
         The goal is what was set last; `SafeJTRRT` plans to the `setWorkspaceGoal` even if configurations came later.

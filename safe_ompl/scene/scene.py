@@ -8,7 +8,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,6 +39,10 @@ class Scene:
 
     obstacles: tuple[Obstacle, ...] = ()
     spacing: float = _SPACING
+
+    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+
+        def __init__(self, obstacles: Iterable[Obstacle] = ..., spacing: float = ...) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "obstacles", _obstacles(self.obstacles))
