@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import yaml
 
 from safe_ompl.common import inputs
-from safe_ompl.common.errors import InputError, did_you_mean
+from safe_ompl.common.errors import InputError, cut, did_you_mean
 
 if TYPE_CHECKING:
     _Loader = yaml.SafeLoader
@@ -62,7 +62,7 @@ def check_keys(data: Mapping[str, Any], valid: Iterable[str]) -> None:
     for name in data:
         if name not in known:
             hint = did_you_mean(name, known)
-            raise InputError(f"unknown key; {hint}valid keys: {', '.join(known)}", str(name))
+            raise InputError(f"unknown key; {hint}valid keys: {', '.join(known)}", cut(str(name)))
 
 
 def require(data: Mapping[str, Any], key: str) -> Any:
@@ -282,7 +282,7 @@ def parse_document(content: str) -> dict[str, Any]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise InputError(
-            f"malformed YAML: {error.problem}", f"line {mark.line + 1}" if mark else None
+            f"malformed YAML: {cut(str(error.problem))}", f"line {mark.line + 1}" if mark else None
         ) from None
     except yaml.YAMLError as error:
         raise InputError(f"malformed YAML: {error}") from None

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import difflib
 import logging
+import re
 from collections.abc import Iterable
 from functools import cache
 from typing import Any
+
+_SHOWN = 200  # characters of a value in a message
+
+
+def cut(text: str) -> str:
+    """Return text on one line, cut where it is long: no message quotes a whole file."""
+    line = re.sub(r"\s*\n\s*", " ", text)
+    return line if len(line) <= _SHOWN else f"{line[:_SHOWN]}…"
 
 
 class SafeOmplError(Exception):
@@ -30,7 +39,9 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
         known = tuple(known)
         hint = did_you_mean(name, known)
-        super().__init__(f"unknown {kind} {name!r}; {hint}known: {', '.join(known) or '(none)'}", source)
+        super().__init__(
+            f"unknown {kind} {cut(repr(name))}; {hint}known: {', '.join(known) or '(none)'}", source
+        )
         self._arguments = (kind, name, known, source)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
@@ -46,3 +48,12 @@ def write(file: str | Path, content: str | bytes) -> None:
     """Write text or bytes to a file, see `replacing`."""
     with replacing(file, binary=isinstance(content, bytes)) as stream:
         stream.write(content)
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]], delimiter: str = ",") -> str:
+    """Return a line of names, and rows below it, as text; numbers are read back exactly."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, delimiter=delimiter, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return stream.getvalue()

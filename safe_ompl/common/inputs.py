@@ -8,21 +8,20 @@ A bool is never taken for a number, and NaN never for a value.
 from __future__ import annotations
 
 import math
-import re
+from collections.abc import Iterable
 from numbers import Integral, Real
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from safe_ompl.common.errors import InputError
+from safe_ompl.common.errors import InputError, cut
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
 _Kind = TypeVar("_Kind")
 
-_SHOWN = 200  # characters of a value in a message
 _LISTED = 12  # numbers of an array in a message
 _SEEDS = 2**32
 _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
@@ -163,8 +162,12 @@ def positive(value: Any, name: str, kind: str = "number") -> float:
 
 def shown(value: Any) -> str:
     """Return how a value reads in a message: its `repr` on one line, cut where it is long."""
-    written = re.sub(r"\s*\n\s*", " ", repr(value))
-    return written if len(written) <= _SHOWN else f"{written[:_SHOWN]}…"
+    return cut(repr(value))
+
+
+def listed(names: Iterable[object]) -> str:
+    """Return names with commas between them, cut where they are long."""
+    return cut(", ".join(map(str, names)))
 
 
 def _scalar(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Results, paths, scenes and robots as files: one versioned JSON form, and CSV."""
+"""Results, paths, scenes and robots as files: one versioned JSON form, and the forms of others by their endings."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.io import schema
-    from safe_ompl.io.files import load, marked, read_json, result_to_mapping, save, strict_json
-    from safe_ompl.io.motion_files import WRITABLE, motion_of_document, motion_text, read_log, read_motion
+    from safe_ompl.io.files import load, result_to_mapping, save
+    from safe_ompl.io.motion_files import WRITABLE, motion_content, motion_of_document, read_log, read_motion
     from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
     from safe_ompl.io.problems import SceneDocument, built_scene, carried_scene, unpacked_robot
     from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
+    from safe_ompl.io.schema import marked, read_json, strict_json
     from safe_ompl.io.ticks import TickLog, TicksFile, check_header, read_ticks, ticks_header
 
 __all__ = [
@@ -32,8 +33,8 @@ __all__ = [
     "links_without_collision",
     "load",
     "marked",
+    "motion_content",
     "motion_of_document",
-    "motion_text",
     "read_json",
     "read_log",
     "read_motion",

@@ -2,64 +2,24 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import Counts, InputError, UnknownNameError, files, finite_array
+from safe_ompl.common import Counts, InputError, files, finite_array
 from safe_ompl.common import documents as document
-from safe_ompl.io import schema
+from safe_ompl.io.motion_files import motion_content, motion_of_document, read_motion
 from safe_ompl.io.motions import JointPath, TimedMotion
 from safe_ompl.io.problems import Problem, built_scene, carried_scene
+from safe_ompl.io.schema import kind_of, marked, read_json, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.paths import ClearanceReport, DangerReport, PathReport
 from safe_ompl.planning import Improvement, PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-
-FORMAT, VERSION = "safe-ompl", 1
-KINDS = ("result", "path", "scene", "trajectory", "motion")
-
-
-def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return content with the marks of the form before it."""
-    return {"format": FORMAT, "version": VERSION, "kind": kind, **content}
-
-
-def strict_json(data: Any) -> str:
-    """Return data as one line of strict JSON: what is not finite becomes null."""
-    return json.dumps(_without_nan(data), allow_nan=False)
-
-
-def read_json(file: str | Path) -> Any:
-    """Return what a JSON file holds, or raise InputError."""
-    try:
-        return json.loads(Path(file).read_text(encoding="utf-8"))
-    except (OSError, RecursionError, ValueError) as error:
-        raise InputError(f"cannot be read as JSON: {error}", str(file)) from None
-
-
-def kind_of(content: Any) -> str:
-    """Return what kind of thing content of the form holds; raise InputError if it has another form or version."""
-    schema.check_form(content, FORMAT, VERSION)
-    kind = document.text("kind", document.require(content, "kind"))
-    if kind not in KINDS:
-        raise UnknownNameError("kind of file", kind, KINDS)
-    return kind
-
-
-def _without_nan(data: Any) -> Any:
-    if isinstance(data, float):
-        return data if math.isfinite(data) else None
-    if isinstance(data, Mapping):
-        return {key: _without_nan(value) for key, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [_without_nan(item) for item in data]
-    return data
+from safe_ompl.trajectories import Trajectory
 
 
 def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[str, Any]:
@@ -84,7 +44,7 @@ def result_from_mapping(
     return PlanResult(
         status=document.text("status", document.require(data, "status")),
         path=None if path is None else finite_array(path, (None, len(names)), "path"),
-        report=None if path is None else _report(data),
+        report=None if data.get("clearance") is None else _report(data),
         planner=document.text("planner", document.require(data, "planner")),
         seed=int(document.require(data, "seed")),
         joint_names=names,
@@ -115,18 +75,20 @@ def _report(data: Mapping[str, Any]) -> PathReport:
     return PathReport(float(data["length"]), danger, ClearanceReport(**clearance), certified)
 
 
-Saveable: TypeAlias = PlanResult | JointPath | Scene | Motion
-Loaded: TypeAlias = Saveable | TimedMotion
+Saveable: TypeAlias = PlanResult | JointPath | Scene | Motion | Trajectory
+Loaded: TypeAlias = PlanResult | JointPath | Scene | Motion | TimedMotion
 
 
 def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> None:
-    """Write a result, a path, a motion or a scene as JSON that `load` reads back.
+    """Write a result, a path, a motion, a trajectory or a scene to a file that `load` reads back.
 
-    A result carries its robot and its scene; a scene its meshes and points. Numbers are read back exactly.
+    The ending says in which form. JSON is read back exactly, of a trajectory the motion through its points: a result
+    carries its robot and its scene, a scene its meshes and points. All else holds way points, with times and rates
+    where there are any: a table (.csv, .tsv, .txt), arrays (.npz), a message trajectory_msgs/JointTrajectory (.yaml).
 
     Parameters
     ----------
-    thing : PlanResult, JointPath, Scene or Motion
+    thing : PlanResult, JointPath, Scene, Motion or Trajectory
         What to write.
     file : path-like
         The file.
@@ -136,13 +98,25 @@ def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> No
     Raises
     ------
     InputError
-        If it is none of these, or a file of the scene is gone.
+        If it is none of these, the file has another ending or cannot hold it, or a file of the scene is gone.
     """
-    files.write(file, strict_json(saved(thing, meshes)) + "\n")
+    if not isinstance(thing, Saveable):
+        raise InputError(
+            "can be a PlanResult, a JointPath, a Scene, a Motion or a Trajectory, not "
+            f"{type(thing).__name__}",
+            "to save",
+        )
+    content: str | bytes
+    if Path(file).suffix.lower() == ".json":
+        content = strict_json(_saved(thing, meshes)) + "\n"
+    elif isinstance(thing, Scene):
+        raise InputError(f"{str(file)!r} must end in .json", "scene")
+    else:
+        content, _ = motion_content(Motion.of(thing), file)
+    files.write(file, content)
 
 
-def saved(thing: Saveable, meshes: bool | None = None) -> dict[str, Any]:
-    """Return what `save` writes."""
+def _saved(thing: Saveable, meshes: bool | None) -> dict[str, Any]:
     if isinstance(thing, PlanResult):
         return marked("result", result_to_mapping(thing, meshes))
     if isinstance(thing, JointPath):
@@ -151,13 +125,13 @@ def saved(thing: Saveable, meshes: bool | None = None) -> dict[str, Any]:
         return marked("scene", {"scene": carried_scene(thing)})
     if isinstance(thing, Motion):
         return marked("motion", thing.to_mapping())
-    raise InputError(
-        f"can be a PlanResult, a JointPath, a Scene or a Motion, not {type(thing).__name__}", "to save"
-    )
+    return marked("trajectory", thing.as_dict())
 
 
 def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence[str | Path] = ()) -> Loaded:
-    """Read what `save` wrote, or `safe-ompl plan --json` or `--trajectory`.
+    """Read what `save` wrote, or `safe-ompl plan --json` or `--trajectory`, or `Trajectory.to_json`.
+
+    Files of other forms than JSON, and trajectories without their scene, are motions: see `read_motion`.
 
     Parameters
     ----------
@@ -173,15 +147,19 @@ def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence
     InputError, CertificateError
         If it has another form or version, or cannot be built; names the file.
     """
+    if Path(file).suffix.lower() != ".json":
+        return read_motion(file)
     content, folders = read_json(file), [Path(folder) for folder in package_dirs]
     with document.within(str(file), ": "):
+        if isinstance(content, Mapping) and "format" not in content:
+            return motion_of_document(content)
         kind = kind_of(content)
         if kind == "result":
             return result_from_mapping(content, robot, folders)
-        if kind == "trajectory":
+        if kind == "trajectory" and "problem" in content:
             return TimedMotion.from_mapping(content, robot, folders)
         if kind == "path":
             return JointPath.from_mapping(content)
-        if kind == "motion":
-            return Motion.from_mapping(content)
+        if kind in ("motion", "trajectory"):
+            return motion_of_document(content)
         return built_scene(document.mapping("scene", document.require(content, "scene")))

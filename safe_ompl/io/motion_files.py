@@ -1,40 +1,54 @@
-"""Motions from files: tables (CSV), arrays (NPZ), messages of ROS and MoveIt (JSON, YAML), and our own JSON."""
+"""Motions in files; one table, `FORMS`, says by the ending how each is read and written."""
 
 from __future__ import annotations
 
-import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
 import yaml
 
-from safe_ompl.common import FloatArray, InputError
+from safe_ompl.common import FloatArray, InputError, files, listed
 from safe_ompl.common import documents as document
-from safe_ompl.io.files import kind_of, read_json, saved, strict_json
-from safe_ompl.io.motions import JointPath, read_table
+from safe_ompl.io.motions import JointPath, kept_columns, read_table
+from safe_ompl.io.schema import kind_of, marked, read_json, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
 
-WRITABLE = (".json", ".csv", ".yaml", ".yml")
-"""Endings of the files that motions are written to."""
 _RATES = ("velocities", "accelerations")
 _POINT = ("positions", *_RATES, "effort", "time_from_start")
 _COLUMN = re.compile(r"(.+)_(position|velocity|acceleration)")
 _LOGGED = re.compile(r"(.+)_(commanded|measured)")
 _SAME = 1e-6  # [rad or m] by which what is read from a file may differ from what was written
-_ARRAYS = ("joint_names", "times", "positions", *_RATES, "coefficients", "slack")
+_POINTS = ("joint_names", "times", "positions", *_RATES)
+_MOTION = ("joint_names", "times", "coefficients", "slack", "rounding", "timed", "short_way")
 _EXPECTED = (
     "must hold joint_names and points (trajectory_msgs/JointTrajectory), a joint_trajectory with them "
     "(moveit_msgs/RobotTrajectory), or what safe_ompl.save writes"
 )
 
 
-def read_motion(file: str | Path, robot: Robot | None = None, *, degrees: bool = False) -> Motion:
+class Form(NamedTuple):
+    """How motions are read from a file, given names of columns and those to leave out, and written from points."""
+
+    read: Callable[[Path, Sequence[str] | None, Sequence[str]], Motion]
+    write: Callable[[Mapping[str, Any]], str | bytes] | None = None
+
+
+def read_motion(
+    file: str | Path,
+    robot: Robot | None = None,
+    *,
+    degrees: bool = False,
+    joints: Sequence[str] | None = None,
+    ignore: Sequence[str] = (),
+) -> Motion:
     """Read a motion that something else made; files without times hold paths.
 
     What is between points is what ROS 2's joint_trajectory_controller makes of them (`Motion.hermite`).
@@ -44,12 +58,15 @@ def read_motion(file: str | Path, robot: Robot | None = None, *, degrees: bool =
     file : path-like
         By its ending:
 
-        .csv
-            A line with names of columns, then numbers: `time` [s] or none; and a column for each joint, or columns
-            `<joint>_position`, `_velocity` and `_acceleration`, as `Trajectory.to_csv` writes.
+        .csv, .tsv, .txt
+            Columns with commas, semicolons, tabs or spaces between them; lines that begin with # are comments. A line
+            with names of columns, or none, then numbers: `time` [s] or none; and a column for each joint, or columns
+            `<joint>_position`, `_velocity` and `_acceleration`.
         .npz
             Arrays `positions` (N, n), and `times`, `velocities`, `accelerations`, `joint_names` as far as known; or
-            `coefficients` and `times` of a `Motion`.
+            what `Motion.to_mapping` returns.
+        .npy
+            One array: the numbers of a table.
         .json, .yaml, .yml
             A message `trajectory_msgs/JointTrajectory` or `moveit_msgs/RobotTrajectory`; or JSON of `safe_ompl.save`
             and `safe-ompl plan --json` or `--trajectory`.
@@ -57,6 +74,10 @@ def read_motion(file: str | Path, robot: Robot | None = None, *, degrees: bool =
         Put the columns in the order of its joints, as `Motion.for_robot`.
     degrees : bool
         Whether joints that turn are in degrees; which ones do only the robot knows.
+    joints : sequence of str, optional
+        Names of the columns, `time` among them where there is one, of a file that does not name them.
+    ignore : sequence of str
+        Joints or columns to leave out, such as a gripper's.
 
     Raises
     ------
@@ -64,18 +85,11 @@ def read_motion(file: str | Path, robot: Robot | None = None, *, degrees: bool =
         If the file is of another kind, or holds no motion; names file, place and value.
     """
     path = Path(file)
-    readers = {
-        ".csv": _from_table,
-        ".npz": _from_arrays,
-        ".json": _from_json,
-        ".yaml": _from_yaml,
-        ".yml": _from_yaml,
-    }
-    if path.suffix.lower() not in readers:
-        raise InputError(f"must be a motion, with one of the endings {', '.join(readers)}", str(file))
+    if path.suffix.lower() not in FORMS:
+        raise InputError(f"must be a motion, with one of the endings {', '.join(FORMS)}", str(file))
     if degrees and robot is None:
         raise InputError("need the robot, which knows the joints that turn", "degrees")
-    motion = readers[path.suffix.lower()](path)
+    motion = FORMS[path.suffix.lower()].read(path, joints, ignore)
     with document.within(str(file), ": "):
         return motion if robot is None else motion.for_robot(robot, degrees)
 
@@ -83,8 +97,8 @@ def read_motion(file: str | Path, robot: Robot | None = None, *, degrees: bool =
 def read_log(file: str | Path) -> tuple[Motion, Motion]:
     """Return the commanded and the measured motion of a log; between samples they are straight.
 
-    A table (CSV) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these names (NPZ);
-    other columns are not looked at.
+    A table (.csv, .tsv, .txt) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these
+    names (.npz); other columns are not looked at.
 
     Raises
     ------
@@ -93,13 +107,13 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
     """
     path = Path(file)
     kind = path.suffix.lower()
-    if kind == ".csv":
+    if kind in _TABLES:
         header, values = read_table(path)
-        columns = {name.strip(): values[:, k] for k, name in enumerate(header)}
+        columns = {name: values[:, k] for k, name in enumerate(header)}
     elif kind == ".npz":
         columns = _arrays(path)
     else:
-        raise InputError("must be a log, with one of the endings .csv, .npz", str(file))
+        raise InputError(f"must be a log, with one of the endings {', '.join(_TABLES)}, .npz", str(file))
     with document.within(str(file), ": "):
         parts = [found for name in columns if (found := _LOGGED.fullmatch(name))]
         names = tuple(dict.fromkeys(found[1] for found in parts))
@@ -114,65 +128,80 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
     return commanded, measured
 
 
-def motion_text(motion: Motion, file: str | Path, *, message: bool = False) -> tuple[str, Motion]:
-    """Return a motion as text for a file, and the motion that is read from it, which its proofs should be about.
+def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -> tuple[str | bytes, Motion]:
+    """Return what a file is to hold for a motion, and the motion that is read from it, which proofs should be about.
 
     Parameters
     ----------
     motion : Motion
         Its joints have names.
     file : path-like
-        By its ending: our own form (.json), a table (.csv), a message trajectory_msgs/JointTrajectory (.yaml, .yml).
-        Tables and messages hold way points, with velocities from degree 2 on, and accelerations from degree 4 on.
+        By its ending: our own form (.json), a table (.csv, .tsv, .txt), a message trajectory_msgs/JointTrajectory
+        (.yaml, .yml), arrays (.npz). Tables, messages and arrays hold way points, with velocities from degree 2 on, and
+        accelerations from degree 4 on; arrays hold our own form where points cannot hold the motion.
     message : bool
         Whether JSON is a message, too.
 
     Raises
     ------
     InputError
-        If the ending is another one, or points cannot hold the motion: its degree is above 5, or its velocities jump.
+        If the ending is another one, or points cannot hold the motion: its degree is above 5, or its velocities jump;
+        or its joints have no names.
     """
     ending = Path(file).suffix.lower()
     if ending not in WRITABLE:
         raise InputError(f"must have one of the endings {', '.join(WRITABLE)}", str(file))
     if ending == ".json" and not message:
-        return strict_json(saved(motion)), motion
-    times, names = motion.times, motion.joint_names or ()
-    if ending != ".csv" and motion.timed:  # whole nanoseconds
+        return strict_json(marked("motion", motion.to_mapping())) + "\n", motion
+    times = motion.times
+    if ending in (".json", ".yaml", ".yml") and motion.timed:  # whole nanoseconds
         times = np.array([_seconds(_stamp(t)) for t in times.tolist()])
     rows = [motion.derivative(motion.times, order) for order in range(1 + max(0, motion.degree) // 2)]
-    back = _from_points(names, times if motion.timed else None, *rows[:3])
+    values = [motion.joint_names, times if motion.timed else None, *rows[:3]]
+    points = {key: value for key, value in zip(_POINTS, values, strict=False) if value is not None}
+    back = _from_points(points)
     held = np.zeros((motion.pieces, max(back.degree, motion.degree) + 1, motion.n))
     held[:, : motion.degree + 1] = motion.coefficients
     held[:, : back.degree + 1] -= back.coefficients
-    if motion.degree > 5 or np.abs(held).max() > _SAME:
+    fits = motion.degree <= 5 and np.abs(held).max() <= _SAME
+    if ending == ".npz":
+        given = {key: value for key, value in motion.to_mapping().items() if value is not None}
+        return _as_arrays(points if fits else given), back if fits else motion
+    if not fits:
         raise InputError(
             "holds way points, and these cannot hold this motion: its degree is above 5, or its velocities or "
             "accelerations jump; give a file of ours (.json)",
             str(file),
         )
-    if ending == ".csv":
-        return _as_table(names, motion, rows), back
-    keys = ("positions", *_RATES)
-    points: list[dict[str, Any]] = [
-        {key: row[k].tolist() for key, row in zip(keys, rows, strict=False)} for k in range(len(times))
-    ]
-    if motion.timed:
-        for point, t in zip(points, motion.times.tolist(), strict=True):
-            point["time_from_start"] = _stamp(t)
-    content = {"joint_names": list(names), "points": points}
-    return (strict_json(content) if ending == ".json" else yaml.safe_dump(content, sort_keys=False)), back
+    if motion.joint_names is None:
+        raise InputError("needs the names of the joints, which the motion lacks", str(file))
+    write = FORMS[ending].write
+    assert write is not None
+    return write(points), back
 
 
-def _as_table(names: Sequence[str], motion: Motion, rows: Sequence[FloatArray]) -> str:
-    kinds = ("position", "velocity", "acceleration")[: len(rows)]
-    header = [f"{name}_{kind}" for kind in kinds for name in names] if len(rows) > 1 else list(names)
-    columns = [motion.times[:, None]] * motion.timed + list(rows)
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["time"] * motion.timed + header)
-    writer.writerows(np.hstack(columns).tolist())
+def _as_table(points: Mapping[str, Any], delimiter: str) -> str:
+    names, tables = points["joint_names"], [points[key] for key in _POINTS[2:] if key in points]
+    kinds = ("position", "velocity", "acceleration")[: len(tables)]
+    header = [f"{name}_{kind}" for kind in kinds for name in names] if len(tables) > 1 else list(names)
+    if "times" in points:
+        header, tables = ["time", *header], [points["times"][:, None], *tables]
+    return files.table(header, np.hstack(tables).tolist(), delimiter)
+
+
+def _as_arrays(arrays: Mapping[str, Any]) -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
     return stream.getvalue()
+
+
+def _as_message(points: Mapping[str, Any], write: Callable[[Any], str]) -> str:
+    kinds = [key for key in ("positions", *_RATES) if key in points]
+    rows = zip(*(points[key].tolist() for key in kinds), strict=True)
+    said: list[dict[str, Any]] = [dict(zip(kinds, row, strict=True)) for row in rows]
+    for point, t in zip(said, points.get("times", ()), strict=False):
+        point["time_from_start"] = _stamp(float(t))
+    return write({"joint_names": list(points["joint_names"]), "points": said})
 
 
 def _stamp(time: float) -> dict[str, int]:
@@ -180,48 +209,61 @@ def _stamp(time: float) -> dict[str, int]:
     return {"sec": seconds, "nanosec": rest}
 
 
-def _from_points(
-    names: Sequence[str] | None, times: Any, positions: Any, velocities: Any = None, accelerations: Any = None
-) -> Motion:
-    """Return the motion through points, with velocities and accelerations or None; a path without times."""
-    if times is not None:
-        return Motion.hermite(times, positions, velocities, accelerations, names)
+def _from_points(points: Mapping[str, Any]) -> Motion:
+    """Return the motion through points, with velocities and accelerations where there are; a path without times."""
+    names, positions = points.get("joint_names"), document.require(points, "positions")
+    velocities, accelerations = (points.get(key) for key in _RATES)
+    if points.get("times") is not None:
+        return Motion.hermite(points["times"], positions, velocities, accelerations, names)
     if velocities is not None or accelerations is not None:
         raise InputError("are missing, but needed where there are velocities or accelerations", "times")
     return Motion.through(positions, names=names)
 
 
+def _without(motion: Motion, ignored: Sequence[str]) -> Motion:
+    """Return a motion without some of its joints; raise InputError for others."""
+    if not ignored:
+        return motion
+    names = motion.joint_names or ()
+    kept = kept_columns(names, ignored)
+    slack, rounding = (None if rest is None else rest[:, kept] for rest in (motion.slack, motion.rounding))
+    chosen = tuple(names[k] for k in kept)
+    return replace(
+        motion,
+        coefficients=motion.coefficients[:, :, kept],
+        joint_names=chosen,
+        slack=slack,
+        rounding=rounding,
+    )
+
+
 # ------------------------------------------------------------------------------------------------------- tables
 
 
-def _from_table(path: Path) -> Motion:
-    header, values = read_table(path)
+def _from_table(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
+    header, values = read_table(path, names, ignored)
     with document.within(str(path), ": "):
-        columns = {name.strip(): values[:, k] for k, name in enumerate(header)}
-        if len(columns) < len(header):
-            raise InputError(f"must differ, got {', '.join(header)}", "names of columns")
-        times = columns.pop("time", None)
-        if not columns or any(_is_number(name) for name in columns):
-            raise InputError(f"must name the joints, got {', '.join(header)}", "the first line")
-        parts = [_COLUMN.fullmatch(name) for name in columns]
-        if not all(parts):
-            return _from_points(tuple(columns), times, np.stack([*columns.values()], axis=1))
-        joints = tuple(dict.fromkeys(part[1] for part in parts if part))
-        kinds = {part[2] for part in parts if part} | {"position"}
-        tables = {
-            kind: np.stack([document.require(columns, f"{joint}_{kind}") for joint in joints], axis=1)
-            for kind in kinds
-        }
-        rates = (tables.get("velocity"), tables.get("acceleration"))
-        return _from_points(joints, times, tables["position"], *rates)
+        return _of_columns(header, values)
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _of_columns(header: Sequence[str], values: FloatArray) -> Motion:
+    columns = {name: values[:, k] for k, name in enumerate(header)}
+    if len(columns) < len(header):
+        raise InputError(f"must differ, got {listed(header)}", "names of columns")
+    times = columns.pop("time", None)
+    if not columns:
+        raise InputError(f"must name the joints, got {listed(header)}", "the first line")
+    parts = [_COLUMN.fullmatch(name) for name in columns]
+    if not all(parts):
+        table = np.stack([*columns.values()], axis=1)
+        return _from_points({"joint_names": tuple(columns), "times": times, "positions": table})
+    joints = tuple(dict.fromkeys(part[1] for part in parts if part))
+    kinds = {part[2] for part in parts if part} | {"position"}
+    points: dict[str, Any] = {"joint_names": joints, "times": times}
+    for key, kind in zip(_POINTS[2:], ("position", "velocity", "acceleration"), strict=True):
+        if kind in kinds:
+            points[key] = np.stack([document.require(columns, f"{joint}_{kind}") for joint in joints], axis=1)
+    return _from_points(points)
 
 
 # ------------------------------------------------------------------------------------------------------- arrays
@@ -237,36 +279,68 @@ def _arrays(path: Path) -> dict[str, FloatArray]:
         raise InputError("is no archive of arrays of numbers and text (NPZ)", str(path)) from None
 
 
-def _from_arrays(path: Path) -> Motion:
-    held = _arrays(path)
+def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
+    held: dict[str, Any] = _arrays(path)
     with document.within(str(path), ": "):
-        document.check_keys(held, _ARRAYS)
-        names = held.get("joint_names")
-        if names is not None and (names.dtype.kind != "U" or names.ndim != 1):
-            raise InputError(f"must be a list of text, got {names.dtype} {names.shape}", "joint_names")
-        if "coefficients" in held:
-            return Motion.from_mapping(held)
-        joints = None if names is None else tuple(names.tolist())
-        positions = document.require(held, "positions")
-        return _from_points(joints, held.get("times"), positions, *(held.get(name) for name in _RATES))
+        document.check_keys(held, dict.fromkeys((*_POINTS, *_MOTION)))
+        own = held.get("joint_names")
+        if own is not None:
+            if own.dtype.kind != "U" or own.ndim != 1:
+                raise InputError(f"must be a list of text, got {own.dtype} {own.shape}", "joint_names")
+            _refuse_names(names)
+            names = own.tolist()
+        held["joint_names"] = None if names is None else tuple(names)
+        if "coefficients" not in held:
+            return _without(_from_points(held), ignored)
+        for key in ("timed", "short_way"):
+            if key in held and held[key].shape == ():
+                held[key] = held[key].item()
+        return _without(Motion.from_mapping(held), ignored)
+
+
+def _from_array(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
+    try:
+        values = np.load(path, allow_pickle=False)
+        values = values.astype(float) if isinstance(values, np.ndarray) else None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
+    except (EOFError, TypeError, ValueError):
+        values = None
+    with document.within(str(path), ": "):
+        if values is None or values.ndim != 2:
+            raise InputError("must be one array of numbers (N, m)")
+        if names is None:
+            return _without(Motion.through(values), ignored)
+        if len(names) != values.shape[1]:
+            raise InputError(f"must name the {values.shape[1]} columns, got {len(names)}", "joints")
+        kept = kept_columns(names, ignored)
+        return _of_columns([names[k] for k in kept], values[:, kept])
+
+
+def _refuse_names(names: Sequence[str] | None) -> None:
+    if names is not None:
+        raise InputError(f"names its columns itself; leave out {listed(names)}", "joints")
 
 
 # ---------------------------------------------------------------------------------------------------- documents
 
 
-def _from_yaml(path: Path) -> Motion:
+def _read_yaml(path: Path) -> Any:
     try:
         text = path.read_text(encoding="utf-8").rstrip().removesuffix("\n---")  # as `ros2 topic echo` ends it
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read as YAML: {error}", str(path)) from None
     with document.within(str(path), ": "):
-        return motion_of_document(document.parse_document(text))
+        return document.parse_document(text)
 
 
-def _from_json(path: Path) -> Motion:
-    content = read_json(path)
+def _from_document(
+    path: Path, names: Sequence[str] | None, ignored: Sequence[str], read: Callable[[Path], Any]
+) -> Motion:
+    content = read(path)
     with document.within(str(path), ": "):
-        return motion_of_document(content)
+        _refuse_names(names)
+        return _without(motion_of_document(content), ignored)
 
 
 def motion_of_document(content: Any) -> Motion:
@@ -286,7 +360,7 @@ def motion_of_document(content: Any) -> Motion:
             with document.within(key):
                 return motion_of_document(inner)
     if not {"joint_names", "points"} <= set(content):
-        raise InputError(f"{_EXPECTED}, got the keys {', '.join(map(str, content)) or '(none)'}")
+        raise InputError(f"{_EXPECTED}, got the keys {listed(content) or '(none)'}")
     return _from_message(content)
 
 
@@ -300,7 +374,9 @@ def _from_own(content: Mapping[str, Any], kind: str) -> Motion:
         return _from_message(content)
     if kind == "result" and content.get("path") is not None:
         return Motion.of(JointPath.from_mapping(dict(content)))
-    reason = f"no path was found ({content.get('status')})" if kind == "result" else f"it holds a {kind}"
+    reason = (
+        f"no path was found ({listed([content.get('status')])})" if kind == "result" else f"it holds a {kind}"
+    )
     raise InputError(f"must hold a motion, but {reason}", "kind")
 
 
@@ -324,7 +400,8 @@ def _from_message(content: Mapping[str, Any]) -> Motion:
     if not times:
         raise InputError("must be two at least, got 0", "points")
     rates = [None if not any(rows[key]) else rows[key] for key in _RATES]
-    return _from_points(names, None if times[0] is None else times, rows["positions"], *rates)
+    values = [names, None if times[0] is None else times, rows["positions"], *rates]
+    return _from_points(dict(zip(_POINTS, values, strict=True)))
 
 
 def _seconds(value: Any) -> float | None:
@@ -336,3 +413,22 @@ def _seconds(value: Any) -> float | None:
             parts = [document.number(key, value.get(key, 0)) for key in (seconds, rest)]
         return parts[0] + 1e-9 * parts[1]
     return None if value is None else document.number("time_from_start", value)
+
+
+_YAML = Form(
+    partial(_from_document, read=_read_yaml),
+    partial(_as_message, write=lambda content: str(yaml.safe_dump(content, sort_keys=False))),
+)
+FORMS: dict[str, Form] = {
+    ".csv": Form(_from_table, partial(_as_table, delimiter=",")),
+    ".tsv": Form(_from_table, partial(_as_table, delimiter="\t")),
+    ".txt": Form(_from_table, partial(_as_table, delimiter="\t")),
+    ".npz": Form(_from_arrays, _as_arrays),
+    ".npy": Form(_from_array),
+    ".json": Form(partial(_from_document, read=read_json), partial(_as_message, write=strict_json)),
+    ".yaml": _YAML,
+    ".yml": _YAML,
+}
+"""How motions are read and written, by the ending of the file."""
+WRITABLE = tuple(ending for ending, form in FORMS.items() if form.write is not None)
+_TABLES = (".csv", ".tsv", ".txt")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, files, finite_array
+from safe_ompl.common import FloatArray, InputError, files, finite_array, listed, shown
 from safe_ompl.common import documents as document
 from safe_ompl.io.problems import Problem
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import RATE, Trajectory
+
+_OF_JOINT = re.compile("_(position|velocity|acceleration)$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +92,7 @@ class JointPath:
 
     def to_csv(self, file: str | Path) -> None:
         """Write the path as CSV, which `from_csv` reads back exactly."""
-        with files.replacing(file) as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(self.joint_names)
-            writer.writerows(self.points.tolist())
+        files.write(file, files.table(self.joint_names, self.points.tolist()))
 
     def to_joint_trajectory(self) -> dict[str, Any]:
         """Return the path in the shape of ROS's trajectory_msgs/JointTrajectory, without times.
@@ -113,31 +113,75 @@ class JointPath:
         return cls(tuple(names), document.require(data, "path"))
 
 
-def read_table(file: str | Path) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the first line of a CSV file (m names), and the numbers below it (N, m).
+def read_table(
+    file: str | Path, names: Sequence[str] | None = None, ignored: Sequence[str] = ()
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Return the names (m) of the columns of a table, and the numbers below them (N, m).
+
+    Between columns are tabs, semicolons, commas or spaces: the first of these that the first line has. Lines that begin
+    with # are comments. The `names` of columns are needed where the first line has numbers. Columns are `ignored` by
+    their own name, or that of their joint.
 
     Raises InputError if it cannot be read; names the line.
     """
     try:
-        with Path(file).open(newline="", encoding="utf-8-sig") as stream:  # as spreadsheets write it
-            rows = [(k, row) for k, row in enumerate(csv.reader(stream), start=1) if row]
+        content = Path(file).read_text(encoding="utf-8-sig")  # as spreadsheets write it
+        lines = [(k, line) for k, line in enumerate(content.splitlines(), start=1) if line.strip()]
+        lines = [(k, line) for k, line in lines if not line.lstrip().startswith("#")]
+        delimiter = next((mark for mark in "\t;," if lines and mark in lines[0][1]), None)
+        rows = [(k, _cells(line, delimiter)) for k, line in lines]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cannot be read as CSV: {error}", str(file)) from None
+        raise InputError(f"cannot be read as a table: {error}", str(file)) from None
     if not rows:
         raise InputError("is empty; the first line must name the joints", str(file))
-    header = tuple(rows[0][1])
-    values = [_numbers(row, len(header), f"{file}:{k}") for k, row in rows[1:]]
-    return header, np.reshape(values, (-1, len(header)))
+    first = rows[0][1]
+    if not any(_is_number(cell) for cell in first):
+        if names is not None:
+            raise InputError(f"names its columns itself; leave out {listed(names)}", f"{file}: joints")
+        names, rows = first, rows[1:]
+    elif names is None:
+        raise InputError(
+            f"must name the joints, got {listed(first)}; or name the columns with joints=, --joints",
+            f"{file}: the first line",
+        )
+    elif len(names) != len(first):
+        raise InputError(f"must name the {len(first)} columns, got {len(names)}", f"{file}: joints")
+    with document.within(str(file), ": "):
+        kept = kept_columns(names, ignored)
+    values = [_numbers(row, len(names), kept, f"{file}:{k}") for k, row in rows]
+    return tuple(names[k] for k in kept), np.reshape(values, (-1, len(kept)))
 
 
-def _numbers(row: Iterable[str], count: int, place: str) -> list[float]:
+def kept_columns(names: Sequence[str], ignored: Sequence[str]) -> list[int]:
+    """Return which columns are not ignored, by their own name or by that of their joint."""
+    both = [{name, _OF_JOINT.sub("", name)} for name in names]
+    for name in ignored:
+        if not any(name in known for known in both):
+            raise InputError(f"unknown column {shown(name)}; known: {listed(names)}", "to ignore")
+    return [k for k, known in enumerate(both) if not known & set(ignored)]
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+
+
+def _is_number(text: str) -> bool:
     try:
-        values = [float(cell) for cell in row]
-    except ValueError as error:
-        raise InputError(f"must be numbers ({error})", place) from None
-    if len(values) != count:
-        raise InputError(f"must have {count} numbers, one for each column, got {len(values)}", place)
-    return values
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(row: Sequence[str], count: int, kept: Sequence[int], place: str) -> list[float]:
+    if len(row) != count:
+        raise InputError(f"must have {count} numbers, one for each column, got {len(row)}", place)
+    for k in kept:
+        if not _is_number(row[k]):
+            raise InputError(f"must be numbers, got {shown(row[k])}", place)
+    return [float(row[k]) for k in kept]
 
 
 ACCELERATION = "joint acceleration"

@@ -1,4 +1,4 @@
-"""The form of certificates: their version, their digest, and strict readers of plain data.
+"""The forms of JSON files, that of certificates with its digest, and strict readers of plain data.
 
 A document is read into frozen dataclasses. Each field of such a class names its reader, so that the class is the
 schema: a key that is no field is refused, a field without a default must be there, and every value has its type and
@@ -14,6 +14,7 @@ from dataclasses import MISSING, field, fields
 from hashlib import sha256
 from itertools import pairwise
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +23,8 @@ from safe_ompl.common import FloatArray, InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
 
 FORMAT, VERSION = "safe-ompl certificate", 2
+OWN_FORMAT, OWN_VERSION = "safe-ompl", 1  # of all other files
+KINDS = ("result", "path", "scene", "trajectory", "motion")
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
 _LONGEST_TEXT = 1000  # characters of a name or of a remark
 
@@ -90,6 +93,43 @@ def check_form(content: Any, form: str = FORMAT, version: int = VERSION) -> None
     given = content.get("version")
     if given != version or isinstance(given, (bool, float)):
         raise InputError(f"{shown(given)} is not known, {version} is", "version")
+
+
+def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return content with the marks of the form before it."""
+    return {"format": OWN_FORMAT, "version": OWN_VERSION, "kind": kind, **content}
+
+
+def strict_json(data: Any) -> str:
+    """Return data as one line of strict JSON: what is not finite becomes null."""
+    return json.dumps(_without_nan(data), allow_nan=False)
+
+
+def read_json(file: str | Path) -> Any:
+    """Return what a JSON file holds, or raise InputError."""
+    try:
+        return json.loads(Path(file).read_text(encoding="utf-8"))
+    except (OSError, RecursionError, ValueError) as error:
+        raise InputError(f"cannot be read as JSON: {error}", str(file)) from None
+
+
+def kind_of(content: Any) -> str:
+    """Return what kind of thing content of the form holds; raise InputError if it has another form or version."""
+    check_form(content, OWN_FORMAT, OWN_VERSION)
+    kind = document.text("kind", document.require(content, "kind"))
+    if kind not in KINDS:
+        raise UnknownNameError("kind of file", kind, KINDS)
+    return kind
+
+
+def _without_nan(data: Any) -> Any:
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
+    if isinstance(data, Mapping):
+        return {key: _without_nan(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_without_nan(item) for item in data]
+    return data
 
 
 def key(reader: Reader, *, optional: bool = False) -> Any:

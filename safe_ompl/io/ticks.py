@@ -43,8 +43,8 @@ from typing import Any, Protocol
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
-from safe_ompl.io.files import strict_json
 from safe_ompl.io.problems import carried_scene, packed_robot
+from safe_ompl.io.schema import strict_json
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 

@@ -14,6 +14,7 @@ from safe_ompl.common import (
     InputError,
     documents,
     finite_array,
+    listed,
     polynomials,
     shown,
     whole_number,
@@ -184,10 +185,10 @@ def named(names: Iterable[str], n: int) -> tuple[str, ...]:
     """Return the names of n joints, which must differ."""
     found = tuple(documents.text("joint name", name) for name in documents.sequence("joint names", names))
     if len(set(found)) < len(found):
-        raise InputError(f"must differ, got {', '.join(found)}", "joint names")
+        raise InputError(f"must differ, got {listed(found)}", "joint names")
     if len(found) != n:
         raise InputError(
-            f"must be {n}, one for each column, got {len(found)}: {', '.join(found)}", "joint names"
+            f"must be {n}, one for each column, got {len(found)}: {listed(found)}", "joint names"
         )
     return found
 
@@ -216,8 +217,8 @@ def columns(names: tuple[str, ...] | None, n: int, robot: Robot) -> list[int]:
     missing = [name for name in robot.joint_names if name not in names]
     surplus = [name for name in names if name not in robot.joint_names]
     if missing or surplus:
-        said = [f"lacks the joints {', '.join(missing)}"] * bool(missing)
-        said += [f"has joints that the robot has not: {', '.join(surplus)}"] * bool(surplus)
+        said = [f"lacks the joints {listed(missing)}"] * bool(missing)
+        said += [f"has joints that the robot has not: {listed(surplus)}"] * bool(surplus)
         raise InputError("; ".join(said), "motion")
     return [names.index(name) for name in robot.joint_names]
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import dataclass
-from io import StringIO
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, float_array, number, positive
+from safe_ompl.common import FloatArray, InputError, files, float_array, number, positive
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
 from safe_ompl.trajectories.curve import BlendedCurve
@@ -282,9 +280,6 @@ class Trajectory:
     def to_csv(self, rate: float = RATE) -> str:
         """Return a table: time, then position, velocity and, where the jerk is limited, acceleration of every joint."""
         times, states = self.points(rate)
-        text = StringIO()
-        table = csv.writer(text, lineterminator="\n")
         kinds = ("position", "velocity", "acceleration")[: len(states)]
-        table.writerow(["time", *(f"{name}_{kind}" for kind in kinds for name in self.joint_names)])
-        table.writerows(np.column_stack([times, *states.values()]).tolist())
-        return text.getvalue()
+        header = ["time", *(f"{name}_{kind}" for kind in kinds for name in self.joint_names)]
+        return files.table(header, np.column_stack([times, *states.values()]).tolist())

@@ -186,5 +186,7 @@ def test_what_is_no_csv_path_is_refused_by_line(content, words, tmp_path):
 
 
 def test_other_things_are_not_saved(tmp_path):
-    with pytest.raises(InputError, match="PlanResult, a JointPath, a Scene or a Motion, not int"):
+    with pytest.raises(
+        InputError, match="PlanResult, a JointPath, a Scene, a Motion or a Trajectory, not int"
+    ):
         save(3, tmp_path / "x.json")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 
-from safe_ompl import InputError, JointPath, Motion, load, read_motion, save, time_path
+from safe_ompl import InputError, JointPath, Motion, Scene, load, read_motion, save, time_path
+from safe_ompl.io import WRITABLE
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.trajectories import RateLimits
 
@@ -102,6 +104,135 @@ def test_our_own_files(tmp_path, ur5):
         assert read.joint_names == ur5.joint_names
 
 
+SAVED = {
+    "result": (PlanResult("Exact solution", Q, None, "PRM", 1, NAMES, 0.5), Motion.through(Q, names=NAMES)),
+    "path": (JointPath(NAMES, Q), Motion.through(Q, names=NAMES)),
+    "lines": (Motion.hermite(T, Q, names=NAMES),) * 2,
+    "cubics": (Motion.hermite(T, Q, V, names=NAMES),) * 2,
+    "quintics": (SMOOTH, SMOOTH),
+}
+
+
+@pytest.mark.parametrize("ending", [*WRITABLE, ".npy", ".stl", ""])
+@pytest.mark.parametrize("thing", [*SAVED, "trajectory", "scene"])
+def test_the_ending_says_the_form_of_all_that_is_saved(tmp_path, ur5, thing, ending):
+    file, jerk = tmp_path / f"file{ending}", np.full(6, 50.0)
+    if thing == "trajectory":
+        limits = RateLimits(ur5.joint_names, np.ones(6), np.ones(6), jerk)
+        saved = time_path([[0.0] * 6, [0.5] * 6], ur5, limits)
+        expected = Motion.of(saved)
+    else:
+        saved, expected = SAVED.get(thing, (Scene(), None))
+    if ending not in WRITABLE or (thing == "scene" and ending != ".json"):
+        with pytest.raises(InputError, match=r"file.*: must have one of the endings|must end in .json"):
+            save(saved, file)
+        assert not file.exists()
+        return
+    save(saved, file)
+    back = load(file)
+    if ending == ".json" and thing in ("result", "path", "scene"):
+        assert type(back) is type(saved)
+    if expected is not None:
+        same(read_motion(file), expected)
+        same(Motion.of(back), expected)
+
+
+def test_motions_that_points_cannot_hold_are_arrays_or_our_own_form(tmp_path):
+    bent = replace(SMOOTH, coefficients=SMOOTH.coefficients.copy(), slack=np.ones((2, 2)))
+    bent = replace(bent, coefficients=np.pad(bent.coefficients, ((0, 0), (0, 2), (0, 0))))
+    for ending in (".json", ".npz"):
+        save(bent, tmp_path / f"m{ending}")
+        back = load(tmp_path / f"m{ending}")
+        same(back, bent)
+        np.testing.assert_array_equal(back.slack, bent.slack)
+    for motion, words in ((bent, "cannot hold this motion"), (Motion.through(Q), "needs the names of the")):
+        with pytest.raises(InputError, match=f"m.csv: .*{words}"):
+            save(motion, tmp_path / "m.csv")
+
+
+def test_what_a_trajectory_says_as_json_can_be_loaded(tmp_path, ur5):
+    trajectory = time_path([[0.0] * 6, [0.5] * 6], ur5)
+    (tmp_path / "t.json").write_text(trajectory.to_json())
+    same(load(tmp_path / "t.json"), Motion.of(trajectory))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "options"),
+    [
+        ("m.tsv", "time\thip\tknee\n0\t1\t2\n1\t3\t4\n", {}),
+        ("m.csv", "time;hip;knee\n0;1;2\n1;3;4\n", {}),
+        ("m.txt", "  time hip   knee\n0 1 2\n\n1 3 4\n", {}),
+        ("m.csv", "# from a robot, 2024\ntime,hip,knee\n0,1,2\n# then\n1,3,4\n", {}),
+        ("m.csv", "0,1,2\n1,3,4\n", {"joints": ("time", "hip", "knee")}),
+        ("m.txt", "# 0.1 Hz\n0 1 2\n1 3 4", {"joints": ("time", "hip", "knee")}),
+        ("m.csv", "time,hip,gripper,knee\n0,1,open,2\n1,3,shut,4\n", {"ignore": ("gripper",)}),
+        ("m.npy", [[0, 1, 2], [1, 3, 4]], {"joints": ("time", "hip", "knee")}),
+        ("m.npy", [[0, 1, 9, 2], [1, 3, 9, 4]], {"joints": ("time", "hip", "g", "knee"), "ignore": ("g",)}),
+        ("m.npz", {"times": [0, 1], "positions": [[1, 2], [3, 4]]}, {"joints": NAMES}),
+        (
+            "m.json",
+            {
+                "joint_names": ["g", *NAMES],
+                "points": [{"positions": [9, 2 * t + 1, 2 * t + 2], "time_from_start": t} for t in (0, 1)],
+            },
+            {"ignore": ("g",)},
+        ),
+    ],
+)
+def test_files_of_others(tmp_path, name, text, options):
+    file = tmp_path / name
+    if name == "m.npy":
+        np.save(file, text)
+    elif name == "m.npz":
+        np.savez(file, **text)
+    else:
+        file.write_text(text if isinstance(text, str) else json.dumps(text))
+    same(read_motion(file, **options), Motion.hermite([0.0, 1.0], [[1.0, 2.0], [3.0, 4.0]], names=NAMES))
+
+
+def test_rates_of_an_ignored_joint_and_arrays_without_names(tmp_path):
+    (tmp_path / "m.csv").write_text(
+        "time,a_position,g_position,a_velocity,g_velocity\n0,1,x,0,x\n1,2,x,0,x\n"
+    )
+    same(
+        read_motion(tmp_path / "m.csv", ignore=["g"]),
+        Motion.hermite([0, 1], [[1], [2]], np.zeros((2, 1)), names=["a"]),
+    )
+    np.save(tmp_path / "m.npy", Q)
+    same(read_motion(tmp_path / "m.npy"), Motion.through(Q))
+
+
+LONG = "x" * 300_000
+
+
+@pytest.mark.parametrize("name", ["m.csv", "m.tsv", "m.txt", "m.json", "m.yaml", "m.npz", "m.npy"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        json.dumps({"joint_names": list(NAMES), "points": [{"positions": [0.1, 0.2]}] * 9000}),
+        json.dumps({"joint_names": list(NAMES), "points": [{"positions": [0.1, 0.2], LONG: 1}] * 2}),
+        json.dumps({"joint_names": [LONG, LONG], "points": [{"positions": [0.1, 0.2]}] * 2}),
+        json.dumps({"format": "safe-ompl", "version": 1, "kind": LONG}),
+        json.dumps({LONG: 1}),
+        json.dumps(LONG),
+        f"a,b\n1,{LONG[:100_000]}\n",
+        f"{LONG}\n{LONG}\n",
+        f"a: !!{LONG} b",
+        f"a: *{LONG}",
+        f"{LONG}: 1\n{LONG}: 2",
+        ",".join(map(str, range(60_000))),
+        "a,b\n" + "0.1,0.2\n" * 30_000 + "0.1,nan\n",
+    ],
+)
+def test_no_error_quotes_more_than_some_characters(tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    try:
+        read_motion(tmp_path / name)
+    except InputError as error:
+        assert len(str(error).replace(str(tmp_path), "")) < 700  # noqa: PT017
+        assert "\n" not in str(error)  # noqa: PT017
+
+
 def test_joints_and_degrees_by_the_robot(tmp_path, twin_arm):
     names = twin_arm.joint_names[::-1]
     points = np.random.default_rng(1).uniform(-1, 1, (3, twin_arm.n))
@@ -126,10 +257,15 @@ def changed(change):
 @pytest.mark.parametrize(
     ("name", "content", "error"),
     [
-        ("m.txt", "", r"m.txt: must be a motion, with one of the endings .csv, .npz, .json, .yaml, .yml"),
+        (
+            "m.stl",
+            "",
+            r"m.stl: must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy, .json, ",
+        ),
         ("m.csv", "", "m.csv: is empty; the first line must name the joints"),
-        ("m.csv", "0,1\n2,3\n", "m.csv: the first line: must name the joints, got 0, 1"),
-        ("m.csv", "a,b\n1,2\n3,x\n", r"m.csv:3: must be numbers \(could not convert string to float: 'x'\)"),
+        ("m.csv", "0,1\n2,3\n", "m.csv: the first line: must name the joints, got 0, 1; or .*--joints"),
+        ("m.npy", "text", r"m.npy: must be one array of numbers \(N, m\)"),
+        ("m.csv", "a,b\n1,2\n3,x\n", "m.csv:3: must be numbers, got 'x'"),
         ("m.csv", "a,b\n1,2\n3\n", "m.csv:3: must have 2 numbers, one for each column, got 1"),
         ("m.csv", "a,b\n1,2\n3,nan\n", r"m.csv: way points must be finite, got \[.*nan\]"),
         ("m.csv", "time,a\n1,2\n0,3\n", r"m.csv: times: must increase, got 0 after 1 \(number 1\)"),

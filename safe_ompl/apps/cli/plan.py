@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -13,8 +14,8 @@ from safe_ompl.apps.benchmark import check_named_planner
 from safe_ompl.apps.cli import arguments, output, tables
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
-from safe_ompl.common import InputError
-from safe_ompl.io import TimedMotion, marked, motion_of_document, result_to_mapping
+from safe_ompl.common import InputError, files
+from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
 from safe_ompl.planning import COSTS, PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
@@ -112,9 +113,9 @@ def add_timed_options(parser: Any) -> None:
     option(
         group,
         "--trajectory FILE",
-        "write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; "
-        "implies --timed",
-        output.JSON_FILE,
+        "write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; as a table "
+        "(.csv, .tsv, .txt), arrays (.npz) or YAML for controllers; implies --timed",
+        output.output_file(*WRITABLE, output.STANDARD_OUTPUT),
     )
     option(
         group,
@@ -177,14 +178,20 @@ def show_timed(
         content = marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
         # Stops with a limit of the jerk are proven of the trajectory alone.
         people = scenario.people if trajectory.limits.jerk is None else None
-        found = setup.check(motion_of_document(content), trajectory.limits, people)
+        read, other = motion_of_document(content), None
+        if Path(options.trajectory).suffix.lower() not in ("", ".json"):
+            other, read = motion_content(read, options.trajectory)
+        found = setup.check(read, trajectory.limits, people)
         if not found:
             output.error_console().print(
                 f"safe-ompl: nothing is written to {options.trajectory}: between its points {found.violations[0]}; "
                 "another --rate may do"
             )
             return False
-        output.write_json(options.trajectory, content)
+        if other is None:
+            output.write_json(options.trajectory, content)
+        else:
+            files.write(options.trajectory, other)
     return True
 
 

@@ -13,9 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, SafeOmplError, files
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.io import TimedMotion
 from safe_ompl.planning import PlanResult
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.trajectories import Trajectory
 from safe_ompl.view.browser.layers import BOARD_SHAPE, PLANES, FieldSlice
 from safe_ompl.view.browser.path_view import PathView, RobotModel
 from safe_ompl.view.content import ViewerContent
@@ -31,8 +34,10 @@ _BACKGROUND = 245
 
 
 def view(
-    shown: ViewerContent | PlanResult | TimedMotion | Sequence[PlanResult],
+    shown: ViewerContent | PlanResult | TimedMotion | Trajectory | Sequence[PlanResult],
     *,
+    robot: Robot | None = None,
+    scene: Scene | None = None,
     port: int = PORT,
     browser: bool = True,
 ) -> None:
@@ -40,8 +45,10 @@ def view(
 
     Parameters
     ----------
-    shown : PlanResult, sequence of PlanResult, TimedMotion or ViewerContent
+    shown : PlanResult, sequence of PlanResult, Trajectory, TimedMotion or ViewerContent
         What is shown; several results stand side by side.
+    robot, scene : Robot and Scene
+        Of a `Trajectory`, which does not know them; the scene may be left out.
     port : int
         Port of the server; the next free one if it is taken.
     browser : bool
@@ -50,10 +57,15 @@ def view(
     Raises
     ------
     InputError
-        If a result does not know its robot and scene, or they are about different ones.
+        If a result does not know its robot and scene, or they are about different ones; if the robot of a trajectory is
+        missing.
     SafeOmplError
         If viser is not installed.
     """
+    if isinstance(shown, Trajectory):
+        if robot is None:
+            raise InputError("a Trajectory does not know its robot: give robot=, and scene=", "view")
+        shown = TimedMotion.of(shown, robot, Scene() if scene is None else scene)
     if isinstance(shown, TimedMotion):
         shown = ViewerContent.of_motions([shown])
     elif not isinstance(shown, ViewerContent):

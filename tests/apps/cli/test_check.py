@@ -109,7 +109,7 @@ def test_limits_are_the_scenarios_and_the_options(call):
 
 
 @pytest.mark.parametrize("degree", [1, 3, 5])
-@pytest.mark.parametrize("out", ["out.json", "out.csv", "out.yaml"])
+@pytest.mark.parametrize("out", ["out.json", "out.csv", "out.npz", "out.yaml"])
 def test_a_repair_is_written_in_the_form_that_is_asked_for_and_proven_as_it_is_read(
     call, tmp_path, setup, degree, out
 ):
@@ -389,7 +389,7 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
     refused(call, tmp_path, "text.csv", "text.csv:2: must be numbers")
     (tmp_path / "mesh.stl").write_text("solid")
     refused(
-        call, tmp_path, "mesh.stl", "must be a motion, with one of the endings .csv, .npz, .json, .yaml, .yml"
+        call, tmp_path, "mesh.stl", "must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy"
     )
     (tmp_path / "zip.npz").write_text("no archive")
     refused(call, tmp_path, "zip.npz", "is no archive of arrays")
@@ -403,7 +403,10 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--repair", "out.txt"), "--repair: 'out.txt' must end in .json or .csv or .yaml or .yml"),
+        (
+            ("--repair", "out.npy"),
+            "--repair: 'out.npy' must end in .csv or .tsv or .txt or .npz or .json or .yaml",
+        ),
         (("--repair", "no/out.csv"), "--repair: cannot write 'no/out.csv' (No such file or directory)"),
         (
             ("--repair", "a.json", "--json", "a.json"),
@@ -444,7 +447,11 @@ def test_a_path_has_no_rates(call):
             ("log.csv",),
             "log.csv: columns: must be <joint>_commanded and <joint>_measured, got none",
         ),
-        ("time,joint1", ("log.txt",), "log.txt: must be a log, with one of the endings .csv, .npz"),
+        (
+            "time,joint1",
+            ("log.json",),
+            "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz",
+        ),
         ("time,joint1", (), "give logs, or both --commanded and --measured"),
         ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),
         ("time,joint1_commanded,joint1_measured", ("log.csv", "--factor", "0.5"), "factor must be"),

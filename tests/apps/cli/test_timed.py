@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from safe_ompl import InputError, People, Scenario, plan
+from safe_ompl import InputError, People, Scenario, plan, read_motion
 from safe_ompl.apps import main
 from safe_ompl.scene import MotionLimits, find_scenario
 from safe_ompl.trajectories import Trajectory
@@ -75,6 +75,15 @@ def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path
     assert 0.019 < np.diff(times).max() < 0.02 * 1.001
     assert main(["check", str(file), "--scenario", str(scenario_file)]) == 0
     assert "stops beside people" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".yaml"])
+def test_the_ending_says_the_form_of_a_trajectory_and_check_reads_it(scenario_file, tmp_path, ending):
+    file = tmp_path / f"trajectory{ending}"
+    given = ["--time", "5", "--rate", "50", "--trajectory", str(file)]
+    assert main(["plan", str(scenario_file), *given]) == 0
+    assert 0.019 < np.diff(read_motion(file).times).max() < 0.02 * 1.001
+    assert main(["check", str(file), "--scenario", str(scenario_file)]) == 0
 
 
 def test_points_that_are_not_proven_are_not_written(scenario_file, tmp_path, capsys, monkeypatch):
