@@ -48,6 +48,7 @@ _IMPORTED = re.compile(
 
 # Of parts, too: Numba compiles its own functions, such as np.empty, once for each set of options.
 _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": True}
+_NOT_KEPT = "each time, as no folder to keep them in can be written to; name one with NUMBA_CACHE_DIR"
 _PATIENCE = 60.0  # [s] with a process that compiles, once all else is compiled
 _ENDS_WITH_US = """
 import os, threading
@@ -70,6 +71,7 @@ def _kernel(function: _Function, options: dict[str, Any]) -> _Function:
         kernel: Any = njit(cache=True, **options)(function)
     except RuntimeError as error:  # Numba finds no folder that can be written to
         _log.info("%s", error)
+        _compilation.kept = _NOT_KEPT
         kernel = njit(**options)(function)
     else:
         _depend_on_all_kernels(kernel)
@@ -329,6 +331,7 @@ class _Compilation(event.Listener):  # type: ignore[misc]
     def __init__(self) -> None:
         self.seconds, self._depth, self._begin = 0.0, 0, 0.0
         self.shared = False  # among processes that do jobs
+        self.kept = "once, they are kept"
         self._collects = False
         self._raised: BaseException | None = None
         self._handler: Any = None
@@ -336,7 +339,7 @@ class _Compilation(event.Listener):  # type: ignore[misc]
     def on_start(self, event: Any) -> None:
         if not event.data["dispatcher"].__module__.startswith(_PACKAGE):
             return
-        warn_once(_log, "compiling kernels for this machine, which takes some seconds: once, they are kept")
+        warn_once(_log, f"compiling kernels for this machine, which takes 10 s to a minute: {self.kept}")
         if not self._depth:
             self._begin = perf_counter()
             self._collects = gc.isenabled()

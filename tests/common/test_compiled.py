@@ -57,6 +57,13 @@ def test_says_once_that_it_compiles_and_keeps_what_it_compiled(tmp_path):
     assert second[0].startswith("[1.] Counter({")
 
 
+def test_says_what_to_do_where_nothing_can_be_kept(tmp_path):
+    no_folder = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}  # as where none can be written to
+    lines = run(tmp_path, **no_folder)
+    assert lines[0].endswith("name one with NUMBA_CACHE_DIR")
+    assert lines[1:] == ["[1.] Counter()"]
+
+
 def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
     """Whatever users give: another kind would be compiled while somebody waits for a path."""
     robot = robot_named("ur5")

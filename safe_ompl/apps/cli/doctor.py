@@ -1,4 +1,4 @@
-"""`safe-ompl doctor`: what is installed, and a small plan; and it compiles the kernels of all commands.
+"""`safe-ompl doctor`: what is installed, and what of it fails; it compiles the kernels of all commands.
 
 Two processes compile them, so that nobody waits for them later. Kernels are compiled for one kind of arguments,
 whatever the robot: a small one beside somebody has nearly all of them.
@@ -8,18 +8,25 @@ from __future__ import annotations
 
 import platform
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, metadata, requires, version
+from pathlib import Path
+from pkgutil import resolve_name
+from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from safe_ompl.apps import exchange
 from safe_ompl.apps.cli import arguments, output
-from safe_ompl.common import compile_together
+from safe_ompl.common import PlanningError, compile_together
 from safe_ompl.danger import CertifiedDanger, DangerField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person, Pose
@@ -29,13 +36,14 @@ from safe_ompl.people import TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
 from safe_ompl.planning.planners import NearestNode
+from safe_ompl.robot.loading import UrdfFile
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import RateLimits, time_path
 from safe_ompl.version import __version__
-from safe_ompl.view import render_path
+from safe_ompl.view import ViewerContent, plots, render_comparison, render_path, save_page
 
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
-_EXTRAS = ("plots", "viewer", "mcap")
+_XACRO = '<robot name="r" xmlns:xacro="http://wiki.ros.org/xacro"><link name="${1 + 1}"/></robot>'
 _MANY = 1000  # points, which are put into balls
 _TICKS = 8
 ALL_JOBS = (  # those that need what a plan needs come after it
@@ -75,7 +83,7 @@ class Requirement:
 
 
 def examine() -> int:
-    """Show what is installed beside what is supported, and plan once; return 0 if all that is needed works."""
+    """Show versions beside those that fit, and try all that is installed; return 0 if nothing needed lacks or fails."""
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_row("safe-ompl", __version__, "")
     python = metadata("safe-ompl")["Requires-Python"] or ""
@@ -84,35 +92,78 @@ def examine() -> int:
     for requirement in requirements():
         said = requirement.found or "missing"
         wanted = f"needs {requirement.bounds}" if requirement.bounds else ""
-        advice = f"pip install 'safe-ompl[{requirement.extra}]'" if requirement.extra else ""
-        words = requirement.bounds if requirement.fits else "; ".join(filter(None, [wanted, advice]))
-        table.add_row(requirement.name, said, escape(words))
+        table.add_row(requirement.name, said, escape(requirement.bounds if requirement.fits else wanted))
         healthy &= requirement.fits or bool(requirement.extra)
     output.console().print(table)
     compile_all()
-    return 0 if _plans() and healthy else 1
+    with TemporaryDirectory() as folder:
+        kernels = {f"kernels: {job.rpartition(':')[2]}": resolve_name(job) for job in ALL_JOBS}
+        for what, job in {**kernels, "plan": _plan, **_trials(Path(folder))}.items():
+            try:
+                job()
+            except Exception as error:  # of any kind: what is installed badly may raise anything
+                why = error.__cause__ or error
+                said = " ".join(f"{type(why).__name__}: {why}".split())
+                output.console().print(escape(f"fails: {what}: {said[:200]}"), soft_wrap=True)
+                healthy = False
+    return 0 if healthy else 1
+
+
+def _trials(folder: Path) -> dict[str, Callable[[], Any]]:
+    """Return what tries the optional packages that are installed, and print how to install the others."""
+    robot, scene = small_robot(), Scene()
+    content, path = ViewerContent(robot, scene), {_PLANNER: np.zeros((2, 2))}
+
+    def draw() -> None:
+        plots.plot_times({_PLANNER: [1.0, 2.0]}, folder / "times.svg")
+        render_comparison(robot, scene, path, folder / "paths.webp", panel=(99, 99))
+
+    def log() -> None:
+        exchange.McapLog(folder / "log.mcap", {"objects": {}}, robot, scene).close()
+
+    def expand() -> None:
+        (folder / "robot.xacro").write_text(_XACRO)
+        UrdfFile(folder / "robot.xacro", xacro_args={})
+
+    def start() -> None:
+        with exchange.ros_context([]):
+            pass
+
+    trials: dict[str, Callable[[], Any]] = {
+        "plots": draw,
+        "viewer": partial(save_page, content, folder / "page.html"),
+        "mcap": log,
+        "ros": start,
+        "mujoco": partial(import_module, "mujoco"),
+        "xacro": expand,
+    }
+    missing = {extra: output.missing_extra(extra) for extra in trials}
+    for extra, advice in missing.items():
+        if advice:
+            output.console().print(escape(f"{extra}: {advice}"))
+    return {extra: trial for extra, trial in trials.items() if not missing[extra]}
 
 
 def requirements() -> Iterator[Requirement]:
-    """Yield the requirements of the installed package and of its extras."""
+    """Yield the requirements of the installed package and of its extras; ROS 2 is seldom of PyPI."""
     for line in requires("safe-ompl") or ():
         found = re.match(r"""([\w.-]+)(?:\[.*?\])?\s*([^;]*?)\s*(?:;.*extra == ['"](\w+)['"].*)?$""", line)
-        if found and (found[3] or "") in ("", *_EXTRAS):
+        if found and found[3] != "ros" and (found[3] is None or found[3] in output.EXTRAS):
             yield Requirement(found[1], found[2].replace(" ", ""), found[3] or "")
 
 
-def _plans() -> bool:
+def _plan() -> None:
     scenario = arguments.load_scenario(_SCENARIO)
     begin = perf_counter()
     setup = setup_scenario(scenario)
     built = perf_counter()
     result = setup.plan(_PLANNER, time=_TIME, seed=0)
-    words = f"{len(result.path)} way points, proven" if result.path is not None else result.status
+    if result.path is None:
+        raise PlanningError(f"{_PLANNER} in {_SCENARIO}: {result.status}")
     output.console().print(
-        f"{_PLANNER} in {_SCENARIO}: {words}; {1e3 * (built - begin):.0f} ms to set up, "
+        f"{_PLANNER} in {_SCENARIO}: {len(result.path)} way points, proven; {1e3 * (built - begin):.0f} ms to set up, "
         f"{1e3 * result.planning_time:.1f} ms to plan"
     )
-    return bool(result)
 
 
 def _within(found: str, bound: str) -> bool:
@@ -129,8 +180,9 @@ def _numbers(text: str) -> tuple[int, ...]:
 
 
 def compile_all() -> None:
-    """Compile what is not kept yet."""
-    compile_together([dangers, gaps], ALL_JOBS)
+    """Compile what is not kept yet, and can be."""
+    with suppress(Exception):  # of a job; `examine` does each job again, and says which one fails
+        compile_together([dangers, gaps], ALL_JOBS)
 
 
 def _field(number: int, aggregate: Literal["max", "mean"] = "max") -> DangerField:

@@ -32,6 +32,8 @@ EXTRAS = {
     "viewer": ("viser", "the viewer"),
     "mcap": ("mcap", "logs and recordings"),
     "ros": ("rclpy", "the node of ROS 2"),
+    "mujoco": ("mujoco", "the examples of MuJoCo"),
+    "xacro": ("xacro", "robots in .xacro files"),
 }
 _WIDTH = 160  # of tables that go to a file or pipe
 

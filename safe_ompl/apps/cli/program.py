@@ -116,9 +116,10 @@ def add_commands(commands: Any) -> None:
         commands,
         "doctor",
         lambda _: examine,
-        "show versions and what is missing, and try a small plan",
+        "show versions, what is missing, and what fails",
         "Show which versions are installed, and which are missing or do not fit, compile what is not compiled "
-        "yet, and plan once. The exit status is 1 if something needed is missing or the plan fails.",
+        "yet (one to two minutes), and try what is installed. The exit status is 1 if something needed is missing, "
+        "or something installed fails.",
     )
     parser = arguments.add_parser(
         commands,

@@ -13,7 +13,7 @@ import yaml
 
 import safe_ompl
 from safe_ompl.apps import main
-from safe_ompl.apps.cli import doctor
+from safe_ompl.apps.cli import doctor, output
 
 ROOT = Path(__file__).parents[3]
 
@@ -25,16 +25,25 @@ def test_the_doctor_says_versions_and_plans(capsys):
     assert re.search(r"SafeRRTConnect in planar2: \d+ way points, proven", out)
 
 
-def test_the_doctor_tells_what_is_missing(capsys, monkeypatch):
-    needed = [
-        doctor.Requirement("no-such-package", ">=2", ""),
-        doctor.Requirement("no-such-extra", "", "viewer"),
-    ]
-    monkeypatch.setattr(doctor, "requirements", lambda: iter(needed))
+def test_the_doctor_tells_what_is_missing_or_fails(capsys, monkeypatch):
+    def breaks():
+        raise ValueError("no\nsuch kernel")
+
+    monkeypatch.setattr(
+        doctor, "requirements", lambda: iter([doctor.Requirement("no-such-package", ">=2", "")])
+    )
+    monkeypatch.setattr(doctor, "compile_all", lambda: None)
+    monkeypatch.setattr(doctor, "ALL_JOBS", (f"{__name__}:job",))
+    monkeypatch.setitem(globals(), "job", breaks)
+    monkeypatch.setitem(output.EXTRAS, "viewer", ("no_such_module", "the viewer"))
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)  # found, but damaged
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out
     assert re.search(r"no-such-package +missing +needs >=2", out)
-    assert "pip install 'safe-ompl[viewer]'" in out
+    assert "fails: kernels: job: ValueError: no such kernel\n" in out
+    assert re.search(r"^fails: plots: ModuleNotFoundError: .*matplotlib.figure", out, re.MULTILINE)
+    assert "viewer: no_such_module missing; get the viewer with: pip install 'safe-ompl[viewer]'\n" in out
+    assert not re.search("fails: (?!kernels|plots)", out), out
 
 
 @pytest.mark.parametrize(
