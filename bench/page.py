@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bench._harness import Report, about, markdown_table, names, said
+from bench._harness import Report, markdown_table, said
 
 CLAIM = "each figure of docs/measured.md comes from a file that says which command found it, and when"
 FOLDER = Path(__file__).parents[1] / "docs" / "measured"
@@ -34,7 +34,6 @@ ORDER = (  # of the page; files with claims only have no section
     ),
     *(
         "stops_contact",
-        "stops_jerk",
         "stops_motions",
         "mutations",
         "timing",
@@ -59,9 +58,9 @@ ORDER = (  # of the page; files with claims only have no section
 INTRODUCTION = """# What was measured
 
 Ratios of two things run in turn in one process, and counts, with the commands that print them again. Times are CPU
-times of one core; they depend on the processor, and ranges are those from an idle to a busy AMD EPYC. `python -m bench`
-lists the benches, and `python -m bench page` makes this page of the files in `docs/measured`; r: recorded by hand from
-an earlier run of the command, or of the bench that it replaced.
+times of one core of an AMD EPYC; ranges go from idle to busy. `python -m bench NAME --help` says what a bench backs.
+`python -m bench page` makes this page of the files in `docs/measured`. The mark r says that the figures were written
+down by hand, from an earlier run of the command or of the bench that it replaced.
 """
 
 
@@ -90,19 +89,18 @@ def page(folder: Path) -> str:
     if unknown:
         raise ValueError(f"bench/page.py does not know the order of {', '.join(sorted(unknown))}")
     rows = [
-        (row["claim"], row.get("result", _figures(content)), _command(content))
+        (
+            row["claim"],
+            row.get("result", _figures(content)),
+            _command(content).replace("python -m bench ", ""),
+        )
         for content in contents
         for row in content.get("claims", ())
     ]
-    parts = [INTRODUCTION, "## Claims", markdown_table(("claim", "measured", "command"), rows)]
-    backs = [(f"`{name}`", *about(name)) for name in names()]
+    parts = [INTRODUCTION, "## Claims", markdown_table(("claim", "measured", "`python -m bench …`"), rows)]
     for content in contents:
         if content.get("tables") or content.get("about"):
             parts += _section(content)
-    parts += [
-        "## What each bench backs",
-        markdown_table(("`python -m bench …`", "what it does", "claim"), backs),
-    ]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
