@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import RATE_BOUNDS, FloatArray, InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import PointCloud
 from safe_ompl.io import RobotDocument, SceneDocument, schema
@@ -30,6 +30,7 @@ _MOST_POWERS = 16  # of a polynomial
 _DIGITS = 6  # of numbers in sentences
 
 _zero_or_more, _positive = schema.number(at_least=0.0), schema.number(above=0.0)
+_speed = schema.number(**RATE_BOUNDS["speed"])
 _obstacle_names = schema.some(schema.text, least=1, of="obstacle")
 
 
@@ -45,11 +46,13 @@ class Clearance:
         """Raise InputError unless robot and scene have what is named."""
         with document.within("clearance"):
             _check_known("obstacles", "obstacle", self.obstacles, scene.names)
-            links = sorted(
-                {body.name.rsplit("_", 1)[0] for body in robot.shared.collision_model.geometryObjects}
-            )
-            _check_known("exempt", "link", (link for link, _ in self.exempt), links)
+            bodies = robot.shared.collision_model.geometryObjects
+            links = {body.name.rsplit("_", 1)[0]: body.parentJoint for body in bodies}
+            _check_known("exempt", "link", (link for link, _ in self.exempt), sorted(links))
             _check_known("exempt", "obstacle", (obstacle for _, obstacle in self.exempt), self.obstacles)
+            for obstacle in self.obstacles:
+                if all(joint == 0 or (link, obstacle) in self.exempt for link, joint in links.items()):
+                    raise InputError(f"every moving link is: nothing is claimed of {obstacle!r}", "exempt")
 
     def of(self, link: str, obstacle: str) -> float:
         """Return what a link keeps from an obstacle [m]."""
@@ -263,8 +266,8 @@ class TimedMotion:
     stops: Stops | None = schema.key(schema.or_none(schema.record(Stops)))
     window: float | None = schema.key(_positive, optional=True)
     jerk: FloatArray | None = schema.key(schema.array(None), optional=True)
-    tool_speed: float | None = schema.key(_positive, optional=True)
-    link_speed: float | None = schema.key(_positive, optional=True)
+    tool_speed: float | None = schema.key(_speed, optional=True)
+    link_speed: float | None = schema.key(_speed, optional=True)
     danger: MovingDanger | None = schema.key(schema.record(MovingDanger), optional=True)
 
     def check(self, robot: Robot, scene: Scene) -> None:
@@ -304,8 +307,12 @@ _RATES = {"velocity": "velocities", "acceleration": "accelerations", "jerk": "je
 def _check_rates(claim: Any, robot: Robot) -> None:
     for name in _RATES:
         limits = getattr(claim, name)
-        if limits is not None and not (limits.shape == (robot.n,) and (limits > 0).all()):
-            raise InputError(f"must be {robot.n} positive numbers, got {limits.tolist()}", name)
+        least, most = RATE_BOUNDS[name].values()
+        if limits is not None and not (
+            limits.shape == (robot.n,) and (least <= limits).all() and (limits <= most).all()
+        ):
+            words = f"must be {robot.n} numbers in [{least:g}, {most:g}], got {shown(limits.tolist())}"
+            raise InputError(words, name)
 
 
 def _rates(claim: Any) -> str:

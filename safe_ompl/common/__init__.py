@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         warn_once,
     )
     from safe_ompl.common.inputs import (
+        RATE_BOUNDS,
         BoolArray,
         FloatArray,
         IntArray,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from safe_ompl.common.models import Changes, Counts, PerThread
 
 __all__ = [
+    "RATE_BOUNDS",
     "BoolArray",
     "CertificateError",
     "Changes",

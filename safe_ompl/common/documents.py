@@ -182,11 +182,13 @@ def numbers_by_name(
     *,
     above: float | None = None,
     at_least: float | None = None,
+    at_most: float | None = None,
 ) -> dict[str, float]:
     """Return `value` as a mapping of names, among `valid` if given, to finite floats within bounds."""
+    bounds = {"above": above, "at_least": at_least, "at_most": at_most}
     given = mapping(key, value, valid)
     with within(key):
-        return {name: number(name, item, above=above, at_least=at_least) for name, item in given.items()}
+        return {name: number(name, item, **bounds) for name, item in given.items()}
 
 
 def section(key: str, value: Any, read: Callable[[dict[str, Any]], _Section]) -> _Section:

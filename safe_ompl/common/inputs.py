@@ -22,6 +22,16 @@ IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
 _Kind = TypeVar("_Kind")
 
+RATE_BOUNDS: dict[str, dict[str, Any]] = {
+    "velocity": {"at_least": 1e-4, "at_most": 999.0},
+    "acceleration": {"at_least": 1e-4, "at_most": 1e5},
+    "jerk": {"at_least": 0.1, "at_most": 1e8},
+    "speed": {"at_least": 1e-4, "at_most": 999.0},
+}
+"""What limits of joints [rad or m, s], and speeds of points [m/s], may be: arguments of `number`.
+
+No arm is faster, so that a larger limit is a mistake; rates may be above the least ones by 1 % (`docs/proofs.md`).
+"""
 _LISTED = 12  # numbers of an array in a message
 _SEEDS = 2**32
 _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one

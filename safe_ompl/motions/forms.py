@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import (
+    RATE_BOUNDS,
     BoolArray,
     FloatArray,
     InputError,
     documents,
     finite_array,
     listed,
+    number,
     polynomials,
     shown,
     whole_number,
@@ -232,8 +234,8 @@ def sampled(
     v = finite_array(
         np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity, (n,), "largest velocity"
     )
-    if (v <= 0).any():
-        raise InputError(f"must be positive, got {v.min():g}", "largest velocity")
+    for value in v.tolist():
+        number("largest velocity", value, **RATE_BOUNDS["velocity"])
     at = pieces[0]
     spans = np.diff(at)[:, None]
     means = np.abs(np.diff(held, axis=0)) / spans

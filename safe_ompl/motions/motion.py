@@ -23,9 +23,8 @@ from safe_ompl.common import (
 )
 from safe_ompl.motions import forms
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import Trajectory
+from safe_ompl.trajectories import RATE_TOLERANCE, Trajectory
 
-JUMP = 1e-6  # [rad or m] allowed between pieces; proofs add it to a piece's `allowance`
 _ROUGH = 1e-9  # [rad or m] far below what proofs keep more than they must
 _TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is probably given in degrees
 
@@ -92,7 +91,7 @@ class Motion:
         _freeze(self, "times", times)
         _freeze(self, "coefficients", coefficients)
         jumps = self._jumps
-        if (jumps > JUMP).any():
+        if (jumps > RATE_TOLERANCE[0]).any():
             piece, k = np.unravel_index(jumps.argmax(), jumps.shape)
             joint = f"column {k}" if self.joint_names is None else f"joint {self.joint_names[k]!r}"
             raise InputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import perm
+from math import factorial, perm
 from typing import NamedTuple
 
 import numpy as np
@@ -91,21 +91,42 @@ def extremes(
 ) -> Extremes:
     """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities.
 
-    A derivative of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ. Bounds that are not below `low`,
-    or not above `high`, numbers or (n,), need not be near to what is taken; by default all are.
+    Bounds that are not below `low`, or not above `high`, numbers or (n,), need not be near to what is taken; by default
+    all are.
     """
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
     error = (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1)
-    if order == 0:
-        error += motion.allowance
-    elif motion.rounding is not None:
-        error += perm(motion.degree, order) * motion.rounding / spans**order
+    error += roughness(motion, order) if order else motion.allowance
     points = polynomials.bernstein(held)
     top, top_at = _peaks(points, high - error)
     bottom, bottom_at = _peaks(-points, -low - error)
     times = motion.times[:-1, None]
     return Extremes(-bottom - error, top + error, times + spans * bottom_at, times + spans * top_at)
+
+
+def roughness(motion: Motion, order: int) -> FloatArray:
+    """Return what rounding, and jumps between pieces, add (K, n) to the derivative of an order ≥ 1.
+
+    One of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ. What jumps moves: a jump J of a lower
+    derivative, i orders below, counts as i! J/Δtⁱ on the piece behind it. Jumps too far are violations of their own.
+    """
+    spans = np.diff(motion.times)[:, None]
+    found = np.zeros((motion.pieces, motion.n))
+    for lower in range(order):
+        jumps = np.minimum(np.abs(_jumps(motion, lower)), RATE_TOLERANCE[lower])
+        found[1:] += factorial(order - lower) * jumps / spans[1:] ** (order - lower)
+    if motion.rounding is None:
+        return found
+    rounded: FloatArray = perm(motion.degree, order) * motion.rounding / spans**order
+    return np.maximum(found, rounded)  # jumps within the rounding need be none
+
+
+def _jumps(motion: Motion, order: int) -> FloatArray:
+    """Return how far (K − 1, n) a derivative jumps between pieces."""
+    held = motion.derivative_coefficients(order)
+    jumps: FloatArray = held[1:, 0] - held[:-1].sum(axis=1)
+    return jumps
 
 
 def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -125,10 +146,10 @@ def rate_violations(
     """Return where a motion exceeds limits of joints; none are proven not to be exceeded anywhere.
 
     They come by time; of each joint and each run of pieces on which it exceeds a limit the worst is named. Positions,
-    those of continuous joints aside, may be 1e-9 rad or m outside, rates 1e-6 of their limit above it. Rates are looked
-    at where there are `limits`, and the motion is a function of time and no bare samples; `kinds` are which of them:
-    "velocity", "acceleration", "jerk", by default all that are limited. With accelerations, velocities must not jump
-    between pieces, and with jerks, neither must accelerations.
+    those of continuous joints aside, may be 1e-9 rad or m outside, rates `RATE_TOLERANCE` above their limit. Rates are
+    looked at where there are `limits`, and the motion is a function of time and no bare samples; `kinds` are which of
+    them: "velocity", "acceleration", "jerk", by default all that are limited. With accelerations, velocities must not
+    jump between pieces, and with jerks, neither must accelerations.
 
     Raises InputError if the motion or the limits are not this robot's, or have no limit of a kind.
     """
@@ -148,11 +169,10 @@ def rate_violations(
             is_low = -bounds.low > bounds.high
             values = np.where(is_low, bounds.low, bounds.high)
             times = np.where(is_low, bounds.low_at, bounds.high_at)
-            excess = np.abs(values) - most * (1 + RATE_TOLERANCE)
+            excess = np.abs(values) - most - RATE_TOLERANCE[order]
             found += _worst(robot, order, kind, times, values, excess, most)
             if order > 1:
-                below = getattr(limits, _KINDS[order - 1])
-                found += _jumps(motion, robot, order - 1, RATE_TOLERANCE * below)
+                found += _jumping(motion, robot, order - 1)
     return sorted(found, key=lambda violation: (violation.at, violation.names, violation.kind))
 
 
@@ -164,16 +184,12 @@ def _outside(motion: Motion, robot: Robot) -> Iterator[Violation]:
     yield from _worst(robot, 0, "position", high_at, high, high - robot.upper - free, robot.upper)
 
 
-def _jumps(motion: Motion, robot: Robot, order: int, tolerance: FloatArray) -> Iterator[Violation]:
-    """Yield where a derivative jumps between pieces by more than a tolerance (n,)."""
-    held = motion.derivative_coefficients(order)
-    steps = held[1:, 0] - held[:-1].sum(axis=1)
-    if motion.rounding is not None:
-        rough = perm(motion.degree, order) * motion.rounding / np.diff(motion.times)[:, None] ** order
-        tolerance = tolerance + rough[1:] + rough[:-1]
-    times = np.broadcast_to(motion.times[1:-1, None], steps.shape)
-    kind = f"{_KINDS[order]} jump"
-    yield from _worst(robot, order, kind, times, steps, np.abs(steps) - tolerance, np.zeros(robot.n))
+def _jumping(motion: Motion, robot: Robot, order: int) -> Iterator[Violation]:
+    """Yield where a derivative jumps too far between pieces."""
+    jumps = _jumps(motion, order)
+    times = np.broadcast_to(motion.times[1:-1, None], jumps.shape)
+    excess = np.abs(jumps) - RATE_TOLERANCE[order]
+    yield from _worst(robot, order, f"{_KINDS[order]} jump", times, jumps, excess, np.zeros(robot.n))
 
 
 def _worst(
@@ -186,6 +202,7 @@ def _worst(
     limits: FloatArray,
 ) -> Iterator[Violation]:
     """Yield of each joint and each run of rows with an excess > 0 the one of the largest; arrays are (K, n)."""
+    excess = np.where(np.isnan(excess), np.inf, excess)
     for joint in np.flatnonzero((excess > 0).any(axis=0)).tolist():
         rows = np.flatnonzero(excess[:, joint] > 0)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import perm
 
 import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, polynomials
 from safe_ompl.motions.motion import Motion
+from safe_ompl.motions.rates import roughness
 from safe_ompl.scene import People
 from safe_ompl.trajectories import (
     CELL_LENGTH,
@@ -35,11 +35,12 @@ class MotionCurve:
     def __init__(self, motion: Motion, limits: RateLimits) -> None:
         self._motion = motion
         self._rates = [motion.derivative_coefficients(order) for order in (1, 2, 3)]
-        rates, slowest = self._rates[0], RATE_TOLERANCE * limits.velocity
-        ends = np.concatenate([rates[:, 0], rates.sum(axis=1)]).reshape(2, motion.pieces, motion.n)
-        moves = (np.abs(ends) > slowest).any(axis=2)
+        self._rough = [roughness(motion, order) for order in (1, 2, 3)]
+        rates = self._rates[0]
+        ends = np.abs(np.stack([rates[:, 0], rates.sum(axis=1)])) + self._rough[0]
+        moves = (ends > RATE_TOLERANCE[1]).any(axis=2)
         if moves[1, -1]:
-            joint = int((np.abs(ends[1, -1]) / limits.velocity).argmax())
+            joint = int((ends[1, -1] / limits.velocity).argmax())
             raise InputError(
                 f"must end at rest where it is to stop before people, and {limits.joint_names[joint]!r} ends at "
                 f"{ends[1, -1, joint]:.3g} rad/s or m/s; without people it need not",
@@ -62,17 +63,18 @@ class MotionCurve:
 
     def between(self, edges: FloatArray) -> Cells:
         """Return the cells between times, the knots among them."""
-        motion, times = self._motion, self._motion.times
+        times = self._motion.times
         piece = np.searchsorted(times, (edges[1:] + edges[:-1]) / 2, side="right") - 1
         span = np.diff(times)[piece]
         first, last = ((ends - times[piece]) / span for ends in (edges[:-1], edges[1:]))
+        roughest = [rough[piece] for rough in self._rough]
+        half = np.diff(edges)[:, None] / 2  # velocities at centres are those of the polynomials
+        roughest[1] = np.maximum(roughest[1], roughest[0] / half)
         boxes = []
-        for order, rates in enumerate(self._rates, start=1):
+        for rates, rough in zip(self._rates, roughest, strict=True):
             held = rates[piece]
             points = polynomials.bernstein(polynomials.restricted(held, first, last))
-            error = 16 * (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1)
-            if motion.rounding is not None:
-                error += perm(motion.degree, order) * motion.rounding[piece] / span[:, None] ** order
+            error = 16 * (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1) + rough
             boxes.append((points.min(axis=1) - error, points.max(axis=1) + error))
         swings = np.maximum(np.abs(boxes[2][0]), np.abs(boxes[2][1]))
         rests = np.searchsorted(edges, times[self._rests])

@@ -10,7 +10,7 @@ from typing import Any
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import InputError, UnknownNameError, number
+from safe_ompl.common import RATE_BOUNDS, InputError, UnknownNameError, number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
@@ -292,13 +292,13 @@ class Robot(ForwardKinematics):
     def with_accelerations(self, limits: Mapping[str, float]) -> Robot:
         """Return the same robot that knows acceleration limits of its joints [rad/s² or m/s²]; URDFs have none.
 
-        Of joints that are not named what was known before stays. Raises InputError if a limit is not positive,
+        Of joints that are not named what was known before stays. Raises InputError if a limit is absurd,
         UnknownNameError if it plans with no joint of such a name.
         """
         for name, limit in limits.items():
             if name not in self.joint_names:
                 raise UnknownNameError("joint", name, self.joint_names, "accelerations")
-            number(f"acceleration limit of joint {name!r}", limit, above=0.0)
+            number(f"acceleration limit of joint {name!r}", limit, **RATE_BOUNDS["acceleration"])
         chosen = {name: float(limit) for name, limit in limits.items()}
         blueprint = WithAccelerations(self.blueprint, chosen)
         return type(self)(blueprint, blueprint.applied(self.shared))

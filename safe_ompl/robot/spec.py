@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import RATE_BOUNDS, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.robot.loading.blueprint import Attachment, as_pose, attachments, mobile_ranges
@@ -88,7 +88,9 @@ class RobotSpec:
             "base": None if self.base is None else as_pose(self.base, "base"),
             "mobile_base": None if self.mobile_base is None else mobile_ranges(self.mobile_base),
             "attached": tuple(self.attached),
-            "accelerations": document.numbers_by_name("accelerations", self.accelerations, above=0.0),
+            "accelerations": document.numbers_by_name(
+                "accelerations", self.accelerations, **RATE_BOUNDS["acceleration"]
+            ),
             "xacro_args": {
                 key: _word(key, word) for key, word in document.mapping("xacro_args", self.xacro_args).items()
             },

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from math import inf, pi
 from typing import Any, TypeAlias
 
-from safe_ompl.common import InputError
+from safe_ompl.common import RATE_BOUNDS, InputError
 from safe_ompl.common import documents as document
 
 ByJoint: TypeAlias = float | Mapping[str, float] | tuple[float, ...]
@@ -167,10 +167,11 @@ class MotionLimits(document.Section):
 
     def __post_init__(self) -> None:
         for key in ("velocity", "acceleration", "jerk"):
-            object.__setattr__(self, key, _by_joint(key, getattr(self, key)))
+            object.__setattr__(self, key, _by_joint(key, getattr(self, key), **RATE_BOUNDS[key]))
         for key in ("tool_speed", "link_speed", "max_danger"):
             if getattr(self, key) is not None:
-                object.__setattr__(self, key, document.number(key, getattr(self, key), above=0.0))
+                bound = {"above": 0.0} if key == "max_danger" else RATE_BOUNDS["speed"]
+                object.__setattr__(self, key, document.number(key, getattr(self, key), **bound))
 
 
 def _direction(key: str, value: Any) -> tuple[float, ...]:
@@ -190,7 +191,6 @@ def _pair(value: Any) -> tuple[str, str]:
 def _by_joint(key: str, value: Any, **bound: float) -> ByJoint | None:
     if value is None:
         return None
-    bound = bound or {"above": 0.0}
     if isinstance(value, Mapping):
         return document.numbers_by_name(key, value, None, **bound)
     if isinstance(value, (list, tuple)):

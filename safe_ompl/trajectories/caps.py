@@ -7,7 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, SafeOmplError, number
+from safe_ompl.common import (
+    RATE_BOUNDS,
+    BoolArray,
+    FloatArray,
+    InputError,
+    IntArray,
+    SafeOmplError,
+    number,
+)
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
@@ -40,7 +48,7 @@ class MotionCaps:
     Raises
     ------
     InputError
-        If only one of `danger` and `max_danger` is given, or a number is not positive.
+        If only one of `danger` and `max_danger` is given, or a speed is absurd.
     """
 
     people: People | None = None
@@ -62,7 +70,8 @@ class MotionCaps:
         ):
             value = getattr(self, key)
             if value is not None:
-                object.__setattr__(self, key, number(name, value, above=0.0, kind=kind))
+                bound = {"above": 0.0} if key == "max_danger" else RATE_BOUNDS["speed"]
+                object.__setattr__(self, key, number(name, value, kind=kind, **bound))
 
     @property
     def speeds(self) -> tuple[float | None, float | None]:

@@ -10,14 +10,25 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number, warn_once
+from safe_ompl.common import (
+    RATE_BOUNDS,
+    FloatArray,
+    InputError,
+    UnknownNameError,
+    finite_array,
+    number,
+    warn_once,
+)
 from safe_ompl.robot import Robot
 
 _log = logging.getLogger(__name__)
 
 LimitByJoint: TypeAlias = float | Mapping[str, float] | ArrayLike
-RATE_TOLERANCE = 1e-6
-"""Relative: what rates may be above limits, for files and solvers round; no faster than this is at rest."""
+RATE_TOLERANCE = (1e-6, 1e-6, 1e-6, 1e-3)
+"""Of positions, velocities, accelerations and jerks [rad or m, s], for files and solvers round.
+
+Rates may be so much above their limits, and what must be continuous may jump so far. No faster than this is at rest.
+"""
 _RISE = 0.25  # [s] in which a joint reaches its velocity, where no acceleration limit is known
 _UNLIMITED = 1e3  # [rad/s or m/s] from here on a URDF's velocity stands for none
 
@@ -40,7 +51,7 @@ class RateLimits:
     Raises
     ------
     InputError
-        If a limit is missing, zero, negative or not finite; names the joint.
+        If a limit is missing, or absurd: negative, a velocity of 1000 rad/s; names the joint.
     """
 
     joint_names: tuple[str, ...]
@@ -57,7 +68,7 @@ class RateLimits:
         for kind in self.kinds:
             values = finite_array(getattr(self, kind), (len(self.joint_names),), f"{kind} limits")
             for name, value in zip(self.joint_names, values.tolist(), strict=True):
-                number(f"{kind} limit of joint {name!r}", value, above=0.0)
+                number(f"{kind} limit of joint {name!r}", value, **RATE_BOUNDS[kind])
             values.setflags(write=False)
             object.__setattr__(self, kind, values)
 
@@ -90,9 +101,10 @@ class RateLimits:
         UnknownNameError
             If there is no such joint.
         """
-        velocities = _chosen(robot, velocity, _urdf_velocities(robot), "velocity")
-        for name, value in zip(robot.joint_names, velocities.tolist(), strict=True):
-            if not 0 < value < _UNLIMITED:
+        own_velocities = _urdf_velocities(robot)
+        velocities = _chosen(robot, velocity, own_velocities, "velocity")
+        for name, value, in_urdf in zip(robot.joint_names, velocities.tolist(), own_velocities, strict=True):
+            if value == in_urdf and not 0 < value < _UNLIMITED:
                 raise InputError(
                     f"joint {name!r} has no velocity limit in its URDF ({value:g}); give one, as "
                     f"velocity={{{name!r}: 2.0}} [rad/s or m/s]"
@@ -144,9 +156,9 @@ def _chosen(robot: Robot, given: LimitByJoint | None, default: FloatArray, kind:
             if name not in robot.joint_names:
                 raise UnknownNameError("joint", name, robot.joint_names, f"{kind} limits")
             chosen[robot.joint_names.index(name)] = number(
-                f"{kind} limit of joint {name!r}", value, above=0.0
+                f"{kind} limit of joint {name!r}", value, **RATE_BOUNDS[kind]
             )
         return chosen
     if np.ndim(given) == 0:
-        return np.full(robot.n, number(f"{kind} limit", given, above=0.0))
+        return np.full(robot.n, number(f"{kind} limit", given, **RATE_BOUNDS[kind]))
     return finite_array(given, (robot.n,), f"{kind} limits")

@@ -184,14 +184,14 @@ def stops_beside(
     limits : RateLimits
         Of its joints.
     """
-    accelerations = (1 + RATE_TOLERANCE) * limits.acceleration
+    accelerations = limits.acceleration
     for last in [False] * _ROUNDS + [True]:
         motion, ends = (cells.sizes, cells.boxes, accelerations), next_stops(cells)
         none = np.empty((len(cells), 0))
         spans = time_left(*motion, ends, none, none)[-1]
         speeds, soon = bodies.bounds(curve, cells), float(spans.max())
         found = distances.along(curve, cells, speeds, soon, soon)
-        times = np.where(_at_rest(cells, limits)[:, None], np.inf, found.times)
+        times = np.where(_at_rest(cells)[:, None], np.inf, found.times)
         harmless, _ = harmless_rates(curve, cells, speeds, distances)
         left, limb, where, entries, _ = time_left(*motion, ends, times, harmless)
         loss = _loss(cells, speeds, found, limb, where, distances) + _ROUGH * spans
@@ -206,8 +206,8 @@ def stops_beside(
     raise AssertionError
 
 
-def _at_rest(cells: Cells, limits: RateLimits) -> BoolArray:
-    return np.asarray((cells.slopes <= RATE_TOLERANCE * limits.velocity).all(axis=1))
+def _at_rest(cells: Cells) -> BoolArray:
+    return np.asarray((cells.slopes <= RATE_TOLERANCE[1]).all(axis=1))
 
 
 def _loss(

@@ -287,6 +287,11 @@ def test_a_negative_clearance_lets_nothing_overlap(ur5, clutter, plain_check):
         verify(signed(content), ur5, clutter)
 
 
+MOVING = [
+    f"{part}_link" for part in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "ee")
+]
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
@@ -297,6 +302,7 @@ def test_a_negative_clearance_lets_nothing_overlap(ur5, clutter, plain_check):
         ("obstacles", "ball", "must be a list"),
         ("obstacles", [], "must name one obstacle at least"),
         ("exempt", [["ghost", "ball"]], "unknown link 'ghost'"),
+        ("exempt", [[link, "ball"] for link in MOVING], "every moving link is: nothing is claimed of 'ball'"),
         ("exempt", [["wrist_3_link", "ghost"]], "unknown obstacle 'ghost'"),
         ("exempt", [3], "must be a list"),
         ("exempt", [["ball"]], "must have 2 entries"),
@@ -307,6 +313,8 @@ def test_clearances_that_cannot_be_claimed(tampered, ur5, clutter, key, value, m
     tampered["clearance"] = {**clearance(clutter, 0.0), key: value}
     with pytest.raises(InputError, match=rf"clearance.*{message}"):
         verify(signed(tampered), ur5, clutter)
+    with pytest.raises(InputError, match=message):
+        certificate(tampered["path"], ur5, clutter, clearance=tampered["clearance"])
 
 
 # ----------------------------------------------------------------------------------------------------- danger

@@ -227,7 +227,9 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
         ({"slack": [[-1] * 6] * 3}, r"motion\.slack: must be 3 rows of 6 numbers >= 0"),
         ({"rounding": [[0] * 6]}, r"motion\.rounding: must be 3 rows"),
         ({"velocity": None}, r"motion\.acceleration: needs velocities"),
-        ({"jerk": [0] * 6}, r"motion\.jerk: must be 6 positive numbers"),
+        ({"jerk": [0] * 6}, r"motion\.jerk: must be 6 numbers in \[0\.1, 1e\+08\]"),
+        ({"velocity": [3e6] * 6}, r"motion\.velocity: must be 6 numbers in"),
+        ({"acceleration": [1e308] * 6}, r"motion\.acceleration: must be 6 numbers in"),
         ({"speeds": {"bell": 1}}, "unknown obstacle 'bell'"),
         ({"extra": 1}, "unknown key"),
     ],
@@ -244,6 +246,50 @@ def test_a_tube_or_a_path_that_has_no_meaning_there_is_refused(written):
     ):
         with pytest.raises(InputError, match=words):
             verify(tampered(written, change))
+
+
+# What is exceeded, limits of velocities, accelerations and jerks, and the motion
+FALSE = {
+    "a staircase of positions": ("velocity", (1e-3, 1e-2), lambda: stairs(0)),
+    "the same, slow enough": ("acceleration", (20.0, 1.0), lambda: stairs(0)),
+    "a staircase of velocities": ("acceleration", (1.0, 1e-2), lambda: stairs(1)),
+    "a staircase of accelerations": ("jerk", (1.0, 1.0, 1.0), lambda: stairs(2)),
+    "a corner at a high limit": ("velocity jump", (999.0, 1e-2), lambda: corner(9e-4)),
+    "a corner that is called rounding": ("velocity jump", (1.0, 1e-2), lambda: corner(0.4, 0.2)),
+    "a bang-bang profile": ("acceleration jump", (1.0, 1e5, 0.5), lambda: bang(0.04)),
+}
+
+
+def stairs(order, count=50, span=1e-7, step=0.99e-6):
+    """Return pieces on which a derivative of an order is constant, and steps in between."""
+    levels = np.cumsum(np.full((count, 1), step) * [1.0, 0, 0, 0, 0, 0], axis=0)
+    if order == 2:
+        return Motion.profile(POINTS[0], np.full(count, span), levels)
+    slopes = span * levels if order else 0 * levels
+    starts = POINTS[0] + (np.cumsum(slopes, axis=0) - slopes if order else levels)
+    return Motion(np.arange(count + 1) * span, np.stack([starts, slopes], axis=1))
+
+
+def corner(turn, rounding=0.0):
+    turned = [[0.0] * 6, [0.0] * 6, [turn, 0, 0, 0, 0, 0]]
+    made = Motion.through(POINTS[0] + turned, [0.0, 1.0, 2.0])
+    return Motion(made.times, made.coefficients, rounding=np.full((2, 6), rounding))
+
+
+def bang(push):
+    return Motion.profile(POINTS[0], [0.5, 0.5], [[push, 0, 0, 0, 0, 0], [-push, 0, 0, 0, 0, 0]])
+
+
+@pytest.mark.parametrize("kind", FALSE)
+def test_rates_that_are_false_are_neither_proven_nor_certified(ur5, clutter, kind):
+    """Jumps count as motion, no tolerance grows with a limit, and a forged check has no certificate."""
+    wrong, given, made = FALSE[kind]
+    limits = RateLimits(ur5.joint_names, *(np.full(6, limit) for limit in given))
+    found = check(made(), ur5, clutter, limits=limits)
+    assert wrong in {violation.kind for violation in found.violations}
+    found = found._replace(violations=())
+    with pytest.raises(PlanningError, match=r"by plain means: motion: .*(above its limit|jumps)"):
+        motion_certificate(found)
 
 
 def test_what_is_not_proven_has_no_certificate(ur5, clutter, fast):

@@ -273,6 +273,35 @@ def bent(claim):
     claim["pieces"][1]["bend"] = [1.01 * x for x in claim["pieces"][1]["bend"]]
 
 
+def leaping(claim):
+    """Far and back within what counts as one grid point, where it stands."""
+    first = claim["pieces"][0]
+    still = dict.fromkeys(("bend", "swing"), [0.0] * 6) | {"length": 2e-10}
+    far = [first["start"][0] - 0.05, *first["start"][1:]]
+    there = {"start": first["start"], "slope": [-2.5e8, 0, 0, 0, 0, 0], **still}
+    claim["pieces"] = [there, {"start": far, "slope": [2.5e8, 0, 0, 0, 0, 0], **still}, *claim["pieces"]]
+    claim["corners"] = [1, 2, *(k + 2 for k in claim["corners"])]
+
+
+def stepping(claim):
+    """Put steps to and fro into the first piece, each no farther than what counts as the same place."""
+    first, count, size = claim["pieces"][0], 20, 1.5e-9
+    begin, end = 0.3 * first["length"], 0.3 * first["length"] + count * size
+    start, slope = np.array(first["start"]), np.array(first["slope"])
+    places = (
+        start + np.outer(begin + size * np.arange(count), slope) + 0.9e-9 * (np.arange(count)[:, None] % 2)
+    )
+    steps = [{**first, "start": place.tolist(), "length": size} for place in places]
+    rest = {**first, "start": (start + end * slope).tolist(), "length": first["length"] - end}
+    claim["pieces"] = [{**first, "length": begin}, *steps, rest, *claim["pieces"][1:]]
+    claim["corners"] = [k + count + 1 for k in claim["corners"]]
+    edges, squares = np.array(claim["edges"]), claim["squares"]
+    more = np.union1d(edges, begin + size * np.arange(count + 1))
+    brakes = np.array(claim["stops"]["brakes"])[np.searchsorted(edges, more[:-1], side="right") - 1]
+    claim["edges"], claim["squares"] = more.tolist(), np.interp(more, edges, squares).tolist()
+    claim["stops"]["brakes"] = brakes.tolist()
+
+
 def moved(claim):
     claim["pieces"][0]["start"][0] += 1e-6
 
@@ -312,6 +341,12 @@ def moved(claim):
         (lambda claim: claim.pop("squares"), "squares"),
         (lambda claim: claim.update(more=1), "more"),
         (lambda claim: claim.update(velocity=[0.0] * 6), "velocity"),
+        (scaled("velocity", 1e3), r"velocity: must be 6 numbers in \[0\.0001, 999\]"),
+        (scaled("acceleration", 1e300), "acceleration: must be 6 numbers in"),
+        (lambda claim: claim.update(jerk=[1e9] * 6), "jerk: must be 6 numbers in"),
+        (lambda claim: claim.update(tool_speed=1e308), "tool_speed: must be a finite number in"),
+        (leaping, "does not begin at a grid point"),
+        (stepping, "is too short for the jump where it begins"),
         (lambda claim: claim["pieces"][0].pop("length"), "length: missing"),
     ],
 )

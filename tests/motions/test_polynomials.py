@@ -316,7 +316,7 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
             lambda: Motion.sampled(T, [[0.0], [0.5], [3.0]], 1.0),
             "column 0 moves at 2.5 after 1 s, faster than",
         ),
-        (lambda: Motion.sampled(T, Q, 0.0), "largest velocity: must be positive, got 0"),
+        (lambda: Motion.sampled(T, Q, 0.0), "largest velocity must be a finite number in"),
         (lambda: Motion.of(interpolate.CubicSpline(T, Q + 1j)), r"coefficients must be numbers, got array"),
         (
             lambda: Motion.of(interpolate.PPoly(np.ones((2, 2, 2)), T[::-1])),

@@ -98,6 +98,32 @@ def test_nobody_is_reached_in_a_stop_of_a_proven_motion(panda, shelf, limits, sp
     assert least_left(hasty, limbs, 40) < 0  # the adversary can win
 
 
+def stairs(at, count=4000, step=0.99e-6, span=1e-7):
+    """Return pieces at rest, each a step from the one before: at 9.9 rad/s."""
+    held = np.zeros((count, 2, len(at)))
+    held[:, 0] = at
+    held[:, 0, 0] += step * np.arange(count)
+    return Motion(span * np.arange(count + 1), held)
+
+
+@pytest.mark.parametrize("velocity", [2.0, 20.0, 999.0])
+@pytest.mark.parametrize("kind", ["staircase", "slow"])
+def test_what_moves_is_not_at_rest(panda, shelf, spline, velocity, kind):
+    """Neither in steps between pieces at rest, nor slower than a share of an absurd limit."""
+    motion = spline(8000.0) if kind == "slow" else stairs(spline(1.0)(0.5))
+    limits = RateLimits.of(panda, velocity, 20.0)
+    if kind == "slow":  # 2e-6 of the largest limit is more than its velocity
+        assert 1e-4 < np.abs(motion(motion.x, 1)).max() < 999e-6
+    people = People(reaction_time=1.0)
+    try:
+        found = check(motion, panda, shelf, limits=limits, people=people)
+    except InputError as error:
+        assert "must end at rest" in str(error)  # noqa: PT017
+        assert kind == "staircase"
+        return
+    assert "separation" in {violation.kind for violation in found.violations}
+
+
 def test_stops_stay_on_the_motion_within_its_limits_and_end_at_rest(panda, shelf, limits, spline):
     found = check(spline(5.0), panda, shelf, limits=limits, people=People())
     motion = found.motion

@@ -140,7 +140,7 @@ def test_a_straight_motion_takes_little_more_than_the_law_of_seven_phases(panda)
     assert least < short.duration < 1.25 * least
 
 
-@pytest.mark.parametrize("jerk", [1e6, 1e12])
+@pytest.mark.parametrize("jerk", [1e6, 1e8])
 def test_without_a_limit_that_binds_it_is_the_law_without_jerk(panda, shelf_path, jerk):
     fastest = time_path(shelf_path, panda, RateLimits.of(panda, acceleration=8.0))
     smooth = time_path(shelf_path, panda, RateLimits.of(panda, acceleration=8.0, jerk=jerk))
@@ -262,7 +262,7 @@ def test_the_rest_is_timed_anew_from_rest_only(panda, shelf_path, shelf_motion, 
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
 def test_limits_that_are_none_are_refused(panda, wrong):
-    with pytest.raises(InputError, match="jerk limit must be a positive number"):
+    with pytest.raises(InputError, match="jerk limit must be a finite number in"):
         RateLimits.of(panda, 1.0, 1.0, wrong)
     with pytest.raises(InputError, match="jerk"):
         RateLimits(("a",), np.ones(1), np.ones(1), np.array([wrong]))

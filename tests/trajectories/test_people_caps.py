@@ -248,7 +248,7 @@ def test_speeds_of_tool_and_links_are_kept(panda, shelf_path, shelf_motion, pand
         assert speed.max() <= 0.25 * (1 + 1e-9)
         if kind == "tool_speed":
             assert speed.max() > 0.24
-        with pytest.raises(InputError, match=kind.replace("_", " ") + " must be a positive"):
+        with pytest.raises(InputError, match=kind.replace("_", " ") + " must be a finite number"):
             time_path(shelf_path, panda, panda_limits, **{kind: 0})
 
 

@@ -5,9 +5,11 @@ import logging
 import numpy as np
 import pytest
 
-from safe_ompl import InputError, RateLimits, Robot, UnknownNameError
+from safe_ompl import InputError, Motion, RateLimits, Robot, UnknownNameError, time_path
 from safe_ompl.io.robot_document import recipe
+from safe_ompl.people.replanning import PathLimits
 from safe_ompl.robot import RobotSpec, robot_hash
+from safe_ompl.scene import MotionLimits
 
 
 def test_velocities_come_from_the_urdf_and_the_default_accelerations_are_said_aloud_once(panda, caplog):
@@ -30,14 +32,41 @@ def test_some_joints_one_for_all_or_all(panda, caplog):
     assert one.as_dict()["velocity"][panda.joint_names[2]] == 0.5
 
 
-@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf, 1e308, 1.1e5])
 def test_limits_that_are_none_are_refused(panda, wrong):
-    with pytest.raises(InputError, match="acceleration limit must be a positive number"):
+    with pytest.raises(InputError, match="acceleration limit must be a finite number in"):
         RateLimits.of(panda, acceleration=wrong)
     with pytest.raises(InputError, match="velocity limit"):
         RateLimits.of(panda, {panda.joint_names[0]: wrong}, 1.0)
     with pytest.raises(InputError, match="velocity limit"):
         RateLimits(("a",), np.array([wrong]), np.array([1.0]))
+
+
+def absurd(robot):
+    """Return everything that takes limits, by what it says that is wrong."""
+    joint = robot.joint_names[1]
+    return {
+        f"velocity limit of joint '{joint}'": lambda x: RateLimits.of(robot, {joint: x}),
+        "velocity limit of joint": lambda x: RateLimits.of(robot, [x] * robot.n, 1.0),
+        "jerk limit": lambda x: RateLimits.of(robot, jerk=1e6 * x),
+        f"acceleration limit of joint '{joint}'": lambda x: robot.with_accelerations({joint: 1e3 * x}),
+        f"accelerations.{joint}": lambda x: RobotSpec(example="panda", accelerations={joint: 1e3 * x}),
+        "velocity": lambda x: MotionLimits(velocity=x),
+        r"velocity\[1\]": lambda x: MotionLimits(velocity=[1.0, x]),
+        f"acceleration.{joint}": lambda x: MotionLimits(acceleration={joint: 1e3 * x}),
+        "link_speed": lambda x: MotionLimits(link_speed=x),
+        "link speed": lambda x: PathLimits(RateLimits.of(robot), link_speed=x),
+        "tool speed": lambda x: time_path([robot.lower, robot.upper], robot, tool_speed=x),
+        "largest velocity": lambda x: Motion.sampled([0, 1], np.zeros((2, robot.n)), x),
+    }
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, 1000.0, 3e6, 1e300])
+def test_absurd_limits_are_refused_in_a_line_wherever_they_are_given(panda, wrong):
+    for said, given in absurd(panda).items():
+        with pytest.raises(InputError, match=f"^{said}:? .*must be a finite number .*in .*, got") as caught:
+            given(wrong)
+        assert len(str(caught.value)) < 200
 
 
 def test_a_urdf_without_velocities_asks_for_them(tmp_path):
@@ -71,7 +100,7 @@ def test_accelerations_that_the_robot_knows(panda, caplog):
     assert RateLimits.of(robot, acceleration=2.0).acceleration.tolist() == [2.0] * 7
     with pytest.raises(UnknownNameError, match="unknown joint 'elbow'"):
         panda.with_accelerations({"elbow": 1.0})
-    with pytest.raises(InputError, match="must be a positive number"):
+    with pytest.raises(InputError, match="must be a finite number in"):
         panda.with_accelerations({first: 0.0})
 
 

@@ -176,7 +176,7 @@ def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
     ), 0.0
 
 
-_ROUNDING = 1e-9  # relative
+_ABOVE = 1e-8  # [m/s] what speeds may be above their limit
 _SMALLEST = 1e-7  # [rad] intervals that are not divided any more
 
 
@@ -223,9 +223,9 @@ class PlainSpeeds:
                 first, last = waiting.pop()
                 middle, half = (first + last) / 2, (last - first) / 2
                 exact, bound = self._bounds(piece, middle, half, bodies)
-                if bound * rate <= limit * (1 + _ROUNDING):
+                if bound * rate <= limit + _ABOVE:
                     continue
-                if exact * rate > limit * (1 + _ROUNDING) or half < _SMALLEST:
+                if exact * rate > limit + _ABOVE or half < _SMALLEST:
                     return start + middle
                 waiting += [(first, middle), (middle, last)]
         return None

@@ -24,7 +24,9 @@ _SAME = 1e-9  # [rad] places that differ by less are the same
 _SMOOTH = (
     1e-6  # [rad/s, rad/s²] jumps of velocities, and of accelerations where the jerk is limited, that are none
 )
-_ROUNDING = 1e-9  # relative, of speeds and accelerations
+_STEEP = (1e-8, 1e-6, 1e-3)  # [rad, s] jumps of places, velocities and accelerations as rates, at most
+_ABOVE = (1e-8, 1e-7, 1e-4)  # [rad, s] what velocities, accelerations and jerks may be above their limits
+_ROUNDING = 1e-9  # relative, of reach and, for grid points, of the shorter piece beside
 _LONGEST = 1e4  # [rad] of a curve
 _HALVINGS = 60
 
@@ -199,10 +201,14 @@ class PlainMotion:
         edges = self.edges
         if len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] != 0:
             raise CertificateError("trajectory: its grid points are not in order")
-        if abs(edges[-1] - self.starts[-1]) > _SAME or not (self.squares >= 0).all():
+        if (
+            abs(edges[-1] - self.starts[-1]) > 1e3 * _ROUNDING * self.pieces[-1].length
+            or not (self.squares >= 0).all()
+        ):
             raise CertificateError("trajectory: its grid points do not cover the curve")
-        for k, start in enumerate(self.starts[1:-1], 1):
-            if abs(edges[self._grid_point(start)] - start) > _SAME:
+        for k, (before, after) in enumerate(pairwise(self.pieces), 1):
+            away = abs(edges[self._grid_point(self.starts[k])] - self.starts[k])
+            if away > 1e3 * _ROUNDING * min(before.length, after.length):
                 raise CertificateError(f"trajectory: piece {k} does not begin at a grid point")
         if (self.squares[1:] + self.squares[:-1] == 0).any():
             raise CertificateError("trajectory: it stands where it should move")
@@ -213,15 +219,23 @@ class PlainMotion:
         return int(np.abs(self.edges - s).argmin())
 
     def _check_smooth(self, corners: list[int]) -> None:
-        """Refuse pieces that begin with another velocity, or acceleration, than those before end with."""
-        most = float(self.squares.max())
+        """Refuse pieces that begin with another velocity, or acceleration, than those before end with.
+
+        A jump J where a piece of length h begins counts as the rate Jṡ/h, too, so that many make no staircase.
+        """
+        speed = sqrt(float(self.squares.max()))
         for k, (before, after) in enumerate(pairwise(self.pieces), 1):
-            if k in corners:
-                continue
-            if np.abs(before.slope(before.length) - after.first).max() * sqrt(most) > _SMOOTH:
+            end = before.length
+            jumps = [np.abs(before.at(end) - after.start).max()]
+            if k not in corners:
+                jumps += [np.abs(before.slope(end) - after.first).max() * speed]
+                jumps += [np.abs(before.bend(end) - after.second).max() * speed**2] * bool(self.window)
+            if max(jumps[1:2], default=0.0) > _SMOOTH:
                 raise CertificateError(f"trajectory: piece {k} begins in another direction, but is no corner")
-            if self.window and np.abs(before.bend(before.length) - after.second).max() * most > _SMOOTH:
+            if max(jumps[2:], default=0.0) > _SMOOTH:
                 raise CertificateError(f"trajectory: the acceleration jumps where piece {k} begins")
+            if any(jump * speed > most * after.length for jump, most in zip(jumps, _STEEP, strict=False)):
+                raise CertificateError(f"trajectory: piece {k} is too short for the jump where it begins")
 
     def exceeded(
         self,
@@ -250,14 +264,14 @@ class PlainMotion:
             slope, bend = np.maximum(-slopes[0], slopes[1]), np.abs(bends).max(axis=0)
             felt = np.max([np.abs(p * push + c * x).max(axis=0) for p in slopes for c in bends], axis=0)
             wrong = [
-                ("is faster", slope * fastest > velocity * (1 + _ROUNDING)),
-                ("accelerates more", felt > acceleration * (1 + _ROUNDING)),
+                ("is faster", slope * fastest > velocity + _ABOVE[0]),
+                ("accelerates more", felt > acceleration + _ABOVE[1]),
             ]
             if jerk is not None:
                 low, high = min(float(push.min()), 0.0), max(float(push.max()), 0.0)
                 jerks = np.abs(piece.third) * fastest**3 + 3 * bend * fastest * max(-low, high)
                 jerks = jerks + slope * (high - low) / self.window
-                wrong.append(("has more jerk", jerks > jerk * (1 + _ROUNDING)))
+                wrong.append(("has more jerk", jerks > jerk + _ABOVE[2]))
             for what, joints in wrong:
                 for i in np.flatnonzero(joints):
                     return f"joint {i} {what} than its limit at {self.edges[k]:.6f} rad"

@@ -4,14 +4,15 @@ A piece is a Bézier curve. Its control points are found exactly, in rational nu
 a part is in the box of its control points. No joint is farther from the centre of that box than half its width and what
 the piece allows for: slack, rounding, the jump before it, and the tube. A part holds if every pair is farther apart
 there than the two can approach each other then; pairs that are not are looked at again in both halves. Derivatives are
-no larger than their own control points.
+no larger than their own control points. A jump J between pieces counts as motion of the piece behind it: of the i-th
+derivative above, as i! J / Δtⁱ.
 """
 
 from __future__ import annotations
 
 from fractions import Fraction
 from itertools import pairwise
-from math import comb, perm
+from math import comb, factorial, perm
 
 import numpy as np
 
@@ -24,9 +25,10 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
-_LARGEST_JUMP = 1e-6  # [rad or m] between pieces
 _WITHIN = 2e-9  # [rad or m] by which a joint may be outside its limits
-_ABOVE = 2e-6  # relative: what rates may be above their limits
+# [rad or m, s] What velocities, accelerations and jerks may be above their limits; positions and what else must be
+# continuous may jump so far. Rates are issued with half of that.
+_ABOVE = (1e-6, 2e-6, 2e-6, 2e-3)
 _SMALLEST = 1e-8  # [rad or m] parts in which no joint moves more are not divided any more
 _HALVINGS = 50
 _ROUNDING = 1e-13  # relative, of fifty halvings
@@ -120,7 +122,7 @@ def _above(points: FloatArray, limit: FloatArray) -> int | None:
     waiting = [(points, 0)]
     while waiting:
         part, depth = waiting.pop()
-        above = part > limit
+        above = ~(part <= limit)
         if not above.any():
             continue
         if above[[0, -1]].any() or depth == _HALVINGS:
@@ -133,7 +135,7 @@ def _allowed(claim: PolynomialMotion, pieces: list[list[FloatArray]]) -> FloatAr
     """Return how far (K, n) the motion may be from each polynomial; CertificateError if they are not one motion."""
     ends = [(before[0][-1], after[0][0]) for before, after in pairwise(pieces)]
     jumps = np.array([np.zeros(pieces[0][0].shape[1]), *(np.abs(a - b) for a, b in ends)])
-    for k in np.flatnonzero((jumps > _LARGEST_JUMP).any(axis=1)).tolist():
+    for k in np.flatnonzero((jumps > _ABOVE[0]).any(axis=1)).tolist():
         raise CertificateError(f"motion: piece {k} does not begin where the one before ends")
     for widths in (claim.slack, claim.rounding):
         jumps += 0.0 if widths is None else widths
@@ -158,23 +160,26 @@ def _check_rates(claim: PolynomialMotion, robot: Robot, pieces: list[list[FloatA
     kinds = ("position", "velocity", "acceleration", "jerk")
     spans = np.diff(claim.times)[:, None]
     error = np.zeros((len(pieces), robot.n)) if claim.rounding is None else claim.rounding
+    jumps = np.zeros((3, len(pieces), robot.n))
+    for order, k in np.ndindex(3, len(pieces) - 1):
+        jumps[order, k + 1] = np.abs(pieces[k + 1][order][0] - pieces[k][order][-1])
     degrees = np.array([len(piece) - 1 for piece in claim.coefficients])
     for order, limit in enumerate(limits):
         if limit is None:
             continue
         rough = np.array([[perm(degree, order)] for degree in degrees.tolist()]) * error / spans**order
+        moved = sum(factorial(order - low) * jumps[low] / spans ** (order - low) for low in range(order))
+        most = limit + _ABOVE[order] - np.maximum(rough, moved)
         for k, piece in enumerate(pieces):
             for points in (piece[order], -piece[order]):
-                joint = _above(points, limit * (1 + _ABOVE) - rough[k])
+                joint = _above(points, most[k])
                 if joint is not None:
                     name = robot.joint_names[joint]
                     raise CertificateError(
                         f"motion: {kinds[order]} of joint {name!r} above its limit in piece {k}"
                     )
-        following = limits[order + 1] if order < 3 else None
-        for k in range(1, len(pieces)) if following is not None else ():
-            jump = np.abs(pieces[k][order][0] - pieces[k - 1][order][-1])
-            if (jump > _ABOVE * limit + rough[k] + rough[k - 1]).any():
+        if order < 3 and limits[order + 1] is not None:
+            for k in np.flatnonzero((jumps[order] > _ABOVE[order]).any(axis=1)).tolist():
                 raise CertificateError(f"motion: the {kinds[order]} jumps where piece {k} begins")
 
 

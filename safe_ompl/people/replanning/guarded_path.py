@@ -25,6 +25,7 @@ from safe_ompl.trajectories import (
     BodySpeeds,
     Cells,
     ContactLimits,
+    MotionCaps,
     Piece,
     RateLimits,
     SpeedCap,
@@ -186,6 +187,9 @@ class PathLimits:
     joints: RateLimits  # Velocities and accelerations of the joints
     tool_speed: float | None = None  # Of the tip, and of every point of every link [m/s]
     link_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        MotionCaps(tool_speed=self.tool_speed, link_speed=self.link_speed)  # refuses what is absurd
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> PathLimits:
