@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
     from safe_ompl.io import JointPath, load, read_motion, save
     from safe_ompl.motions import Motion, check, widest_tube
-    from safe_ompl.paths import Constraints, PathReport, simplify_danger
+    from safe_ompl.paths import Constraints, PathReport, Simplifier
     from safe_ompl.people import Tracker
     from safe_ompl.people.replanning import Replanner, Shield
     from safe_ompl.planning import PlanResult, SafeSetup, plan, planner_data, repair
@@ -94,6 +94,7 @@ __all__ = [
     "Scenario",
     "Scene",
     "Shield",
+    "Simplifier",
     "Sphere",
     "StaleSceneError",
     "StandstillError",
@@ -115,7 +116,6 @@ __all__ = [
     "read_motion",
     "repair",
     "save",
-    "simplify_danger",
     "time_path",
     "verify",
     "view",

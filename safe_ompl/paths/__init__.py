@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     )
     from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
     from safe_ompl.paths.report import PathReport, Validation, claims_of, validate
-    from safe_ompl.paths.simplifier import Simplifier, Stop, simplify_danger, timed, unrolled
+    from safe_ompl.paths.simplifier import Simplifier, Stop, timed, unrolled
 
 __all__ = [
     "PROFILE_POINTS",
@@ -34,7 +34,6 @@ __all__ = [
     "claims_of",
     "danger_objection",
     "forced_danger",
-    "simplify_danger",
     "timed",
     "unrolled",
     "validate",

@@ -38,56 +38,6 @@ _PROMISING = 0.04  # and by an estimate to be proven
 _ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
 
 
-def simplify_danger(
-    path: ArrayLike,
-    checker: CollisionChecker,
-    field: DangerField,
-    motion: MotionProver | None = None,
-    *,
-    time: float = 0.2,
-    stop: Stop | None = None,
-    on_better: Better | None = None,
-    goal: GoalSet | None = None,
-    **options: float,
-) -> FloatArray:
-    """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
-
-    Whenever it ends, by itself, by time, by `stop` or by Ctrl-C, the best proven path so far is what it returns. Only
-    the proof of the given path comes first, whatever the time.
-
-    Parameters
-    ----------
-    path : array_like, shape (N, n)
-        Way points from start to goal [rad or m]; every edge must be proven free by `motion`.
-    checker, field, motion : CollisionChecker, DangerField, MotionProver
-        Robot and scene, the danger, and what proves edges; by default a `MotionProver` with the checker.
-    time : float
-        Time limit [s].
-    stop : callable, optional
-        Asked between steps; when it returns True, that is the end.
-    on_better : callable, optional
-        Told every better path (N', n) as soon as it is proven, and its J for the danger points that matter near it.
-        When others turn out to matter, such a path may be taken back.
-    goal : GoalSet, optional
-        A set on which the last way point may move, such as a `WorkspaceGoal`; without it the ends are fixed.
-    **options : float
-        Those of `SimplificationOptions`: weight, exponent, clearance, length_factor, spacing.
-
-    Returns
-    -------
-    ndarray, shape (N', n)
-        The ends are those of the given path (with `goal`, the start), but for full turns of continuous joints; J is
-        not above its J; the least clearance not below its own by more than 0.1 mm, unless `clearance` is 0.
-
-    Raises
-    ------
-    InputError
-        If the path has the wrong shape, is not finite, has an unproven edge, or an option is out of range.
-    """
-    simplifier = Simplifier(checker, field, motion, **options)
-    return simplifier.simplify(path, timed(number("time", time, above=0.0), stop), on_better, goal)
-
-
 def timed(seconds: float, stop: Stop | None = None) -> Stop:
     """Return a predicate that says stop after some seconds from now, or when `stop` does."""
     end = clock() + seconds
@@ -149,7 +99,15 @@ class Simplifier:
     proven go back to where they were. Shortcuts that then save much lead out of a poor minimum, to one more descent. It
     ends when a round of steps gains little; that does not depend on the clock.
 
-    Arguments as of `simplify_danger`; options and errors as of `SimplificationOptions`.
+    Every path on the way is proven. Its J is not above that of the given path, its least clearance not below its own by
+    more than 0.1 mm, unless `clearance` is 0.
+
+    Parameters
+    ----------
+    checker, field, motion : CollisionChecker, DangerField, MotionProver
+        Robot and scene, the danger, and what proves edges; by default a `MotionProver` with the checker.
+    **options : float
+        Those of `SimplificationOptions`, errors as there: weight, exponent, clearance, length_factor, spacing.
     """
 
     def __init__(
@@ -221,7 +179,7 @@ class Simplifier:
         *,
         proven: bool = False,
     ) -> SimplificationRun:
-        """Return what makes a path better; see `simplify_danger`. That `path` is proven already saves its proof."""
+        """Return what makes a path better; arguments and errors as `simplify`."""
         checked = finite_array(path, (None, self.robot.n), "path")
         if len(checked) < 2:
             raise InputError(f"path must have two configurations at least, got {len(checked)}")
@@ -230,13 +188,41 @@ class Simplifier:
     def simplify(
         self,
         path: ArrayLike,
-        stop: Stop,
+        stop: Stop | float,
         on_better: Better | None = None,
         goal: GoalSet | None = None,
         *,
         proven: bool = False,
     ) -> FloatArray:
-        """Return a better path, as `begin`; when Ctrl-C ends it, the best path so far stands."""
+        """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
+
+        Parameters
+        ----------
+        path : array_like, shape (N, n)
+            Way points from start to goal [rad or m]; every edge must be proven free.
+        stop : callable or float
+            Asked between steps: when it returns True, that is the end. Or a time limit [s]. Whatever ends it, Ctrl-C
+            too, the best proven path so far is returned; only the proof of the given path comes first.
+        on_better : callable, optional
+            Told every better path (N', n) as soon as it is proven, and its J for the danger points that matter near it.
+            When others turn out to matter, such a path may be taken back.
+        goal : GoalSet, optional
+            A set on which the last way point may move, such as a `WorkspaceGoal`; without it the ends are fixed.
+        proven : bool
+            Whether the path is known to be proven, which saves its proof.
+
+        Returns
+        -------
+        ndarray, shape (N', n)
+            The ends are those of the given path (with `goal`, the start), but for full turns of continuous joints.
+
+        Raises
+        ------
+        InputError
+            If the path has the wrong shape, is not finite, or has an unproven edge, or the time is not positive.
+        """
+        if not callable(stop):
+            stop = timed(number("time", stop, above=0.0))
         run = self.begin(path, stop, on_better, goal, proven=proven)
         with suppress(KeyboardInterrupt):
             run.improve()

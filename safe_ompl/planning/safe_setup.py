@@ -274,7 +274,7 @@ class SafeSetup(ProblemSetup):
         self._simplification = options
 
     def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
-        """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.
+        """Make the solution shorter and safer, see `Simplifier`; every path on the way is proven.
 
         Parameters
         ----------

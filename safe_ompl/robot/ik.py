@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, positive, whole_number
+from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, whole_number
 from safe_ompl.robot.robot import Robot
 
 METRES_PER_RADIAN = 0.25  # c of `docs/mathematics.md` §7: about the reach of a hand and what it holds
@@ -26,6 +26,7 @@ _DAMPING = 0.05  # [m/rad] by up to this much
 _SAMPLES = 50
 _FULL_TURN = 6.27  # [rad] many a URDF says 3.14 for π
 
+_PRECISION = 1e-4  # [m] how near the tip must come to a place
 _ITERATIONS = 60  # of the inverse kinematics: nearly all solutions are found within 20
 _CAUTION = 0.05  # μ [1/rad²], damping per squared error; more is slower, less fails more often
 _REGULAR = 1e-9  # [m²/rad²] keeps singular matrices solvable
@@ -289,10 +290,11 @@ def inverse_kinematics(
     near: ArrayLike | None = None,
     seeds: int = 16,
     seed: int = 0,
-    tolerance: float = 1e-4,
     valid: Callable[[FloatArray], bool] | None = None,
 ) -> FloatArray | None:
-    """Return a configuration within the joint limits whose tip is at a place, or None if none is found.
+    """Return a configuration within the joint limits whose tip is at a place to 0.1 mm, or None if none is found.
+
+    A radian counts as 0.25 m.
 
     Parameters
     ----------
@@ -305,22 +307,19 @@ def inverse_kinematics(
     seeds, seed : int
         From how many configurations to search, `near` included, and what the random numbers come from: the same seed
         gives the same solution.
-    tolerance : float
-        Largest distance left between tip and place [m]; a radian counts as 0.25 m.
     valid : callable, optional
         From a configuration (n,) to whether it will do: ``lambda q: not checker.in_collision(q)``.
 
     Raises
     ------
     InputError
-        Wrong shape, NaN, what is not a rotation, no seeds, or a tolerance that is not positive.
+        Wrong shape, NaN, what is not a rotation, or no seeds.
 
     Examples
     --------
     >>> inverse_kinematics(robot, [0.4, 0.1, 0.5], [0.0, 1.0, 0.0, 0.0])  # doctest: +SKIP
     """
     place = place_of(robot, position, rotation)
-    precision = positive(tolerance, "tolerance", "length [m]")
     number = whole_number("seeds", seeds, at_least=1)
     home = None if near is None else finite_array(near, (robot.n,), "near")
     begin = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (number, robot.n))
@@ -328,7 +327,7 @@ def inverse_kinematics(
         begin[0] = np.where(robot.continuous, home, np.clip(home, robot.lower, robot.upper))
     found: list[FloatArray] = []
     for start in begin:
-        q = solve_from_seed(place, start, precision)
+        q = solve_from_seed(place, start, _PRECISION)
         if q is None or (valid is not None and not valid(q)):
             continue
         if home is None:

@@ -8,7 +8,7 @@ from ompl import util as ou
 
 from safe_ompl import CollisionChecker, InputError, MotionProver, SafeSetup, Scene
 from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
-from safe_ompl.paths import PathReport, Simplifier, simplify_danger
+from safe_ompl.paths import PathReport, Simplifier
 from safe_ompl.paths.cost import ObstacleCost, PathCost
 from safe_ompl.paths.edges import EdgeProofs, shortcut
 from safe_ompl.robot import Place
@@ -53,8 +53,9 @@ def simplified(setup, raw):
     return found
 
 
-def simplify(setup, path, **options):
-    return simplify_danger(path, setup.checker, setup.field, setup.simplifier.motion, **options)
+def simplify(setup, path, time=0.2, on_better=None, goal=None, **options):
+    simplifier = Simplifier(setup.checker, setup.field, setup.simplifier.motion, **options)
+    return simplifier.simplify(path, time, on_better, goal)
 
 
 def length(path):
@@ -126,7 +127,7 @@ def test_the_better_passage_is_taken(setup, raw):
 
 def test_it_stops_when_told(setup, raw):
     asked = []
-    same = simplify(setup, raw[0], stop=lambda: asked.append(1) or True)
+    same = simplify(setup, raw[0], lambda: asked.append(1) or True)
     assert asked
     np.testing.assert_array_equal(same[[0, -1]], raw[0][[0, -1]])
     assert length(same) == pytest.approx(length(raw[0]))
@@ -307,7 +308,7 @@ def test_a_better_path_comes_after_few_questions(setup, raw):
 @pytest.mark.parametrize("asked", [3, 10, 30, 100, 300])
 def test_stopped_anywhere_the_path_is_proven_and_no_dearer(setup, raw, asked):
     questions = iter(range(asked))
-    found = simplify(setup, raw[1], time=60.0, stop=lambda: next(questions, None) is None)
+    found = simplify(setup, raw[1], lambda: next(questions, None) is None)
     motion, cost = MotionProver(setup.checker), setup.simplifier.cost
     assert all(motion.is_free(a, b) for a, b in pairwise(found))
     assert cost.of(found) <= cost.of(raw[1]) * (1 + 1e-9)
