@@ -1,7 +1,8 @@
 """The pictures of the pages in docs/, some minutes.
 
 That of the viewer is a picture of a headless Chromium's window (selenium, `chromium` and `chromium-driver`); those of
-`panda_shelf` are made by `safe-ompl view --animation` and `safe-ompl compare`, as the README says.
+`panda_shelf` are made by `safe-ompl compare`, and by `safe-ompl view panda_shelf --planners
+ClassicRRTConnect,SafeRRTConnect --simplify --animation docs/panda_shelf.webp`.
 """
 
 from __future__ import annotations

@@ -44,11 +44,17 @@ def test_commands_of_the_readme_exist(capsys):
         assert all(option in words for option in re.findall(r"--[a-z-]+", row)), row
 
 
-def test_planners_of_the_readme_exist():
+def test_the_readme_names_all_commands_and_planners_that_exist_in_three_screens():
     from safe_ompl import planner_names
 
-    table = README.read_text(encoding="utf-8").split("## Planners")[1].split("##")[0]
-    assert set(re.findall(r"^\| `(\w+)`", table, re.MULTILINE)) <= set(planner_names())
+    text = README.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 120
+    commands = re.findall(r"^    (\w+)(?: |$)", command_line().format_help(), re.MULTILINE)
+    assert len(commands) > 12
+    assert set(commands) <= set(re.findall(r"`(?:safe-ompl )?(\w+)", text.split("## Commands")[1]))
+    named = re.findall(r"`((?:Safe|Classic|Bubble)(?!Setup)\w+)`", text)
+    assert len(named) > 3
+    assert set(named) <= set(planner_names())
 
 
 def test_errors_reach_other_processes():
