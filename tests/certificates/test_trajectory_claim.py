@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench._plain import PlainGeometry
 from safe_ompl import CertificateError, DangerField, InputError, Obstacle, People
-from safe_ompl.apps.benchmark import PlainGeometry
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import at_most
 from safe_ompl.certificates.issue import terms_of_field
