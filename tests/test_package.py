@@ -1,7 +1,9 @@
 """What `import safe_ompl` offers, and what it leaves for later."""
 
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -36,6 +38,7 @@ def test_rooms_that_planning_does_without_come_later():
 
 WITHOUT_OMPL = """
 import sys
+from pathlib import Path
 from importlib import import_module
 from pkgutil import walk_packages
 
@@ -107,3 +110,25 @@ def test_json(tmp_path, read):
     file.write_text("[" * DEEP + "]" * DEEP)
     with pytest.raises(InputError, match=r"deep\.json"):
         read(file)
+
+
+@pytest.mark.parametrize("failing", ["nothing", "pytest"])
+def test_ci_tests_the_checkout_and_then_the_wheel(tmp_path, failing):
+    """The environments come last, and only if all before them passed."""
+    for folder in (".ci", "bin"):
+        (tmp_path / folder).mkdir()
+    shutil.copy(Path(__file__).parents[1] / ".ci" / "run", tmp_path / ".ci")
+    tool = f"#!/bin/sh\nname=${{0##*/}}; echo $name $1 >> {tmp_path}/log; [ $name != {failing} ]\n"
+    python = (
+        f'#!/bin/sh\nmkdir -p "$3/bin" && cp {tmp_path}/bin/* "$3/bin"\n'  # makes an environment of the tools
+    )
+    names = ("pip", "ruff", "mypy", "pytest", "chromedriver", "python3", "../.ci/environments")
+    for file in (tmp_path / "bin" / name for name in names):
+        file.write_text(python if file.name == "python3" else tool)
+        file.chmod(0o755)
+    done = subprocess.run(
+        [tmp_path / ".ci" / "run"], env={"PATH": f"{tmp_path}/bin:/usr/bin:/bin"}, check=False
+    )
+    steps = ["pip install", "ruff check", "ruff format", "mypy", "pytest", "environments"]
+    assert (tmp_path / "log").read_text().splitlines() == steps[: 5 if done.returncode else 6]
+    assert bool(done.returncode) == (failing == "pytest")
