@@ -19,7 +19,7 @@ if setup.solve(1.0):
 def test_a_script_of_a_user_is_typed(tmp_path):
     pytest.importorskip("mypy")
     script = tmp_path / "script.py"
-    own = f"from safe_ompl import JointPath, Mesh\n{OWN}"
+    own = f"from safe_ompl import JointPath, Mesh, PointCloud\n{OWN}"
     script.write_text("\n".join([*(python_of(ROOT / page) for page in PAGES), own]), encoding="utf-8")
     command = [
         sys.executable,
