@@ -25,11 +25,10 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from safe_ompl.apps.benchmark.judge import TOLERANCE
 from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
 
 from bench._harness import Report, positions
-from bench._plain import PlainGeometry
+from bench._plain import TOLERANCE, PlainGeometry
 from bench._planning import mbm_problems
 from bench._scenes import free_configuration, scattered
 from safe_ompl import (
