@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil, inf, log2
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -80,6 +81,9 @@ class CollisionChecker:
         self._pair_sets: dict[float, PairSet] = {}  # by the reach that they are of
         self.pairs = self.pairs_within(0.0)
         self._contact = self.pairs.new_queries()
+
+    def __reduce__(self) -> tuple[Any, ...]:  # it is made anew, and its counts begin at zero
+        return partial(CollisionChecker, movable=tuple(self.movable)), (self.robot, self.scene)
 
     def __repr__(self) -> str:
         obstacles, pairs = len(self.scene.obstacles), len(self.pair_names)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from math import ceil
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -153,6 +154,10 @@ class MotionProver:
     def limits(self) -> tuple[MotionLimit, ...]:
         """Further requirements that must be proven."""
         return self._limits
+
+    def __reduce__(self) -> tuple[Any, ...]:  # all but what says that time is up
+        kept = partial(MotionProver, separation=self._separation, limits=self._limits)
+        return kept, (self._checker, self._floor)
 
     def __repr__(self) -> str:
         return f"MotionProver({self._checker!r}, floor={self._floor:g}, margin={self.margin:g})"

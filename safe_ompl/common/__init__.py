@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.common import cache, documents, files, polynomials
+    from safe_ompl.common import cache, documents, files, formats, polynomials
     from safe_ompl.common.compilation import caller, clock, compile_together, compiled, maker, part
     from safe_ompl.common.documents import within
     from safe_ompl.common.errors import (
@@ -72,6 +72,7 @@ __all__ = [
     "finite_array",
     "flag",
     "float_array",
+    "formats",
     "fraction",
     "halton_point",
     "instance",

@@ -230,8 +230,15 @@ def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
     """Return the cells (C, 3) of a grid that balls about `centres: (N, 3)` [m] touch; their union contains the balls.
 
     Cell k covers [k·edge, (k + 1)·edge] along each axis [m]. Each is touched by a ball, so that no point of the union
-    is farther than √3·edge from one.
+    is farther than √3·edge from one. Raises InputError if they spread over more than coal's trees can hold.
     """
+    span = float(np.ptp(centres, axis=0).max()) + 2 * radius
+    if span / edge >= 2 * _HALF_DEPTH - 4:
+        raise InputError(
+            f"{edge:g} m is too fine for points that are {span:g} m apart; give at least "
+            f"{span / _HALF_DEPTH / 2 * 1.01:.3g}, or leave the far ones out",
+            "resolution",
+        )
     home = np.floor(centres / edge).astype(np.intp)
     reach = range(-ceil(radius / edge) - 1, ceil(radius / edge) + 2)
     low = home.min(axis=0) + reach[0]
@@ -277,18 +284,8 @@ class _Numbers:
 
 
 def cell_tree(cells: IntArray, edge: float) -> tuple[coal.OcTree, pin.SE3]:
-    """Return a solid whose points are those of the `cells: (C, 3)`, and where it is.
-
-    Raises InputError if the cells spread over more than coal's trees can hold.
-    """
+    """Return a solid whose points are those of the `cells: (C, 3)`, and where it is."""
     middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
-    if np.abs(cells - middle).max() >= _HALF_DEPTH:
-        extent = float(np.ptp(cells, axis=0).max() * edge)
-        raise InputError(
-            f"{edge:g} m is too fine for points that are {extent:g} m apart; give at least "
-            f"{extent / _HALF_DEPTH / 2:.2g}, or leave the far ones out",
-            "resolution",
-        )
     tree = coal.makeOctree((cells - middle + 0.5) * edge, edge)
     tree.computeLocalAABB()
     return tree, pin.SE3(np.eye(3), middle * edge)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
     from safe_ompl.io.problems import SceneDocument, built_scene, carried_scene, unpacked_robot
     from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
-    from safe_ompl.io.schema import marked, read_json, strict_json
+    from safe_ompl.io.schema import marked, strict_json
     from safe_ompl.io.ticks import TickLog, TicksFile, check_header, read_ticks, ticks_header
 
 __all__ = [
@@ -35,7 +35,6 @@ __all__ = [
     "marked",
     "motion_content",
     "motion_of_document",
-    "read_json",
     "read_log",
     "read_motion",
     "read_ticks",

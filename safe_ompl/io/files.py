@@ -8,12 +8,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import Counts, InputError, files, finite_array
+from safe_ompl.common import Counts, InputError, files, finite_array, formats
 from safe_ompl.common import documents as document
 from safe_ompl.io.motion_files import motion_content, motion_of_document, read_motion
 from safe_ompl.io.motions import JointPath, TimedMotion
 from safe_ompl.io.problems import Problem, built_scene, carried_scene
-from safe_ompl.io.schema import kind_of, marked, read_json, strict_json
+from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.paths import ClearanceReport, DangerReport, PathReport
 from safe_ompl.planning import Improvement, PlanResult
@@ -149,8 +149,8 @@ def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence
     """
     if Path(file).suffix.lower() != ".json":
         return read_motion(file)
-    content, folders = read_json(file), [Path(folder) for folder in package_dirs]
-    with document.within(str(file), ": "):
+    folders = [Path(folder) for folder in package_dirs]
+    with formats.reading_json(file) as content:
         if isinstance(content, Mapping) and "format" not in content:
             return motion_of_document(content)
         kind = kind_of(content)

@@ -9,15 +9,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 import yaml
 
-from safe_ompl.common import FloatArray, InputError, files, listed
+from safe_ompl.common import FloatArray, InputError, files, formats, listed
 from safe_ompl.common import documents as document
 from safe_ompl.io.motions import JointPath, kept_columns, read_table
-from safe_ompl.io.schema import kind_of, marked, read_json, strict_json
+from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
 
@@ -111,7 +110,7 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
         header, values = read_table(path)
         columns = {name: values[:, k] for k, name in enumerate(header)}
     elif kind == ".npz":
-        columns = _arrays(path)
+        columns = formats.read_arrays(path)
     else:
         raise InputError(f"must be a log, with one of the endings {', '.join(_TABLES)}, .npz", str(file))
     with document.within(str(file), ": "):
@@ -269,18 +268,8 @@ def _of_columns(header: Sequence[str], values: FloatArray) -> Motion:
 # ------------------------------------------------------------------------------------------------------- arrays
 
 
-def _arrays(path: Path) -> dict[str, FloatArray]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
-    except (AttributeError, BadZipFile, EOFError, TypeError, ValueError):
-        raise InputError("is no archive of arrays of numbers and text (NPZ)", str(path)) from None
-
-
 def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
-    held: dict[str, Any] = _arrays(path)
+    held: dict[str, Any] = formats.read_arrays(path)
     with document.within(str(path), ": "):
         document.check_keys(held, dict.fromkeys((*_POINTS, *_MOTION)))
         own = held.get("joint_names")
@@ -326,12 +315,9 @@ def _refuse_names(names: Sequence[str] | None) -> None:
 
 
 def _read_yaml(path: Path) -> Any:
-    try:
-        text = path.read_text(encoding="utf-8").rstrip().removesuffix("\n---")  # as `ros2 topic echo` ends it
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read as YAML: {error}", str(path)) from None
     with document.within(str(path), ": "):
-        return document.parse_document(text)
+        text = formats.file_text(path).rstrip().removesuffix("\n---")  # as `ros2 topic echo` ends it
+        return formats.parse_document(text)
 
 
 def _from_document(
@@ -425,7 +411,7 @@ FORMS: dict[str, Form] = {
     ".txt": Form(_from_table, partial(_as_table, delimiter="\t")),
     ".npz": Form(_from_arrays, _as_arrays),
     ".npy": Form(_from_array),
-    ".json": Form(partial(_from_document, read=read_json), partial(_as_message, write=strict_json)),
+    ".json": Form(partial(_from_document, read=formats.read_json), partial(_as_message, write=strict_json)),
     ".yaml": _YAML,
     ".yml": _YAML,
 }

@@ -21,7 +21,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
-from safe_ompl.common import InputError, UnknownNameError, shown
+from safe_ompl.common import InputError, UnknownNameError, formats, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.io import schema
@@ -277,7 +277,7 @@ def built_robot(
         try:
             blueprint = RecipeReader(Path(folder), urdf, package_dirs).blueprint(carried.recipe)
             return _built(blueprint, carried.name, folder, given)
-        except (*schema.MALFORMED, OSError) as error:
+        except (*formats.MALFORMED, OSError) as error:
             if isinstance(error, InputError):
                 raise
             why = str(error).partition("\n")[0]

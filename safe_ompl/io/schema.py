@@ -14,7 +14,6 @@ from dataclasses import MISSING, field, fields
 from hashlib import sha256
 from itertools import pairwise
 from numbers import Integral, Real
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,8 +27,6 @@ KINDS = ("result", "path", "scene", "trajectory", "motion")
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
 _LONGEST_TEXT = 1000  # characters of a name or of a remark
 
-# What goes wrong where code that expects a document gets anything else.
-MALFORMED = (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError)
 Reader = Callable[[str, Any], Any]
 T = TypeVar("T")
 
@@ -47,29 +44,6 @@ def digest(content: Mapping[str, Any]) -> str:
 def edges_of(path: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Return the edges of a path (N, n); a path of one configuration is an edge to itself."""
     return pairwise(path) if len(path) > 1 else iter([(path[0], path[0])])
-
-
-def parse(text: str) -> Any:
-    """Return what strict JSON says, or raise InputError: no key twice, and no number that is not finite."""
-    try:
-        return json.loads(text, object_pairs_hook=_without_repeats, parse_constant=_not_finite)
-    except (RecursionError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"it is not JSON: {error}") from None
-
-
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise InputError("it is there twice", shown(key))
-        found[key] = value
-    return found
-
-
-def _not_finite(name: str) -> Any:
-    raise InputError(f"{name} is not a number that a certificate can hold")
 
 
 def as_plain(value: Any) -> Any:
@@ -103,14 +77,6 @@ def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:
 def strict_json(data: Any) -> str:
     """Return data as one line of strict JSON: what is not finite becomes null."""
     return json.dumps(_without_nan(data), allow_nan=False)
-
-
-def read_json(file: str | Path) -> Any:
-    """Return what a JSON file holds, or raise InputError."""
-    try:
-        return json.loads(Path(file).read_text(encoding="utf-8"))
-    except (OSError, RecursionError, ValueError) as error:
-        raise InputError(f"cannot be read as JSON: {error}", str(file)) from None
 
 
 def kind_of(content: Any) -> str:

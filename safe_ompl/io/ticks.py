@@ -35,12 +35,11 @@ what was seen last, no ``obeyed`` and no ``reaction``; ``follows`` and ``delay``
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, formats
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
 from safe_ompl.io.problems import carried_scene, packed_robot
@@ -98,12 +97,11 @@ def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     InputError
         If it cannot be read, or is no such file.
     """
-    try:
-        lines = [
-            json.loads(line) for line in Path(file).read_text(encoding="utf-8").splitlines() if line.strip()
-        ]
-    except (OSError, RecursionError, ValueError) as error:
-        raise InputError(f"cannot be read as JSON lines: {error}", str(file)) from None
+    lines = []
+    with document.within(str(file), ": "):
+        for number, line in enumerate(formats.file_text(Path(file)).splitlines(), 1):
+            if line.strip():
+                lines.append(formats.parse_json(line, number))
     if not lines or not all(isinstance(line, dict) for line in lines):
         raise InputError("must hold a JSON object in every line", str(file))
     check_header(lines[0], file)

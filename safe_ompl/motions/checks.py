@@ -67,6 +67,10 @@ class MotionCheck(NamedTuple):
     people: People | None = None
     stops: Stops | None = None
 
+    def __reduce__(self) -> tuple[Any, ...]:  # stops hold what cannot be pickled, and are made anew
+        *kept, people, _ = self
+        return _unpickled, (*kept[:-1], dict(self.speeds), people)
+
     @property
     def separation(self) -> Separation:
         """The distances that it is proven to keep, and its tube."""
@@ -81,6 +85,13 @@ class MotionCheck(NamedTuple):
             within = f" within a tube of {_widths(tube)}" if tube else ""
             return f"proven{within}: {', '.join(self.claims)}"
         return "not proven:\n" + "\n".join(f"  {violation}" for violation in self.violations)
+
+
+def _unpickled(*kept: Any) -> MotionCheck:
+    found = MotionCheck(*kept)
+    if found.people is None or found.limits is None:
+        return found
+    return found._replace(stops=stops_of(found.motion, found.proof, found.limits, found.people))
 
 
 def _widths(tube: tuple[float, ...]) -> str:

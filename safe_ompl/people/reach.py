@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, files, whole_number
+from safe_ompl.common import FloatArray, InputError, IntArray, files, formats, whole_number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS
 from safe_ompl.geometry.kernels import Sets
@@ -174,13 +174,13 @@ class CalibratedReach:
     @classmethod
     def load(cls, file: str | Path) -> CalibratedReach:
         """Read a reach file (YAML); an InputError names file, line, key and value of what it cannot use."""
-        with document.reading(Path(file)) as data:
+        with formats.reading(Path(file)) as data:
             document.check_fields(cls, data)
             return cls(**data)
 
     def save(self, file: str | Path) -> None:
         """Write the file that `load` reads."""
-        files.write(file, document.dump_document(asdict(self)))
+        files.write(file, formats.dump_document(asdict(self)))
 
     @property
     def limbs(self) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +17,7 @@ from safe_ompl.common import (
     IntArray,
     UnknownNameError,
     float_array,
+    formats,
     number,
 )
 from safe_ompl.geometry import LIMBS, STANDING
@@ -385,7 +385,7 @@ class Recording:
             If there is no such clip; lists those that there are.
         """
         path = Path(file)
-        arrays = _arrays(path)
+        arrays = formats.read_arrays(path)
         for key in ("names", "rate"):
             if key not in arrays:
                 raise InputError("missing, but needed", f"{path}: {key}")
@@ -423,18 +423,9 @@ class Recording:
 
 def list_clips(file: str | Path) -> tuple[str, ...]:
     """Return the names of the clips in a file; errors as `Recording.load`."""
-    return _clips(_arrays(Path(file)))
+    return _clips(formats.read_arrays(Path(file)))
 
 
 def _clips(arrays: Iterable[str]) -> tuple[str, ...]:
     found = (key for key in arrays if key.startswith("clip_"))
     return tuple(sorted(found, key=lambda key: (len(key), key)))
-
-
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            return {key: data[key] for key in data.files}
-    except (OSError, BadZipFile, ValueError, EOFError, AttributeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no .npz file of plain arrays"
-        raise InputError(f"cannot be read ({reason})", str(path)) from None

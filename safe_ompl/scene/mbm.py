@@ -6,7 +6,6 @@ IEEE Robotics and Automation Letters, 2022.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, formats
 from safe_ompl.common import documents as document
 from safe_ompl.robot import Robot
 from safe_ompl.scene.scenario import configuration_for
@@ -104,7 +103,7 @@ class MbmFile:
         """
         with document.within(str(path), ": "):
             try:
-                data = document.mapping("document", _read_json(Path(path)))
+                data = document.mapping("document", formats.parse_json(formats.file_text(Path(path))))
                 families = document.mapping("problems", document.require(data, "problems"))
             except InputError as error:
                 raise InputError(f"{error}; {WHERE_FROM}") from None
@@ -154,12 +153,3 @@ class MbmFile:
                     Scene.from_mbm(data, self.spacing),
                     f"{self.path}: {place}",
                 )
-
-
-def _read_json(path: Path) -> Any:
-    try:
-        return json.loads(document.file_text(path))
-    except json.JSONDecodeError as error:
-        raise InputError(f"malformed JSON: {error.msg}", f"line {error.lineno}") from None
-    except RecursionError:
-        raise InputError("malformed JSON: nested too deeply") from None

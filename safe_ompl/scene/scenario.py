@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, files
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, files, formats
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion, Robot, RobotSpec
@@ -242,7 +242,7 @@ class Scenario:
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it",
                 str(file),
             )
-        with document.reading(file) as data:
+        with formats.reading(file) as data:
             return cls._from_mapping(data, file)
 
     @classmethod
@@ -297,7 +297,7 @@ class Scenario:
             "frames": {name: pose.to_mapping() for name, pose in self.frames.items()} or None,
         }
         given = {key: value for key, value in data.items() if value is not None}
-        files.write(path, document.dump_document(given))
+        files.write(path, formats.dump_document(given))
 
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, files, shown
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, files, formats, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
@@ -67,13 +67,13 @@ class Scene:
         Raises InputError, which names file, line, key and value, if it cannot be read or is not a valid scene.
         """
         file = Path(path)
-        with document.reading(file) as data:
+        with formats.reading(file) as data:
             return cls.from_mapping(data, file.parent)
 
     @classmethod
     def from_yaml(cls, text: str, folder: str | Path = ".") -> Scene:
         """Read a scene from YAML text; mesh and point files are relative to `folder`."""
-        return cls.from_mapping(document.parse_document(text), Path(folder))
+        return cls.from_mapping(formats.parse_document(text), Path(folder))
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path = Path()) -> Scene:
@@ -93,7 +93,7 @@ class Scene:
 
         Mesh and point files are named relative to `folder`, or in full if there is none.
         """
-        return document.dump_document(self.to_mapping(None if folder is None else Path(folder)))
+        return formats.dump_document(self.to_mapping(None if folder is None else Path(folder)))
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""

@@ -70,7 +70,7 @@ def test_a_joint_trajectory_has_the_shape_of_ros(result):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("{", "cannot be read as JSON"),
+        ("{", "line 1: malformed JSON"),
         ("[]", "format: must be 'safe-ompl'"),
         ('{"format": "safe-ompl", "version": 2, "kind": "path"}', "version: 2 is not known"),
         ('{"format": "safe-ompl", "version": 1, "kind": "dance"}', "unknown kind of file 'dance'"),

@@ -281,7 +281,7 @@ def changed(change):
             "m.csv: times: are missing, but needed where there are",
         ),
         ("m.npz", "text", "m.npz: is no archive of arrays of numbers and text"),
-        ("m.json", "{", "m.json: cannot be read as JSON"),
+        ("m.json", "{", "m.json: line 1: malformed JSON"),
         ("m.json", "[1]", r"m.json: must hold joint_names and points .*got list \[1\]"),
         ("m.json", '{"a": 1}', "m.json: must hold joint_names and points .*got the keys a"),
         ("m.json", '{"format": "urdf"}', "m.json: format: must be 'safe-ompl'"),

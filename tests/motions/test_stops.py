@@ -1,5 +1,7 @@
 """Motions of others beside people: proven stops end before anyone is there, and those that are not proven are named."""
 
+import pickle
+
 import numpy as np
 import pytest
 from limbs import Limbs
@@ -88,6 +90,7 @@ def test_nobody_is_reached_in_a_stop_of_a_proven_motion(panda, shelf, limits, sp
     limbs = Limbs(panda, shelf["operator"])
     found = check(spline(slow), panda, shelf, limits=limits, people=people)
     assert found, found
+    assert pickle.loads(pickle.dumps(found)).claims == found.claims
     assert found.claims[-1].endswith("beside people")
     assert 0 < least_left(found, limbs, 40) < 0.1
     hasty = check(spline(0.6 * slow), panda, shelf, limits=limits, people=people)

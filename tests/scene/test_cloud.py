@@ -1,6 +1,7 @@
 """Point clouds: files, and collision that never misses a ball."""
 
 import pickle
+import re
 from array import array as number_array
 from types import SimpleNamespace
 
@@ -475,3 +476,12 @@ def test_danger_points_are_points_of_the_cloud():
     assert all((point == POINTS).all(axis=1).any() for point in points)
     gaps = np.linalg.norm(POINTS[:, None] - points, axis=2)
     assert gaps.min(axis=1).max() <= 0.3
+
+
+def test_cells_too_small_for_a_cloud_are_refused_before_they_are_counted():
+    corner = np.full((1, 3), 9000.0)
+    cloud = PointCloud(1e-4, points=np.concatenate([POINTS, corner, -corner]), resolution=1e-4)
+    with pytest.raises(InputError, match=r"resolution: 0.0001 m is too fine for") as refused:
+        cloud.parts()
+    least = float(re.search("at least ([0-9.]+)", str(refused.value))[1])
+    assert PointCloud(1e-4, points=cloud.points, resolution=least).parts()

@@ -17,9 +17,9 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.view import add_view_options, check_view_options, show
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.common import FloatArray, InputError, files
+from safe_ompl.common import FloatArray, InputError, files, formats
 from safe_ompl.common import documents as document
-from safe_ompl.io import WRITABLE, motion_content, read_json, read_log, read_motion
+from safe_ompl.io import WRITABLE, motion_content, read_log, read_motion
 from safe_ompl.motions import (
     FACTOR,
     TIME,
@@ -141,7 +141,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         check_view_options(options)
     message = False
     if options.repair is not None:
-        message = Path(options.file).suffix.lower() == ".json" and "format" not in read_json(options.file)
+        message = Path(options.file).suffix.lower() == ".json" and "format" not in formats.read_json(
+            options.file
+        )
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)
     _, robot = arguments.scenario_robot(options, scenario)
     given = scenario.limits.tube if options.tube is None else options.tube

@@ -10,9 +10,8 @@ from typing import Any
 from safe_ompl.apps.benchmark import check_named_planner
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.common import InputError
-from safe_ompl.common import documents as document
-from safe_ompl.io import TimedMotion, load, read_json, read_ticks, schema, unpacked_robot
+from safe_ompl.common import InputError, formats
+from safe_ompl.io import TimedMotion, load, read_ticks, schema, unpacked_robot
 from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.view import (
@@ -147,11 +146,10 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
 
 
 def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
-    content = read_json(files[0])
-    if isinstance(content, dict) and content.get("format") == schema.FORMAT:
-        if len(files) > 1:
-            raise InputError(f"one certificate at a time, not {', '.join(files)}")
-        with document.within(files[0], ": "):
+    with formats.reading_json(files[0]) as content:
+        if isinstance(content, dict) and content.get("format") == schema.FORMAT:
+            if len(files) > 1:
+                raise InputError(f"one certificate at a time, not {', '.join(files)}")
             schema.check_form(content)
             return ViewerContent.of_certificate(content, unpacked_robot(content["robot"], package_dirs))
     loaded = [load(file, package_dirs=package_dirs) for file in files]

@@ -19,7 +19,7 @@ from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainTool, Separ
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
-from safe_ompl.common import CertificateError, FloatArray, InputError, positive
+from safe_ompl.common import CertificateError, FloatArray, InputError, formats, positive
 from safe_ompl.common import documents as document
 from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
 from safe_ompl.robot import Robot, robot_hash
@@ -110,7 +110,7 @@ def verify(
                 "every interval holds, but the file is not as it was written: its digest differs"
             )
         return found
-    except schema.MALFORMED as error:
+    except formats.MALFORMED as error:
         if isinstance(error, InputError):
             raise
         raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None

@@ -395,7 +395,7 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
     refused(call, tmp_path, "zip.npz", "is no archive of arrays")
     (tmp_path / "list.yaml").write_text("- 1\n- 2\n")
     refused(call, tmp_path, "list.yaml", "must be a mapping of keys to values, got list [1, 2]")
-    refused(call, tmp_path, "gone.json", "cannot be read as JSON")
+    refused(call, tmp_path, "gone.json", "cannot be read")
     save(setup.scene, "scene.json")
     refused(call, tmp_path, "scene.json", "must hold a motion, but it holds a scene")
 

@@ -274,10 +274,10 @@ def test_without_a_path_there_is_no_certificate(run, folder, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("not JSON", ["bad.json: it is not JSON"]),
+        ("not JSON", ["bad.json: line 1: malformed JSON"]),
         ("[]", ["bad.json: format: must be 'safe-ompl certificate'"]),
         ('{"format": "safe-ompl certificate", "version": 9}', ["version: 9", "not known"]),
-        ("[" * 100_000, ["bad.json: it is not JSON"]),
+        ("[" * 100_000, ["bad.json: malformed JSON: nested too deeply"]),
     ],
 )
 def test_what_is_no_certificate(run, folder, text, words):

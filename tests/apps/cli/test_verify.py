@@ -248,11 +248,11 @@ def test_speeds_of_limbs_that_nobody_has_are_not_claimed(call, beside, limb):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"danger": ', '"danger": null, "danger": ', "'danger': it is there twice"),
-        ('"also_sampled": null', '"also_sampled": NaN', "NaN is not a number"),
+        ('"danger": ', '"danger": null, "danger": ', "'danger': is there twice"),
+        ('"also_sampled": null', '"also_sampled": NaN', "NaN is not finite"),
         ('"also_sampled": null', '"also_sampled": "a\\nproof.json: all is well"', "must be text of one line"),
         ('"also_sampled": null', '"also_\\nsampled": null', "is not text that can be printed"),
-        ('"also_sampled": null', '"also_sampled": ' + 100_000 * "[", "it is not JSON"),
+        ('"also_sampled": null', '"also_sampled": ' + 100_000 * "[", "malformed JSON: nested too deeply"),
     ],
 )
 def test_text_that_would_mislead_a_reader(call, written, old, new, message):

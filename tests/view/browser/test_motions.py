@@ -177,7 +177,7 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
     first, *ticks = recording.read_text(encoding="utf-8").splitlines()
     for lines, said in [
         ([], "a JSON object in every line"),
-        (["{"], "cannot be read as JSON lines"),
+        (["{"], "line 1: malformed JSON"),
         (
             [json.dumps({"format": "something"}), *ticks],
             "header.format: must be 'safe-ompl ticks', got 'something'",
