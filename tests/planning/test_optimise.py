@@ -13,7 +13,6 @@ from safe_ompl.paths import Simplifier
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.optimise import Optimisation, optimise
 from safe_ompl.scene import find_scenario
-from safe_ompl.view.plots import plot_plan
 
 
 @pytest.fixture(scope="module")
@@ -217,14 +216,6 @@ def test_times_must_be_positive(capsys):
     assert "--simplify" in capsys.readouterr().err
     assert main(["plan", "ur5_handover", "--optimise", "never"]) == 2
     assert "--optimise" in capsys.readouterr().err
-
-
-def test_the_picture_shows_how_the_cost_fell(tmp_path):
-    figure = plot_plan([1.0, 2.0, 1.0], tmp_path / "a.png", improvements=[(0.02, 50.0), (0.3, 30.0)])
-    assert figure.axes[-1].get_xlabel() == "time [s]"
-    for wrong in ([(0.0, 1.0)], np.zeros((0, 2)), [1.0, 2.0]):
-        with pytest.raises(InputError, match="improvements"):
-            plot_plan([1.0, 2.0], tmp_path / "b.png", improvements=wrong)
 
 
 def test_an_empty_scene_has_no_danger_to_optimise(ur5):

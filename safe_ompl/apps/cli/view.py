@@ -61,7 +61,6 @@ def add_commands(commands: Any) -> None:
 def add_view_options(parser: argparse._ActionsContainer) -> None:
     """Add the files that a view is written to, and how it is served."""
     option(parser, "--html FILE", "write one file that opens offline, with a play bar (.html)", output.PAGE)
-    option(parser, "--slice Z", "with --html: a slice of the field at this height [m]", arguments.finite)
     words = "write the motions side by side as one moving picture (.webp or .gif)"
     option(parser, "--animation FILE", words, output.output_file(*ANIMATION_ENDINGS, extra="plots"))
     option(parser, "--port N", "port; the next free one if it is taken", arguments.port, 8080)
@@ -103,8 +102,6 @@ def check_view_options(options: argparse.Namespace) -> None:
     """Raise InputError if what a view is written to cannot be, or the viewer is missing."""
     if options.animation is None:
         output.need_extra("viewer")
-    if options.slice is not None and options.html is None:
-        raise InputError("is for --html; a live view has a slider for it", "--slice")
 
 
 def show(content: ViewerContent, options: argparse.Namespace) -> int:
@@ -114,7 +111,7 @@ def show(content: ViewerContent, options: argparse.Namespace) -> int:
             save_animation(content, options.animation)
         output.error_console().print(f"moving picture in {options.animation}")
     if options.html is not None:
-        save_page(content, options.html, slice_at=options.slice)
+        save_page(content, options.html)
         output.error_console().print(f"view in {options.html}")
     if options.html is not None or options.animation is not None:
         return 0

@@ -31,7 +31,7 @@ def obstacle_frame(name: str) -> str:
 
 def robot_markers(time: int, body: RobotBody, names: Sequence[str]) -> Message:
     """Return the parts of a robot's body from a time [ns] on, each in its own frame."""
-    parts = zip(names, body.links, strict=True)
+    parts = zip(names, body.links, strict=False)
     meshes = {name: [_mesh((part.vertices, part.faces), _ROBOT)] for name, part in parts}
     return _markers(time, meshes, {name: body_frame(name) for name in names})
 

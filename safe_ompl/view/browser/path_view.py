@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray
+from safe_ompl.common import FloatArray, SafeOmplError
+from safe_ompl.danger import DangerField
 from safe_ompl.geometry import Person
 from safe_ompl.io import ACCELERATION, TimedMotion
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.view.browser.layers import ClearanceLines, DangerPoints, FieldSlice, SpeedBoard, wxyz
-from safe_ompl.view.content import Keypoints, Movers, Nearest, Proof, ViewerContent
+from safe_ompl.view.content import Keypoints, Movers, Nearest, NearestPoints, Proof, ViewerContent
 from safe_ompl.view.pictures.scene import DrawnScene
-from safe_ompl.view.pictures.surface import (
-    ColouredSurface,
-    RobotBody,
-    Surface,
-    limb_surfaces,
-    obstacle_surfaces,
-    tube,
-)
+from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, limb_surfaces, obstacle_surfaces
+from safe_ompl.view.plots.paths import AXES, SIZE, plot_speeds
 from safe_ompl.view.style import (
     NEUTRAL,
     START_COLOUR,
@@ -32,80 +27,199 @@ from safe_ompl.view.style import (
     as_bytes,
     cap_colours,
     gap_colours,
+    level_colours,
     mixed,
     rgb,
 )
 
-_DETAIL = 0.002  # [m]; what is smaller is not sent to the browser
+_MOST_POINTS = 4000  # danger points that are shown; of more, evenly chosen ones
+_PEOPLE, _THINGS = (0.80, 0.10, 0.12), (0.10, 0.35, 0.75)
 
 
-class RobotModel:
-    """The surfaces of a robot's links, made once for all figures of it; of its skeleton where it has no bodies."""
+class DangerPoints:
+    """The danger points, coloured by their levels w·CDF(p) up to `most`, and the most dangerous one with its level."""
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        self._body = RobotBody(robot)
-        self.surfaces = [link.simplified(_DETAIL) for link in self._body.links]
-        if not self.surfaces:
-            lengths = [float(np.linalg.norm(b - a)) for a, b in self._bone_ends(np.zeros(robot.n))]
-            ends = [np.array([(0.0, 0.0, 0.0), (0.0, 0.0, length)]) for length in lengths]
-            self.surfaces = [Surface.from_triangles(*tube(pair, 0.02 * sum(lengths))) for pair in ends]
+    def __init__(self, view: Any, name: str, field: DangerField, most: float) -> None:
+        assert field.points is not None
+        self._field, self._most = field, most
+        count = min(len(field.points), _MOST_POINTS)
+        self._shown = np.unique(np.linspace(0, len(field.points) - 1, count).astype(int))
+        points = np.array(field.points)[self._shown]
+        colours = level_colours(np.zeros(len(points)), most)
+        self._cloud = view.add_point_cloud(name, points, colours, point_size=0.014, point_shape="circle")
+        self._label = view.add_label(f"{name}/most", "", anchor="bottom-left", font_screen_scale=0.9)
 
-    def poses(self, q: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Return quaternion (w, x, y, z) and position of each surface at `q: (n,)`."""
-        if self._body.links:
-            return [(wxyz(place.rotation), place.translation) for place in self._body.placements(q)]
+    def pose(self, q: FloatArray) -> None:
+        """Show the levels at `q: (n,)`."""
+        assert self._field.points is not None
+        levels = self._field.field(q, self._field.points)
+        if self._field.weights is not None:
+            levels = levels * self._field.weights
+        most = int(levels.argmax())
+        self._cloud.colors = level_colours(levels[self._shown], self._most)
+        self._label.text = f"danger {levels[most]:.2f}"
+        self._label.position = np.array(self._field.points)[most]
+
+
+class ClearanceLines:
+    """Segments from the robot to the nearest person, or what else is dangerous, and to the nearest thing."""
+
+    def __init__(self, view: Any, name: str, robot: Robot, scene: Scene) -> None:
+        self._nearest = [
+            Nearest(robot, [o for o in scene if (o.weight > 0) is dangerous]) for dangerous in (True, False)
+        ]
+        self._lines, self._labels = [], []
+        for k, colour in enumerate((_PEOPLE, _THINGS)):
+            nothing = np.zeros((1, 2, 3))
+            self._lines.append(view.add_line_segments(f"{name}/{k}", nothing, rgb(colour), thickness=0.01))
+            place = {"anchor": "center-left", "font_screen_scale": 0.8}
+            self._labels.append(view.add_label(f"{name}/{k}/length", "", **place))
+
+    def found(self, q: FloatArray) -> list[NearestPoints]:
+        """Return the nearest points at `q: (n,)`, of people and of things, where there are any."""
+        return [found for found in (nearest.at(q) for nearest in self._nearest) if found is not None]
+
+    def pose(self, q: FloatArray) -> None:
+        """Show where the robot is nearest at `q: (n,)`."""
+        for nearest, line, label in zip(self._nearest, self._lines, self._labels, strict=True):
+            found = nearest.at(q)
+            line.visible = label.visible = found is not None
+            if found is not None:
+                line.points = np.array([[found.on_robot, found.on_obstacle]], dtype=np.float32)
+                label.text = f"{1e3 * found.distance:.0f} mm to {found.obstacle}"
+                label.position = 0.5 * (found.on_robot + found.on_obstacle)
+
+
+def add_timed_trace(view: Any, name: str, motion: TimedMotion) -> None:
+    """Add the way of the tip, each piece in the colour of what bounds the speed there."""
+    points = np.asarray(motion.robot.keypoints_batch(motion.configurations)[:, -1])
+    paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
+    paint = as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
+    _add_stripes(view, name, points, paint, 0.014)
+
+
+def add_proof(view: Any, name: str, robot: Robot, samples: FloatArray, proof: Proof) -> None:
+    """Add the way of the tip along `samples: (S, n)`, in stripes of the intervals, warm where bodies are near."""
+    points = np.asarray(robot.keypoints_batch(samples)[:, -1])
+    middles = (np.arange(len(samples) - 1) + 0.5) / max(1, len(samples) - 1)
+    numbers = np.clip(np.searchsorted(proof.stops, middles, side="right") - 1, 0, len(proof.intervals) - 1)
+    paint = gap_colours(np.array([interval.distance for interval in proof.intervals])[numbers])
+    paint = np.where((numbers % 2 == 0)[:, None], paint, (0.72 * paint).astype(np.uint8))
+    _add_stripes(view, name, points, paint, 0.02)
+
+
+def _add_stripes(view: Any, name: str, points: FloatArray, paint: Bytes, thickness: float) -> None:
+    """Add a line through `points: (P, 3)` [m], whose pieces have the colours `paint: (P - 1, 3)`."""
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=thickness)
+
+
+def wxyz(rotation: FloatArray) -> FloatArray:
+    """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
+    x, y, z, w = pin.Quaternion(rotation).coeffs()
+    return np.array([w, x, y, z])
+
+
+BOARD_SHAPE = SIZE[1] / SIZE[0]
+"""Height over width."""
+_DPI = 140
+_LINES, _LINE = 2, 0.15  # of words above the board, and how high a line is, in heights of the board
+_BEFORE = 0.004  # [m] that the cursor is in front of the board
+_CURSOR = (30, 30, 30)
+
+_log = logging.getLogger(__name__)
+
+
+class SpeedBoard:
+    """The speed of a motion against time, as a picture in the scene, `width` [m] wide, that faces a direction.
+
+    Without Matplotlib there is only the line that says the speed, and no title.
+    """
+
+    def __init__(
+        self, view: Any, name: str, motion: TimedMotion, centre: FloatArray, width: float, facing: FloatArray
+    ) -> None:
+        self._motion = motion
+        normal = facing / np.linalg.norm(facing)
         up = np.array([0.0, 0.0, 1.0])
-        turns = [(pin.Quaternion.FromTwoVectors(up, b - a).matrix(), a) for a, b in self._bone_ends(q)]
-        return [(wxyz(turn), place) for turn, place in turns]
+        self._right, self._up = np.cross(up, normal), up
+        self._size = np.array([width, width * BOARD_SHAPE])
+        self._corner = centre - 0.5 * (self._size[0] * self._right + self._size[1] * up) + _BEFORE * normal
+        image = _picture(motion)
+        self.has_title = image is not None
+        if image is not None:
+            turn = np.column_stack([self._right, -up, -normal])  # viser's y goes down the rows
+            look = {"format": "png", "cast_shadow": False, "receive_shadow": False}
+            view.add_image(name, image, *self._size.tolist(), **look, wxyz=wxyz(turn), position=centre)
+        cursor = np.zeros((1, 2, 3))
+        self.cursor = view.add_line_segments(f"{name}_cursor", cursor, _CURSOR, thickness=0.006 * width)
+        self.labels = [
+            view.add_label(f"{name}_told_{k}", "", anchor="bottom-center", font_screen_scale=0.9)
+            for k in range(_LINES)
+        ]
+        self.at(0.0)
 
-    def _bone_ends(self, q: FloatArray) -> FloatArray:
-        return np.asarray(self.robot.keypoints_batch(q[None])[0][self.robot.segments])
+    def at(self, time: float) -> None:
+        """Show how fast it is at a time [s]."""
+        left, bottom, width, height = AXES
+        share = left + width * min(time / self._motion.duration, 1.0)
+        ends = np.array([self._place(share, bottom), self._place(share, bottom + height)])
+        self.cursor.points = ends[None].astype(np.float32)
+        lines = self._motion.remark(time).split("; ", _LINES - 1)
+        for k, label in enumerate(self.labels):
+            label.text = lines[k] if k < len(lines) else ""
+            label.visible = k < len(lines)
+            label.position = self._place(0.5, 1.04 + _LINE * (len(lines) - 1 - k))
+
+    def _place(self, across: float, above: float) -> FloatArray:
+        right, up = across * self._size[0] * self._right, above * self._size[1] * self._up
+        return np.asarray(self._corner + right + up)
+
+
+def _picture(motion: TimedMotion) -> Any:
+    try:
+        known = motion.times, motion.speeds, motion.bounds, motion.binding
+        figure = plot_speeds(*known, None, title=motion.name, dpi=_DPI)
+    except SafeOmplError as missing:
+        _log.warning("no board with the speed: %s", missing)
+        return None
+    return np.asarray(figure.canvas.buffer_rgba())[..., :3]
+
+
+_DETAIL = 0.002  # [m]; what is smaller is not sent to the browser
 
 
 class RobotFigure:
     """A robot in a view, which can be posed; translucent with an opacity below 1."""
 
     def __init__(
-        self, view: Any, name: str, model: RobotModel, colour: Colour, opacity: float | None = None
+        self, view: Any, name: str, body: RobotBody, colour: Colour, opacity: float | None = None
     ) -> None:
-        self._model = model
-        self.root = view.add_frame(name, show_axes=False)
+        self._body = body
+        shadows = {"cast_shadow": opacity is None, "receive_shadow": opacity is None}
+        look = {"color": rgb(colour), "opacity": opacity, **shadows}
+        view.add_frame(name, show_axes=False)
         self._links = [
-            view.add_mesh_simple(
-                f"{name}/{k}",
-                surface.vertices,
-                surface.faces,
-                color=rgb(colour),
-                opacity=opacity,
-                cast_shadow=opacity is None,
-                receive_shadow=opacity is None,
-            )
-            for k, surface in enumerate(model.surfaces)
+            view.add_mesh_simple(f"{name}/{k}", link.vertices, link.faces, **look)
+            for k, link in enumerate(surface.simplified(_DETAIL) for surface in body.links)
         ]
-        self._posed: list[tuple[FloatArray, FloatArray]] = []
-
-    def show(self, visible: bool) -> None:
-        """Show or hide the robot."""
-        self.root.visible = visible
+        self._posed: list[pin.SE3] = []
 
     def pose(self, q: FloatArray) -> None:
         """Bring the robot to `q: (n,)`; links that stay where they are send nothing."""
-        poses = self._model.poses(q)
-        for k, (link, (turn, place)) in enumerate(zip(self._links, poses, strict=True)):
-            if self._posed and np.allclose(turn, self._posed[k][0]) and np.allclose(place, self._posed[k][1]):
-                continue
-            link.wxyz, link.position = turn, place
-        self._posed = poses
+        places = self._body.placements(q)
+        for k, (link, place) in enumerate(zip(self._links, places, strict=True)):
+            if not self._posed or not place.isApprox(self._posed[k], 1e-8):
+                _place([link], place)
+        self._posed = places
 
 
-def add_scenery(view: Any, name: str, scene: Scene) -> Any:
-    """Add the obstacles of a scene, people in skin and clothes, dangerous things in red; return their common node."""
+def add_scenery(view: Any, name: str, scene: Scene) -> None:
+    """Add the obstacles of a scene, people in skin and clothes, dangerous things in red."""
     marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in scene)
-    root = view.add_frame(name, show_axes=False)
+    view.add_frame(name, show_axes=False)
     for obstacle in scene:
         _add_meshes(view, f"{name}/{node_name(obstacle.name)}/", obstacle_surfaces(obstacle, marked))
-    return root
 
 
 def _add_meshes(view: Any, name: str, things: Sequence[ColouredSurface]) -> list[Any]:
@@ -177,7 +291,6 @@ SAMPLES = 121
 _EVENLY = np.linspace(0.0, 1.0, SAMPLES)
 _GOAL_OPACITY, _START_OPACITY = 0.22, 0.16
 _TINT = 0.62  # share of the planner's colour in its robot
-_AROUND = 0.15  # [m] that a slice reaches beyond the robot's motion and the danger points
 
 
 class PathView:
@@ -189,41 +302,33 @@ class PathView:
         number: int,
         content: ViewerContent,
         name: str,
-        model: RobotModel,
+        body: RobotBody,
         colour: Colour | None,
     ) -> None:
         self.name, self._view, self._content = name, view, content
-        self.node = f"/booth_{number}"
+        self.node = node = f"/path_{number + 1}"
         self.samples = content.along(name, _EVENLY)
         self.motion = content.motions.get(name)
         self.board: SpeedBoard | None = None
         self.movers: MoverFigures | None = None
         if content.movers is not None:
-            self.movers = MoverFigures(view, f"{self.node}/movers", content.movers, content.scene)
-        self.root = view.add_frame(self.node, show_axes=False)
-        self.scenery = add_scenery(view, f"{self.node}/scene", content.still)
+            self.movers = MoverFigures(view, f"{node}/movers", content.movers, content.scene)
+        self.root = view.add_frame(node, show_axes=False)
+        add_scenery(view, f"{node}/scene", content.still)
         paint = NEUTRAL if colour is None else mixed(NEUTRAL, colour, _TINT)
-        self._robot = RobotFigure(view, f"{self.node}/robot", model, paint)
-        self.ghosts = [] if colour is None else self._ghosts(model, colour)
-        self._add_danger()
-        people = [obstacle for obstacle in content.scene if obstacle.weight > 0]
-        things = [obstacle for obstacle in content.scene if obstacle.weight == 0]
-        nearest = [Nearest(content.robot, group) for group in (people, things)]
-        self.lines = ClearanceLines(view, f"{self.node}/clearance", nearest)
-        tips = np.asarray(content.robot.keypoints_batch(self.samples)[:, -1])
+        self._robot = RobotFigure(view, f"{node}/robot", body, paint)
+        self.lines = ClearanceLines(view, f"{node}/clearance", content.robot, content.scene)
+        self._layers: list[RobotFigure | ClearanceLines | DangerPoints] = [self._robot, self.lines]
+        if (field := content.danger_field) is not None:
+            ways = [self.samples, *(content.along(other, _EVENLY) for other in content.paths)]
+            most = float(field.values(np.vstack(ways)).max())
+            self._layers.append(DangerPoints(view, f"{node}/danger", field, most))
         self.label: Any = None
         if colour is not None:
-            if self.motion is None:
-                segments = np.stack([tips[:-1], tips[1:]], axis=1)
-                view.add_line_segments(f"{self.node}/trace", segments, rgb(colour), thickness=0.008)
-            else:
-                add_timed_trace(view, f"{self.node}/trace", self.motion)
-            above = self._above()
-            self.label = view.add_label(f"{self.node}/name", name, position=above, anchor="bottom-center")
-        self.proof: Any = None
+            self._add_way(body, colour)
         if content.proof is not None:
             dense = content.along(name, np.linspace(0.0, 1.0, 10 * SAMPLES))
-            self.proof = add_proof(view, f"{self.node}/proof", content.robot, dense, content.proof)
+            add_proof(view, f"{node}/proof", content.robot, dense, content.proof)
 
     def at(self, share: float) -> FloatArray:
         """Return the configuration (n,) at a fraction of the path's length."""
@@ -231,18 +336,14 @@ class PathView:
 
     def pose(self, q: FloatArray) -> None:
         """Show the robot at `q: (n,)`, and what depends on it."""
-        self._robot.pose(q)
-        self.lines.pose(q)
-        for layer in (self.points, self.slice):
-            if layer is not None:
-                layer.pose(q)
+        for layer in self._layers:
+            layer.pose(q)
 
     def at_time(self, time: float) -> None:
         """Show what belongs to a time [s] of a motion: how fast the robot is, and where people and things are."""
-        if self.board is not None:
-            self.board.at(time)
-        if self.movers is not None:
-            self.movers.at(time)
+        for layer in (self.board, self.movers):
+            if layer is not None:
+                layer.at(time)
 
     def describe(self, q: FloatArray, share: float | None) -> str:
         """Return what there is to say of `q: (n,)` in words, as Markdown."""
@@ -268,79 +369,38 @@ class PathView:
                 self.label = None
 
     def add_floor(self, drawn: DrawnScene) -> None:
-        """Add the floor of a drawn, and a pedestal where the robot would hang in the air."""
-        for thing in drawn.pedestal:
-            surface = thing.surface
-            self._view.add_mesh_simple(
-                f"{self.node}/scene/pedestal", surface.vertices, surface.faces, color=rgb(thing.colour)
-            )
-        height, size = drawn.floor, drawn.size
-        width = 3.0 * size
+        """Add the floor of a drawn scene, and a pedestal where the robot would hang in the air."""
+        _add_meshes(self._view, f"{self.node}/scene/pedestal", drawn.pedestal)
         self._view.add_grid(
             f"{self.node}/scene/floor",
-            width,
-            width,
-            position=(0.0, 0.0, height - 0.002),
+            3.0 * drawn.size,
+            3.0 * drawn.size,
+            position=(0.0, 0.0, drawn.floor - 0.002),
             cell_color=(225, 227, 230),
             section_color=(205, 208, 212),
             cell_size=0.1,
             section_size=0.5,
-            fade_distance=4.0 * size,
+            fade_distance=4.0 * drawn.size,
             fade_from="origin",
             shadow_opacity=0.25,
             plane_color=(250, 250, 250),
             plane_opacity=1.0,
         )
 
-    def _ghosts(self, model: RobotModel, colour: Colour) -> list[RobotFigure]:
-        start = RobotFigure(self._view, f"{self.node}/start", model, START_COLOUR, _START_OPACITY)
-        goal = RobotFigure(self._view, f"{self.node}/goal", model, colour, _GOAL_OPACITY)
-        start.pose(self.samples[0])
-        goal.pose(self.samples[-1])
-        return [start, goal]
-
-    def _add_danger(self) -> None:
-        field = self._content.danger_field
-        self.points: DangerPoints | None = None
-        self.slice: FieldSlice | None = None
-        if field is None or field.points is None:
-            return
-        names = list(self._content.paths) or [""]
-        most = max(float(field.values(self._content.along(name, _EVENLY)).max()) for name in names)
-        self.points = DangerPoints(self._view, f"{self.node}/danger", field, most)
-        keypoints = self._content.robot.keypoints_batch(self.samples).reshape(-1, 3)
-        around = np.vstack([keypoints, field.points])
-        low, high = around.min(axis=0) - _AROUND, around.max(axis=0) + _AROUND
-        self.slice = FieldSlice(self._view, f"{self.node}/field", field, low, high, most)
-        self.slice.show(False)
-
-    def _above(self) -> FloatArray:
-        points = self._content.robot.keypoints_batch(self.samples).reshape(-1, 3)
-        middle: FloatArray = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        middle[2] = points[:, 2].max() + 0.25
-        return middle
-
-
-def add_timed_trace(view: Any, name: str, motion: TimedMotion) -> Any:
-    """Add the way of the tip, each piece in the colour of what bounds the speed there."""
-    points = np.asarray(motion.robot.keypoints_batch(motion.configurations)[:, -1])
-    paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
-    paint = as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
-    return _add_stripes(view, name, points, paint, 0.014)
-
-
-def add_proof(view: Any, name: str, robot: Robot, samples: FloatArray, proof: Proof) -> Any:
-    """Add the way of the tip along `samples: (S, n)`, in stripes of the intervals, warm where bodies are near."""
-    points = np.asarray(robot.keypoints_batch(samples)[:, -1])
-    middles = (np.arange(len(samples) - 1) + 0.5) / max(1, len(samples) - 1)
-    numbers = np.clip(np.searchsorted(proof.stops, middles, side="right") - 1, 0, len(proof.intervals) - 1)
-    gaps = np.array([interval.distance for interval in proof.intervals])[numbers]
-    paint = gap_colours(gaps)
-    paint = np.where((numbers % 2 == 0)[:, None], paint, (0.72 * paint).astype(np.uint8))
-    return _add_stripes(view, name, points, paint, 0.02)
-
-
-def _add_stripes(view: Any, name: str, points: FloatArray, paint: Bytes, thickness: float) -> Any:
-    """Add a line through `points: (P, 3)` [m], whose pieces have the colours `paint: (P - 1, 3)`."""
-    segments = np.stack([points[:-1], points[1:]], axis=1)
-    return view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=thickness)
+    def _add_way(self, body: RobotBody, colour: Colour) -> None:
+        """Add start, goal, the way of the tip and the name of a path."""
+        for name, paint, opacity, q in (
+            ("start", START_COLOUR, _START_OPACITY, self.samples[0]),
+            ("goal", colour, _GOAL_OPACITY, self.samples[-1]),
+        ):
+            RobotFigure(self._view, f"{self.node}/{name}", body, paint, opacity).pose(q)
+        keypoints = self._content.robot.keypoints_batch(self.samples)
+        if self.motion is None:
+            segments = np.stack([keypoints[:-1, -1], keypoints[1:, -1]], axis=1)
+            self._view.add_line_segments(f"{self.node}/trace", segments, rgb(colour), thickness=0.008)
+        else:
+            add_timed_trace(self._view, f"{self.node}/trace", self.motion)
+        low, high = keypoints.min(axis=(0, 1)), keypoints.max(axis=(0, 1))
+        above = np.append(0.5 * (low + high)[:2], high[2] + 0.25)
+        place = {"position": above, "anchor": "bottom-center"}
+        self.label = self._view.add_label(f"{self.node}/name", self.name, **place)

@@ -9,7 +9,6 @@ from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from time import perf_counter, sleep
-from typing import Any
 
 import numpy as np
 
@@ -19,10 +18,10 @@ from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
-from safe_ompl.view.browser.layers import BOARD_SHAPE, PLANES, FieldSlice
-from safe_ompl.view.browser.path_view import PathView, RobotModel
+from safe_ompl.view.browser.path_view import BOARD_SHAPE, PathView
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
+from safe_ompl.view.pictures.surface import RobotBody
 from safe_ompl.view.style import planner_styles
 
 PORT = 8080
@@ -101,15 +100,14 @@ class BrowserView:
             self.server = viser.ViserServer(host="127.0.0.1", port=port, label=content.title, verbose=False)
         self.server.scene.set_up_direction("+z")
         self.server.scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, dtype=np.uint8))
-        model = RobotModel(content.robot)
+        body = RobotBody(content.robot)
         styles = planner_styles(content.paths)
         names = list(content.paths) or [""]
         self.path_views = [
-            PathView(self.server.scene, k, content, name, model, styles[name].colour if name else None)
+            PathView(self.server.scene, k, content, name, body, styles[name].colour if name else None)
             for k, name in enumerate(names)
         ]
         self._set_camera()
-        self.set_side_by_side(True)
         self.share = 0.0
         self.go_to(0.0)
 
@@ -150,16 +148,6 @@ class BrowserView:
         both = zip(self.path_views, self._postures, strict=True)
         return [path_view.describe(q, share) for path_view, q in both]
 
-    def set_side_by_side(self, apart: bool) -> None:
-        """Set the path_views beside each other, or all into one place, where only the first scene is shown."""
-        middle = 0.5 * (len(self.path_views) - 1)
-        for k, path_view in enumerate(self.path_views):
-            path_view.root.position = self._step * (k - middle) if apart else np.zeros(3)
-            path_view.scenery.visible = apart or k == 0
-        camera = self._camera_of(len(self.path_views) if apart else 1)
-        initial = self.server.initial_camera
-        initial.position, initial.look_at, initial.fov = camera.eye, camera.target, camera.field_of_view
-
     def run(self, *, browser: bool = True) -> None:
         """Serve the view until Ctrl-C, in the browser if that is to be opened."""
         controls = Controls(self)
@@ -174,39 +162,32 @@ class BrowserView:
             self.server.stop()
 
     def _set_camera(self) -> None:
+        """Set the paths beside each other, and the camera so that it sees all of them."""
         paths = [path_view.samples for path_view in self.path_views]
         drawn = DrawnScene(self.content.robot, self.content.scene_at_start, paths)
-        self._landmarks = drawn.landmarks()
-        self._view = best_view(drawn, (_SIZE[0] // len(paths), _SIZE[1]))
-        right = self._view.axes()[1]
-        across = self._landmarks @ right
-        self._step = _APART * float(np.ptp(across)) * right
+        best = best_view(drawn, (_SIZE[0] // len(paths), _SIZE[1]))
+        (back, right), landmarks = best.axes(), drawn.landmarks()
         for path_view in self.path_views:
             path_view.add_floor(drawn)
-        if self.content.motions:
-            self._add_boards(_BOARD * drawn.size, right)
-
-    def _add_boards(self, width: float, right: FloatArray) -> None:
-        """Hang a board over each path_view, seen from the front by the camera."""
-        back, _ = self._view.axes()
-        facing = np.array([back[0], back[1], 0.0])
-        height = width * BOARD_SHAPE
-        centre = 0.5 * (self._landmarks.min(axis=0) + self._landmarks.max(axis=0))
-        centre[2] = self._landmarks[:, 2].max() + 0.65 * height
-        for path_view in self.path_views:
-            path_view.add_board(centre, width, facing)
-        sides = ((x, z) for x in (-1, 1) for z in (-1, 1))
-        corners = [centre + 0.5 * (x * width * right + [0.0, 0.0, z * height]) for x, z in sides]
-        self._landmarks = np.vstack([self._landmarks, *corners])
-        self._step = _APART * max(float(np.ptp(self._landmarks @ right)), width) * right
-
-    def _camera_of(self, path_views: int) -> Any:
-        """Return the camera that sees so many path_views beside each other."""
-        middle = 0.5 * (path_views - 1)
-        points = np.vstack([self._landmarks + self._step * (k - middle) for k in range(path_views)])
-        back, _ = self._view.axes()
+        if self.content.motions:  # a board over each path, which faces the camera
+            width = _BOARD * drawn.size
+            centre, up = 0.5 * (landmarks.min(axis=0) + landmarks.max(axis=0)), np.array([0.0, 0.0, 1.0])
+            centre[2] = landmarks[:, 2].max() + 0.65 * width * BOARD_SHAPE
+            for path_view in self.path_views:
+                path_view.add_board(centre, width, np.array([back[0], back[1], 0.0]))
+            corners = [
+                centre + 0.5 * width * (x * right + z * BOARD_SHAPE * up) for x in (-1, 1) for z in (-1, 1)
+            ]
+            landmarks = np.vstack([landmarks, *corners])
+        step = _APART * float(np.ptp(landmarks @ right)) * right
+        places = [step * (k - 0.5 * (len(paths) - 1)) for k in range(len(paths))]
+        for path_view, place in zip(self.path_views, places, strict=True):
+            path_view.root.position = place
         azimuth, elevation = float(np.arctan2(back[1], back[0])), float(np.arcsin(back[2]))
-        return self._view.framing(points, azimuth, elevation, _SIZE, _FIELD_OF_VIEW)
+        points = np.vstack([landmarks + place for place in places])
+        camera = best.framing(points, azimuth, elevation, _SIZE, _FIELD_OF_VIEW)
+        initial = self.server.initial_camera
+        initial.position, initial.look_at, initial.fov = camera.eye, camera.target, camera.field_of_view
 
 
 _REST = 0.8  # [s] at the goal, before it begins again
@@ -214,25 +195,10 @@ _RATE = 25.0  # [Hz] of frames, where a motion has times
 _FEWEST, _MOST = 97, 1501  # frames
 
 
-def save_page(content: ViewerContent, file: str | Path, *, slice_at: float | None = None) -> None:
-    """Write a view as one HTML file that needs no server and no network.
-
-    Parameters
-    ----------
-    slice_at : float, optional
-        Height [m] of a level slice through the danger field, where there is one.
-
-    Raises
-    ------
-    SafeOmplError
-        If viser is not installed.
-    """
+def save_page(content: ViewerContent, file: str | Path) -> None:
+    """Write a view as one HTML file that needs no server and no network; SafeOmplError if viser is not installed."""
     view = BrowserView(content)
     try:
-        for path_view in view.path_views:
-            if slice_at is not None and path_view.slice is not None:
-                path_view.slice.move("level", slice_at)
-                path_view.slice.show(True)
         view.go_to(0.0)
         recording = view.server.get_scene_serializer()
         if content.paths:
@@ -252,7 +218,7 @@ _STEP = 1e-3
 
 
 class Controls:
-    """The panel of a live view: play bar, what is shown, the slice of the danger field, joint sliders."""
+    """The panel of a live view: play bar and joint sliders."""
 
     def __init__(self, view: BrowserView, clock: Callable[[], float] = perf_counter) -> None:
         self._view, self._clock = view, clock
@@ -263,7 +229,6 @@ class Controls:
         self._following = False  # whether sliders follow the robot, and do not lead it
         if view.content.paths:
             self._add_play_bar()
-        self._add_layers()
         self._add_joints()
         self._describe()
 
@@ -300,63 +265,6 @@ class Controls:
             slider.value = float(value)
         self._following = False
         self._describe()
-
-    def _add_layers(self) -> None:
-        path_views = self._view.path_views
-        with self._gui.add_folder("Show"):
-            if len(path_views) > 1:
-                self._checkbox("side by side", True, self._view.set_side_by_side)
-            if path_views[0].ghosts:
-                self._checkbox("start and goal", True, self._show_ghosts)
-            self._checkbox("clearance", True, lambda on: self._show("lines", on))
-            if path_views[0].points is not None:
-                self._checkbox("danger points", True, lambda on: self._show("points", on))
-            if path_views[0].proof is not None:
-                self._checkbox("proof", True, self._show_proof)
-        slices = [path_view.slice for path_view in path_views if path_view.slice is not None]
-        if slices:
-            self._add_slice(slices)
-
-    def _checkbox(self, label: str, value: bool, changed: Any) -> None:
-        box = self._gui.add_checkbox(label, value)
-        box.on_update(lambda _: changed(box.value))
-
-    def _show(self, layer: str, on: bool) -> None:
-        for path_view in self._view.path_views:
-            getattr(path_view, layer).show(on)
-        self._view.refresh()
-
-    def _show_ghosts(self, on: bool) -> None:
-        for path_view in self._view.path_views:
-            for ghost in path_view.ghosts:
-                ghost.show(on)
-
-    def _show_proof(self, on: bool) -> None:
-        for path_view in self._view.path_views:
-            assert path_view.proof is not None
-            path_view.proof.visible = on
-
-    def _add_slice(self, slices: Sequence[FieldSlice]) -> None:
-        with self._gui.add_folder("Danger field"):
-            self._checkbox("slice", False, lambda on: self._show("slice", on))
-            plane = self._gui.add_dropdown("plane", PLANES, initial_value=PLANES[0])
-            low, high = (round(end, 2) for end in slices[0].range())
-            offset = self._gui.add_slider("at [m]", low, high, 0.01, round(slices[0].offset, 2))
-
-        def turn(_: Any) -> None:
-            for part in slices:
-                part.move(plane.value, part.offset)
-            low, high = slices[0].range()
-            offset.min, offset.max = round(low, 2), round(high, 2)
-            offset.value = round(0.5 * (low + high), 2)
-
-        def shift(_: Any) -> None:
-            for part in slices:
-                part.move(plane.value, offset.value)
-            self._view.refresh()
-
-        plane.on_update(turn)
-        offset.on_update(shift)
 
     def _add_joints(self) -> None:
         robot, q = self._view.content.robot, self._view.q

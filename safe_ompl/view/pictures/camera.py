@@ -61,18 +61,6 @@ class Camera:
         key = 0.6 * back + 0.8 * left + (0.0, 0.0, 1.3)
         return np.asarray(key / np.linalg.norm(key))
 
-    def pixel(self, rows: int) -> float:
-        """Return the size of a pixel [m] at the distance of the target, in a picture of so many rows."""
-        distance = np.linalg.norm(self.eye - self.target)
-        return float(2.0 * distance * np.tan(self.field_of_view / 2) / rows)
-
-    def project(self, points: FloatArray) -> FloatArray:
-        """Return where points (P, 3) are in the picture: (P, 2), rightwards and upwards, in half heights."""
-        back, right = self.axes()
-        away = points - self.eye
-        depth = -(away @ back) * np.tan(self.field_of_view / 2)
-        return np.asarray(np.column_stack([away @ right, away @ self.up]) / depth[:, None])
-
 
 def _camera_axes(azimuth: float, elevation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return unit vectors towards the camera, to the right of the picture and up in it."""
@@ -113,11 +101,3 @@ def viewing_rays(camera: Camera, size: tuple[int, int], pixels: IntArray) -> Flo
     row, column = np.divmod(pixels, size[0])
     x, y = (column - (size[0] - 1) / 2) * half, ((size[1] - 1) / 2 - row) * half
     return np.asarray(x[:, None] * right + y[:, None] * camera.up - back)
-
-
-def floor_nearness(camera: Camera, size: tuple[int, int], floor: float) -> FloatArray:
-    """Return 1/depth [1/m] of a floor in each pixel (H, W), 0 where there is only sky."""
-    corners = viewing_rays(camera, size, np.array([0, size[0] - 1, (size[1] - 1) * size[0]]))[:, 2]
-    first, across, down = corners / (floor - camera.eye[2])
-    x, y = np.linspace(0.0, across - first, size[0]), np.linspace(0.0, down - first, size[1])
-    return np.asarray(np.maximum(first + x[None] + y[:, None], 0.0))

@@ -18,9 +18,9 @@ from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.view.content import Nearest, ViewerContent
-from safe_ompl.view.pictures.camera import Camera, in_picture
+from safe_ompl.view.pictures.camera import Camera
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
-from safe_ompl.view.pictures.scene import DrawnScene, best_view, hiding, resampled, view_of
+from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
 from safe_ompl.view.plots.page import plot_kind
 from safe_ompl.view.plots.paths import plot_plan
@@ -39,8 +39,6 @@ _COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a 
 TRACE, _THIN = 0.006, 0.0022
 GHOSTS = 4
 PALE: Colour = (1.0, 1.0, 1.0)
-_TOUCHED: Colour = (0.80, 0.10, 0.10)
-_CLOSE = 0.22  # [m] to both sides of a contact, in its picture from near
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
 
 
@@ -113,7 +111,7 @@ def draw(drawn: DrawnScene, renderer: Renderer, shown: DrawnPath, ghosts: int) -
         ColouredSurface(drawn.body.posed(start), START, glossy=True),
         ColouredSurface(drawn.body.posed(goal, moved_from=start).inflated(gap), accent, glossy=True),
         ColouredSurface(trace(drawn, samples, TRACE), accent),
-        *drawn.surroundings,
+        *drawn.surroundings(),
     ]
     if shown.planned is not None:
         planned = resampled(drawn.robot, shown.planned)
@@ -130,41 +128,6 @@ def draw(drawn: DrawnScene, renderer: Renderer, shown: DrawnPath, ghosts: int) -
     return as_bytes(picture)
 
 
-def render_contact(
-    robot: Robot,
-    scene: Scene,
-    q: FloatArray,
-    touching: tuple[str, str],
-    point: FloatArray,
-    size: tuple[int, int] = (460, 380),
-) -> Image:
-    """Draw a robot at `q: (n,)`, from afar and, beside it, near a point (3,) [m] that is in a circle in both.
-
-    The two that touch there are in colours of their own: a link, and an obstacle or another link. The picture from near
-    leaves other obstacles out that hide the point. `size` is that of each of the two pictures [px].
-    """
-    link, other = touching
-    marked = [replace(o, color=_TOUCHED) if o.name == other else o for o in scene]
-    drawn = DrawnScene(robot, Scene(tuple(marked)), [np.array([q, q])])
-    own, rest = drawn.body.parted(q, link)
-    things = [ColouredSurface(own, ACCENT, glossy=True), ColouredSurface(rest, START, glossy=True)]
-    camera = view_of(drawn, point, size)
-    moved = replace(camera, eye=camera.eye + point - camera.target, target=point)
-    distance = float(np.linalg.norm(moved.eye - point))
-    near = replace(moved, field_of_view=2 * np.arctan(_CLOSE / distance))
-    hidden = [name for name in hiding(drawn, near, point) if name != other]
-    images = []
-    for view, radius, left_out in ((camera, 0.07, []), (near, 0.12, hidden)):
-        renderer = Renderer(drawn.floor, view, size)
-        image = as_bytes(tone_mapped(renderer.render([*things, *drawn.surroundings_without(left_out)])))
-        column, row, _ = in_picture(view, point[None], size)[0]
-        away = np.hypot(*np.meshgrid(np.arange(size[0]) - column, np.arange(size[1]) - row))
-        for width, colour in ((3.2, PALE), (1.6, _TOUCHED)):
-            image[np.abs(away - radius * size[1]) < width] = as_bytes(colour)
-        images.append(image)
-    return np.hstack([images[0], np.full((size[1], 8, 3), 255, np.uint8), images[1]])
-
-
 def trace(drawn: DrawnScene, samples: FloatArray, width: float) -> Surface:
     """Return the way of the tip as a tube; its radius is a share of the size of the robot's motion."""
     return Surface.from_triangles(*tube(drawn.trace(samples), width * drawn.size))
@@ -175,7 +138,7 @@ def _glass(body: Surface, renderer: Renderer) -> FloatArray:
     to_eye = renderer.camera.eye - body.vertices
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
     facing = np.einsum("ij,ij->i", to_eye, body.normals)
-    lit = np.clip((body.normals * np.sign(facing)[:, None]) @ renderer.light_direction(), 0.0, 1.0)
+    lit = np.clip((body.normals * np.sign(facing)[:, None]) @ renderer.camera.key_light(), 0.0, 1.0)
     opacity = 0.34 + 0.45 * (1.0 - np.abs(facing)) ** 3
     return np.column_stack([opacity, opacity * (0.72 + 0.44 * lit)])
 
@@ -192,8 +155,7 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     curves = plot_plan(
         result.report.danger.profile,
         None,
-        clearance=_clearances(setup, result.path) or None,
-        improvements=[(step.time, step.cost) for step in result.improvements] or None,
+        clearance=_clearances(setup, result.path),
         planner=result.planner,
         title=f"{result.planner}, seed {result.seed}",
         dpi=_QUICK_DPI,
@@ -384,9 +346,7 @@ class _Frames:
         times = shares * content.playing_time
         movers = content.movers
         self._moving = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
-        self._still = self._drawn.surroundings_without(
-            {mover.name for there in self._moving for mover in there}
-        )
+        self._still = self._drawn.surroundings({mover.name for there in self._moving for mover in there})
 
     def frame(self, k: int) -> list[Image]:
         """Return the pictures of all paths in a frame."""

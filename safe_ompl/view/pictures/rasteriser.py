@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from math import ceil, floor
 from typing import TypeAlias
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from safe_ompl.common import FloatArray, InputError, IntArray, compiled
-from safe_ompl.view.pictures.camera import Camera, floor_nearness, in_picture, viewing_rays
+from safe_ompl.view.pictures.camera import Camera, in_picture, viewing_rays
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface
 
 _Numbers: TypeAlias = NDArray[np.int32]  # there are millions: half as many bytes as `IntArray`
@@ -34,11 +33,8 @@ class Renderer:
             raise InputError(f"a picture needs at least 1 pixel; got {size[0]} by {size[1]}")
         self.camera, self.size, self._floor = camera, size, floor
         self._fine = (_SUBPIXELS * size[0], _SUBPIXELS * size[1])
-        self._floor_nearness = floor_nearness(camera, self._fine, floor).ravel()
-
-    def light_direction(self) -> FloatArray:
-        """Return the unit vector (3,) to the key light."""
-        return self.camera.key_light()
+        rays = viewing_rays(camera, self._fine, np.arange(self._fine[0] * self._fine[1]))
+        self._floor_nearness = np.maximum(rays[:, 2] / (floor - camera.eye[2]), 0.0)
 
     def render(self, things: Sequence[ColouredSurface]) -> FloatArray:
         """Return a picture of things on the floor: (height, width, 3), linear RGB."""
@@ -47,31 +43,21 @@ class Renderer:
     def render_layers(
         self, things: Sequence[ColouredSurface], bodies: Iterable[tuple[Surface, FloatArray]]
     ) -> tuple[FloatArray, list[FloatArray]]:
-        """Return a picture of solid things on the floor, and what is seen of translucent bodies among them.
+        """Return the picture of `render`, and what is seen of translucent bodies among the things.
 
-        Parameters
-        ----------
-        things : sequence of ColouredSurface
-        bodies : iterable of (Surface, (V, C) array)
-            Each with values in [0, 1] of its vertices.
-
-        Returns
-        -------
-        (height, width, 3) array
-            The picture without the bodies, linear RGB.
-        list of (height, width, C) array
-            Of each body alone the values of its vertices, 0 where it is not seen.
+        That is of each body alone the values (V, C) in [0, 1] of its vertices, 0 where it is not seen.
         """
         solid = Surface.merged(thing.surface for thing in things)
-        seen = ZBuffer.of(in_picture(self.camera, solid.vertices, self._fine), solid.faces, self._fine)
-        hidden = np.maximum(seen.nearness.ravel(), self._floor_nearness)
-        faces = np.where(seen.nearness.ravel() > self._floor_nearness, seen.faces.ravel(), -1)
+        points = in_picture(self.camera, solid.vertices, self._fine)
+        nearness, faces = nearest_triangles(points, solid.faces, *self._fine)
+        hidden = np.maximum(nearness.ravel(), self._floor_nearness)
+        faces = np.where(nearness.ravel() > self._floor_nearness, faces.ravel(), -1)
         return self._picture(solid, things, faces), [self._layer(hidden, *body) for body in bodies]
 
     def _picture(self, solid: Surface, things: Sequence[ColouredSurface], faces: _Numbers) -> FloatArray:
         """Return the picture of things, which make one solid of which subpixels (S,) see triangles, or -1."""
         thing_of_face = np.repeat(np.arange(len(things)), [len(thing.surface.faces) for thing in things])
-        light = _Light(solid, self._floor, self.light_direction())
+        light = _Light(solid, self._floor, self.camera.key_light())
         seen = np.zeros(len(solid.faces) + 1, dtype=bool)
         groups = np.full(len(seen), -1, dtype=np.int32)
         seen[faces] = True
@@ -92,32 +78,12 @@ class Renderer:
 
     def _layer(self, hidden: FloatArray, surface: Surface, values: FloatArray) -> FloatArray:
         """Return the values (V, C) of a body's vertices where it is nearer than what hides it: (height, width, C)."""
-        layer = np.zeros((self.size[1], self.size[0], values.shape[1]))
         points = in_picture(self.camera, surface.vertices, self._fine)
-        left, top, right, bottom = self._window(points)
-        if left >= right or top >= bottom:
-            return layer
-        fine = ((right - left) * _SUBPIXELS, (bottom - top) * _SUBPIXELS)
-        corner = _SUBPIXELS * np.array([left, top])
-        seen = ZBuffer.of(points - (*corner, 0.0), surface.faces, fine)
-        row, column = np.nonzero(seen.nearness > 0.0)
-        pixels = (row + corner[1]) * self._fine[0] + column + corner[0]
-        nearer = seen.nearness[row, column] > hidden[pixels]
-        row, column, pixels = row[nearer], column[nearer], pixels[nearer]
-        image = np.zeros((fine[1], fine[0], values.shape[1]), dtype=np.float32)
-        image[row, column] = self._interpolated(surface, seen.faces[row, column], pixels, values)[0]
-        layer[top:bottom, left:right] = np.clip(_averaged(image), 0.0, 1.0)
-        return layer
-
-    def _window(self, points: FloatArray) -> tuple[int, int, int, int]:
-        """Return the first column and row of the pixels that `points: (P, 3)` of subpixels span, and those after."""
-        shown = points[np.isfinite(points).all(axis=1), :2] / _SUBPIXELS
-        if not len(shown):
-            return 0, 0, 0, 0
-        low, high = np.floor(shown.min(axis=0)), np.ceil(shown.max(axis=0)) + 1.0
-        left, top = np.clip(low, 0, self.size).astype(int)
-        right, bottom = np.clip(high, 0, self.size).astype(int)
-        return int(left), int(top), int(right), int(bottom)
+        nearness, faces = nearest_triangles(points, surface.faces, *self._fine)
+        pixels = np.flatnonzero(nearness.ravel() > hidden)
+        image = np.zeros((nearness.size, values.shape[1]), dtype=np.float32)
+        image[pixels] = self._interpolated(surface, faces.ravel()[pixels], pixels, values)[0]
+        return np.clip(_averaged(image.reshape(self._fine[1], self._fine[0], -1)), 0.0, 1.0)
 
     def _distinct(self, groups: _Numbers) -> tuple[IntArray, _Numbers]:
         """Return subpixels that are alone in their group within their pixel, and for each subpixel its like there."""
@@ -166,7 +132,7 @@ class Renderer:
         normals *= np.where(np.einsum("ij,ij->i", normals, to_eye) < 0.0, -1.0, 1.0)[:, None]
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
         brightness, key = light.on(places, normals)
-        half = to_eye + self.light_direction()
+        half = to_eye + self.camera.key_light()
         half /= np.linalg.norm(half, axis=1, keepdims=True)
         facing = np.clip(np.einsum("ij,ij->i", normals, half), 0.0, 1.0)
         shine = np.where(glossy, _GLOSS * facing**_SHININESS * key, 0.0)
@@ -200,7 +166,7 @@ class _Light:
         """Return the height above the floor of the highest thing between each texel and a light: (S, S)."""
         texels, heights = self._on_map(solid.vertices)
         points = np.column_stack([texels - heights[:, None] * slant, heights])
-        return ZBuffer.of(points, solid.faces, (_MAP, _MAP)).nearness
+        return nearest_triangles(points, solid.faces, _MAP, _MAP)[0]
 
     def on_floor(self, places: FloatArray) -> FloatArray:
         """Return the light (P,) on the floor at places (P, 3), 1 where it is open."""
@@ -274,23 +240,6 @@ def _blurred(image: FloatArray, radius: int = 3) -> FloatArray:
     return image
 
 
-@dataclass(frozen=True)
-class ZBuffer:
-    """What the pixels of a grid see."""
-
-    nearness: NDArray[np.float32]  # (H, W), of the nearest triangle, -inf where there is none
-    faces: _Numbers  # (H, W), the nearest triangle, -1 where there is none
-
-    @classmethod
-    def of(cls, points: FloatArray, faces: IntArray, size: tuple[int, int]) -> ZBuffer:
-        """Fill a buffer of a `size` [px] with triangles `faces: (F, 3)` of vertices `points: (V, 3)`.
-
-        The points are columns and rows in pixels, centres at integers, and nearness, which must be affine on a triangle
-        in the picture: 1/depth of a perspective, or a height. NaN: not to be drawn.
-        """
-        return cls(*nearest_triangles(np.ascontiguousarray(points), np.ascontiguousarray(faces), *size))
-
-
 FLOOR_VALUE = 0.87  # linear; how bright the empty floor is in a picture
 
 
@@ -314,8 +263,10 @@ def nearest_triangles(
 ) -> tuple[NDArray[np.float32], _Numbers]:
     """Return how near the nearest triangle is at each pixel (height, width), -inf beside all, and which it is, or -1.
 
-    A pixel is in a triangle where the three edge functions (b − a) × (p − a) have the sign of its area; along a row
-    they bound an interval of columns. The nearness of `points: (V, 3)` is affine on a triangle. NaN: it is not drawn.
+    Triangles are `faces: (F, 3)` of vertices `points: (V, 3)`: columns and rows in pixels, centres at integers, and
+    nearness, which must be affine on a triangle in the picture: 1/depth of a perspective, or a height. NaN: not to be
+    drawn. A pixel is in a triangle where the three edge functions (b − a) × (p − a) have the sign of its area; along a
+    row they bound an interval of columns.
     """
     nearness = np.full((height, width), -np.inf, dtype=np.float32)
     owner = np.full((height, width), -1, dtype=np.int32)

@@ -11,7 +11,7 @@ from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array
 from safe_ompl.geometry import Person, surfaces
 from safe_ompl.paths import Curve
 from safe_ompl.view.pictures.camera import Camera, in_picture
-from safe_ompl.view.pictures.rasteriser import ZBuffer
+from safe_ompl.view.pictures.rasteriser import nearest_triangles
 from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces
 from safe_ompl.view.style import Colour
 
@@ -29,49 +29,28 @@ _PEDESTAL: Colour = (0.62, 0.63, 0.65)
 class DrawnScene:
     """A robot, its paths and its scene, tessellated once for any number of pictures.
 
-    The paths, (N, n) each, decide what must be in view.
-
-    Attributes
-    ----------
-    samples : list of (S, n) array
-        Each path at equal steps of its length.
-    ends : Surface
-        The robot at start and goal of all paths, coarsely.
-    hazards, things, pedestal : list of ColouredSurface
-        What is dangerous to approach; everything else but the robot; of that what stands under a base on nothing.
-    floor, size : float
-        Height of the floor, and diagonal of the box around the robot's motion [m].
-    groups : dict of str to list of ColouredSurface
-        What is drawn of each obstacle but the ground.
-
-    Raises
-    ------
-    InputError
-        If there is no path, or one is empty, has the wrong number of joints or is not finite.
+    The paths, (N, n) each, decide what must be in view. InputError if there is none, or one is no path of the robot.
     """
 
     def __init__(self, robot: Robot, scene: Scene, paths: Sequence[FloatArray]) -> None:
         if not len(paths):
             raise InputError("no path to draw; give at least one")
         self.robot = robot
-        self.samples = [resampled(robot, path) for path in paths]
+        self.samples = [resampled(robot, path) for path in paths]  # (S, n) each, at equal steps
         coarse = RobotBody(robot, coarse=True)
         self._actors = np.vstack(
             [coarse.posed(q).vertices for s in self.samples for q in s[:: _PATH_SAMPLES // 6]]
         )
+        # The robot at start and goal of all paths, coarsely
         self.ends = Surface.merged(coarse.posed(q) for s in self.samples for q in (s[0], s[-1]))
+        # Diagonal of the box around the robot's motion [m]
         self.size = float(np.linalg.norm(np.ptp(self._actors, axis=0)))
         self.body = RobotBody(robot, detail=_DETAIL * self.size)
         self._set_scene(scene)
 
-    @property
-    def surroundings(self) -> list[ColouredSurface]:
-        """Everything but the robot."""
-        return self.hazards + self.things
-
-    def surroundings_without(self, names: Collection[str]) -> list[ColouredSurface]:
-        """Return everything but the robot and some obstacles."""
-        left = [group for name, group in self.groups.items() if name not in names]
+    def surroundings(self, without: Collection[str] = ()) -> list[ColouredSurface]:
+        """Return everything but the robot, and without some obstacles."""
+        left = [group for name, group in self.groups.items() if name not in without]
         return [thing for group in left for thing in group] + self.pedestal
 
     def trace(self, samples: FloatArray) -> FloatArray:
@@ -88,36 +67,27 @@ class DrawnScene:
     def landmarks(self) -> FloatArray:
         """Return the points (P, 3) that a picture must show: the robot's motion, and the scene near it."""
         centre = (self._actors.min(axis=0) + self._actors.max(axis=0)) / 2
-        vertices = [np.empty((0, 3)), *(thing.surface.vertices for thing in self.surroundings)]
+        vertices = [np.empty((0, 3)), *(thing.surface.vertices for thing in self.surroundings())]
         around = np.vstack(vertices) - centre
         far = np.linalg.norm(around, axis=1, keepdims=True) / (_NEARBY * self.size)
         return np.vstack([self._actors, centre + around / np.maximum(far, 1.0)])
 
-    def is_level(self) -> bool:
-        """Return whether the robot moves in a level plane, which is best seen from above."""
-        return bool(np.ptp(self.skeletons()[:, 2]) < 0.01 * self.size)
-
     def _set_scene(self, scene: Scene) -> None:
         """Sort the scene into what is dangerous, what is not, and the ground, on which all else stands."""
         marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in scene.obstacles)
-        groups = [obstacle_surfaces(obstacle, marked) for obstacle in scene.obstacles]
-        lows = [_lowest(thing) for group in groups for thing in group]
-        lowest = min([float(self._actors[:, 2].min()), *lows])
-        self.floor = lowest
-        self.hazards: list[ColouredSurface] = []
-        self.things: list[ColouredSurface] = []
+        drawn = {obstacle.name: obstacle_surfaces(obstacle, marked) for obstacle in scene.obstacles}
+        lows = [_lowest(thing) for group in drawn.values() for thing in group]
+        self.floor = lowest = min([float(self._actors[:, 2].min()), *lows])  # [m]
+        # What is drawn of each obstacle but the ground, and which of them are dangerous to approach
         self.groups: dict[str, list[ColouredSurface]] = {}
-        for obstacle, group in zip(scene.obstacles, groups, strict=True):
+        self.hazards = [o.name for o in scene.obstacles if marked and o.weight > 0]
+        for name, group in drawn.items():
             if _lowest(group[0]) == lowest and self._is_slab(group[0]):
                 self.floor = float(group[0].surface.vertices[:, 2].max())
-                continue
-            self.groups[obstacle.name] = group
-            if marked and obstacle.weight > 0:
-                self.hazards += group
             else:
-                self.things += group
+                self.groups[name] = group
+        self.pedestal: list[ColouredSurface] = []
         self.pedestal = self._pedestal()
-        self.things += self.pedestal
 
     def _is_slab(self, thing: ColouredSurface) -> bool:
         """Whether a thing is level, thin, and wider than the robot's motion."""
@@ -128,7 +98,9 @@ class DrawnScene:
         """Return a column under a robot whose base neither stands on the floor nor on an obstacle."""
         centre, radius, bottom = self.body.footprint()
         gap = bottom - self.floor
-        if gap < 0.03 * self.size or any(_carries(thing, centre, bottom, gap) for thing in self.surroundings):
+        if gap < 0.03 * self.size or any(
+            _carries(thing, centre, bottom, gap) for thing in self.surroundings()
+        ):
             return []
         vertices, faces = surfaces.revolved_triangles(surfaces.cylinder_profile(radius, gap, np.inf), 64)
         place = np.array([centre[0], centre[1], self.floor + gap / 2])
@@ -161,7 +133,6 @@ _HAZARD_POINTS, _END_POINTS = 200, 500
 _NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
 _COARSE = (160, 120)  # [px] of the picture in which views are compared
 _CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
-_BEFORE = 0.04  # [m] from which on what is before a contact hides it
 _TOLERANCE, _FINE = 0.03, 0.012  # relative, of depths; finer than a person is deep
 
 
@@ -174,7 +145,7 @@ def best_view(
     in pixels.
     """
     landmarks = drawn.landmarks()
-    if elevation is None and drawn.is_level():
+    if elevation is None and np.ptp(drawn.skeletons()[:, 2]) < 0.01 * drawn.size:  # best seen from above
         elevation = np.pi / 2
     if elevation is not None and elevation > 0.99 * np.pi / 2 and azimuth is None:
         azimuth = -np.pi / 2
@@ -186,41 +157,22 @@ def best_view(
     return views[0] if len(views) == 1 else max(views, key=_Merit(drawn))
 
 
-def view_of(drawn: DrawnScene, point: FloatArray, size: tuple[int, int]) -> Camera:
-    """Return the camera that shows the whole robot from the side on which least is before a point (3,)."""
-    landmarks = drawn.landmarks()
-    solid = Surface.merged([*(thing.surface for thing in drawn.surroundings), drawn.ends])
-    heights = (*_ELEVATIONS, np.radians(65.0))  # boxes are open above
-    views = (Camera.framing(landmarks, turn, height, size) for height in heights for turn in _AZIMUTHS)
-    return min(views, key=lambda view: _hidden(view, solid, point))
-
-
-def hiding(drawn: DrawnScene, view: Camera, point: FloatArray) -> list[str]:
-    """Return the names of the obstacles that are before a point (3,)."""
-    groups = {name: Surface.merged(thing.surface for thing in g) for name, g in drawn.groups.items()}
-    return [name for name, surface in groups.items() if _hidden(view, surface, point) > _BEFORE]
-
-
-def _hidden(view: Camera, solid: Surface, point: FloatArray) -> float:
-    """Return how far [m] before a point (3,) a solid begins; 0 if it does not."""
-    nearest, own = _nearness(view, solid, point[None])
-    return max(0.0, float(1 / own[0] - 1 / nearest[0])) if nearest[0] > 0 else 0.0
-
-
 class _Merit:
     """The merit of a view: how much is seen of motion, ends and hazards, most of all of the nearest part of these."""
 
     def __init__(self, drawn: DrawnScene) -> None:
         self._links = drawn.skeletons()
         self._ends = drawn.ends.vertices[:: 1 + len(drawn.ends.vertices) // _END_POINTS]
-        hazards = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in drawn.hazards])
+        things = drawn.surroundings(drawn.hazards)
+        dangerous = [thing for name in drawn.hazards for thing in drawn.groups.get(name, [])]
+        hazards = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in dangerous])
         self._points = hazards[:: 1 + len(hazards) // _HAZARD_POINTS]
         gaps = np.linalg.norm(self._points[:, None] - self._links[None], axis=2).min(axis=1, initial=np.inf)
         self._near = self._points[gaps <= np.quantile(gaps, _NEAREST)] if len(gaps) else self._points
         cell = _CELL * drawn.size
         self._all, self._things, self._hazards = (
-            Surface.merged(thing.surface for thing in things).simplified(cell)
-            for things in (drawn.surroundings, drawn.things, drawn.hazards)
+            Surface.merged(thing.surface for thing in group).simplified(cell)
+            for group in (dangerous + things, things, dangerous)
         )
         self._everything = Surface.merged([self._all, drawn.ends.simplified(cell)])
 
@@ -230,7 +182,7 @@ class _Merit:
         hazards = _seen(view, self._things, self._points).mean() if len(self._points) else 1.0
         near = _seen(view, self._everything, self._near, _FINE).mean() if len(self._near) else 1.0
         apart = 1.0 - _before(view, self._hazards, self._links).mean()
-        extent = np.linalg.det(np.cov(view.project(self._links), rowvar=False))
+        extent = np.linalg.det(np.cov(in_picture(view, self._links, _COARSE)[:, :2], rowvar=False))
         shown = (0.5 + 0.5 * hazards) * near**2
         return float(links**2 * ends**2 * apart * shown * max(extent, 0.0) ** 0.25)
 
@@ -249,8 +201,8 @@ def _before(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
 
 def _nearness(view: Camera, solid: Surface, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return 1/depth of a solid where points (P, 3) are in a coarse picture, -inf beside it, and of the points."""
-    buffer = ZBuffer.of(in_picture(view, solid.vertices, _COARSE), solid.faces, _COARSE)
+    nearness, _ = nearest_triangles(in_picture(view, solid.vertices, _COARSE), solid.faces, *_COARSE)
     column, row, own = in_picture(view, points, _COARSE).T
     inside = (column > -0.5) & (column < _COARSE[0] - 0.5) & (row > -0.5) & (row < _COARSE[1] - 0.5)
     column, row = (np.where(inside, np.rint(at), 0.0).astype(np.intp) for at in (column, row))
-    return np.where(inside, buffer.nearness[row, column], -np.inf), np.where(inside, own, 0.0)
+    return np.where(inside, nearness[row, column], -np.inf), np.where(inside, own, 0.0)

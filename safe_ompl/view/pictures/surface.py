@@ -119,11 +119,8 @@ def _distinct_rows(rows: FloatArray) -> tuple[IntArray, IntArray]:
             (rows - low).astype(np.int64) @ places, return_index=True, return_inverse=True
         )
         return first, index
-    order = np.lexsort(rows.T)
-    new = np.concatenate([[True], (rows[order[1:]] != rows[order[:-1]]).any(axis=1)])[: len(rows)]
-    index = np.empty(len(rows), dtype=np.intp)
-    index[order] = np.cumsum(new) - 1
-    return order[new], index
+    _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return first, index
 
 
 def _normalised(vectors: FloatArray) -> FloatArray:
@@ -232,11 +229,10 @@ _CIRCLE_CORNERS = 48  # on every circle of an obstacle
 
 
 class RobotBody:
-    """The visible body of a robot, ready to be posed.
+    """The visible body of a robot, ready to be posed; `links` are its surfaces, each in its own frame.
 
     Its visual geometry is drawn; the collision geometry where a joint moves nothing visual, or if it is to be `coarse`;
-    without either, capsules along its skeleton. What is smaller than `detail` [m] is left out. `links` are the
-    surfaces, each in its own frame; there are none for a robot that has no bodies.
+    without either, capsules along its skeleton. What is smaller than `detail` [m] is left out.
     """
 
     def __init__(self, robot: Robot, *, coarse: bool = False, detail: float = 1e-5) -> None:
@@ -248,11 +244,15 @@ class RobotBody:
                 self._geometry.addGeometryObject(part)
         parts = self._geometry.geometryObjects
         self.links = [Surface.coarsened(*tessellate(part.geometry), detail) for part in parts]
+        self._bones = not self.links
+        if self._bones:
+            ends = self._bone_ends(np.zeros(robot.n))
+            lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+            bones = np.multiply.outer(lengths, [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
+            self.links = [_bone(ends, 0.03 * lengths.sum()) for ends in bones]
 
     def posed(self, q: FloatArray, moved_from: FloatArray | None = None) -> Surface:
         """Return the body at `q: (n,)` in the world frame, without what stands as at `moved_from: (n,)`."""
-        if not self.links:
-            return self._skeleton(q)
         places = self.placements(q)
         before = [None] * len(places) if moved_from is None else self.placements(moved_from)
         return Surface.merged(
@@ -261,22 +261,11 @@ class RobotBody:
             if old is None or not place.isApprox(old, 1e-6)
         )
 
-    def parted(self, q: FloatArray, link: str) -> tuple[Surface, Surface]:
-        """Return the link of this name, and all others, at `q: (n,)` in the world frame."""
-        parts = [
-            (part.name.rsplit("_", 1)[0] == link, surface.moved(place.rotation, place.translation))
-            for part, surface, place in zip(
-                self._geometry.geometryObjects, self.links, self.placements(q), strict=True
-            )
-        ]
-        own, others = (Surface.merged(s for is_it, s in parts if is_it is wanted) for wanted in (True, False))
-        return own, others
-
     def footprint(self) -> tuple[FloatArray, float, float]:
         """Return centre (2,), radius and lowest height of the part of the body that never moves [m]."""
         base = [
             link.moved(part.placement.rotation, part.placement.translation).vertices
-            for link, part in zip(self.links, self._geometry.geometryObjects, strict=True)
+            for link, part in zip(self.links, self._geometry.geometryObjects, strict=False)
             if part.parentJoint == 0
         ]
         if not base:
@@ -286,19 +275,24 @@ class RobotBody:
 
     def placements(self, q: FloatArray) -> list[pin.SE3]:
         """Return where each of the links is in the world at `q: (n,)`."""
+        if self._bones:
+            up = np.array([0.0, 0.0, 1.0])
+            turns = [pin.Quaternion.FromTwoVectors(up, b - a).matrix() for a, b in self._bone_ends(q)]
+            return [pin.SE3(turn, a) for turn, (a, _) in zip(turns, self._bone_ends(q), strict=True)]
         model, data = self._robot.shared.model, self._robot.shared.model.createData()
         bodies = self._geometry.createData()
         full = self._robot.pinocchio_configuration(q)
         pin.updateGeometryPlacements(model, data, self._geometry, bodies, full)
         return [pin.SE3(place) for place in bodies.oMg]
 
-    def _skeleton(self, q: FloatArray) -> Surface:
-        points = self._robot.keypoints_batch(q[None])[0]
-        ends = points[self._robot.segments]
-        radius = 0.03 * float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
-        bones = [Surface.from_triangles(*tube(pair, 0.7 * radius)) for pair in ends]
-        joints = [Surface.from_triangles(*tube(point[None], radius)) for point in points]
-        return Surface.merged(bones + joints)
+    def _bone_ends(self, q: FloatArray) -> FloatArray:
+        return np.asarray(self._robot.keypoints_batch(q[None])[0][self._robot.segments])
+
+
+def _bone(ends: FloatArray, radius: float) -> Surface:
+    """Return a tube between two points (2, 3) with balls of a radius [m] at both."""
+    parts = (tube(ends, 0.7 * radius), *(tube(end[None], radius) for end in ends))
+    return Surface.merged(Surface.from_triangles(*part) for part in parts)
 
 
 def obstacle_surfaces(obstacle: Obstacle, marked: bool = True) -> list[ColouredSurface]:

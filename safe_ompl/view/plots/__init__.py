@@ -5,8 +5,7 @@ it goes: the ending of its name decides the format (PNG, SVG, PDF or WebP), and 
 line above it, `dpi` are pixels per inch, where these can be chosen. Without Matplotlib they raise a SafeOmplError.
 """
 
-from safe_ompl.view.plots.motions import plot_check
-from safe_ompl.view.plots.paths import plot_motion, plot_plan, plot_speeds
+from safe_ompl.view.plots.paths import plot_check, plot_motion, plot_plan, plot_speeds
 from safe_ompl.view.plots.planners import plot_bands, plot_clearance_danger, plot_profiles, plot_times
 
 __all__ = [

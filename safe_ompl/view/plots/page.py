@@ -96,25 +96,16 @@ def natural(count: int) -> FloatArray:
     return np.linspace(0.0, 1.0, count)
 
 
-def tables(profiles: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
-    """Return the profiles as arrays (R, S); those without runs as (0, 0)."""
-    return {
-        name: finite_array(runs, (None, None), f"profiles of {name}") if np.size(runs) else np.empty((0, 0))
-        for name, runs in _some(profiles, "profiles").items()
-    }
-
-
-def rows(values: Mapping[str, ArrayLike], kind: str) -> dict[str, FloatArray]:
-    """Return the values of each planner as an array (R,)."""
-    return {
-        name: finite_array(row, (None,), f"{kind} of {name}") for name, row in _some(values, kind).items()
-    }
-
-
-def _some(values: Mapping[str, ArrayLike], kind: str) -> Mapping[str, ArrayLike]:
+def by_planner(values: Mapping[str, ArrayLike], kind: str, dimensions: int) -> dict[str, FloatArray]:
+    """Return the values of each planner as an array of so many dimensions, an empty one where there are none."""
     if not values:
         raise InputError(f"no {kind} to draw; give at least one planner")
-    return values
+    return {
+        name: finite_array(given, (None,) * dimensions, f"{kind} of {name}")
+        if np.size(given)
+        else np.empty((0,) * dimensions)
+        for name, given in values.items()
+    }
 
 
 def curve(values: ArrayLike, kind: str) -> FloatArray:

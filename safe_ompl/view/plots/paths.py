@@ -1,4 +1,4 @@
-"""One path: its danger and clearance, its speed in time and what bounds it."""
+"""One path: its danger and clearance, its speed in time and what bounds it, and what was checked of it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.collision import MotionProver
+from safe_ompl.common import FloatArray, InputError
 from safe_ompl.io import ACCELERATION
+from safe_ompl.motions import MotionCheck
 from safe_ompl.paths import forced_danger
 from safe_ompl.trajectories import MotionDanger, Trajectory
 from safe_ompl.view.plots.page import (
@@ -36,84 +38,33 @@ def plot_plan(
     danger: ArrayLike,
     file: str | Path | None,
     *,
-    clearance: ArrayLike | Mapping[str, ArrayLike] | None = None,
-    improvements: ArrayLike | None = None,
+    clearance: Mapping[str, ArrayLike] | None = None,
     planner: str = "",
     title: str | None = None,
     dpi: int = DPI,
 ) -> Any:
-    """Draw the danger along one path, and the clearance below it.
+    """Draw the danger (S,) at equal steps of one path, and below it the clearance.
 
     The levels of start and goal are marked; the avoidable danger is shaded (`safe_ompl.paths.measures.DangerReport`).
-
-    Parameters
-    ----------
-    danger : (S,) array
-        Danger at equal steps of the path.
-    clearance : (S',) array, or mapping of str to (S',) array, optional
-        Clearance at equal steps of the path [m]; or several, by what they are to, the most important one first.
-    improvements : (K, 2) array, optional
-        Of an optimisation: times [s] at which better paths were found, and their costs.
-    planner : str
-        Who planned it; decides the colour.
-    title : str, optional
-        Above the axes; the name of the planner by default.
-    file
-        None: only the canvas of the figure is drawn.
-
-    Raises
-    ------
-    InputError
-        If an array is empty, has the wrong shape, or holds a value that is not finite.
+    Clearances (S',) [m] are given by what they are to, the most important one first. The planner decides the colour,
+    its name is the default title. Without a file only the canvas of the figure is drawn. Raises InputError if an array
+    is empty, has the wrong shape, or holds a value that is not finite.
     """
     values = curve(danger, "danger")
-    gaps = None if clearance is None else _checked_clearances(clearance)
-    steps = None if improvements is None else _checked_improvements(improvements)
-    rows = 1 + (gaps is not None) + (steps is not None)
+    gaps = {to: 1e3 * curve(found, "clearance") for to, found in (clearance or {}).items()}
+    rows = 1 + bool(gaps)
     height = 1.2 + 2.5 * rows
     with Page(file, 7.0, height, dpi, arranged=False) as page:  # half the time of an arranged figure
-        apart = 0.25 if steps is None else 0.4
         top, bottom = 1 - 0.35 / height, 0.55 / height
-        page.figure.subplots_adjust(left=0.1, right=0.925, top=top, bottom=bottom, hspace=apart)
-        upper = page.figure.add_subplot(rows, 1, 1)
+        page.figure.subplots_adjust(left=0.1, right=0.925, top=top, bottom=bottom, hspace=0.25)
+        upper = lowest = page.figure.add_subplot(rows, 1, 1)
         _draw_danger(upper, values, planner_styles([planner])[planner].colour)
         upper.set_title(planner if title is None else title)
-        lowest = upper
-        if gaps is not None:
+        if gaps:
             lowest = page.figure.add_subplot(rows, 1, 2)
             _draw_clearance(lowest, gaps)
         lowest.set_xlabel(ALONG)
-        if steps is not None:
-            _draw_improvements(page.figure.add_subplot(rows, 1, rows), steps)
     return page.figure
-
-
-def _checked_clearances(clearance: ArrayLike | Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
-    """Return clearances [mm] by what they are to."""
-    given = clearance if isinstance(clearance, Mapping) else {"": clearance}
-    if not given:
-        raise InputError("clearance must have one curve at least, got none")
-    return {to: 1e3 * curve(values, "clearance") for to, values in given.items()}
-
-
-def _checked_improvements(improvements: ArrayLike) -> FloatArray:
-    steps = finite_array(improvements, (None, 2), "improvements")
-    if not (len(steps) and (steps[:, 0] > 0).all()):
-        raise InputError(f"improvements must be at times > 0, at least one, got {steps.tolist()}")
-    return steps
-
-
-def _draw_improvements(axes: Any, steps: FloatArray) -> None:
-    """Draw the cost of the best path against time, as a staircase."""
-    times, costs = steps.T
-    end = max(1.3 * float(times[-1]), 1.0)
-    axes.step([*times, end], [*costs, costs[-1]], where="post", color="0.25", linewidth=2.4)
-    axes.set(xscale="log", xlabel="time [s]", ylabel="cost of the best path", xlim=(0.8 * times[0], end))
-    axes.set_ylim(0.0, 1.12 * float(costs.max()))
-    for names in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
-        names(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "125" else "")
-    note = f"{costs[-1]:.1f} after {times[-1]:.2g} s"
-    axes.set_title(note, loc="right", color="0.25", fontsize=11, weight="normal")
 
 
 def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
@@ -141,7 +92,7 @@ def _draw_clearance(axes: Any, gaps: Mapping[str, FloatArray]) -> None:
     values = gaps[closest]
     least = int(np.argmin(values))
     axes.plot(natural(len(values))[least], values[least], "o", color=ALARM, markersize=7, clip_on=False)
-    note = f"closest: {values[least]:.0f} mm" + (f" to {closest}" if closest else "")
+    note = f"closest: {values[least]:.0f} mm to {closest}"
     axes.set_title(note, loc="right", color=ALARM, fontsize=11, weight="normal")
     if len(gaps) > 1:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=len(gaps), borderaxespad=0.0)
@@ -154,26 +105,13 @@ _JOINTS = ("#0b62b4", "#b87a00", "#00876a", "#7d2f91", "#c8452b", "#596675", "#6
 
 
 def plot_motion(
-    trajectory: Trajectory,
-    file: str | Path,
-    *,
-    danger: MotionDanger | None = None,
-    title: str | None = None,
+    trajectory: Trajectory, file: str | Path, *, danger: MotionDanger | None = None, title: str | None = None
 ) -> Any:
-    """Draw a trajectory.
+    """Draw a trajectory, against time.
 
     Above its speed along the path, in the colour of the cap that binds, and the caps themselves; below the velocities
     and accelerations of its joints, and the jerks if they are limited, as shares of their limits, and the danger where
-    it is given; all of them against time.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    danger : MotionDanger, optional
-        From `Trajectory.danger`.
-    title : str, optional
-        Above the axes; by default how long it takes.
+    it is given, from `Trajectory.danger`. The default title is how long it takes.
     """
     jerk = trajectory.limits.jerk
     rows = 3 + (jerk is not None) + (danger is not None)
@@ -187,11 +125,11 @@ def plot_motion(
         _draw_speeds(upper, times, speeds, bounds, [binding[cell] for cell in cells])
         add_legend_above(upper)
         state, limits = trajectory.at(times), trajectory.limits
-        draw_joints(lower[0], times, state.qd / limits.velocity, "velocity / limit")
-        draw_joints(lower[1], times, state.qdd / limits.acceleration, "acceleration / limit")
+        _draw_joints(lower[0], times, state.qd / limits.velocity, "velocity / limit")
+        _draw_joints(lower[1], times, state.qdd / limits.acceleration, "acceleration / limit")
         if jerk is not None:
-            draw_joints(lower[2], times, trajectory.jerks_at(times) / jerk, "jerk / limit")
-        name_joints(page.figure, lower[0], trajectory.joint_names)
+            _draw_joints(lower[2], times, trajectory.jerks_at(times) / jerk, "jerk / limit")
+        _name_joints(page.figure, lower[0], trajectory.joint_names)
         if danger is not None:
             _draw_danger_in_motion(lower[-1], danger)
         lower[-1].set_xlabel("time [s]")
@@ -214,26 +152,26 @@ def _draw_speeds(
     used = [name for name in names if (bound_by == name).any()]
     for name in used:
         axes.plot(times, _joined(speeds, bound_by == name), color=colours[name], linewidth=3.4, label=name)
-    axes.set(ylabel="speed [rad/s]", xlim=span(times[-1]), ylim=(0.0, top))
+    axes.set(ylabel="speed [rad/s]", xlim=_span(times[-1]), ylim=(0.0, top))
     return len(used)
 
 
-def span(end: float, begin: float = 0.0) -> tuple[float, float]:
+def _span(end: float, begin: float = 0.0) -> tuple[float, float]:
     """Return the limits of an axis from `begin` to `end`, wide enough for lines that run along its ends."""
     return begin - 0.004 * (end - begin), end + 0.004 * (end - begin)
 
 
-def draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) -> None:
+def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) -> None:
     """Draw values (T, n) of the joints as shares of their limits, which are marked."""
     for side in (-1.0, 1.0):
         draw_limit(axes, side)
     for k, values in enumerate(shares.T):
         axes.plot(times, values, color=_JOINTS[k % len(_JOINTS)], linewidth=1.2)
     most = max(1.15, 1.1 * float(np.nanmax(np.abs(shares))))
-    axes.set(ylabel=name, xlim=span(times[-1], times[0]), ylim=(-most, most))
+    axes.set(ylabel=name, xlim=_span(times[-1], times[0]), ylim=(-most, most))
 
 
-def name_joints(figure: Any, axes: Any, names: Sequence[str]) -> None:
+def _name_joints(figure: Any, axes: Any, names: Sequence[str]) -> None:
     """Say below a figure which joint has which colour."""
     lines = [
         axes.plot([], [], color=_JOINTS[k % len(_JOINTS)], label=name)[0] for k, name in enumerate(names)
@@ -247,7 +185,7 @@ def _draw_danger_in_motion(axes: Any, danger: MotionDanger) -> None:
         draw_limit(axes, danger.proven_peak)
         note = f"mean {danger.mean:.2f}, peak {danger.peak:.2f}, proven below {danger.proven_peak:.2f}"
         axes.set_title(note, loc="right", color=ALARM, fontsize=9, weight="normal")
-    axes.set(ylabel="danger in motion", xlim=span(danger.times[-1]))
+    axes.set(ylabel="danger in motion", xlim=_span(danger.times[-1]))
     axes.set_ylim(0.0, 1.15 * max(danger.peak, 1e-9))
 
 
@@ -267,25 +205,11 @@ def plot_speeds(
     title: str = "Speed along the path",
     dpi: int = DPI,
 ) -> Any:
-    """Draw the speed along a path against time, in the colour of what bounds it, and the caps above it.
+    """Draw the speeds (T,) [rad/s] along a path against times (T,) [s], in the colour of what bounds it, with the caps.
 
-    Parameters
-    ----------
-    times : (T,) array
-        [s]
-    speeds : (T,) array
-        ṡ [rad/s].
-    bounds : mapping of str to (T,) array
-        Name of a cap → the largest ṡ that it allows; +inf where it allows any.
-    binding : sequence of str or None
-        T names: the cap that the speed reaches; None where accelerations bind.
-    file
-        None: only the canvas of the figure is drawn.
-
-    Raises
-    ------
-    InputError
-        If lengths differ, there is nothing to draw, or a time or speed is not finite.
+    The bounds (T,) are the largest ṡ that each cap allows, by its name; +inf where it allows any. What binds is the
+    name of the cap that the speed reaches, T times; None where accelerations bind. Without a file only the canvas of
+    the figure is drawn. Raises InputError if lengths differ, there is nothing to draw, or a value is not finite.
     """
     t, s = curve(times, "times"), curve(speeds, "speeds")
     caps = {name: np.asarray(values, dtype=float) for name, values in bounds.items()}
@@ -306,3 +230,74 @@ def _joined(values: FloatArray, chosen: Any) -> FloatArray:
     """Return values where chosen or just after, NaN elsewhere, so that the pieces of a line meet."""
     shown = chosen | np.concatenate([[False], chosen[:-1]])
     return np.where(shown, values, np.nan)
+
+
+_CHECKED = 400
+_KINDS = ("position", "velocity", "acceleration")
+
+
+def plot_check(check: MotionCheck, file: str | Path, *, title: str | None = None) -> Any:
+    """Draw what was checked of a motion; what is not proven is shaded.
+
+    Joints as shares of their limits (1 is the upper one, −1 the lower one), positions and, where limits were checked,
+    velocities and accelerations; below the distance of the pair that has least to spare, and what it must keep. The
+    default title says what is proven.
+    """
+    motion, proof, limits = check.motion, check.proof, check.limits
+    robot = proof.checker.robot
+    times = np.linspace(motion.times[0], motion.times[-1], _CHECKED)
+    Q = motion.at(times)
+    around = np.where(robot.continuous, (Q + np.pi) % (2 * np.pi) - np.pi, Q)
+    around[1:][robot.continuous & (np.abs(np.diff(around, axis=0)) > np.pi)] = np.nan  # steps of whole turns
+    middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
+    shares = [(around - middle) / np.where(half > 0, half, 1.0)]
+    if limits is not None:
+        shares += [
+            motion.derivative(times, order) / getattr(limits, _KINDS[order])
+            for order in range(1, len(_KINDS))
+        ]
+    with Page(file, 7.5, 2.0 + 2.0 * len(shares) + 2.2) as page:
+        every = page.figure.subplots(len(shares) + 1, 1, sharex=True)
+        for axes, values, kind in zip(every, shares, _KINDS, strict=False):
+            _draw_joints(axes, times, values, f"{kind} / limit")
+        _name_joints(page.figure, every[0], robot.joint_names)
+        _draw_distances(every[-1], times, Q, proof)
+        every[-1].set(xlabel="time [s]" if motion.timed else "way point", xlim=_span(times[-1], times[0]))
+        _mark(every, check, 0.004 * motion.duration)
+        stretches = len(check.violations)
+        said = "proven" if check else f"{stretches} stretch{'es' * (stretches > 1)} not proven"
+        page.set_title(said if title is None else title)
+    return page.figure
+
+
+def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionProver) -> None:
+    """Draw the distances of the pairs with least to spare, to obstacles and between links, and what they must keep."""
+    checker = proof.checker
+    distances = 1e3 * np.array([checker.pair_distances(q) for q in Q])
+    required = 1e3 * proof.separation.required(checker).at_start[: distances.shape[1]]
+    meets = np.array([pair[1] in checker.scene.names for pair in checker.pair_names], dtype=bool)
+    top, bottom = 1.0, 0.0
+    for label, chosen, colour in (("to obstacles", meets, "0.25"), ("between links", ~meets, "0.62")):
+        if not chosen.any():
+            continue
+        least = np.flatnonzero(chosen)[(distances - required)[:, chosen].argmin(axis=1)]
+        found, kept = distances[range(len(times)), least], required[least]
+        axes.plot(times, found, color=colour, linewidth=2.0, label=label)
+        if kept.any():
+            least_kept = np.where(kept > 0.0, kept, np.nan)
+            axes.plot(
+                times, least_kept, color=colour, linewidth=1.4, linestyle=":", label=f"{label}, required"
+            )
+        top, bottom = max(top, found.max(), kept.max()), min(bottom, found.min())
+    draw_limit(axes, 0.0)
+    axes.set(ylabel="distance [mm]", ylim=(1.15 * bottom, 1.15 * top))
+    if axes.get_legend_handles_labels()[1]:
+        add_legend_above(axes, bbox_to_anchor=(0.0, 0.98), columnspacing=1.2)
+
+
+def _mark(every: Any, check: MotionCheck, least: float) -> None:
+    """Shade the stretches that are not proven, the short ones as wide as `least` [s]."""
+    for found in check.violations:
+        room = max(0.0, 0.5 * (least - (found.last - found.first)))
+        for axes in every:
+            axes.axvspan(found.first - room, found.last + room, color=ALARM, alpha=0.16, linewidth=0)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError
-from safe_ompl.view.plots.page import ALONG, DANGER, GREY, Page, natural, rows, tables
+from safe_ompl.view.plots.page import ALONG, DANGER, GREY, Page, by_planner, natural
 from safe_ompl.view.style import PlannerStyle, grid_columns, planner_styles
 
 _BAND = (15.0, 85.0)  # percentiles, as in the paper
@@ -23,24 +23,18 @@ def plot_profiles(
 ) -> Any:
     """Draw the mean danger profile of each planner in one axes (after Figs. 7 and 11 of the paper).
 
-    Parameters
-    ----------
-    profiles : mapping of str to (R, S) array
-        Planner name → danger at S equal steps of the path, one row for each of R runs; no rows if none was
-        solved.
-
-    Raises
-    ------
-    InputError
-        If there is no planner, an array has the wrong shape, or a value is not finite.
+    Profiles are arrays (R, S): danger at S equal steps of the path, one row for each of R runs; no rows if none was
+    solved. Raises InputError if there is no planner, an array has the wrong shape, or a value is not finite.
     """
-    data = tables(profiles)
+    data = by_planner(profiles, "profiles", 2)
     with Page(file, _box_width(data), 4.4) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(data).items():
             runs = data[name]
             line = runs.mean(axis=0) if len(runs) else np.empty(0)
-            axes.plot(natural(len(line)), line, label=_with_runs(name, len(runs)), **_line(style))
+            axes.plot(
+                natural(len(line)), line, label=name if len(runs) else f"{name} (no runs)", **_line(style)
+            )
         axes.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
@@ -53,7 +47,7 @@ def plot_bands(profiles: Mapping[str, ArrayLike], file: str | Path) -> Any:
 
     Parameters and errors are those of `plot_profiles`.
     """
-    data = tables(profiles)
+    data = by_planner(profiles, "profiles", 2)
     columns = grid_columns(len(data))
     lines = -(-len(data) // columns)
     with Page(file, 0.6 + 3.3 * columns, 1.0 + 2.6 * lines) as page:
@@ -75,21 +69,12 @@ def plot_bands(profiles: Mapping[str, ArrayLike], file: str | Path) -> Any:
 
 
 def plot_times(times: Mapping[str, ArrayLike], file: str | Path) -> Any:
-    """Draw a box plot per planner, with mean (dot) and outliers (after Figs. 9 and 13 of the paper).
+    """Draw a box plot of the times (R,) [s] per planner, with mean (dot) and outliers (after Figs. 9 and 13).
 
-    Boxes span the quartiles, whiskers 1.5 times that; the axis is logarithmic if the values spread widely.
-
-    Parameters
-    ----------
-    times : mapping of str to (R,) array
-        Planner name → time of each run [s].
-
-    Raises
-    ------
-    InputError
-        If there is no planner, an array has the wrong shape, or a value is negative or not finite.
+    Boxes span the quartiles, whiskers 1.5 times that; the axis is logarithmic if the values spread widely. Raises
+    InputError as `plot_profiles`, and if a value is negative.
     """
-    data = rows(times, "times")
+    data = by_planner(times, "times", 1)
     values = np.concatenate(list(data.values()))
     if (values < 0.0).any():
         raise InputError(f"times must not be negative, got {values.min():g}")
@@ -107,25 +92,13 @@ def plot_times(times: Mapping[str, ArrayLike], file: str | Path) -> Any:
 
 
 def plot_clearance_danger(
-    clearances: Mapping[str, ArrayLike],
-    dangers: Mapping[str, ArrayLike],
-    file: str | Path,
+    clearances: Mapping[str, ArrayLike], dangers: Mapping[str, ArrayLike], file: str | Path
 ) -> Any:
-    """Draw the mean danger of each run over its least clearance: the safest runs are at the lower right.
+    """Draw the mean dangers (R,) of the runs over their least clearances (R,) [m]: the safest are at the lower right.
 
-    Parameters
-    ----------
-    clearances : mapping of str to (R,) array
-        Planner name → least clearance of each run [m].
-    dangers : mapping of str to (R,) array
-        Planner name → mean danger of each run.
-
-    Raises
-    ------
-    InputError
-        If names or numbers of runs differ, there is no planner, or a value is not finite.
+    Raises InputError as `plot_profiles`, and if names or numbers of runs differ.
     """
-    across, up = rows(clearances, "clearances"), rows(dangers, "dangers")
+    across, up = by_planner(clearances, "clearances", 1), by_planner(dangers, "dangers", 1)
     for name in {**across, **up}:
         counts = [len(table[name]) if name in table else None for table in (across, up)]
         if counts[0] != counts[1]:
@@ -138,7 +111,7 @@ def plot_clearance_danger(
             axes.scatter(
                 1e3 * across[name],
                 up[name],
-                label=_with_runs(name, len(up[name])),
+                label=name if len(up[name]) else f"{name} (no runs)",
                 s=30,
                 color=style.colour,
                 marker="o" if style.strong else "X",
@@ -228,7 +201,3 @@ def _set_scale(axes: Any, values: FloatArray) -> None:
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     else:
         axes.set_xlim(left=0.0)
-
-
-def _with_runs(name: str, runs: int) -> str:
-    return name if runs else f"{name} (no runs)"

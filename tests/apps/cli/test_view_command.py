@@ -45,8 +45,6 @@ def test_what_cannot_be_shown_is_refused(files, tmp_path, capsys):
         (["planar2", "--html", "-"], "--html: '-' must end in .html"),
         (["planar2", "--html", "x.pdf"], "--html: 'x.pdf' must end in .html"),
         (["planar2", "--animation", "x.mp4"], "--animation: 'x.mp4' must end in .webp or .gif"),
-        (["planar2", "--slice", "0.3"], "--slice: is for --html"),
-        (["planar2", "--html", "x.html", "--slice", "nan"], "--slice: must be a finite number, not 'nan'"),
         (["planar2", "--port", "99999"], "--port: must be a port in [1, 65535], not '99999'"),
     ]:
         assert main(["view", *words]) == 2

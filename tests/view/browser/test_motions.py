@@ -12,7 +12,6 @@ from safe_ompl.apps import main
 from safe_ompl.geometry import STANDING
 from safe_ompl.io import TimedMotion, carried_robot, carried_scene, marked, strict_json
 from safe_ompl.view import ViewerContent, read_recording, save_animation
-from safe_ompl.view.browser.layers import FieldSlice
 from safe_ompl.view.pictures.surface import SHIRT
 from safe_ompl.view.plots import plot_speeds
 
@@ -232,20 +231,3 @@ def test_in_the_animation_of_a_recording_people_and_things_move(recording, tmp_p
         box.pose.position[2] for t in (0.0, 0.4) for box in content.movers.obstacles_at(t, content.scene)[1:]
     ]
     np.testing.assert_allclose(boxes, [0.0, 0.4], atol=1e-9)
-
-
-class Canvas:
-    """Keeps the images that are added."""
-
-    def add_image(self, name, image, *size, **options):
-        self.image, self.options = image, options
-        return self
-
-
-def test_the_first_row_of_a_slice_is_where_viser_shows_it(setup):
-    canvas = Canvas()
-    low, high = np.array([-0.5, 0.0, 0.0]), np.array([0.5, 2.5, 1.0])  # the robot is at the low end of y
-    FieldSlice(canvas, "slice", setup.field, low, high, 5.0).pose(np.array(START))
-    darkness = 255.0 - canvas.image[..., :3].mean(axis=(1, 2))
-    assert darkness[0] > darkness[-1] + 20  # rows go along +y
-    np.testing.assert_allclose(np.abs(canvas.options["wxyz"]), [1.0, 0.0, 0.0, 0.0], atol=1e-12)

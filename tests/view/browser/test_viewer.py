@@ -150,9 +150,6 @@ def test_playing_goes_on_by_itself(view):
     assert view.share == pytest.approx(before + 1.0 / view.content.playing_time)
 
 
-def test_paths_stand_apart_or_in_one_place(view):
+def test_paths_stand_apart(view):
     places = np.array([path_view.root.position for path_view in view.path_views])
     assert np.linalg.norm(places[0] - places[1]) > 1.0
-    view.set_side_by_side(False)
-    assert not np.any([path_view.root.position for path_view in view.path_views])
-    assert [path_view.scenery.visible for path_view in view.path_views] == [True, False]
