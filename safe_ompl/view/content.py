@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -96,50 +96,23 @@ class ViewerContent:
     def of_results(
         cls, results: Sequence[PlanResult], title: str = "", posture: FloatArray | None = None
     ) -> ViewerContent:
-        """Return the solved ones of some results, by planner; the same planner again gets its seed.
+        """Return the solved ones of some results, by planner; where none is solved, the robot is in a `posture: (n,)`.
 
-        Where none is solved, the robot stands in a `posture: (n,)`.
-
-        Raises
-        ------
-        InputError
-            If there is no result, one does not know its robot and scene, or they are about different ones.
+        Raises InputError if there is none, one does not know its robot and scene, or they are about different ones.
         """
-        if not results:
-            raise InputError("no result to show; give at least one")
-        paths: dict[str, FloatArray] = {}
         for result in results:
             if result.robot is None or result.scene is None:
                 raise InputError(f"the result of {result.planner} does not know its robot and scene")
-            if result.scene != results[0].scene or result.joint_names != results[0].joint_names:
-                raise InputError("results must be about the same robot and scene to be shown together")
-            if result.path is not None:
-                seen = result.planner in paths
-                paths[f"{result.planner}, seed {result.seed}" if seen else result.planner] = result.path
-        first = results[0]
-        assert first.robot is not None
-        assert first.scene is not None
-        return cls(first.robot, first.scene, paths, posture, first.danger, title=title)
+        robot, scene = _common([(r.robot, r.scene) for r in results], "result")
+        solved = [(r.planner, f"seed {r.seed}", r.path) for r in results if r.path is not None]
+        return cls(robot, scene, _by_name(solved), posture, results[0].danger, title=title)
 
     @classmethod
     def of_motions(cls, motions: Sequence[TimedMotion], title: str = "") -> ViewerContent:
-        """Return motions in time, by planner; the same planner again gets a number.
-
-        Raises
-        ------
-        InputError
-            If there is none, or they are about different robots or scenes.
-        """
-        if not motions:
-            raise InputError("no motion to show; give at least one")
-        first = motions[0]
-        named: dict[str, TimedMotion] = {}
-        for motion in motions:
-            if motion.scene != first.scene or motion.robot.joint_names != first.robot.joint_names:
-                raise InputError("motions must be about the same robot and scene to be shown together")
-            name = motion.name or "motion"
-            named[f"{name}, {len(named) + 1}" if name in named else name] = motion
-        return cls(first.robot, first.scene, danger=first.danger, motions=named, title=title)
+        """Return motions in time, by planner; errors as of `of_results`."""
+        robot, scene = _common([(m.robot, m.scene) for m in motions], "motion")
+        named = _by_name([(m.name or "motion", str(k), m) for k, m in enumerate(motions, 1)])
+        return cls(robot, scene, danger=motions[0].danger, motions=named, title=title)
 
     @classmethod
     def of_check(cls, check: MotionCheck, title: str = "") -> ViewerContent:
@@ -200,14 +173,31 @@ class ViewerContent:
         if name in self.motions:
             return self.motions[name].at(shares * self.playing_time)
         if not self.paths:
-            return np.repeat(self._start[None], len(shares), axis=0)
+            return np.tile(np.asarray(self.posture), (len(shares), 1))
         curve = Curve(self.robot, self.paths[name])
         return curve.at(shares * curve.length)
 
-    @property
-    def _start(self) -> FloatArray:
-        assert self.posture is not None
-        return self.posture
+
+_Shown = TypeVar("_Shown")
+
+
+def _by_name(shown: Sequence[tuple[str, str, _Shown]]) -> dict[str, _Shown]:
+    """Return what is shown by its name; what has the name of another one gets what tells it apart, too."""
+    found: dict[str, _Shown] = {}
+    for name, apart, thing in shown:
+        found[f"{name}, {apart}" if name in found else name] = thing
+    return found
+
+
+def _common(given: Sequence[tuple[Any, Any]], kind: str) -> tuple[Robot, Scene]:
+    """Return the robot and the scene that all have in common, or raise InputError."""
+    if not given:
+        raise InputError(f"no {kind} to show; give at least one")
+    robot, scene = given[0]
+    for other, around in given:
+        if around != scene or other.joint_names != robot.joint_names:
+            raise InputError(f"{kind}s must be about the same robot and scene to be shown together")
+    return robot, scene
 
 
 Keypoints = Mapping[str, Sequence[float]]
@@ -250,19 +240,19 @@ class Movers:
 # ------------------------------------------------------------------------------------ what is said of a configuration
 
 
-@dataclass(frozen=True)
-class ProvenInterval:
-    """An interval of an edge in which nothing can touch."""
+class ProvenInterval(NamedTuple):
+    """An interval of an edge, from 0, in which nothing can touch; start and end are where on the edge, from 0 to 1.
 
-    edge: int  # Number of the edge, from 0
-    start: float  # Where on the edge, from 0 to 1
+    The pair are the two bodies that have least to spare at its centre; empty names where nothing can meet. There they
+    are a distance [m] apart, and may approach each other by the margin within the interval, with what they must keep.
+    """
+
+    edge: int
+    start: float
     end: float
-    # The two bodies that have least to spare at its centre; empty names where nothing can meet
     pair: tuple[str, str]
-    distance: float  # How far they are apart there [m]
-    margin: (
-        float  # How far they may approach each other within the interval, and what they must keep besides [m]
-    )
+    distance: float
+    margin: float
 
     def __str__(self) -> str:
         where = f"edge {self.edge + 1}, {self.start:.0%} to {self.end:.0%}"
@@ -315,14 +305,16 @@ class Proof:
         return self.intervals[min(max(number, 0), len(self.intervals) - 1)]
 
 
-@dataclass(frozen=True)
-class NearestPoints:
-    """The nearest points of robot and obstacles."""
+class NearestPoints(NamedTuple):
+    """The nearest points (3,) of robot and obstacles in the world [m], and which link and obstacle they are on.
 
-    distance: float  # [m]; zero or negative in contact
-    on_robot: FloatArray  # (3,), In the world frame [m]
+    The distance [m] is zero or negative in contact.
+    """
+
+    distance: float
+    on_robot: FloatArray
     on_obstacle: FloatArray
-    link: str  # What they are on
+    link: str
     obstacle: str
 
 

@@ -30,8 +30,15 @@ _FAMILIES: dict[str, tuple[str, str]] = {
     "JTRRT": ("#b87a00", "#d3b577"),
     "Bubble": ("#7d2f91", "#b795c2"),
 }
+# Their lines, and whether they are strong; "PaperSafe" is looked for before "Paper".
+_KINDS: dict[str, tuple[tuple[float, ...], bool]] = {
+    "Safe": ((), True),
+    "Classic": ((3.0, 1.2), False),
+    "PaperSafe": ((1.0, 1.2), True),
+    "Paper": ((3.0, 1.2, 1.0, 1.2), False),
+}
 _OTHERS = ("#596675", "#8b96a1", "#3a444f", "#aab2ba")
-_OTHER_DASHES = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
+_OTHER_DASHES: tuple[tuple[float, ...], ...] = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
 
 
 def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
@@ -44,18 +51,16 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     others = 0
     for name in names:
         family = next((key for key in _FAMILIES if name.endswith((key, f"{key}Planner"))), None)
-        if family and name.startswith(("Safe", family + "Planner")):
-            styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][0]), (), strong=True)
-        elif family and name.startswith("Classic"):
-            styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][1]), (3.0, 1.2), strong=False)
-        elif family and name.startswith("Paper"):
-            strong = name.startswith("PaperSafe")
-            tone = _from_hex(_FAMILIES[family][0 if strong else 1])
-            styles[name] = PlannerStyle(tone, (1.0, 1.2) if strong else (3.0, 1.2, 1.0, 1.2), strong)
-        else:
-            colour, dashes = (table[others % len(_OTHERS)] for table in (_OTHERS, _OTHER_DASHES))
-            styles[name] = PlannerStyle(_from_hex(str(colour)), tuple(map(float, dashes)), strong=False)
+        kind = next((kind for kind in _KINDS if name.startswith(kind)), None)
+        if kind is None and family is not None and name.startswith(f"{family}Planner"):
+            kind = "Safe"
+        if family is None or kind is None:
+            colour, dashes, strong = _OTHERS[others % 4], _OTHER_DASHES[others % 4], False
             others += 1
+        else:
+            dashes, strong = _KINDS[kind]
+            colour = _FAMILIES[family][0 if strong else 1]
+        styles[name] = PlannerStyle(_from_hex(colour), dashes, strong)
     return styles
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import coal
@@ -229,42 +229,19 @@ class World:
 # -------------------------------------------------------------------------------------------------------- walkers
 
 
-@dataclass(frozen=True)
-class _Stance:
-    """A stance: place about the centre (distance [m], angle [rad]), direction that is faced, both arms (2, 3) [rad]."""
-
-    place: FloatArray
-    yaw: float
-    arms: FloatArray
-
-    def towards(self, other: _Stance, share: float) -> _Stance:
-        return replace(
-            self,
-            place=self.place + share * (other.place - self.place),
-            yaw=self.yaw + share * (other.yaw - self.yaw),
-            arms=self.arms + share * (other.arms - self.arms),
-        )
-
-
 class Walker:
     """A person who walks about at random, turns, and reaches out with both arms.
 
-    No end of a limb is ever faster than `People.speed_of` it times `speed`, as is promised at 1. The person
-    stays in a sector of a ring about a centre, and walks through obstacles and the robot.
-
-    Parameters
-    ----------
-    centre : ndarray, shape (3,)
-        Centre of the ring, at the height of the floor [m].
-    start : ndarray, shape (2,)
-        Where the person stands at first [m]; the nearest place in the ring is taken.
-    tracker : Tracker, optional
-        Size, limbs and errors; its skeleton must be `ALL_KEYPOINTS`, in the world's frame.
+    No end of a limb is ever faster than `People.speed_of` it times `speed`, as is promised at 1. The person stays in a
+    sector of a ring about a centre (3,) at the height of the floor [m], begins as near to a place `start: (2,)` [m] as
+    the ring is, and walks through obstacles and the robot. A stance (9,) is the place about the centre (distance [m],
+    angle [rad]), the direction that is faced, and three angles of each arm [rad].
 
     Raises
     ------
     InputError
-        If the tracker has another skeleton or place, or the seed is no whole number ≥ 0.
+        If the skeleton of the tracker, which says size, limbs and errors, is not `ALL_KEYPOINTS` in the world's frame;
+        if the seed is no whole number ≥ 0.
     """
 
     def __init__(
@@ -286,7 +263,7 @@ class Walker:
         away = np.asarray(start, dtype=float) - centre[:2]
         self._home = float(np.arctan2(away[1], away[0]))
         first = np.array([np.clip(np.linalg.norm(away), _NEAR, _FAR), self._home])
-        self._stance = _Stance(first, self._home + np.pi, _HANGING.copy())
+        self._stance = np.concatenate([first, [self._home + np.pi], _HANGING.ravel()])
         self._goal, self._pace, self._left = self._stance, 1.0, 0
         self._steps = Stepwise(self._keypoints(self._stance), self._after, STEP)
 
@@ -294,13 +271,13 @@ class Walker:
         """Return the key points (17, 3) at a time [s], no earlier than a second before the latest asked for."""
         return self._steps.at(self._speed * time)
 
-    def _keypoints(self, stance: _Stance) -> FloatArray:
+    def _keypoints(self, stance: FloatArray) -> FloatArray:
         """Return the key points (17, 3) of a stance, in the world [m]."""
-        far, angle = stance.place
-        c, s = np.cos(stance.yaw), np.sin(stance.yaw)
+        far, angle, yaw = stance[:3].tolist()
+        c, s = np.cos(yaw), np.sin(yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         at = self._centre + np.array([far * np.cos(angle), far * np.sin(angle), 0.0])
-        return np.asarray(self.tracker.body.height * _posture(stance.arms) @ turn.T + at)
+        return np.asarray(self.tracker.body.height * _posture(stance[3:].reshape(2, 3)) @ turn.T + at)
 
     def _after(self, before: FloatArray) -> FloatArray:
         """Go a step on, the longest one in which no key point is too fast, and return the key points there."""
@@ -310,7 +287,7 @@ class Walker:
         wanted = self._wanted()
         share = 1.0
         for _ in range(_TRIES):
-            stance = self._stance.towards(wanted, share)
+            stance = self._stance + share * (wanted - self._stance)
             points = self._keypoints(stance)
             if (np.linalg.norm(points - before, axis=1) <= self._bounds * STEP).all():
                 self._stance = stance
@@ -324,24 +301,19 @@ class Walker:
         angle = self._home + self._rng.uniform(-_SECTOR, _SECTOR)
         arms = self._rng.uniform(_ARMS_LOW, _ARMS_HIGH, (2, 3))
         yaw = angle + np.pi + self._rng.uniform(-0.8, 0.8)
-        self._goal = _Stance(np.array([far, angle]), yaw, arms)
+        self._goal = np.concatenate([[far, angle, yaw], arms.ravel()])
         self._pace, self._left = self._rng.uniform(0.3, 1.0), round(_LONGEST / STEP)
 
     def _way(self) -> FloatArray:
         """Return the rest of the way (2,), outwards and about the centre [m]."""
-        return np.asarray((self._goal.place - self._stance.place) * [1.0, self._stance.place[0]])
+        return np.asarray((self._goal - self._stance)[:2] * [1.0, self._stance[0]])
 
-    def _wanted(self) -> _Stance:
+    def _wanted(self) -> FloatArray:
         """Return the stance a step later if no limb had a bound of its speed."""
-        here, goal = self._stance, self._goal
-        far = float(np.linalg.norm(self._way()))
+        way, far = self._goal - self._stance, float(np.linalg.norm(self._way()))
         walked = min(1.0, self._pace * self._people.speed * STEP / max(far, 1e-9))
-        turn, swing = _TURN * STEP, self._pace * _SWING * STEP
-        return _Stance(
-            here.place + walked * (goal.place - here.place),
-            here.yaw + float(np.clip(goal.yaw - here.yaw, -turn, turn)),
-            here.arms + np.clip(goal.arms - here.arms, -swing, swing),
-        )
+        most = np.repeat([_TURN * STEP, self._pace * _SWING * STEP], [1, 6])
+        return np.asarray(self._stance + np.append(walked * way[:2], np.clip(way[2:], -most, most)))
 
 
 def _keypoint_speeds(body: TrackedBody, people: People) -> FloatArray:

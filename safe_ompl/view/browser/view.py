@@ -75,19 +75,8 @@ def view(
 class BrowserView:
     """A view, served to browsers on this machine.
 
-    Parameters
-    ----------
-    content : ViewerContent
-        What is shown.
-    port : int
-        Port of the server; the next free one if it is taken.
-
-    Attributes
-    ----------
-    server : viser.ViserServer
-        The server; its `scene` may be added to.
-    share : float
-        Where on the paths the robots are, as a fraction of their length.
+    The port is the next free one if it is taken. The `scene` of the `server` of viser may be added to; `share` is where
+    on the paths the robots are, as a fraction of their length.
     """
 
     def __init__(self, content: ViewerContent, *, port: int = PORT) -> None:

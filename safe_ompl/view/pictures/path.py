@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,26 +66,10 @@ def render_path(
 ) -> Image:
     """Draw a robot along a path: start in grey, goal in the accent colour, translucent postures between.
 
-    Parameters
-    ----------
-    path : (N, n) array or DrawnPath
-        Way points [rad or m]; between them the joints move on straight lines.
-    size : (int, int)
-        Width and height [px].
-    camera : Camera, optional
-        Where from; by default the direction that shows most of robot and people.
-    ghosts : int
-        How many postures are shown between start and goal.
-
-    Returns
-    -------
-    (height, width, 3) array of uint8
-        sRGB.
-
-    Raises
-    ------
-    InputError
-        If a path is empty, has the wrong number of joints or is not finite.
+    The path is way points (N, n) [rad or m], between which the joints move on straight lines; so many `ghosts` are
+    shown between start and goal. The picture of a width and height `size` [px] is (height, width, 3) of uint8, sRGB, by
+    default from where most of robot and people is seen. Raises InputError if a path is empty, has the wrong number of
+    joints or is not finite.
     """
     shown = path if isinstance(path, DrawnPath) else DrawnPath(path)
     drawn = DrawnScene(robot, scene, [shown.path])
@@ -214,19 +197,9 @@ def render_comparison(
 ) -> None:
     """Draw the paths of several planners, one panel each, and save the picture as a PNG file; see `render_path`.
 
-    Parameters
-    ----------
-    paths : mapping of str to (N, n) array or DrawnPath
-        Planner name → way points [rad or m]; without an accent a path has the planner's colour.
-    panel : (int, int), optional
-        Width and height of a panel [px]; by default smaller the more panels there are.
-
-    Raises
-    ------
-    InputError
-        If there is no path, or one cannot be used.
-    SafeOmplError
-        If Matplotlib and Pillow are not installed.
+    The paths are by planner; without an accent they have the planner's colour. Panels have a width and height [px], by
+    default they are smaller the more there are. Raises InputError if there is no path or one cannot be used, and
+    SafeOmplError if Matplotlib and Pillow are not installed.
     """
     if not paths:
         raise InputError("no path to draw; give at least one")
@@ -266,12 +239,17 @@ def _panels(
     rows = -(-len(images) // columns)
     foot = _FOOT if caption else 0
     size = columns * (width + _GUTTER) + _GUTTER, rows * (height + _HEADING) + foot
-    page = _pillow("Image").new("RGB", size, "white")
-    pen = _pillow("ImageDraw").Draw(page)
+    try:
+        from PIL import Image as Picture
+        from PIL import ImageDraw
+    except ImportError as missing:
+        raise SafeOmplError("pictures need Pillow: pip install 'safe-ompl[plots]'") from missing
+    page = Picture.new("RGB", size, "white")
+    pen = ImageDraw.Draw(page)
     for k, (image, title, subtitle) in enumerate(zip(images, titles, subtitles, strict=True)):
         left = _GUTTER + (k % columns) * (width + _GUTTER)
         top = (k // columns) * (height + _HEADING) + _HEADING
-        page.paste(_pillow("Image").fromarray(image), (left, top))
+        page.paste(Picture.fromarray(image), (left, top))
         pen.text((left + 2, top - 28), title, "black", _font(18, "-Bold"), "ls")
         pen.text((left + 2, top - 9), subtitle, _DARK, _font(14), "ls")
     pen.text((_GUTTER + 2, size[1] - 10), caption, _GREY, _font(13), "ls")
@@ -281,16 +259,9 @@ def _panels(
 def _font(pixels: int, style: str = "") -> Any:
     """Return the font of Matplotlib's plots."""
     from matplotlib import get_data_path
+    from PIL import ImageFont
 
-    file = Path(get_data_path(), "fonts", "ttf", f"DejaVuSans{style}.ttf")
-    return _pillow("ImageFont").truetype(str(file), pixels)
-
-
-def _pillow(part: str) -> Any:
-    try:
-        return import_module(f"PIL.{part}")
-    except ImportError as missing:
-        raise SafeOmplError("pictures need Pillow: pip install 'safe-ompl[plots]'") from missing
+    return ImageFont.truetype(str(Path(get_data_path(), "fonts", "ttf", f"DejaVuSans{style}.ttf")), pixels)
 
 
 ANIMATION_ENDINGS = (".webp", ".gif")
@@ -306,14 +277,8 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
     """Write the motions of what a view shows, side by side, as one animated picture (.webp or .gif).
 
     A motion in time is shown in real time, with the people and things that move meanwhile. Captions say the danger and
-    how far people are; of a motion in time its speed and what bounds it. The rate is in frames per second.
-
-    Raises
-    ------
-    InputError
-        If there is no path, or the file has another ending.
-    SafeOmplError
-        If Pillow is not installed.
+    how far people are; of a motion in time its speed and what bounds it. The rate is in frames per second. Raises
+    InputError if there is no path, or the file has another ending, and SafeOmplError if Pillow is not installed.
     """
     if not content.paths:
         raise InputError("there is no path to show in motion")
@@ -321,10 +286,12 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
     if ending not in ANIMATION_ENDINGS:
         raise InputError(f"must end in {' or '.join(ANIMATION_ENDINGS)}, got {str(file)!r}", "animation")
     shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(rate * content.playing_time) + 1))
-    frames = _Frames(content, shares)
-    captions = [_captions(content, name, way, shares) for name, way in frames.paths.items()]
-    names = list(frames.paths)
-    pages = [_panels(frames.frame(k), names, [words[k] for words in captions]) for k in range(len(shares))]
+    paths = {name: content.along(name, shares) for name in content.paths}
+    captions = [_captions(content, name, way, shares) for name, way in paths.items()]
+    pages = [
+        _panels(images, list(paths), [words[k] for words in captions])
+        for k, images in enumerate(_frames(content, paths, shares * content.playing_time))
+    ]
     duration = round(1e3 * content.playing_time / (len(shares) - 1))  # [ms] of a frame
     stays = [duration] * (len(shares) - 1) + [round(1e3 * _REST)]
     Path(file).parent.mkdir(parents=True, exist_ok=True)
@@ -334,30 +301,24 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
         pages[0].save(stream, ending[1:], **options)
 
 
-class _Frames:
-    """What all frames share: robot and scene, camera and light; `paths` holds (F, n) configurations by planner."""
-
-    def __init__(self, content: ViewerContent, shares: FloatArray) -> None:
-        self.paths = {name: content.along(name, shares) for name in content.paths}
-        styles = planner_styles(self.paths)
-        self._colours = [styles[name].colour for name in self.paths]
-        self._drawn = DrawnScene(content.robot, content.scene_at_start, list(self.paths.values()))
-        self._renderer = Renderer(self._drawn.floor, best_view(self._drawn, PANEL), PANEL)
-        times = shares * content.playing_time
-        movers = content.movers
-        self._moving = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
-        self._still = self._drawn.surroundings({mover.name for there in self._moving for mover in there})
-
-    def frame(self, k: int) -> list[Image]:
-        """Return the pictures of all paths in a frame."""
-        moving = [surface for mover in self._moving[k] for surface in obstacle_surfaces(mover)]
+def _frames(
+    content: ViewerContent, paths: Mapping[str, FloatArray], times: FloatArray
+) -> Iterator[list[Image]]:
+    """Yield the pictures of all paths (F, n) at each of the times (F,) [s], with the same camera and light."""
+    movers, styles = content.movers, planner_styles(paths)
+    drawn = DrawnScene(content.robot, content.scene_at_start, list(paths.values()))
+    renderer = Renderer(drawn.floor, best_view(drawn, PANEL), PANEL)
+    moving = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
+    still = drawn.surroundings({mover.name for there in moving for mover in there})
+    for k, there in enumerate(moving):
+        around = [*still, *(surface for mover in there for surface in obstacle_surfaces(mover))]
         images = []
-        for path, colour in zip(self.paths.values(), self._colours, strict=True):
-            body = self._drawn.body.posed(path[k])
-            robot = ColouredSurface(body, mixed(NEUTRAL, colour, _TINT), glossy=True)
-            way = ColouredSurface(trace(self._drawn, path[: k + 1], TRACE), colour)
-            images.append(as_bytes(tone_mapped(self._renderer.render([robot, way, *self._still, *moving]))))
-        return images
+        for name, path in paths.items():
+            colour = styles[name].colour
+            robot = ColouredSurface(drawn.body.posed(path[k]), mixed(NEUTRAL, colour, _TINT), glossy=True)
+            way = ColouredSurface(trace(drawn, path[: k + 1], TRACE), colour)
+            images.append(as_bytes(tone_mapped(renderer.render([robot, way, *around]))))
+        yield images
 
 
 def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:

@@ -134,42 +134,32 @@ def tessellate(geometry: Any) -> Triangles:
     Raises InputError if the kind of geometry cannot be drawn.
     """
     kind = type(geometry).__name__
-    if kind.startswith("BVHModel"):
-        return _mesh_triangles(geometry)
-    if kind.startswith("Convex"):
-        return _convex_triangles(geometry)
     if kind == "Box":
         return surfaces.box_triangles(2.0 * geometry.halfSide)
-    return surfaces.revolved_triangles(_profile(geometry, kind), _AROUND)
-
-
-def _profile(geometry: Any, kind: str) -> FloatArray:
-    """Radius and height of a coal solid of revolution, from the bottom pole to the top pole: (P, 2)."""
-    if kind not in ("Sphere", "Cylinder", "Capsule", "Cone"):
-        known = "mesh, convex, box, sphere, cylinder, capsule, cone"
-        raise InputError(f"cannot draw a geometry of type {kind}; known: {known}")
-    radius = float(geometry.radius)
+    if kind.startswith(("BVHModel", "Convex")):
+        shape = (
+            ("tri_indices", "num_tris", "vertices")
+            if kind[0] == "B"
+            else ("polygons", "num_polygons", "points")
+        )
+        triangle, count, points = (getattr(geometry, name) for name in shape)
+        corners = map(itemgetter(0, 1, 2), map(triangle, range(count)))
+        faces = np.fromiter(chain.from_iterable(corners), dtype=np.intp, count=3 * count)
+        return np.array(points(), dtype=float), faces.reshape(-1, 3)
+    radius, half = float(getattr(geometry, "radius", 0.0)), float(getattr(geometry, "halfLength", 0.0))
     step = 2.0 * np.pi * radius / _AROUND
     if kind == "Sphere":
-        return surfaces.sphere_profile(radius, step)
-    length = 2.0 * float(geometry.halfLength)
-    if kind == "Cylinder":
-        return surfaces.cylinder_profile(radius, length, np.inf)
-    if kind == "Capsule":
-        return surfaces.capsule_profile(radius, length, step, np.inf)
-    return np.array([(0.0, -length / 2), (radius, -length / 2), (0.0, length / 2)])
-
-
-def _mesh_triangles(model: Any) -> Triangles:
-    corners = map(itemgetter(0, 1, 2), map(model.tri_indices, range(model.num_tris)))
-    faces = np.fromiter(chain.from_iterable(corners), dtype=np.intp, count=3 * model.num_tris)
-    return np.array(model.vertices(), dtype=float), faces.reshape(-1, 3)
-
-
-def _convex_triangles(convex: Any) -> Triangles:
-    polygons = (convex.polygons(i) for i in range(convex.num_polygons))
-    faces = np.array([(t[0], t[1], t[2]) for t in polygons], dtype=np.intp)
-    return np.array(convex.points(), dtype=float), faces.reshape(-1, 3)
+        profile = surfaces.sphere_profile(radius, step)
+    elif kind == "Cylinder":
+        profile = surfaces.cylinder_profile(radius, 2.0 * half, np.inf)
+    elif kind == "Capsule":
+        profile = surfaces.capsule_profile(radius, 2.0 * half, step, np.inf)
+    elif kind == "Cone":
+        profile = np.array([(0.0, -half), (radius, -half), (0.0, half)])
+    else:
+        known = "mesh, convex, box, sphere, cylinder, capsule, cone"
+        raise InputError(f"cannot draw a geometry of type {kind}; known: {known}")
+    return surfaces.revolved_triangles(profile, _AROUND)
 
 
 def tube(points: FloatArray, radius: float) -> Triangles:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safe_ompl import InputError, Pose, Tracker
+from safe_ompl import InputError, Tracker
 from safe_ompl.apps import main
 from safe_ompl.apps.cli.program import command_line
 from safe_ompl.geometry import STANDING
@@ -148,12 +148,6 @@ def test_the_command_takes_a_reach_with_its_gate(clips, tmp_path, capsys):
     assert "none.yaml: cannot be read" in " ".join(capsys.readouterr().err.split())
 
 
-def test_faults_are_shares_and_lengths():
-    for given in ({"noise": -0.1}, {"drops": 1.5}, {"late": np.nan}):
-        with pytest.raises(InputError, match=next(iter(given))):
-            Faults(**given)
-
-
 def test_the_monitor_notes_contacts_once_and_whether_the_robot_moved(panda, tracker):
     monitor, q = ContactMonitor(panda), np.array([0, -0.4, 0, -2.0, 0, 2.0, 0.785])
     tip = panda.tip_pose(q).translation
@@ -165,10 +159,8 @@ def test_the_monitor_notes_contacts_once_and_whether_the_robot_moved(panda, trac
         assert monitor.observe(time, q, touching, moving=moving, obeyed=True).distance <= 0
     monitor.observe(0.4, q, away, moving=True, obeyed=True)
     monitor.observe(0.5, q, touching, moving=False, obeyed=True)
-    assert [(c.time, c.moving, c.limb) for c in monitor.contacts] == [
-        (0.1, True, "right_hand"),
-        (0.5, False, "right_hand"),
-    ]
+    found = [(c.time, c.moving, c.limb) for c in monitor.contacts]
+    assert found == [(0.1, True, "right_hand"), (0.5, False, "right_hand")]
 
 
 def test_things_that_drift_stay_in_their_ball():
@@ -224,15 +216,8 @@ def test_the_command_writes_ticks_and_a_summary(clips, tmp_path, capsys):
     assert main([*words, "--out", str(out), "--noise", "0.01"]) == 0
     assert "contacts while moving 0" in " ".join(capsys.readouterr().out.split())
     summary = json.loads((out / "summary.json").read_text())
-    assert {
-        "contacts_while_moving",
-        "contacts_at_rest",
-        "model_obeyed",
-        "tasks",
-        "stops",
-        "reaction",
-        "deadlines_missed",
-    } <= set(summary)
+    keys = "contacts_while_moving contacts_at_rest model_obeyed tasks stops reaction deadlines_missed"
+    assert set(keys.split()) <= set(summary)
     assert set(summary["reaction"]) == {"median", "p99"}
     header, ticks = read_ticks(out / "ticks.jsonl")
     assert built_robot(header["robot"]).joint_names == tuple(header["joint_names"])
@@ -278,7 +263,6 @@ def test_the_recorded_person_stands_where_the_scenario_has_somebody(clips, tmp_p
     np.testing.assert_allclose(middle[:2], [0.80, 0.05], atol=1e-6)
     across = np.array(hips["left_hip"]) - np.array(hips["right_hip"])
     assert across[1] < 0  # facing the robot
-    assert Pose().position == (0.0, 0.0, 0.0)
 
 
 def test_people_and_things_that_move_at_random(tmp_path, capsys):
@@ -310,19 +294,8 @@ def test_it_can_be_seen(tmp_path, capsys):
 
 
 def test_a_tick_may_be_shorter_than_the_usual_latency(tmp_path):
-    words = [
-        "live",
-        "panda_shelf",
-        "--movers",
-        "1",
-        "--tick",
-        "0.01",
-        "--seconds",
-        "0.05",
-        "--out",
-        str(tmp_path),
-    ]
-    assert main(words) == 0
+    words = ["live", "panda_shelf", "--movers", "1", "--tick", "0.01", "--seconds", "0.05", "--out"]
+    assert main([*words, str(tmp_path)]) == 0
     assert len(read_ticks(tmp_path / "ticks.jsonl")[1]) == 5
 
 
@@ -351,21 +324,10 @@ def limited(tmp_path, limits):
 
 
 def test_a_scenarios_limits_reach_the_replanner(tmp_path):
-    limits = {
-        "min_clearance": 0.04,
-        "obstacles": ["operator", "table"],
-        "moving": {"speeds": {"parcel": 0.1}, "time": 1},
-    }
-    words = [
-        "live",
-        limited(tmp_path, limits),
-        "--people",
-        "random",
-        "--out",
-        str(tmp_path / "out"),
-        "--seconds",
-        "1",
-    ]
+    limits = {"min_clearance": 0.04, "obstacles": ["operator", "table"]}
+    limits |= {"moving": {"speeds": {"parcel": 0.1}, "time": 1}}
+    words = ["live", limited(tmp_path, limits), "--out", str(tmp_path / "out")]
+    words += ["--people", "random", "--seconds", "1"]
     options = command_line().parse_args(words)
     job = options.prepare(options)
     replanner = job.keywords["replanner"]

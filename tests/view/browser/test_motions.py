@@ -44,34 +44,24 @@ def recording(ur5, tmp_path_factory):
     """Write ten ticks: a robot that turns and stops, a person who walks away, a box that is carried."""
     box = Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.0, 0.8, 0.0)))
     scene = Scene((box, Obstacle("wall", Box((0.1, 2.0, 1.0)), Pose((-1.5, 0.0, 0.0)))))
-    lines = [
-        {
-            **{"format": "safe-ompl ticks", "version": 1, "tick": TICK, "joint_names": list(ur5.joint_names)},
-            **{"robot": carried_robot(ur5), "scene": carried_scene(scene)},
-            **{"people": {"anna": {"height": 1.75, "limbs": []}}, "objects": {"box": 0.5}},
-        }
-    ]
-    body = {name: np.array(point) * 1.75 for name, point in STANDING.items()}
+    known = {"format": "safe-ompl ticks", "version": 1, "tick": TICK, "joint_names": list(ur5.joint_names)}
+    carried = {"robot": carried_robot(ur5), "scene": carried_scene(scene)}
+    lines = [{**known, **carried, "people": {"anna": {"height": 1.75, "limbs": []}}, "objects": {"box": 0.5}}]
+    near = {"distance": 0.3, "link": "wrist", "who": "anna", "limb": "right_hand", "reason": "she is near"}
     for k in range(10):
-        moving = k < 5
-        step = {name: np.add(point, [1.2 + 0.1 * k, 0.0, -0.8]).tolist() for name, point in body.items()}
-        told = {
-            "distance": 0.3,
-            "link": "wrist",
-            "who": "anna",
-            "limb": "right_hand",
-            "reason": "she is near",
+        anna = {
+            name: (1.75 * np.array(p) + [1.2 + 0.1 * k, 0.0, -0.8]).tolist() for name, p in STANDING.items()
         }
+        box = {"position": [0.0, 0.8, 0.1 * k], "quaternion_xyzw": [0, 0, 0, 1]}
         lines.append(
             {
-                **{
-                    "time": 2.0 + TICK * k,
-                    "q": [0.1 * min(k, 5), *START[1:]],
-                    "qd": [float(moving), 0, 0, 0, 0, 0],
-                },
-                **{"people": {} if k == 9 else {"anna": {**step, "pelvis": [0.0, 0.0, 0.0]}}},
-                **{"objects": {"box": {"position": [0.0, 0.8, 0.1 * k], "quaternion_xyzw": [0, 0, 0, 1]}}},
-                **{"state": "moving" if moving else "standing", **told},
+                "time": 2.0 + TICK * k,
+                "q": [0.1 * min(k, 5), *START[1:]],
+                "qd": [float(k < 5), 0, 0, 0, 0, 0],
+                "people": {} if k == 9 else {"anna": {**anna, "pelvis": [0.0, 0.0, 0.0]}},
+                "objects": {"box": box},
+                "state": "moving" if k < 5 else "standing",
+                **near,
             }
         )
     file = tmp_path_factory.mktemp("ticks") / "ticks.jsonl"
