@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
     from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
     from safe_ompl.io import JointPath, load, read_motion, save
-    from safe_ompl.motions import Motion, check, widest_tube
+    from safe_ompl.motions import Motion, check, retime, widest_tube
     from safe_ompl.paths import Constraints, PathReport, Simplifier
     from safe_ompl.people import Tracker
     from safe_ompl.people.replanning import Replanner, Shield
@@ -115,6 +115,7 @@ __all__ = [
     "planner_names",
     "read_motion",
     "repair",
+    "retime",
     "save",
     "time_path",
     "verify",

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from safe_ompl.motions.rates import Extremes, Violation, extremes, rate_violations
     from safe_ompl.motions.repair import Repair, repair_with
     from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
+    from safe_ompl.motions.way_points import objection, retime, way_of
 
 __all__ = [
     "FACTOR",
@@ -26,9 +27,12 @@ __all__ = [
     "check_with",
     "extremes",
     "measured_tube",
+    "objection",
     "rate_violations",
     "repair_with",
+    "retime",
     "tube_of",
+    "way_of",
     "widest_tube",
 ]
 

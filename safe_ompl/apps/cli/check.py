@@ -15,11 +15,13 @@ from rich.text import Text
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
+from safe_ompl.apps.cli.plan import add_timed_options, rate_limits, show_timed, timed
+from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.apps.cli.view import add_view_options, check_view_options, show
 from safe_ompl.certificates import motion_certificate
 from safe_ompl.common import FloatArray, InputError, files, formats
 from safe_ompl.common import documents as document
-from safe_ompl.io import WRITABLE, motion_content, read_log, read_motion
+from safe_ompl.io import WRITABLE, TimedMotion, motion_content, read_log, read_motion
 from safe_ompl.motions import (
     FACTOR,
     TIME,
@@ -28,10 +30,12 @@ from safe_ompl.motions import (
     MotionCheck,
     Repair,
     measured_tube,
+    objection,
     tube_of,
+    way_of,
     widest_tube,
 )
-from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario
 from safe_ompl.trajectories import RateLimits
@@ -101,6 +105,8 @@ def add_commands(commands: Any) -> None:
     option(parser, "--certificate FILE", words, output.JSON_FILE)
     option(parser, "--json FILE", "write what was found as JSON; - is standard output", output.JSON_FILE)
     option(parser, "--plot FILE", "draw joints, limits and distances (.png, …)", output.PICTURE)
+    words = "leave out times and rates, and drive the way points as fast as limits and people allow, in straight lines"
+    add_timed_options(parser, "--retime", words)
     arguments.add_force(parser)
     group = parser.add_argument_group("in three dimensions")
     option(group, "--view", "show it in the browser")
@@ -152,8 +158,13 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     setup = _without_ends(replace(scenario, limits=replace(scenario.limits, tube=None)), robot, tube)
     how = {"degrees": options.degrees, "joints": options.joints, "ignore": options.ignore or ()}
     motion = _sampled(read_motion(options.file, robot, **how), options, robot)
+    limits = rate_limits(scenario, robot, options)
+    if limits is not None:
+        why = "is for a motion with its own times: leave out --retime, --trajectory and --timed-plot"
+        arguments.refuse(options, ("repair", "max_velocity", "widest_tube"), why)
+        beside = replace(scenario, people=None) if options.no_people else scenario
+        return partial(_retime, options, beside, setup, motion, limits)
     people, _ = _people(options, scenario, motion)
-    limits = None
     if options.limits or people is not None:
         if not motion.rated:
             why = "bare samples have no rates" if motion.timed else "has no times"
@@ -264,6 +275,49 @@ def _check(
         plots.plot_check(found, options.plot, title=Path(options.file).name)
     if any(getattr(options, key) for key in _SHOWN):
         show(ViewerContent.of_check(found, Path(options.file).name), options)
+    return 0 if written else 1
+
+
+def _retime(
+    options: argparse.Namespace,
+    scenario: Scenario,
+    setup: SafeSetup,
+    motion: Motion,
+    limits: RateLimits,
+) -> int:
+    """Time the way points of a motion anew if they are proven, and show and write what came of it."""
+    robot, name = setup.robot, Path(options.file).name
+    with document.within(options.file, ": "):
+        found = setup.check(way_of(motion, robot), time=options.time)
+    result = trajectory = None
+    if found:
+        about: dict[str, Any] = {"robot": robot, "scene": setup.scene, "danger": setup.danger_options}
+        about |= {"motion": setup.motion_prover}
+        result = PlanResult("given", found.motion.knots, None, name, 0, robot.joint_names, 0.0, **about)
+        with document.within(options.file, ": "):
+            trajectory = timed(result, scenario, limits)
+    if options.json:
+        record = {"file": options.file, "scenario": scenario.name, "robot": robot.name, "proven": bool(found)}
+        record |= {
+            "duration": trajectory and trajectory.duration,
+            "objection": None if found else objection(found),
+        }
+        output.write_json(options.json, record)
+    if options.json != output.STANDARD_OUTPUT:
+        title = f"{options.file} · {scenario.name} · {robot.name}"
+        output.console().print(check_table(title, found, None, "--no-people" * options.no_people))
+    if options.plot:
+        plots.plot_check(found, options.plot, title=name)
+    if result is None or trajectory is None:
+        output.error_console().print(f"safe-ompl: {options.file}: {objection(found)}: it is not timed")
+        return 1
+    if options.certificate:
+        proof = certificate_of(result, setup, scenario, options.certificate, trajectory)
+        output.write_json(options.certificate, proof)
+    written = show_timed(trajectory, result, setup, scenario, options)
+    if any(getattr(options, key) for key in _SHOWN):
+        moved = TimedMotion.of(trajectory, robot, setup.scene, danger=setup.danger_options, name=name)
+        show(ViewerContent.of_motions([moved], title=name), options)
     return 0 if written else 1
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
+
+import numpy as np
 
 from safe_ompl.apps.benchmark import check_named_planner
 from safe_ompl.apps.cli import arguments, output, tables
@@ -16,12 +18,20 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError, files
 from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
+from safe_ompl.motions import Motion
 from safe_ompl.planning import COSTS, PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
 from safe_ompl.trajectories import RATE, RateLimits, Trajectory
 from safe_ompl.view import draw_plan, plots
+
+_SLOWER = (
+    1.005,
+    1.02,
+    1.05,
+    1.15,
+)  # times as long: what is tried where stops between exported points are too late
 
 
 def add_commands(commands: Any) -> None:
@@ -100,10 +110,12 @@ def record(scenario: str, robot: Robot, result: PlanResult) -> dict[str, Any]:
     return {"scenario": scenario, "robot": robot.name, **result.as_dict()}
 
 
-def add_timed_options(parser: Any) -> None:
-    """Add --timed, --rate and --trajectory."""
+def add_timed_options(
+    parser: Any, switch: str = "--timed", words: str = "time the path within the limits of the joints"
+) -> None:
+    """Add what asks for a path in time, --rate, --trajectory and --timed-plot."""
     group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
-    option(group, "--timed", "time the path within the limits of the joints")
+    option(group, switch, words, dest="timed")
     option(
         group,
         "--rate HZ",
@@ -114,14 +126,14 @@ def add_timed_options(parser: Any) -> None:
         group,
         "--trajectory FILE",
         "write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; as a table "
-        "(.csv, .tsv, .txt), arrays (.npz) or YAML for controllers; implies --timed",
+        f"(.csv, .tsv, .txt), arrays (.npz) or YAML for controllers; implies {switch}",
         output.output_file(*WRITABLE, output.STANDARD_OUTPUT),
     )
     option(
         group,
         "--timed-plot FILE",
         "draw its speed and the limits that bound it, its joints and their limits, and its danger (.png, …); implies "
-        "--timed",
+        f"{switch}",
         output.PICTURE,
     )
 
@@ -130,7 +142,7 @@ def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -
     """Check the options, and return the limits of the scenario; None if no trajectory is asked for."""
     if not (options.timed or options.trajectory or options.timed_plot):
         if options.rate is not None:
-            raise InputError("is for a path in time: give --trajectory FILE, or --timed", "--rate")
+            raise InputError("is for a path in time: give --trajectory FILE, too", "--rate")
         return None
     return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
 
@@ -178,10 +190,20 @@ def show_timed(
         content = marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
         # Stops with a limit of the jerk are proven of the trajectory alone.
         people = scenario.people if trajectory.limits.jerk is None else None
-        read, other = motion_of_document(content), None
-        if Path(options.trajectory).suffix.lower() not in ("", ".json"):
-            other, read = motion_content(read, options.trajectory)
+        read, other = _written(content, options.trajectory)
         found = setup.check(read, trajectory.limits, people)
+        sampled = content
+        for factor in _SLOWER:
+            # Stops between the points may take longer than those of the trajectory, which has no time to spare.
+            if {violation.kind for violation in found.violations} != {"separation"}:
+                break
+            content = _slower(sampled, factor)
+            read, other = _written(content, options.trajectory)
+            found = setup.check(read, trajectory.limits, people)
+            if found:
+                output.error_console().print(
+                    f"{options.trajectory}: takes {factor:g} times as long, for stops between its points"
+                )
         if not found:
             output.error_console().print(
                 f"safe-ompl: nothing is written to {options.trajectory}: between its points {found.violations[0]}; "
@@ -193,6 +215,26 @@ def show_timed(
         else:
             files.write(options.trajectory, other)
     return True
+
+
+def _written(content: Mapping[str, Any], file: str) -> tuple[Motion, str | bytes | None]:
+    """Return the motion that is read from a file of a trajectory's document, and what it holds if it is not JSON."""
+    motion = motion_of_document(content)
+    if Path(file).suffix.lower() in ("", ".json"):
+        return motion, None
+    other, read = motion_content(motion, file)
+    return read, other
+
+
+def _slower(content: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Return a trajectory's document in which all takes longer by a factor."""
+    orders = {"time_from_start": -1, "velocities": 1, "accelerations": 2}
+    points = [
+        {key: (np.array(value) / factor ** orders.get(key, 0)).tolist() for key, value in point.items()}
+        for point in content["points"]
+    ]
+    speeds = [speed / factor for speed in content["speeds"]]
+    return {**content, "points": points, "duration": factor * content["duration"], "speeds": speeds}
 
 
 def describe_timing(trajectory: Trajectory) -> str:

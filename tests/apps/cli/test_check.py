@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from safe_ompl import Motion, read_motion, save
+from safe_ompl import Motion, PlanningError, read_motion, retime, save
+from safe_ompl.motions import extremes
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import Scenario, find_scenario
 
@@ -258,6 +259,70 @@ def test_what_is_not_proven_beside_people_is_refused_in_a_line(call, tmp_path):
     refuses("motion.jerk: stops that keep a limit of the jerk")
 
 
+# ------------------------------------------------------------------------------------------ way points timed anew
+
+WAY = np.array([START, 0.5 * (START + MIDDLE), 0.4 * START + 0.6 * MIDDLE])
+
+
+@pytest.mark.usefixtures("beside_people")
+@pytest.mark.parametrize(
+    ("columns", "header", "options"),
+    [(WAY, NAMES, ()), (np.c_[T / 100, WAY], ("time", *NAMES), ()), (WAY, (), ("--joints", ",".join(NAMES)))],
+)
+def test_way_points_are_timed_beside_people_within_limits_and_verified(
+    call, tmp_path, setup, columns, header, options
+):
+    """What is written stops in time between its points, too, for which it may take a little longer."""
+    lines = [",".join(header)] * bool(header) + [",".join(map(repr, row)) for row in columns.tolist()]
+    (tmp_path / "way.csv").write_text("\n".join(lines))
+    command = ("check", "way.csv", "--scenario", "own.yaml", "--retime", *options)
+    status, out, _ = call(*command, "--trajectory", "out.csv", "--certificate", "proof.json")
+    assert status == 0
+    assert "timed: " in out
+    assert "separation" in out
+    status, out, _ = call("verify", "proof.json", "own.yaml")
+    assert status == 0
+    assert "it stands before anyone of ball" in out
+    status, out, _ = call("check", "out.csv", "--scenario", "own.yaml")
+    assert (status, "velocity, acceleration, collision, stops beside people" in out) == (0, True)
+    assert call(*command, "--trajectory", "alone.csv", "--no-people")[0] == 0
+    motions = [read_motion(tmp_path / name, setup.robot) for name in ("out.csv", "alone.csv")]
+    assert motions[0].duration > 1.2 * motions[1].duration
+    for found in motions:
+        np.testing.assert_allclose(found.knots[[0, -1]], WAY[[0, -1]], atol=1e-9)
+        for order, most in ((1, 3.0), (2, 4.0)):
+            rates = extremes(found, order)
+            assert max(rates.high.max(), -rates.low.min()) <= most * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("way", "said"),
+    [
+        ([START, np.zeros(3), MIDDLE], "way point 1 is not proven to be free: link"),
+        ([START, [9.0, 0.0, 0.0]], "way point 1: joint 'joint1' = 9 is outside its limits"),
+        ([MIDDLE, START, END], "between way points 1 and 2, at 1."),
+    ],
+)
+def test_a_bad_way_point_is_named_and_nothing_is_written(call, tmp_path, setup, way, said):
+    save(Motion.through(way, names=NAMES), "way.json")
+    command = (
+        "check",
+        "way.json",
+        "--scenario",
+        "own.yaml",
+        "--trajectory",
+        "out.csv",
+        "--certificate",
+        "proof.json",
+    )
+    status, _, err = call(*command)
+    assert status == 1
+    assert f"safe-ompl: way.json: {said}" in err
+    assert {file.name for file in tmp_path.iterdir()} == {"own.yaml", "way.json"}
+    with pytest.raises(PlanningError, match=said):
+        retime(way, setup.robot, setup.scene)
+
+
 # ---------------------------------------------------------------------------------------------------- the tube
 
 
@@ -419,6 +484,15 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
         (("--tube", "elbow=0.1"), "--tube: unknown joint 'elbow'; known: joint1, joint2, joint3"),
         (("--tube", "joint1=0.1,joint1=0.2"), "argument --tube: 'joint1' is given twice"),
         (("--max-velocity", "3"), "--max-velocity: free.json: is for samples in time, without velocities"),
+        (
+            ("--retime", "--repair", "out.json"),
+            "--repair: is for a motion with its own times: leave out --retime",
+        ),
+        (
+            ("--retime", "--widest-tube"),
+            "--widest-tube: is for a motion with its own times: leave out --retime",
+        ),
+        (("--rate", "50"), "--rate: is for a path in time: give --trajectory FILE, too"),
         (("--scenario", "nowhere"), "unknown scenario file or name 'nowhere'"),
     ],
 )
