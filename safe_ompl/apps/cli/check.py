@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 from rich.text import Text
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import add_timed_options, rate_limits, show_timed, timed
+from safe_ompl.apps.cli.tables import check_table
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.apps.cli.view import add_view_options, check_view_options, show
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.common import FloatArray, InputError, files, formats
+from safe_ompl.common import InputError, files, formats
 from safe_ompl.common import documents as document
 from safe_ompl.io import WRITABLE, TimedMotion, motion_content, read_log, read_motion
 from safe_ompl.motions import (
@@ -361,50 +361,6 @@ def _described(repair: Repair, written: MotionCheck, file: str) -> str:
         f"at most, at {repair.at:.4g} {unit}; changed: {stretches} {unit}".replace("  ", " ").rstrip()
         + f"; {slower}" * bool(slower)
     )
-
-
-def check_table(title: str, found: MotionCheck, widest: FloatArray | None, without: str) -> Table:
-    """Return what is proven, or a row for each stretch that is not; `without` says why people are not looked at."""
-    robot = found.proof.checker.robot
-    tube = np.array(found.separation.tube or np.zeros(robot.n))
-    facts = [("motion", repr(found.motion)), ("tube", _widths(tube, robot))]
-    beside = " (people aside)" * (found.people is not None)
-    facts += [] if widest is None else [(f"widest tube{beside}", _widths(widest, robot))]
-    facts += [("people", without)] * bool(without)
-    if found:
-        facts.insert(0, ("proven", ", ".join(found.claims)))
-        table = output.plain_table("", "", title=title)
-        table.show_header = False
-        for key, fact in facts:
-            table.add_row(Text(key, "dim"), Text(fact))
-        return table
-    unit = "\ns" if found.motion.timed else "\nway point"
-    table = output.plain_table(
-        "not proven", f"from–to{unit}", f"worst{unit}", "what", "value", "limit", title=title
-    )
-    for k in (1, 2):
-        table.columns[k].no_wrap = True
-    for violation in found.violations:
-        kind = violation.kind if violation.decided else f"{violation.kind}, undecided"
-        table.add_row(
-            Text(kind),
-            f"{violation.first:.3f}–{violation.last:.3f}" if violation.last > violation.first else "",
-            f"{violation.at:.3f}",
-            Text(" – ".join(violation.names)),
-            *violation.quantities,
-        )
-    table.caption = Text("\n".join(f"{key}: {fact}" for key, fact in facts))
-    return table
-
-
-def _widths(widths: FloatArray, robot: Robot) -> str:
-    if not widths.any():
-        return "none"
-    if np.ptp(widths) < 1e-12 and not robot.prismatic.any():
-        return f"±{widths[0]:.3g} rad"
-    units = np.where(robot.prismatic, "m", "rad")
-    each = zip(robot.joint_names, widths.tolist(), units, strict=True)
-    return ", ".join(f"{name} ±{width:.3g} {unit}" for name, width, unit in each)
 
 
 # -------------------------------------------------------------------------------------------------------- tube

@@ -1,4 +1,4 @@
-"""Tables of what was planned: planners beside each other, one result, and families of problems."""
+"""Tables of what was planned: planners beside each other, one result, families of problems; of what is proven."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 from rich.console import Console, ConsoleOptions
 from rich.measure import Measurement
 from rich.table import Table
@@ -15,8 +16,11 @@ from rich.text import Text
 
 from safe_ompl.apps.benchmark import Campaign, Summary
 from safe_ompl.apps.cli.output import plain_table
+from safe_ompl.common import FloatArray
+from safe_ompl.motions import MotionCheck
 from safe_ompl.paths import ClearanceReport, DangerReport
 from safe_ompl.planning import PlanResult
+from safe_ompl.robot import Robot
 
 _BEST = "*"
 _ENDLESS = 10_000  # more than any table is wide
@@ -230,3 +234,45 @@ def families_table(results: Mapping[str, Sequence[PlanResult]]) -> FittingTable:
 def written_number(value: float, digits: int) -> str:
     """Return a number as text, or a dash if it is not finite."""
     return f"{value:.{digits}f}" if math.isfinite(value) else "–"
+
+
+def check_table(title: str, found: MotionCheck, widest: FloatArray | None, without: str) -> Table:
+    """Return what is proven, or a row for each stretch that is not; `without` says why people are not looked at."""
+    robot = found.proof.checker.robot
+    tube = np.array(found.separation.tube or np.zeros(robot.n))
+    facts = [("motion", repr(found.motion)), ("tube", _widths(tube, robot))]
+    beside = " (people aside)" * (found.people is not None)
+    facts += [] if widest is None else [(f"widest tube{beside}", _widths(widest, robot))]
+    facts += [("people", without)] * bool(without)
+    if found:
+        facts.insert(0, ("proven", ", ".join(found.claims)))
+        table = plain_table("", "", title=title)
+        table.show_header = False
+        for key, fact in facts:
+            table.add_row(Text(key, "dim"), Text(fact))
+        return table
+    unit = "\ns" if found.motion.timed else "\nway point"
+    table = plain_table("not proven", f"from–to{unit}", f"worst{unit}", "what", "value", "limit", title=title)
+    for k in (1, 2):
+        table.columns[k].no_wrap = True
+    for violation in found.violations:
+        kind = violation.kind if violation.decided else f"{violation.kind}, undecided"
+        table.add_row(
+            Text(kind),
+            f"{violation.first:.3f}–{violation.last:.3f}" if violation.last > violation.first else "",
+            f"{violation.at:.3f}",
+            Text(" – ".join(violation.names)),
+            *violation.quantities,
+        )
+    table.caption = Text("\n".join(f"{key}: {fact}" for key, fact in facts))
+    return table
+
+
+def _widths(widths: FloatArray, robot: Robot) -> str:
+    if not widths.any():
+        return "none"
+    if np.ptp(widths) < 1e-12 and not robot.prismatic.any():
+        return f"±{widths[0]:.3g} rad"
+    units = np.where(robot.prismatic, "m", "rad")
+    each = zip(robot.joint_names, widths.tolist(), units, strict=True)
+    return ", ".join(f"{name} ±{width:.3g} {unit}" for name, width, unit in each)
