@@ -5,7 +5,7 @@
 
 A file has the command, its date, and what it found: tables and figures, as `--json` writes them. `title`, `about` and
 the sentences of `claims` are written by hand, and stay when something is measured anew. What was measured before there
-were such files is marked as recorded; its claims have a result in words, its tables may have `notes`.
+were such files is marked as recorded; its claims have a result in words, it and its tables may have `notes`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,6 @@ ORDER = (  # of the page; files with claims only have no section
         "smoothing",
         "worth",
         "live",
-        "live_near",
         "shield",
     ),
     *("reach", "physics", "physics_contact", "physics_live"),
@@ -88,16 +87,13 @@ def page(folder: Path) -> str:
     unknown = {file.stem for file in folder.glob("*.json")} - set(ORDER)
     if unknown:
         raise ValueError(f"bench/page.py does not know the order of {', '.join(sorted(unknown))}")
-    rows = [
-        (
-            row["claim"],
-            row.get("result", _figures(content)),
-            _command(content).replace("python -m bench ", ""),
-        )
+    claims = "\n".join(
+        f"* {row['claim']}: **{row.get('result') or _figures(content)}** "
+        f"({_command(content).replace('python -m bench ', '')})"
         for content in contents
         for row in content.get("claims", ())
-    ]
-    parts = [INTRODUCTION, "## Claims", markdown_table(("claim", "measured", "`python -m bench …`"), rows)]
+    )
+    parts = [INTRODUCTION, "## Claims", "Each with its `python -m bench …`:", claims]
     for content in contents:
         if content.get("tables") or content.get("about"):
             parts += _section(content)
@@ -112,11 +108,11 @@ def _section(content: dict[str, Any]) -> list[str]:
     for table in content.get("tables", ()):
         parts += [f"**{table['title']}**" if table.get("title") else ""]
         parts += [markdown_table(table["header"], table["rows"]), *table.get("notes", ())]
-    return [part for part in parts if part]
+    return [part for part in (*parts, *content.get("notes", ())) if part]
 
 
 def _command(content: dict[str, Any]) -> str:
-    return f"`{content['command']}` ({content['date']}{', r' if content.get('recorded') else ''})"
+    return f"`{content['command']}`, {content['date']}{', r' if content.get('recorded') else ''}"
 
 
 def _figures(content: dict[str, Any]) -> str:
