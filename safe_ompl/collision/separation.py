@@ -187,7 +187,7 @@ class Separation:
         return kept + pairs.approach(np.array(self.tube)) if self.tube else kept
 
 
-TOUCHING_ONLY = Separation()
+TOUCHING_ONLY: Separation = Separation()
 _SPARE = ALLOWANCE - DISTANCE_ERROR  # [m] Queries add the latter; together it is what distance bounds keep.
 
 

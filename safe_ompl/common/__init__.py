@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         pass_on,
         warn_once,
     )
+    from safe_ompl.common.html import notebook_html
     from safe_ompl.common.inputs import (
         RATE_BOUNDS,
         BoolArray,
@@ -79,6 +80,7 @@ __all__ = [
     "listed",
     "maker",
     "motion_ends",
+    "notebook_html",
     "number",
     "part",
     "pass_on",

@@ -18,7 +18,16 @@ from safe_ompl.collision import (
     ToolLimit,
     Verdict,
 )
-from safe_ompl.common import FloatArray, InputError, clock, finite_array, instance, polynomials, positive
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    clock,
+    finite_array,
+    instance,
+    notebook_html,
+    polynomials,
+    positive,
+)
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations
@@ -85,6 +94,9 @@ class MotionCheck(NamedTuple):
             within = f" within a tube of {_widths(tube)}" if tube else ""
             return f"proven{within}: {', '.join(self.claims)}"
         return "not proven:\n" + "\n".join(f"  {violation}" for violation in self.violations)
+
+    def _repr_html_(self) -> str:
+        return notebook_html(self)
 
 
 def _unpickled(*kept: Any) -> MotionCheck:

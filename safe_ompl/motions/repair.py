@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import CollisionChecker, MotionProver, Verdict, fresh_data
-from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
+from safe_ompl.common import FloatArray, InputError, IntArray, notebook_html, polynomials
 from safe_ompl.motions.checks import MotionCheck, PieceProof, check_with, piece_proofs
 from safe_ompl.motions.motion import Motion
 from safe_ompl.paths import unrolled
@@ -109,6 +109,8 @@ class Repair:
             f"where it was, most at {self.at:.4g} s; changed {stretches}"
             f"{f'; {self.slower:.3g} times as long' * (self.slower > 1)}; {self.check}"
         )
+
+    _repr_html_ = notebook_html
 
 
 def repair_with(

@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import Any, TypeVar
 
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.common import FloatArray, InputError, finite_array, notebook_html
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.paths.constraints import UserCheck
 from safe_ompl.paths.measures import (
@@ -217,6 +217,18 @@ class PathReport:
 
     def __repr__(self) -> str:
         return f"PathReport({self.length:.3g} rad, {self.validation})"
+
+    def __str__(self) -> str:
+        """Say in three lines how long and dangerous the path is, how near it passes, and what is proven."""
+        danger, clearance, unknown = self.danger, self.clearance, self.links_without_collision
+        said = "" if danger is None else f", danger mean {danger.mean:.3f}, max {danger.max:.3f}"
+        near = "clearance: no obstacle"
+        if clearance.obstacle is not None:
+            near = f"clearance {1e3 * clearance.min:.1f} mm, {clearance.link} from {clearance.obstacle}"
+        more = f"; no collision geometry: {', '.join(unknown)}" if unknown else ""
+        return f"{self.length:.2f} rad{said}\n{near}\n{self.validation}{more}"
+
+    _repr_html_ = notebook_html
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain numbers, lists and strings, in the form of the command line's JSON."""

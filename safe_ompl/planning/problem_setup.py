@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from ompl import geometric as og
+from ompl import util as ou
 
 import safe_ompl.motions as motions
 import safe_ompl.trajectories as trajectories
@@ -66,6 +67,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         if danger is not None:
             compile_kernels()
         super().__init__(joint_space(robot))
+        if ou.getLogLevel() == ou.LogLevel.LOG_DEBUG:  # OMPL's default: nobody has asked for its lines
+            ou.setLogLevel(ou.LogLevel.LOG_WARN)
         si = self.getSpaceInformation()
         self.robot, self.counts = robot, counts
         self.field = None if danger is None else DangerField.of_options(robot, scene, danger, self.counts)

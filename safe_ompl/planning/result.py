@@ -8,7 +8,7 @@ from typing import Any
 
 import safe_ompl.trajectories as trajectories
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError
+from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError, notebook_html
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import PathReport, Validation
 from safe_ompl.robot import Robot
@@ -155,6 +155,8 @@ class PlanResult:
         lines = [f"{self.status}: {self.planner}, seed {self.seed}", seconds, *self._said_of_path()]
         return "\n".join(lines)
 
+    _repr_html_ = notebook_html
+
     def _said_of_path(self) -> list[str]:
         if self.path is None:
             short = self.approximate_path
@@ -167,16 +169,7 @@ class PlanResult:
         said = f"{len(self.path)} way points"
         if self.report is None:
             return [said, "clearance: not reported", str(self.validation)]
-        danger, clearance = self.report.danger, self.report.clearance
-        said += f", {self.report.length:.2f} rad"
-        if danger is not None:
-            said += f", danger mean {danger.mean:.3f}, max {danger.max:.3f}"
-        near = "clearance: no obstacle"
-        if clearance.obstacle is not None:
-            near = f"clearance {1e3 * clearance.min:.1f} mm, {clearance.link} from {clearance.obstacle}"
-        unknown = self.report.links_without_collision
-        known = str(self.report.validation)
-        return [said, near, known + (f"; no collision geometry: {', '.join(unknown)}" if unknown else "")]
+        return f"{said}, {self.report}".splitlines()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels to other processes: a robot would be built anew with every result."""

@@ -27,6 +27,7 @@ from safe_ompl.planning.optimise import (
     Optimisation,
     optimise,
     stopping,
+    told,
 )
 from safe_ompl.planning.outside import OutsidePlanner, connecting
 from safe_ompl.planning.planners import (
@@ -196,7 +197,7 @@ class SafeSetup(ProblemSetup):
                     self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
                 with Interrupts() as interrupts:
                     if optimise is not None:
-                        result = run.optimised(time, lambda: interrupts.happened)
+                        result = run.optimised(time, told(run.name, time, lambda: interrupts.happened))
                     else:
                         result = run.planned(time, simplification)
                 result = run.validated(result, report, begin)
@@ -334,7 +335,7 @@ class PlanningRun:
     """One run of a planner that `SafeSetup.prepare` has made ready; `name` is what the result calls it."""
 
     def __init__(self, setup: SafeSetup, planner: Any, name: str, seed: int, cost: Cost = "danger") -> None:
-        self._setup, self._planner, self._name, self._seed, self._cost = setup, planner, name, seed, cost
+        self._setup, self._planner, self.name, self._seed, self._cost = setup, planner, name, seed, cost
 
     @contextmanager
     def under_own_limit(self) -> Iterator[None]:
@@ -430,7 +431,7 @@ class PlanningRun:
 
         A PlanningError if the path is not proven, or is none from a start to the goal.
         """
-        setup, name = self._setup, self._name
+        setup, name = self._setup, self.name
         setup_time = clock() - begin - result.planning_time - result.simplification_time
         begin, path, short = clock(), result.path, result.approximate_path
         speeds, duration = setup.getMovingObstacles()
@@ -461,7 +462,7 @@ class PlanningRun:
 
     def _result(self, **found: Any) -> PlanResult:
         names = self._setup.robot.joint_names
-        return PlanResult(report=None, planner=self._name, seed=self._seed, joint_names=names, **found)
+        return PlanResult(report=None, planner=self.name, seed=self._seed, joint_names=names, **found)
 
     def _make_cheaper(self, time: float) -> None:
         """Simplify the solution for some seconds."""

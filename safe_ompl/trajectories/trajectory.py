@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, files, float_array, number, positive
+from safe_ompl.common import FloatArray, InputError, files, float_array, notebook_html, number, positive
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
 from safe_ompl.trajectories.curve import BlendedCurve
@@ -109,6 +109,13 @@ class Trajectory:
     def __repr__(self) -> str:
         caps = ", ".join(cap.name for cap in self.caps)
         return f"Trajectory({self.duration:.3f} s, {self.length:.3g} rad{', caps: ' + caps if caps else ''})"
+
+    def __str__(self) -> str:
+        """Say in a line each how long it takes, how long its curve is, and what bounds its speed."""
+        caps = ", ".join(cap.name for cap in self.caps) or "none"
+        return f"duration: {self.duration:.3f} s\nlength: {self.length:.3g} rad\ncaps: {caps}"
+
+    _repr_html_ = notebook_html
 
     def at(self, time: float | ArrayLike) -> State:
         """Return the state at a time [s], or at times (T,); at rest before the start and after the end.

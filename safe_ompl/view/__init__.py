@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         save_animation,
         save_picture,
     )
+    from safe_ompl.view.pictures.small import small_picture
     from safe_ompl.view.pictures.surface import RobotBody
     from safe_ompl.view.plots.page import PLOT_ENDINGS
 
@@ -46,6 +47,7 @@ __all__ = [
     "save_animation",
     "save_page",
     "save_picture",
+    "small_picture",
     "view",
 ]
 

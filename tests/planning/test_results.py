@@ -1,13 +1,27 @@
 """Results: what counts as solved, where paths begin and end, what is said, and how long all took."""
 
 import math
+import sys
+from types import ModuleType
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
+from ompl import util as ou
 
-from safe_ompl import InputError, Obstacle, PlanningError, Pose, SafeRRTConnect, Scene, Sphere
+from safe_ompl import (
+    InputError,
+    Obstacle,
+    PlanningError,
+    Pose,
+    SafeRRTConnect,
+    Scene,
+    Sphere,
+    certificate,
+    verify,
+)
 from safe_ompl.planning import PlanResult, SafeSetup, plan
 from safe_ompl.planning.ompl import ScratchState, StateBridge
 
@@ -205,3 +219,55 @@ def test_goals_that_hang_are_refused(setup):
     setup.setGoal(goal)
     with pytest.raises(InputError, match="GoalLazySamples waits for itself for ever"):
         setup.solve(1.0)
+
+
+STRAIGHT = [START, GOAL]
+SHOWN = {
+    "result": (lambda setup, result: result, "Exact solution", True),
+    "report": (lambda setup, result: result.report, "certified", True),
+    "trajectory": (lambda setup, result: result.timed(), "duration", True),
+    "proof": (lambda setup, result: setup.check(result.path), "proven", True),
+    "no proof": (lambda setup, result: setup.check(STRAIGHT), "&#x27;ball&#x27;", True),
+    "repair": (lambda setup, result: setup.repair(STRAIGHT), "repaired", True),
+    "verified": (
+        lambda setup, result: verify(certificate(result.path, setup.robot, setup.scene)),
+        "not claimed",
+        False,
+    ),
+    "no path": (lambda setup, result: setup.plan(time=1e-6), "Timeout", False),
+}
+
+
+@pytest.mark.parametrize("plots", [True, False])
+def test_notebooks_show_a_table_and_a_picture(setup, monkeypatch, plots):
+    pytest.importorskip("matplotlib")
+    result = setup.plan(seed=0, time=20.0)
+    things = {name: make(setup, result) for name, (make, _, _) in SHOWN.items()}
+    if not plots:
+        monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for name, (_, words, drawn) in SHOWN.items():
+        html = things[name]._repr_html_()
+        tree = ElementTree.fromstring(html)  # well formed
+        assert len(list(tree.iter("tr"))) == len(str(things[name]).splitlines()), name
+        assert words in html, name
+        assert ("data:image/png;base64,iVBOR" in html) == (drawn and plots), name
+
+
+@pytest.mark.parametrize("level", ["LOG_DEBUG", "LOG_INFO", "LOG_ERROR"])
+def test_ompl_is_quiet_unless_asked(ur5, level):
+    ou.setLogLevel(getattr(ou.LogLevel, level))
+    SafeSetup(ur5, Scene())
+    wanted = "LOG_WARN" if level == "LOG_DEBUG" else level  # the first is OMPL's default
+    assert ou.getLogLevel() == getattr(ou.LogLevel, wanted)
+
+
+@pytest.mark.parametrize("notebook", [True, False])
+def test_an_optimisation_in_a_notebook_says_how_far_it_is(setup, monkeypatch, capsys, notebook):
+    monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    if notebook:
+        monkeypatch.setitem(sys.modules, "ipykernel", ModuleType("ipykernel"))
+    assert setup.plan(optimise=1.0)
+    lines = capsys.readouterr().err.split("\r")  # each over the one before
+    assert ("SafeRRTConnect: 0 % of 1 s" in lines) == notebook
+    assert (len(lines) > 3) == notebook
+    assert "\n" not in "".join(lines)

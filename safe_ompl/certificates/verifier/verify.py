@@ -19,7 +19,7 @@ from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainTool, Separ
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
-from safe_ompl.common import CertificateError, FloatArray, InputError, formats, positive
+from safe_ompl.common import CertificateError, FloatArray, InputError, formats, notebook_html, positive
 from safe_ompl.common import documents as document
 from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
 from safe_ompl.robot import Robot, robot_hash
@@ -49,6 +49,13 @@ class Verified:
     robot: str  # Name of the robot
     obstacles: tuple[str, ...]  # Names of the obstacles
     own: tuple[str, ...]  # Which of "robot" and "scene" were taken from the file, and compared with nothing
+
+    def __str__(self) -> str:
+        """Say what holds, what is not claimed, and of what nothing is proven, in a line each."""
+        lacks = {"not claimed": self.not_claimed, "not covered": self.not_covered}
+        return "\n".join([*self.claims, *(f"{key}: {', '.join(of)}" for key, of in lacks.items() if of)])
+
+    _repr_html_ = notebook_html
 
 
 def verify(

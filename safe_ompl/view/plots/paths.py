@@ -105,7 +105,11 @@ _JOINTS = ("#0b62b4", "#b87a00", "#00876a", "#7d2f91", "#c8452b", "#596675", "#6
 
 
 def plot_motion(
-    trajectory: Trajectory, file: str | Path, *, danger: MotionDanger | None = None, title: str | None = None
+    trajectory: Trajectory,
+    file: str | Path | None,
+    *,
+    danger: MotionDanger | None = None,
+    title: str | None = None,
 ) -> Any:
     """Draw a trajectory, against time.
 
