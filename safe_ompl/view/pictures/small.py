@@ -13,8 +13,7 @@ from safe_ompl.paths import PathReport
 from safe_ompl.planning import PlanResult
 from safe_ompl.trajectories import Trajectory
 from safe_ompl.view.pictures.path import DrawnPath, drawn_path, render_path
-from safe_ompl.view.plots.motions import plot_check
-from safe_ompl.view.plots.paths import plot_motion, plot_plan
+from safe_ompl.view.plots.paths import plot_check, plot_motion, plot_plan
 
 _SIZE = (360, 280)  # [px]
 _DPI = 60  # of plots

@@ -240,7 +240,7 @@ _CHECKED = 400
 _KINDS = ("position", "velocity", "acceleration")
 
 
-def plot_check(check: MotionCheck, file: str | Path, *, title: str | None = None) -> Any:
+def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None = None) -> Any:
     """Draw what was checked of a motion; what is not proven is shaded.
 
     Joints as shares of their limits (1 is the upper one, −1 the lower one), positions and, where limits were checked,
