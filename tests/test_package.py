@@ -1,9 +1,7 @@
 """What `import safe_ompl` offers, and what it leaves for later."""
 
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -63,25 +61,3 @@ except ModuleNotFoundError as error:
 def test_proofs_need_no_ompl():
     done = subprocess.run([sys.executable, "-c", WITHOUT_OMPL], check=True, capture_output=True, text=True)
     assert done.stdout == "SafeSetup plans with OMPL, which is missing: pip install ompl\n"
-
-
-@pytest.mark.parametrize("failing", ["nothing", "pytest"])
-def test_ci_tests_the_checkout_and_then_the_wheel(tmp_path, failing):
-    """The environments come last, and only if all before them passed."""
-    for folder in (".ci", "bin"):
-        (tmp_path / folder).mkdir()
-    shutil.copy(Path(__file__).parents[1] / ".ci" / "run", tmp_path / ".ci")
-    tool = f"#!/bin/sh\nname=${{0##*/}}; echo $name $1 >> {tmp_path}/log; [ $name != {failing} ]\n"
-    python = (
-        f'#!/bin/sh\nmkdir -p "$3/bin" && cp {tmp_path}/bin/* "$3/bin"\n'  # makes an environment of the tools
-    )
-    names = ("pip", "ruff", "mypy", "pytest", "chromedriver", "python3", "../.ci/environments")
-    for file in (tmp_path / "bin" / name for name in names):
-        file.write_text(python if file.name == "python3" else tool)
-        file.chmod(0o755)
-    done = subprocess.run(
-        [tmp_path / ".ci" / "run"], env={"PATH": f"{tmp_path}/bin:/usr/bin:/bin"}, check=False
-    )
-    steps = ["pip install", "ruff check", "ruff format", "mypy", "pytest", "environments"]
-    assert (tmp_path / "log").read_text().splitlines() == steps[: 5 if done.returncode else 6]
-    assert bool(done.returncode) == (failing == "pytest")

@@ -120,7 +120,7 @@ def _distinct_rows(rows: FloatArray) -> tuple[IntArray, IntArray]:
         )
         return first, index
     _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return first, index
+    return first, index.ravel()  # NumPy 2.0 gives it another shape
 
 
 def _normalised(vectors: FloatArray) -> FloatArray:
