@@ -124,8 +124,9 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         and goals are still free is found out when planning begins. An InputError if it is no scene, an UnknownNameError
         if a constraint is about an obstacle that it does not have: then the scene stays what it was.
         """
+        instance("scene", scene, Scene)
         try:
-            self.checker.move(instance("scene", scene, Scene))
+            self.checker.move(scene)
         except InputError:  # more than places of movable obstacles differs
             moved = {o.name for o in self.scene if o.name in scene.names and o != scene[o.name]}
             movable = [name for name in scene.names if name in moved | self.checker.movable]

@@ -227,15 +227,17 @@ def _collect(planner: str, tasks: list[Run], found: Mapping[Run, Measured]) -> P
 @contextmanager
 def _console_output(save: bool, name: str) -> Iterator[None]:
     """Send OMPL's messages to a file, or nowhere, and restore the handler afterwards."""
-    handler = ou.getOutputHandler()
+    handler, level = ou.getOutputHandler(), ou.getLogLevel()
     file = ou.OutputHandlerFile(_file_name(name, "console")) if save else None
     if file is None:
         ou.noOutputHandler()
     else:
         ou.useOutputHandler(file)
+        ou.setLogLevel(min(level, ou.LogLevel.LOG_INFO, key=lambda kind: kind.value))
     try:
         yield
     finally:
+        ou.setLogLevel(level)
         if handler is None:
             ou.noOutputHandler()
         else:
