@@ -79,9 +79,7 @@ Piece = tuple[Shape, pin.SE3]
 Builder = Callable[[_Opening, np.random.Generator], Iterator[Piece]]
 
 
-def hard_problems(
-    numbers: Iterable[int], robots: tuple[str, ...] = ROBOTS, seed: int = 0
-) -> Iterator[HardProblem]:
+def hard_problems(numbers: Iterable[int], robots: tuple[str, ...] = ROBOTS, seed: int = 0) -> Iterator[HardProblem]:
     """Yield the problems of these numbers; robots and kinds take turns."""
     built = {name: Robot.from_example(name) for name in robots}
     kinds = tuple(KINDS)
@@ -284,10 +282,7 @@ def _gap(opening: _Opening, rng: np.random.Generator) -> Iterator[Piece]:
     """Build two boxes, between which the hand is."""
     size = rng.uniform(0.1, 0.2)
     middle = float(opening.high[1] + opening.low[1]) / 2
-    for low, high in (
-        (opening.low[0] - size, float(opening.low[0])),
-        (float(opening.high[0]), opening.high[0] + size),
-    ):
+    for low, high in ((opening.low[0] - size, float(opening.low[0])), (float(opening.high[0]), opening.high[0] + size)):
         yield _plate((low, middle - size, opening.front), (high, middle + size, opening.back))
 
 
@@ -303,9 +298,7 @@ KINDS: dict[str, Builder] = {
 
 
 def _placed(pieces: list[Piece], name: str) -> list[Obstacle]:
-    return [
-        Obstacle(f"{name} {k}", shape, _pose(place), weight=1.0) for k, (shape, place) in enumerate(pieces)
-    ]
+    return [Obstacle(f"{name} {k}", shape, _pose(place), weight=1.0) for k, (shape, place) in enumerate(pieces)]
 
 
 def _pose(place: pin.SE3) -> Pose:
@@ -319,9 +312,7 @@ def _proven(motion: MotionProver, path: FloatArray) -> bool:
     return all(motion.is_free(a, b) for a, b in pairwise(path))
 
 
-def _to_start(
-    robot: Robot, motion: MotionProver, way: FloatArray, rng: np.random.Generator
-) -> FloatArray | None:
+def _to_start(robot: Robot, motion: MotionProver, way: FloatArray, rng: np.random.Generator) -> FloatArray | None:
     """Return the way with a start before it from which a straight motion leads there."""
     for _ in range(_STARTS):
         start = rng.uniform(robot.lower, robot.upper)

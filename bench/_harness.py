@@ -128,8 +128,7 @@ class Report:
             print(f"\n{title}")
         for row in cells:
             padded = [
-                cell.rjust(w) if k else cell.ljust(w)
-                for k, (cell, w) in enumerate(zip(row, widths, strict=True))
+                cell.rjust(w) if k else cell.ljust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
             ]
             print("  ".join(padded).rstrip(), flush=True)
 

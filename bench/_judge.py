@@ -85,9 +85,7 @@ def read(claims: tuple[str, ...]) -> dict[str, tuple[Any, ...]] | None:
 def carried_robot(level: Mapping[str, Any], folder: Path) -> Robot:
     """Build the robot of a recipe with the methods of `Robot`."""
     if "urdf" in level:
-        options = {
-            key: value for key, value in level.items() if key not in ("urdf", "srdf") and value is not None
-        }
+        options = {key: value for key, value in level.items() if key not in ("urdf", "srdf") and value is not None}
         for key in ("urdf", "srdf"):
             if level.get(key) is not None:
                 (folder / f"judged.{key}").write_text(level[key]["text"])
@@ -224,9 +222,7 @@ class Judge:
         path = np.array(content["path"], dtype=float)
         ends = path[1:] if len(path) > 1 else path
         t = np.linspace(0, 1, SAMPLES)[:, None]
-        dense = np.concatenate(
-            [a + t * self.robot.difference(a, b) for a, b in zip(path, ends, strict=False)]
-        )
+        dense = np.concatenate([a + t * self.robot.difference(a, b) for a, b in zip(path, ends, strict=False)])
         motion = None
         if "timed" in said:
             motion = Motion(content["trajectory"])
@@ -236,9 +232,7 @@ class Judge:
             if max(float(np.abs(gap).max()) for gap in gaps) > ROUNDING:
                 return False
             dense = np.concatenate([dense, curve])
-        within = self.robot.continuous | (
-            (dense > self.robot.lower - 1e-8) & (dense < self.robot.upper + 1e-8)
-        )
+        within = self.robot.continuous | ((dense > self.robot.lower - 1e-8) & (dense < self.robot.upper + 1e-8))
         if not within.all() or not self._still(said, self._off(said, dense)):
             return False
         return motion is None or self._timed(said, motion, content["trajectory"])
@@ -267,10 +261,7 @@ class Judge:
         if not (self.robot.continuous | ((q > low) & (q < high))).all() or gaps.max(initial=0.0) > 1e-5:
             return False
         for order, text in enumerate(said.get("rates", ()), 1):
-            limits, kind = (
-                None if text is None else numbers(text),
-                ("velocity", "acceleration", "jerk")[order - 1],
-            )
+            limits, kind = (None if text is None else numbers(text), ("velocity", "acceleration", "jerk")[order - 1])
             if limits is None:
                 continue
             wanted = asked.get(kind)
@@ -301,9 +292,7 @@ class Judge:
         moving = speeds(said.get("moving from its start", ("",))[0])
         rates = np.array([moving.get(obstacle, 0.0) for _, obstacle, _ in self.pairs])
         passed = np.zeros(len(dense)) if instants is None else instants
-        if not all(
-            (self.distances(q) > least + t * rates - 1e-9).all() for q, t in zip(dense, passed, strict=True)
-        ):
+        if not all((self.distances(q) > least + t * rates - 1e-9).all() for q, t in zip(dense, passed, strict=True)):
             return False
         for q in dense if {"axis", "tip"} & set(said) else ():
             pose = self.robot.tip_pose(q)
@@ -317,12 +306,7 @@ class Judge:
                     return False
         if "danger" in said:
             bound, aggregate, sharpness, weighting, k1, spacing = said["danger"]
-            kind = {
-                "aggregate": aggregate,
-                "weighting": weighting,
-                "k1": float(k1),
-                "spacing": float(spacing),
-            }
+            kind = {"aggregate": aggregate, "weighting": weighting, "k1": float(k1), "spacing": float(spacing)}
             danger = self._field(kind, sharpness)
             return danger is not None and danger.values(dense).max() <= float(bound) * (1 + ROUNDING)
         return True
@@ -381,36 +365,21 @@ class Judge:
         rates = self.robot.coupling.motions(qd)
         pin.forwardKinematics(self.model, self.data, self.robot.pinocchio_configuration(q), rates)
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        tip = float(
-            np.linalg.norm(pin.getFrameVelocity(self.model, self.data, self.robot.tip_frame, frame).linear)
-        )
+        tip = float(np.linalg.norm(pin.getFrameVelocity(self.model, self.data, self.robot.tip_frame, frame).linear))
         fastest = tip
         for body in self.robot.shared.collision_model.geometryObjects:
             motion, centre = self.data.v[body.parentJoint], body.placement.translation
             body.geometry.computeLocalAABB()
-            tops = (
-                np.array([0, 0, z])
-                for z in (body.geometry.aabb_local.min_[2], body.geometry.aabb_local.max_[2])
-            )
-            for point in (
-                centre,
-                *(body.placement.act(top) for top in tops),
-            ):  # on its axis: all are of the body
+            tops = (np.array([0, 0, z]) for z in (body.geometry.aabb_local.min_[2], body.geometry.aabb_local.max_[2]))
+            for point in (centre, *(body.placement.act(top) for top in tops)):  # on its axis: all are of the body
                 fastest = max(fastest, float(np.linalg.norm(np.cross(motion.angular, point) + motion.linear)))
         return tip, fastest
 
-    def _stops(
-        self, said: tuple[Any, ...], motion: Motion, claim: Mapping[str, Any], acceleration: FloatArray
-    ) -> bool:
+    def _stops(self, said: tuple[Any, ...], motion: Motion, claim: Mapping[str, Any], acceleration: FloatArray) -> bool:
         who, speed, limbs, _, clearance, reaction, contact = said
         asked, names = self.terms.get("people", {}), who.split(", ")
         touched = contact.split(", ") if contact else []
-        mine = {
-            "who": names,
-            "speed": float(speed),
-            "speeds": speeds(limbs),
-            "reaction_time": float(reaction),
-        }
+        mine = {"who": names, "speed": float(speed), "speeds": speeds(limbs), "reaction_time": float(reaction)}
         if any(key in asked and asked[key] != value for key, value in mine.items()):
             return False
         if asked and not set(touched) <= set(asked.get("contact") or ()):

@@ -6,15 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from safe_ompl.people.replanning import (
-    Around,
-    Command,
-    Doing,
-    GuardedPath,
-    MotionMargin,
-    Replanner,
-    StopMotion,
-)
+from safe_ompl.people.replanning import Around, Command, Doing, GuardedPath, MotionMargin, Replanner, StopMotion
 from safe_ompl.trajectories.trajectory import Trajectory
 
 

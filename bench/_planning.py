@@ -47,9 +47,7 @@ def cpu_limit(seconds: float) -> Any:
     return ob.PlannerTerminationCondition(lambda: process_time() > begin + seconds)
 
 
-def run(
-    setup: SafeSetup, planner: str, seed: int, limit: float, parameters: Any = None, simplify: str = ""
-) -> Run:
+def run(setup: SafeSetup, planner: str, seed: int, limit: float, parameters: Any = None, simplify: str = "") -> Run:
     """Plan for at most so much CPU time [s]; a path is simplified by "ours" or "ompl" until that ends by itself."""
     setup.prepare(planner, seed, parameters)
     before, begin = setup.counts.copy(), process_time()
@@ -66,16 +64,10 @@ def run(
 
 def add_options(parser: argparse.ArgumentParser, time: float) -> None:
     """Add the options of `compare`."""
-    parser.add_argument(
-        "--pairs", nargs="+", choices=KINDS, default=["ours"], help="safe planners and others"
-    )
+    parser.add_argument("--pairs", nargs="+", choices=KINDS, default=["ours"], help="safe planners and others")
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=FAMILIES)
-    parser.add_argument(
-        "--seeds", type=int, default=1, metavar="N", help="runs (deterministic planners: one)"
-    )
-    parser.add_argument(
-        "--time", type=float, default=time, metavar="S", help="CPU time of a plan (%(default)s)"
-    )
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="runs (deterministic planners: one)")
+    parser.add_argument("--time", type=float, default=time, metavar="S", help="CPU time of a plan (%(default)s)")
     parser.add_argument("--simplify", choices=("ours", "ompl"), default="", help="paths, too")
     parser.add_argument("--problems", type=positions, default="0:", metavar="A:B", help="of each group")
 
@@ -86,18 +78,13 @@ def compare(report: Report, problems: Iterable[Problem], options: argparse.Names
     found: dict[tuple[str, str], dict[str, list[tuple[Run, Run]]]] = {pair: {} for pair in pairs}
     for group, setup, parameters in problems:
         state = setup.problem.start
-        setup.motion_prover.is_free(
-            state, state
-        )  # what all planners share is made now: none of them pays for it
+        setup.motion_prover.is_free(state, state)  # what all planners share is made now: none of them pays for it
         if not any(found.values()):
             for name in dict.fromkeys(name for pair in pairs for name in pair):
                 run(setup, name, 0, 1.0, parameters.get(name), options.simplify)  # kernels are loaded
         for pair in pairs:
             for seed in range(1 if "Bubble" in pair[0] else options.seeds):
-                both = [
-                    run(setup, name, seed, options.time, parameters.get(name), options.simplify)
-                    for name in pair
-                ]
+                both = [run(setup, name, seed, options.time, parameters.get(name), options.simplify) for name in pair]
                 found[pair].setdefault(group, []).append((both[0], both[1]))
     header = ("", "solved", "", "only", "", "time", "time, 90 %", "queries", "danger", "avoidable", "")
     header += ("min clearance [mm]", "", "mean [mm]", "", "length")
@@ -117,9 +104,7 @@ def _row(runs: list[tuple[Run, Run]], limit: float) -> tuple[object, ...]:
     only = (int((solved[:, k] & ~solved[:, 1 - k]).sum()) for k in (0, 1))
     counts = (*(f"{n}/{len(runs)}" for n in solved.sum(axis=0)), *only)
     ratios = tuple(float(a / b) if b else np.nan for a, b in (middle, late, queries))
-    reports = [
-        [one.report for one in both] for both, all_ in zip(runs, solved.all(axis=1), strict=True) if all_
-    ]
+    reports = [[one.report for one in both] for both, all_ in zip(runs, solved.all(axis=1), strict=True) if all_]
     if not reports:
         return (*counts, *ratios, *["–"] * 8)
     values = np.array([[_values(found) for found in both] for both in reports])

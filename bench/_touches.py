@@ -16,14 +16,7 @@ from safe_ompl.scene.people import People
 from safe_ompl.scene.scene import Scene
 
 TRUNK = ("neck", "shoulders", "torso", "hips", "left_flank", "right_flank")
-DIAMETERS = {
-    "upper_arm": 0.056,
-    "forearm": 0.048,
-    "hand": 0.048,
-    "thigh": 0.09,
-    "shank": 0.064,
-    "foot": 0.044,
-}
+DIAMETERS = {"upper_arm": 0.056, "forearm": 0.048, "hand": 0.048, "thigh": 0.09, "shank": 0.064, "foot": 0.044}
 SHOULDERS = 0.304  # breadth of the trunk; all as shares of the height
 MOST = 10.0  # [m] no gap is wider
 
@@ -88,9 +81,7 @@ class Gaps:
                 continue
             p, q = result.getNearestPoint1(), result.getNearestPoint2()
             # (ω × p)·d = ω·(p × d), and p × d = p × q = q × d for d = q - p.
-            line = np.append(
-                q - p, (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0])
-            )
+            line = np.append(q - p, (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]))
             speed = float((twists[a] - twists[b]) @ line) / width
             found[width <= widths] = np.maximum(found[width <= widths], speed)
         return found
@@ -98,9 +89,7 @@ class Gaps:
     def _twists(self) -> FloatArray:
         """Return the twists (B, 6) of all bodies, velocity at the origin and angular velocity, in the world's frame."""
         known = self._kinematics
-        of_joints = [
-            known.oMi[k].act(known.v[k]).vector if k else np.zeros(6) for k in range(self._model.njoints)
-        ]
+        of_joints = [known.oMi[k].act(known.v[k]).vector if k else np.zeros(6) for k in range(self._model.njoints)]
         return np.array(of_joints)[self.joints]
 
 

@@ -24,17 +24,7 @@ import numpy as np
 from bench._harness import Report
 from bench._scenes import bookshelf, scattered
 from bench.motion import random_edges, sampled_is_free
-from safe_ompl import (
-    CollisionChecker,
-    DangerField,
-    MotionProver,
-    Robot,
-    Scenario,
-    Scene,
-    Verdict,
-    certificate,
-    verify,
-)
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Robot, Scenario, Scene, Verdict, certificate, verify
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import CertifiedDanger
 from safe_ompl.paths.measures import PROFILE_POINTS, Curve
@@ -54,9 +44,7 @@ Edge = tuple[FloatArray, FloatArray]
 def problems() -> list[Problem]:
     """Return six robots, among them one with continuous joints, in scattered scenes, a bookshelf and all scenarios."""
     names = {name: Robot.from_example(name) for name in ("panda", "ur5", "ur10", "xarm7", "kinova", "z1")}
-    found = [
-        (f"{name}, scattered {k}", robot, scattered(6, k)) for k, (name, robot) in enumerate(names.items())
-    ]
+    found = [(f"{name}, scattered {k}", robot, scattered(6, k)) for k, (name, robot) in enumerate(names.items())]
     found.append(("panda, bookshelf", names["panda"], bookshelf()))
     for name, file in list_scenarios().items():
         scenario = Scenario.load(file)
@@ -78,9 +66,7 @@ def hard_edges(checker: CollisionChecker, rng: np.random.Generator) -> Iterator[
         while np.linalg.norm(touching - free) > 1e-6 and _distance(checker, free) > wanted:
             middle = (free + touching) / 2
             free, touching = (free, middle) if checker.in_collision(middle) else (middle, touching)
-        slope = np.array(
-            [_distance(checker, free + h) - _distance(checker, free) for h in 1e-4 * np.eye(robot.n)]
-        )
+        slope = np.array([_distance(checker, free + h) - _distance(checker, free) for h in 1e-4 * np.eye(robot.n)])
         norm = float(np.linalg.norm(slope))
         along = rng.normal(size=robot.n)
         if norm > 1e-9:
@@ -119,10 +105,7 @@ def verdict_row(
 
 def _verdict_cells(name: str, found: Counter[str]) -> tuple[object, ...]:
     number = found["edges"]
-    shares = (
-        f"{found[verdict.value] / number:.2%}"
-        for verdict in (Verdict.FREE, Verdict.BLOCKED, Verdict.UNDECIDED)
-    )
+    shares = (f"{found[verdict.value] / number:.2%}" for verdict in (Verdict.FREE, Verdict.BLOCKED, Verdict.UNDECIDED))
     return (
         name,
         number,
@@ -133,10 +116,7 @@ def _verdict_cells(name: str, found: Counter[str]) -> tuple[object, ...]:
 
 
 def report_verdicts(
-    report: Report,
-    number: int,
-    step: float,
-    make: Callable[[CollisionChecker, np.random.Generator], Iterator[Edge]],
+    report: Report, number: int, step: float, make: Callable[[CollisionChecker, np.random.Generator], Iterator[Edge]]
 ) -> int:
     """Report the verdicts on `number` edges, spread over all problems; return 1 if a sample contradicts one."""
     chosen, rows, total = problems(), [], Counter[str]()
@@ -154,9 +134,7 @@ def report_verdicts(
 
 def verdicts(options: argparse.Namespace, report: Report) -> int:
     """Check random edges."""
-    return report_verdicts(
-        report, options.edges, FINE, lambda checker, rng: random_edges(checker.robot, rng, 0.1, 1.5)
-    )
+    return report_verdicts(report, options.edges, FINE, lambda checker, rng: random_edges(checker.robot, rng, 0.1, 1.5))
 
 
 def hard(options: argparse.Namespace, report: Report) -> int:
@@ -212,15 +190,7 @@ def danger_cells(field: DangerField, paths: list[FloatArray]) -> tuple[object, .
         else:
             unbounded += 1
     cells = (f"{np.median(slack):.1%}", f"{max(slack):.1%}")
-    return (
-        len(paths),
-        violations,
-        *cells,
-        unbounded,
-        float(np.median(asked)),
-        max(asked),
-        float(np.median(times)),
-    )
+    return (len(paths), violations, *cells, unbounded, float(np.median(asked)), max(asked), float(np.median(times)))
 
 
 # ------------------------------------------------------------------------------------------------------ verify

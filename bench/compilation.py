@@ -130,9 +130,7 @@ def measure(job: str) -> None:
     wall, times = perf_counter() - begin, os.times()
     both = times.user + times.system, times.children_user + times.children_system
     left = sorted(name for name, kernel in kernels().items() if not kernel.signatures)
-    rows = [
-        (name, seconds, compilation.signatures[name]) for name, seconds in compilation.seconds.most_common()
-    ]
+    rows = [(name, seconds, compilation.signatures[name]) for name, seconds in compilation.seconds.most_common()]
     print(json.dumps({"rows": rows, "left": left, "wall": wall, "both": both, "busy": busy()}))
     sys.stdout.flush()
     os._exit(0)  # without the farewell of OMPL's bindings
@@ -140,9 +138,7 @@ def measure(job: str) -> None:
 
 def run(*arguments: str, env: Mapping[str, str]) -> str:
     """Return what Python prints."""
-    return subprocess.check_output(
-        [sys.executable, *arguments], env=env, text=True, stderr=subprocess.DEVNULL
-    )
+    return subprocess.check_output([sys.executable, *arguments], env=env, text=True, stderr=subprocess.DEVNULL)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

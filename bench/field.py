@@ -100,9 +100,7 @@ def main(options: argparse.Namespace, report: Report) -> None:
     """Report the tables."""
     rows = [size_row(*size, options.rounds) for size in SIZES]
     report.table(("size", "naive [µs]", "field", "lengths known", "ratio"), rows)
-    report.figure(
-        f"{PATH[0]} × {PATH[1]}: danger and C-space gradient, UR5 [µs]", path_gradient(options.rounds)
-    )
+    report.figure(f"{PATH[0]} × {PATH[1]}: danger and C-space gradient, UR5 [µs]", path_gradient(options.rounds))
     rows = [in_motion(scenario, max(1, options.rounds // 5)) for scenario in ("panda_shelf", "ur5_handover")]
     header = ("kinetostatic over static", "γ = 0", "γ = 1", "γ = 0 with gradients", "γ = 1 with gradients")
     report.table(header, rows)

@@ -28,17 +28,7 @@ from bench._harness import Report
 from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from bench._scenes import ACCELERATIONS
 from bench._touches import TouchJudge
-from safe_ompl import (
-    People,
-    Pose,
-    RateLimits,
-    Replanner,
-    Robot,
-    Scenario,
-    Tracker,
-    Trajectory,
-    time_path,
-)
+from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Tracker, Trajectory, time_path
 from safe_ompl.collision import MotionProver
 from safe_ompl.people import CalibratedReach, Recording, TrackedBody, list_clips
 from safe_ompl.people.replanning import ReplanningOptions
@@ -48,9 +38,7 @@ from safe_ompl.people.skeletons import facing
 from safe_ompl.scene import find_scenario
 from safe_ompl.trajectories.contact import CONTACT_RULES
 
-CLAIM = (
-    "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"
-)
+CLAIM = "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"
 HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]
 POLICIES: dict[str, Any] = {
     "ours": Replanner,
@@ -91,9 +79,7 @@ def situations(folder: Path, clips: int, places: int, sample: int, seed: int) ->
     return found
 
 
-def to_and_fro(
-    scenario: Scenario, robot: Robot, limits: RateLimits, prover: MotionProver
-) -> list[Trajectory]:
+def to_and_fro(scenario: Scenario, robot: Robot, limits: RateLimits, prover: MotionProver) -> list[Trajectory]:
     """Return the ways of `panda_shelf` there and back, in time."""
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
     path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
@@ -200,9 +186,7 @@ def show(report: Report, rows: list[dict[str, Any]]) -> None:
         per_hour[policy] = 3600 * total["tasks"] / sum(seconds)
         counts = [sum(row[f"contacts_{key}"] for row in mine) for key in _CONTACTS]
         shares = [np.average([row[key] for row in mine], weights=seconds) for key in _SHARES]
-        reaction = [
-            1e3 * float(np.median([row["reaction"][key] for row in mine])) for key in ("median", "p99")
-        ]
+        reaction = [1e3 * float(np.median([row["reaction"][key] for row in mine])) for key in ("median", "p99")]
         cells = (round(per_hour[policy]), total["stops"], *counts, *(f"{share:.2%}" for share in shares))
         table.append((policy, *cells, *reaction))
         too_fast, clamped, *worst = zip(*(row["judged"] for row in mine), strict=True)

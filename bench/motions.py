@@ -31,17 +31,7 @@ from bench._harness import Report, positions
 from bench._plain import TOLERANCE, PlainGeometry
 from bench._planning import mbm_problems
 from bench._scenes import free_configuration, scattered
-from safe_ompl import (
-    CollisionChecker,
-    Motion,
-    MotionProver,
-    Robot,
-    SafeSetup,
-    Scenario,
-    Scene,
-    Verdict,
-    widest_tube,
-)
+from safe_ompl import CollisionChecker, Motion, MotionProver, Robot, SafeSetup, Scenario, Scene, Verdict, widest_tube
 from safe_ompl.collision import Separation
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import check_with, repair_with
@@ -97,10 +87,7 @@ def problems() -> list[tuple[str, Robot, Scene]]:
 
 
 def random_piece(
-    robot: Robot,
-    rng: np.random.Generator,
-    room: FloatArray | float = 0.0,
-    lengths: tuple[float, float] = LENGTHS,
+    robot: Robot, rng: np.random.Generator, room: FloatArray | float = 0.0, lengths: tuple[float, float] = LENGTHS
 ) -> Piece:
     """Return a piece whose control points are within the limits, and so when it is shifted by `room: (n,)`."""
     n, span = robot.n, float(rng.uniform(0.1, 2.0))
@@ -191,9 +178,7 @@ def pieces(options: argparse.Namespace, report: Report) -> int:
         for name, robot, scene in problems()
     ]
     for _, proof, _ in chosen:  # kernels are compiled before the first piece
-        next(
-            iter(piece_proofs(random_piece(proof.checker.robot, np.random.default_rng(0)).motion, proof))
-        ).verdict()
+        next(iter(piece_proofs(random_piece(proof.checker.robot, np.random.default_rng(0)).motion, proof))).verdict()
     found: dict[str, Counter[str]] = {}
     for k in range(options.first, options.first + options.number):
         name, proof, plain = chosen[k % len(chosen)]
@@ -265,9 +250,7 @@ def two_arm_problem() -> tuple[SafeSetup, list[FloatArray]]:
     return setup, paths
 
 
-def disturbed(
-    robot: Robot, path: FloatArray, noise: float, rng: np.random.Generator, pieces: int = 10
-) -> FloatArray:
+def disturbed(robot: Robot, path: FloatArray, noise: float, rng: np.random.Generator, pieces: int = 10) -> FloatArray:
     """Return way points (pieces + 1, n) at even steps of a path, with noise [rad] but for the ends."""
     steps = robot.difference(path[:-1], path[1:])
     path = path[0] + np.vstack([np.zeros(robot.n), np.cumsum(steps, axis=0)])
@@ -315,9 +298,7 @@ def times(options: argparse.Namespace, report: Report) -> int:
                     middle = np.median(cells, axis=0).tolist()
                     high = float(np.percentile(cells, 90, axis=0)[0])
                     said = "proven" if proven else "not proven"
-                    rows.append(
-                        (f"{name}, noise {noise:g}, {said}", len(cells), middle[0], high, *middle[1:])
-                    )
+                    rows.append((f"{name}, noise {noise:g}, {said}", len(cells), middle[0], high, *middle[1:]))
             rows.append((f"{name}, noise {noise:g}: contradicted", contradicted, *[""] * 5))
             wrong += contradicted
     header = ("splines", "number", "proofs [ms]", "90 %", "bound queries", "coal queries", "checked() [ms]")
@@ -328,9 +309,7 @@ def times(options: argparse.Namespace, report: Report) -> int:
 # ------------------------------------------------------------------------------------------------------ tubes
 
 
-def worst_within(
-    proof: MotionProver, Q: FloatArray, tube: FloatArray, rng: np.random.Generator
-) -> FloatArray:
+def worst_within(proof: MotionProver, Q: FloatArray, tube: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return corners (S, n) of the tube about `Q: (S, n)` where near pairs come nearer, to the first order."""
     checker, sizes = proof.checker, 1e-6 * np.eye(Q.shape[1])
     corners = np.empty_like(Q)
@@ -360,9 +339,7 @@ def tubes(options: argparse.Namespace, report: Report) -> int:
             proven += 1
             t = np.linspace(motion.times[0], motion.times[-1], 9)
             Q = motion.at(t)
-            corners = np.vstack(
-                [worst_within(proof, Q, tube, rng), Q + tube * rng.choice([-1.0, 1.0], Q.shape)]
-            )
+            corners = np.vstack([worst_within(proof, Q, tube, rng), Q + tube * rng.choice([-1.0, 1.0], Q.shape)])
             contacts += sum(plain.distances(q).min() <= 0.0 for q in corners)
             t = np.linspace(motion.times[0], motion.times[-1], 400)
             waves = rng.uniform(0.5, 20.0, (2, robot.n)), rng.uniform(0, 2 * np.pi, robot.n)
@@ -402,9 +379,7 @@ def _touching_width(
                     continue
                 while high - low > 1e-3 * high:
                     middle = 0.5 * (low + high)
-                    low, high = (
-                        (low, middle) if plain.distances(q + middle * way).min() <= 0 else (middle, high)
-                    )
+                    low, high = (low, middle) if plain.distances(q + middle * way).min() <= 0 else (middle, high)
                 best = high
         if np.isfinite(best):
             break
@@ -489,7 +464,5 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--splines", type=int, default=100, help="that are timed (default: %(default)s)")
     parser.add_argument("--tubes", type=int, default=1000, help="(default: %(default)s)")
-    parser.add_argument(
-        "--problems", type=positions, default="0:10", metavar="A:B", help="of each family of FILE"
-    )
+    parser.add_argument("--problems", type=positions, default="0:10", metavar="A:B", help="of each family of FILE")
     parser.add_argument("--repairs", type=int, help="paths at the shelf (default: 8)")

@@ -94,9 +94,7 @@ SCENE = Scene(
 )
 ROD = Attachment("rod", Box((0.1, 0.02, 0.02)), "tip", Pose((0.05, 0.0, 0.0)))
 PEOPLE = People(who=("person",), speed=0.3, reaction_time=0.05)
-CONTACT = replace(
-    PEOPLE, speed=1.0, contact=True, regions={"head": BodyRegion(350, 4.4, 150)}, robot_mass=5.0
-)
+CONTACT = replace(PEOPLE, speed=1.0, contact=True, regions={"head": BodyRegion(350, 4.4, 150)}, robot_mass=5.0)
 
 
 @dataclass(frozen=True)
@@ -114,9 +112,7 @@ class Case:
         """Return the judge of what is said of the user's own robot and scene."""
         motion, danger = self.terms.motion or {}, dict(self.terms.danger or {})
         limits = {key: motion.get(key) for key in ("velocity", "acceleration", "jerk")}
-        return Judge(
-            self.robot, self.scene, {**limits, "danger": danger, "people": dict(self.terms.stops or {})}
-        )
+        return Judge(self.robot, self.scene, {**limits, "danger": danger, "people": dict(self.terms.stops or {})})
 
 
 @cache
@@ -127,9 +123,7 @@ def cases() -> tuple[Case, ...]:
     """
     spec = RobotSpec(urdf=ARM / "planar2.urdf", srdf=ARM / "planar2.srdf", tip="tip")
     held = replace(spec, base=Pose((0.0, 0.0, 0.4)), attached=(ROD,), locked={})
-    mesh = Obstacle(
-        "wedge", Mesh(ROOT / "tests" / "data" / "wedge.obj", (0.1, 0.1, 0.1)), Pose((0.9, 0.0, 0.4))
-    )
+    mesh = Obstacle("wedge", Mesh(ROOT / "tests" / "data" / "wedge.obj", (0.1, 0.1, 0.1)), Pose((0.9, 0.0, 0.4)))
     plain = {"tool_speed": 1.5, "link_speed": 1.5, "velocity": 1.0, "acceleration": 4.0}
     return (
         _case("path", spec, SCENE, None, None),
@@ -166,18 +160,12 @@ def _case(
             wanted = moving.with_min_clearance(checker, 0.02, ["bin", "machine"], [("link1", "bin")])
             upright = ToolOrientation(robot, [0, 0, 1], [0, 0, 1], 0.1)
             box = TipBounds(robot, [-np.inf, -0.9, -0.1], [np.inf, 0.9, 0.6])
-            proof = MotionProver(
-                checker, separation=wanted, limits=[upright, box, DangerLimit(field, MOST_DANGER)]
-            )
+            proof = MotionProver(checker, separation=wanted, limits=[upright, box, DangerLimit(field, MOST_DANGER)])
             return json.loads(  # type: ignore[no-any-return]
                 json.dumps(motion_certificate(check_with(curve, proof, limits, {"machine": 0.02})))
             )
         if motion is None:
-            claims["clearance"] = {
-                "distance": 0.02,
-                "obstacles": ["bin", "machine"],
-                "exempt": [["link1", "bin"]],
-            }
+            claims["clearance"] = {"distance": 0.02, "obstacles": ["bin", "machine"], "exempt": [["link1", "bin"]]}
             claims["moving_obstacles"] = {"speeds": {"machine": 0.05, "bin": 0.01}, "time": 0.2}
             orientation = {"axis": [0, 0, 1], "direction": [0, 0, 1], "angle": 0.1}
             claims["tool"] = {"orientation": orientation, "position": {"y": [-0.9, 0.9], "z": [-0.1, 0.6]}}
@@ -186,12 +174,7 @@ def _case(
             proof = MotionProver(CollisionChecker(robot, scene))
             limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
             timer = PathTimer(
-                robot,
-                limits,
-                motion=proof,
-                people=people,
-                tool_speed=motion.tool_speed,
-                link_speed=motion.link_speed,
+                robot, limits, motion=proof, people=people, tool_speed=motion.tool_speed, link_speed=motion.link_speed
             )
             claims["trajectory"] = timer.time(PATH, cells=CELLS)
         sampled = "your checker, sampled at 0.01 rad"
@@ -299,9 +282,7 @@ def _xml(rng: random.Random, text: str) -> str:
     numbers = re.compile(r'(?<=[" ])-?\d+\.?\d*(?:e-?\d+)?(?=[" ])')
     tags = list(
         re.finditer(
-            r"<(collision|visual|limit|origin|axis|disable_collisions|joint|link)\b[^>]*?(/>|>.*?</\1>)",
-            text,
-            re.S,
+            r"<(collision|visual|limit|origin|axis|disable_collisions|joint|link)\b[^>]*?(/>|>.*?</\1>)", text, re.S
         )
     )
     sizes = list(re.finditer(r'(radius|length|size|lower|upper)="([^"]*)"', text))
@@ -317,9 +298,7 @@ def _xml(rng: random.Random, text: str) -> str:
     if kind == "name":
         return text.replace(rng.choice(["link1", "joint1", "tip", "base"]), rng.choice(WORDS))
     if kind == "mesh":
-        name = rng.choice(
-            ["/etc/hostname", "file:///etc/hostname", "package://etc/hostname", "../../etc/hostname"]
-        )
+        name = rng.choice(["/etc/hostname", "file:///etc/hostname", "package://etc/hostname", "../../etc/hostname"])
         return re.sub(r"<cylinder [^>]*/>", f'<mesh filename="{name}"/>', text, count=1)
     if kind == "entity":
         return f'<!DOCTYPE robot [<!ENTITY a "0.01">]>{text}'

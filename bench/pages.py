@@ -119,9 +119,7 @@ def free_bubbles() -> None:
         vertices, faces = obstacle.triangles()
         colour = "#d9822b" if obstacle.weight else "#b9bdc4"
         left.add_collection(PolyCollection(vertices[faces][:, :, :2], facecolors=colour))
-    x, y = np.meshgrid(
-        *(np.linspace(low, high, 181) for low, high in zip(robot.lower, robot.upper, strict=True))
-    )
+    x, y = np.meshgrid(*(np.linspace(low, high, 181) for low, high in zip(robot.lower, robot.upper, strict=True)))
     touches = [checker.in_collision(q) for q in np.stack([x, y], axis=-1).reshape(-1, 2)]
     right.contourf(x, y, np.reshape(touches, x.shape), [0.5, 1.5], colors=["0.72"])
     for q, colour in (([0.5, 0.5], "#0b62b4"), ([-1.2, 0.9], "#7d2f91")):
@@ -136,9 +134,7 @@ def free_bubbles() -> None:
 
 def draw_arm(axes: Any, robot: Robot, q: FloatArray, colour: str) -> None:
     """Draw the skeleton of an arm that moves in a level plane, at `q: (n,)`."""
-    axes.plot(
-        *robot.keypoints(q)[:, :2].T, "-o", color=colour, linewidth=7, markerfacecolor="white", markersize=5
-    )
+    axes.plot(*robot.keypoints(q)[:, :2].T, "-o", color=colour, linewidth=7, markerfacecolor="white", markersize=5)
 
 
 def draw_bubble(axes: Any, checker: CollisionChecker, q: FloatArray, colour: str) -> None:
@@ -175,9 +171,7 @@ def a_start_in_collision() -> None:
     robot = Robot.from_example("ur5")
     scene = Scene((Obstacle("wall", Box((0.1, 1.2, 1.0)), Pose((0.5, 0.0, 0.5))),))
     start = np.array([0.0, -0.5, 0.5, -1.5, -1.57, 0.0])
-    save_picture(
-        render_path(robot, scene, np.array([start, start]), size=SIZE, ghosts=0), OUT / "collision.png"
-    )
+    save_picture(render_path(robot, scene, np.array([start, start]), size=SIZE, ghosts=0), OUT / "collision.png")
 
 
 def profiles() -> None:
@@ -251,9 +245,7 @@ def draw_moments(ticks: str) -> None:
     scenes = [Scene((*still, *movers.people_at(motion.times[k]))) for k in shown]
     panel = (420, 400)
     everyone = Scene((*still, *movers.people_at(motion.times[shown[2]])))
-    camera = best_view(
-        DrawnScene(content.robot, everyone, [motion.configurations[shown]]), panel, azimuth=2.5
-    )
+    camera = best_view(DrawnScene(content.robot, everyone, [motion.configurations[shown]]), panel, azimuth=2.5)
     images = [
         render_path(content.robot, scene, motion.configurations[[k, k]], size=panel, ghosts=0, camera=camera)
         for scene, k in zip(scenes, shown, strict=True)
@@ -268,9 +260,7 @@ def viewer() -> None:
     result = plan(scenario, seed=0, simplify=True)
     limits = RateLimits.of(result.robot, acceleration=[8.0] * result.robot.n)
     trajectory = result.timed(limits, people=scenario.people)
-    motion = TimedMotion.of(
-        trajectory, result.robot, result.scene, danger=result.danger, name="SafeRRTConnect"
-    )
+    motion = TimedMotion.of(trajectory, result.robot, result.scene, danger=result.danger, name="SafeRRTConnect")
     from selenium import webdriver
     from selenium.webdriver.common.keys import Keys
     from selenium.webdriver.support.ui import WebDriverWait
@@ -340,11 +330,7 @@ FLOORS = (
         "SafeSetup, planners, others’ motions, reports and simplification, OMPL’s plug-ins",
     ),
     ("motion", "people · trajectories", "where people may soon be; paths in time, with stops"),
-    (
-        "queries, proofs",
-        "collision · danger",
-        "collision and distance on coal, certified motions, the danger field",
-    ),
+    ("queries, proofs", "collision · danger", "collision and distance on coal, certified motions, the danger field"),
     ("models", "robot · scene", "on Pinocchio; they never change; no OMPL"),
     ("base", "common · geometry", "checks, errors, compiled kernels; shapes and convex distances"),
 )
@@ -362,14 +348,9 @@ def architecture() -> None:
         axes.text(2.65, k + 0.62, rooms, va="center", fontsize=10.5)
         axes.text(2.65, k + 0.27, words, va="center", fontsize=8.5, color="0.35")
     axes.annotate(
-        "",
-        (9.4, 0.2),
-        (9.4, len(FLOORS) - 0.3),
-        arrowprops={"arrowstyle": "->", "color": "0.3", "linewidth": 1.4},
+        "", (9.4, 0.2), (9.4, len(FLOORS) - 0.3), arrowprops={"arrowstyle": "->", "color": "0.3", "linewidth": 1.4}
     )
-    axes.text(
-        9.3, 0.5 * len(FLOORS), "imports", rotation=90, va="center", ha="right", fontsize=9, color="0.3"
-    )
+    axes.text(9.3, 0.5 * len(FLOORS), "imports", rotation=90, va="center", ha="right", fontsize=9, color="0.3")
     FigureCanvasAgg(figure).print_png(OUT / "architecture.png")
 
 

@@ -46,9 +46,7 @@ from safe_ompl.people.simulation.simulation import Touch
 from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BlendedCurve, BodySpeeds, Piece, contact_speed
 
-CLAIM = (
-    "a robot with a servo's errors stays outside what is proven with a tube, and meets nobody while it moves"
-)
+CLAIM = "a robot with a servo's errors stays outside what is proven with a tube, and meets nobody while it moves"
 # Accelerations [rad/s²]; of the Panda half of what Franka publishes, with which the motors are too weak here at times.
 ROBOTS = {"panda": [7.5, 3.75, 5, 6.25, 7.5, 10, 10], "ur5": [4.0] * 6}
 MOTIONS = ("robot", "motions", "errors [mrad]", "tube [mrad]", "outside it", "proven [mm]", "physics [mm]")
@@ -127,9 +125,7 @@ def motions(name: str, number: int, servo: Servo) -> tuple[tuple[object, ...], t
     robot = Robot.from_example(name)
     limits, none = RateLimits.of(robot, acceleration=ROBOTS[name]), (0.0,) * robot.n
 
-    def problems(
-        count: int, first: int, tube: tuple[float, ...]
-    ) -> Iterator[tuple[CollisionChecker, Trajectory]]:
+    def problems(count: int, first: int, tube: tuple[float, ...]) -> Iterator[tuple[CollisionChecker, Trajectory]]:
         tried = (planned(robot, limits, seed, tube) for seed in range(first, first + 10 * count))
         return islice((found for found in tried if found is not None), count)
 
@@ -326,14 +322,7 @@ def hit(name: str, region: str, servo: Servo, people: People) -> tuple[object, .
         forces.append(driven.force)
     found = np.array(forces) / part.force
     over = int(np.argmax(found > 0.01)) + round(lasts / STEP)
-    return (
-        name,
-        region,
-        f"{allowed:.2f}",
-        part.force,
-        f"{found[:over].max():.2f}",
-        f"{found[over:].max():.2f}",
-    )
+    return (name, region, f"{allowed:.2f}", part.force, f"{found[:over].max():.2f}", f"{found[over:].max():.2f}")
 
 
 def in_motions(options: argparse.Namespace, report: Report) -> int:
@@ -379,6 +368,4 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--motions", type=int, default=50, metavar="N", help="of each robot")
     parser.add_argument("--drives", type=int, default=10, metavar="N", help="of each robot")
     parser.add_argument("--seconds", type=float, default=12.0, help="of each drive")
-    parser.add_argument(
-        "--robot-mass", type=float, metavar="KG", help="in a contact; default: as `People` has it"
-    )
+    parser.add_argument("--robot-mass", type=float, metavar="KG", help="in a contact; default: as `People` has it")

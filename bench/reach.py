@@ -28,9 +28,7 @@ TIMES = (0.1, 0.3)  # [s]
 SPEEDS = "  speeds of 1.6 and 2 m/s, no gate"
 
 
-def kept(
-    recordings: list[Recording], lines: Mapping[str, FloatArray], gate: float | None, within: float
-) -> FloatArray:
+def kept(recordings: list[Recording], lines: Mapping[str, FloatArray], gate: float | None, within: float) -> FloatArray:
     """Return counts (7,): recordings, those that keep to it; frames, those that do, and raw; key points, refused."""
     counts = np.zeros(7)
     for recording in recordings:
@@ -47,9 +45,7 @@ def kept(
     return counts
 
 
-def row(
-    name: str, units: str, counts: FloatArray, lines: Mapping[str, FloatArray] | None = None
-) -> tuple[str, ...]:
+def row(name: str, units: str, counts: FloatArray, lines: Mapping[str, FloatArray] | None = None) -> tuple[str, ...]:
     """Return a row of the table: shares, and how far some limbs go."""
     all_units, kept_units, frames, time, raw, points, refused = counts
     ratios = (kept_units / all_units, time / frames, raw / frames, refused / max(1, points))
@@ -66,9 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--level", type=float, default=0.9)
     parser.add_argument("--gate", type=float, default=Calibration.gate, metavar="V")
-    parser.add_argument(
-        "--block", type=float, metavar="S", help="units are blocks of so long; default: recordings"
-    )
+    parser.add_argument("--block", type=float, metavar="S", help="units are blocks of so long; default: recordings")
     parser.add_argument("--within", type=float, default=0.3, metavar="S")
 
 
@@ -91,6 +85,4 @@ def main(options: argparse.Namespace, report: Report) -> None:
         totals += [counts, plain]
     rows += [row("all", "", totals[0]), row(SPEEDS, "", totals[1])]
     sizes = (f"{limb} [m]" for limb in SHOWN)
-    report.table(
-        ("held out", "N", "recordings", "time", "raw", "refused", *sizes), rows, f"level {how.level:g}"
-    )
+    report.table(("held out", "N", "recordings", "time", "raw", "refused", *sizes), rows, f"level {how.level:g}")

@@ -33,17 +33,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("places", nargs="+", metavar="FOLDER", help="or URDF")
     parser.add_argument("--package-dir", action="append", default=[], metavar="DIR")
     parser.add_argument("--jobs", type=int, default=1, help="robots at a time (default: %(default)s)")
-    parser.add_argument(
-        "--patience", type=float, default=180.0, help="with a command [s] (default: %(default)s)"
-    )
+    parser.add_argument("--patience", type=float, default=180.0, help="with a command [s] (default: %(default)s)")
 
 
 def main(options: argparse.Namespace, report: Report) -> None:
     """Try each robot, and report the table."""
     places = [Path(place).resolve() for place in options.places]
-    files = sorted(
-        {file for place in places for file in (place.rglob("*.urdf") if place.is_dir() else [place])}
-    )
+    files = sorted({file for place in places for file in (place.rglob("*.urdf") if place.is_dir() else [place])})
     rows = []
     with ThreadPoolExecutor(options.jobs) as pool:
         for record in pool.map(lambda file: tried(file, options), files):
@@ -104,13 +100,7 @@ def _run(words: list[str], folder: Path, patience: float) -> tuple[int, str]:
     command = [sys.executable, "-m", "safe_ompl", *words]
     try:
         done = subprocess.run(
-            command,
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=patience,
-            stdin=subprocess.DEVNULL,
-            check=False,
+            command, cwd=folder, capture_output=True, text=True, timeout=patience, stdin=subprocess.DEVNULL, check=False
         )
     except subprocess.TimeoutExpired:
         return 124, f"not done within {patience:g} s"
@@ -121,19 +111,13 @@ def _expanded(file: Path, target: Path) -> str | None:
     """Expand a xacro file; return why that is not possible, if so."""
     if shutil.which("xacro") is None:
         return "a xacro file, and xacro is not installed"
-    done = subprocess.run(
-        ["xacro", str(file), "-o", str(target)], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(["xacro", str(file), "-o", str(target)], capture_output=True, text=True, check=False)
     return None if done.returncode == 0 else f"xacro: {(done.stderr.strip() or 'failed').splitlines()[-1]}"
 
 
 def _srdf(file: Path) -> Path | None:
     """Return the SRDF that comes with a URDF, if it is plain which."""
-    same = [
-        place
-        for place in (file.parent, file.parent.parent / "srdf")
-        if (place / f"{file.stem}.srdf").is_file()
-    ]
+    same = [place for place in (file.parent, file.parent.parent / "srdf") if (place / f"{file.stem}.srdf").is_file()]
     if same:
         return same[0] / f"{file.stem}.srdf"
     only = sorted((file.parent.parent / "srdf").glob("*.srdf"))

@@ -98,9 +98,7 @@ def timed(setup: SafeSetup, scenario: Scenario) -> str:
     """Return the hash of the trajectory of a solution, beside the people of the scenario where there are any."""
     limits = RateLimits.of(setup.robot, np.ones(setup.robot.n), np.full(setup.robot.n, 3.0))
     try:
-        made = time_path(
-            setup.solution(), setup.robot, limits, motion=setup.motion_prover, people=scenario.people
-        )
+        made = time_path(setup.solution(), setup.robot, limits, motion=setup.motion_prover, people=scenario.people)
     except StandstillError:
         return "stands still"
     state = made.at(np.linspace(0.0, made.duration, INSTANTS))

@@ -32,12 +32,7 @@ SIZES = {
     "points": (1, 10, 100, 1000, 10_000, 100_000),
     "joints": (2, 4, 7, 10, 14),
 }
-QUICK = {
-    "nodes": (100, 1000, 10_000),
-    "obstacles": (1, 10, 50),
-    "points": (10, 1000, 100_000),
-    "joints": (2, 7, 14),
-}
+QUICK = {"nodes": (100, 1000, 10_000), "obstacles": (1, 10, 50), "points": (10, 1000, 100_000), "joints": (2, 7, 14)}
 Row = dict[str, float]
 
 LINK = """<link name="link{k}"><collision><origin xyz="0 0 {middle}"/><geometry><box size="0.04 0.04 {length}"/>
@@ -50,10 +45,7 @@ def snake(joints: int) -> Robot:
     """Return an arm 1 m long of so many joints that turn about x and y by turns."""
     length = 1.0 / (joints + 1)
     parts = [LINK.format(k=k, length=0.8 * length, middle=0.5 * length) for k in range(joints + 1)]
-    parts += [
-        JOINT.format(k=k, next=k + 1, length=length, axis="0 1 0" if k % 2 else "1 0 0")
-        for k in range(joints)
-    ]
+    parts += [JOINT.format(k=k, next=k + 1, length=length, axis="0 1 0" if k % 2 else "1 0 0") for k in range(joints)]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "snake.urdf"
         file.write_text(f'<robot name="snake">{"".join(parts)}</robot>', encoding="utf-8")
@@ -158,12 +150,7 @@ def joints(size: int) -> Row:
     }
 
 
-STUDIES: dict[str, Callable[[int], Row]] = {
-    "nodes": nodes,
-    "obstacles": obstacles,
-    "points": points,
-    "joints": joints,
-}
+STUDIES: dict[str, Callable[[int], Row]] = {"nodes": nodes, "obstacles": obstacles, "points": points, "joints": joints}
 
 
 def exponent(sizes: list[int], times: list[float]) -> float:

@@ -19,17 +19,7 @@ import numpy as np
 
 from bench._harness import Report
 from bench._scenes import free_configuration, scattered
-from safe_ompl import (
-    CollisionChecker,
-    DangerField,
-    MotionProver,
-    Obstacle,
-    Person,
-    Pose,
-    Robot,
-    SafeSetup,
-    Scene,
-)
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Person, Pose, Robot, SafeSetup, Scene
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import STANDING
 
@@ -147,8 +137,7 @@ def costs(cell: Cell, rounds: int) -> list[tuple[object, ...]]:
     taken[:, 0] /= 100  # queries
     medians, ratios = np.median(taken, axis=0), np.median(taken / taken[:, :1], axis=0)
     return [
-        (part.name, 1e3 * float(time), float(ratio))
-        for part, time, ratio in zip(parts, medians, ratios, strict=True)
+        (part.name, 1e3 * float(time), float(ratio)) for part, time, ratio in zip(parts, medians, ratios, strict=True)
     ]
 
 

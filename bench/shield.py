@@ -34,17 +34,7 @@ from bench._harness import Report
 from bench._scenes import ACCELERATIONS
 from bench._touches import Bearable
 from bench.live import HANDS, places, situations, to_and_fro
-from safe_ompl import (
-    CollisionChecker,
-    MotionProver,
-    People,
-    RateLimits,
-    Robot,
-    Scenario,
-    Shield,
-    Tracker,
-    Trajectory,
-)
+from safe_ompl import CollisionChecker, MotionProver, People, RateLimits, Robot, Scenario, Shield, Tracker, Trajectory
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import placed
 from safe_ompl.people import Recording, Surroundings, TrackedBody
@@ -102,16 +92,10 @@ class Filter(Protocol):
 class Shielded:
     """The shield."""
 
-    def __init__(
-        self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray, people: People
-    ) -> None:
+    def __init__(self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray, people: People) -> None:
         limits = PathLimits(RateLimits.of(robot, acceleration=ACCELERATIONS["panda"]))
         self.shield = Shield(
-            robot,
-            scenario.scene,
-            {"operator": tracker},
-            people=people,
-            options=ReplanningOptions(limits=limits),
+            robot, scenario.scene, {"operator": tracker}, people=people, options=ReplanningOptions(limits=limits)
         )
         self.shield.start(start)
         self.failures = 0
@@ -139,9 +123,7 @@ class Tracked:
 
         def motion(t: float) -> FloatArray:
             ramp = np.minimum(t - time, until)
-            return np.asarray(
-                q + (t - time) * first + np.sign(change) * self._most * ramp * (t - time - ramp / 2)
-            )
+            return np.asarray(q + (t - time) * first + np.sign(change) * self._most * ramp * (t - time - ramp / 2))
 
         return motion, time - LATENCY
 
@@ -185,9 +167,7 @@ class Barrier(Tracked):
             for link in links:
                 self._bodies.addCollisionPair(pin.CollisionPair(link, limb))
         count = len(self._bodies.collisionPairs)
-        self._barriers = [
-            SelfCollisionBarrier(count, gain=1 / TICK, safe_displacement_gain=0.0, d_min=distance)
-        ]
+        self._barriers = [SelfCollisionBarrier(count, gain=1 / TICK, safe_displacement_gain=0.0, d_min=distance)]
         self._task = pink.tasks.PostureTask(cost=1.0)
 
     def velocity(self, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> FloatArray:
@@ -225,9 +205,7 @@ def _limbs(tracker: Tracker, seen: FloatArray) -> tuple[tuple[str, ...], FloatAr
     return tracker.body.limbs, ends, tracker.body.radii(ends)
 
 
-def filters(
-    robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray
-) -> Mapping[str, Callable[[], Any]]:
+def filters(robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray) -> Mapping[str, Callable[[], Any]]:
     """Return what makes each filter."""
     found: dict[str, Callable[[], Any]] = {
         "shield": lambda: Shielded(robot, scenario, tracker, start, PEOPLE),
@@ -246,9 +224,7 @@ def recorded(file: Path, clip: str, place: int) -> Playback:
     """Return a recorded person at a place beside the robot."""
     recording = Recording.load(file, clip)
     seed = sum(map(ord, file.stem + clip))
-    return Playback(
-        recording, Tracker(recording.skeleton, TrackedBody(), places(recording, PLACES, seed)[place])
-    )
+    return Playback(recording, Tracker(recording.skeleton, TrackedBody(), places(recording, PLACES, seed)[place]))
 
 
 def walker(seed: int) -> Walker:
@@ -343,9 +319,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--random", action="store_true", help="people who walk about at random")
-    parser.add_argument(
-        "--sample", type=int, default=20, metavar="N", help="of all clips and places, or people"
-    )
+    parser.add_argument("--sample", type=int, default=20, metavar="N", help="of all clips and places, or people")
     parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="of each")
     parser.add_argument("--filters", default="", help="by name, with commas between; default: all")
 

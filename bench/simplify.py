@@ -32,9 +32,7 @@ from bench._planning import cpu_limit, mbm_problems
 from safe_ompl import PathReport, SafeSetup
 from safe_ompl.common import FloatArray
 
-CLAIM = (
-    "simplified paths are shorter, safer and clearer than the planner's and than OMPL's, and always proven"
-)
+CLAIM = "simplified paths are shorter, safer and clearer than the planner's and than OMPL's, and always proven"
 OURS, THEIRS = "SafeRRTConnect", ("RRTConnect", "PaperRRTConnect")
 INSTANTS = (0.005, 0.01, 0.02, 0.05, 0.1)  # [s]
 STEEP, NEARLY = 5.0, 0.9  # times their least clearance; share of what the ends have
@@ -117,12 +115,8 @@ def _planned(setup: SafeSetup, planner: str, time: float, seed: int) -> FloatArr
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("file")
-    parser.add_argument(
-        "--problems", type=positions, default="0:", metavar="A:B", help="slice of each family"
-    )
-    parser.add_argument(
-        "--time", type=float, default=5.0, metavar="S", help="CPU time of a plan (default: 5)"
-    )
+    parser.add_argument("--problems", type=positions, default="0:", metavar="A:B", help="slice of each family")
+    parser.add_argument("--time", type=float, default=5.0, metavar="S", help="CPU time of a plan (default: 5)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--simplify", type=float, metavar="S", help="for ours (default: until it ends)")
     parser.add_argument("--planned", action="store_true", help="compare paths as they are planned")
@@ -172,9 +166,7 @@ def main(options: argparse.Namespace, report: Report) -> int:
     least = np.array([[found.report.clearance.min for found in both[1:]] for both in pairs])
     reached = least[:, 0] >= np.minimum(STEEP * least[:, 1], NEARLY * np.array(caps))
     report.figure("least clearance of the ends, median [mm]", 1e3 * float(np.median(caps)))
-    report.figure(
-        "least clearance 5 times theirs, or 0.9 of what the ends have", f"{reached.sum()}/{len(reached)}"
-    )
+    report.figure("least clearance 5 times theirs, or 0.9 of what the ends have", f"{reached.sum()}/{len(reached)}")
     peaks = np.array([[found.report.danger.max for found in both[1:]] for both in pairs])
     report.figure("peak danger lower / equal / higher", _comparison(peaks))
     if not options.planned:
@@ -236,11 +228,7 @@ def show(report: Report, name: str, pairs: list[tuple[Outcome, Outcome]]) -> Non
         ratio = float(own / other) if other else "–"
         rows.append((label, float(own), float(other), ratio, of_each, *map(float, both.mean(axis=0))))
     for share in (90, 99):
-        own, other = np.percentile(
-            [[1e3 * found.planning for found in pair] for pair in pairs], share, axis=0
-        )
-        rows.append(
-            (f"planning, {share} % [ms CPU]", float(own), float(other), float(own / other), *["–"] * 3)
-        )
+        own, other = np.percentile([[1e3 * found.planning for found in pair] for pair in pairs], share, axis=0)
+        rows.append((f"planning, {share} % [ms CPU]", float(own), float(other), float(own / other), *["–"] * 3))
     header = ("ours", "theirs", "ratio", "of each", "mean, ours", "theirs")
     report.table((f"{len(pairs)} problems", *header), rows, name)

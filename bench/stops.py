@@ -141,12 +141,7 @@ class Adversary:
     """
 
     def __init__(
-        self,
-        limbs: Limbs,
-        speeds: FloatArray,
-        reaction: float,
-        clearance: float,
-        contact: Contact | None = None,
+        self, limbs: Limbs, speeds: FloatArray, reaction: float, clearance: float, contact: Contact | None = None
     ) -> None:
         self._limbs, self._speeds = limbs, speeds
         self._reaction, self._clearance = reaction, clearance

@@ -42,10 +42,7 @@ def excess(trajectory: Trajectory, step: float = 1e-4) -> tuple[float, float]:
         np.concatenate([np.arange(0, trajectory.duration, step), edges * (1 - 1e-13), edges * (1 + 1e-13)])
     )
     limits = trajectory.limits
-    return (
-        float((np.abs(state.qd) / limits.velocity).max()),
-        float((np.abs(state.qdd) / limits.acceleration).max()),
-    )
+    return (float((np.abs(state.qd) / limits.velocity).max()), float((np.abs(state.qdd) / limits.acceleration).max()))
 
 
 def toppra_duration(trajectory: Trajectory) -> tuple[float, float, float] | None:

@@ -120,9 +120,7 @@ def problems(scenes: int) -> Iterator[Problem]:
         scenario = replace(Scenario.load(find_scenario(name)), people=PEOPLE, motion=limits)
         safe = setup_scenario(scenario)
         ends = scenario.start_configuration(safe.robot), scenario.goal_configurations(safe.robot)
-        yield Problem(
-            name, safe, setup(safe.robot, scenario.scene, *ends, danger=None), _ways(safe.robot, *ends)
-        )
+        yield Problem(name, safe, setup(safe.robot, scenario.scene, *ends, danger=None), _ways(safe.robot, *ends))
     for seed in range(scenes):
         robot, scene, start, goal = random_scene(seed)
         both = (setup(robot, scene, start, goal[None], danger=danger) for danger in ({}, None))

@@ -19,9 +19,7 @@ for robot in (empty, holding):
     assert result, result.status
     nearest = result.report.clearance
     held = ", ".join(item.name for item in robot.attached) or "nothing"
-    print(
-        f"holding {held}: {result.report.length:.2f} rad, {1e3 * nearest.min:.0f} mm, nearest: {nearest.link}"
-    )
+    print(f"holding {held}: {result.report.length:.2f} rad, {1e3 * nearest.min:.0f} mm, nearest: {nearest.link}")
 
 # Put down, it is an obstacle, where the gripper left it.
 place = Pose.of(empty.tip_pose(result.path[-1]) * pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.16])))

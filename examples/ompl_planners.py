@@ -30,8 +30,5 @@ for planner in (og.RRTConnect, og.LBKPIECE1, og.KPIECE1):
     assert ss.solve(10.0)
     path = [bridge.read(state) for state in ss.getSolutionPath().getStates()]
     report = so.PathReport.of(path, checker)
-    print(
-        f"{planner.__name__}: {report.length:.2f} rad, clearance {1e3 * report.clearance.min:.1f} mm, ",
-        end="",
-    )
+    print(f"{planner.__name__}: {report.length:.2f} rad, clearance {1e3 * report.clearance.min:.1f} mm, ", end="")
     print("proven free" if report.certified else f"not proven: {report.refused}")

@@ -17,9 +17,7 @@ assert result, result.status
 print(f"two arms, {cell.n} joints: {result.report.length:.2f} rad, certified: {result.report.certified}")
 
 driving = Robot.from_example("ur5", base=(0.0, 0.0, 0.5), mobile_base=((-2.0, 2.0), (-2.0, 2.0)))
-setup = SafeSetup(
-    driving, Scene((Obstacle("post", Box((0.1, 0.1, 2.0)), Pose((0.0, 0.0, 1.0)), weight=1.0),))
-)
+setup = SafeSetup(driving, Scene((Obstacle("post", Box((0.1, 0.1, 2.0)), Pose((0.0, 0.0, 1.0)), weight=1.0),)))
 arm = [0.0, -1.6, 1.6, -1.6, -1.57, 0.0]
 setup.setConfigurations([-1.5, 0.0, 0.0, *arm], [1.5, 0.0, 0.0, *arm])
 result = setup.plan("SafeRRTConnect", time=10.0)

@@ -42,15 +42,11 @@ def _import(package: str, sources: dict[str, str], name: str) -> object:
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
     source, inner = sources[name], f"{package}.{name}"
     try:
-        found: object = (
-            import_module(inner) if source in (package, inner) else getattr(import_module(source), name)
-        )
+        found: object = import_module(inner) if source in (package, inner) else getattr(import_module(source), name)
     except ModuleNotFoundError as error:
         if error.name != "ompl":
             raise
-        raise ModuleNotFoundError(
-            f"{name} plans with OMPL, which is missing: pip install ompl", name="ompl"
-        ) from None
+        raise ModuleNotFoundError(f"{name} plans with OMPL, which is missing: pip install ompl", name="ompl") from None
     setattr(modules[package], name, found)
     return found
 

@@ -230,9 +230,7 @@ class PlainCheck:
                 for k, body in enumerate(bodies):
                     if body.parentJoint != 0:
                         self.geometry.addCollisionPair(pin.CollisionPair(k, number))
-        self.pairs = [
-            (self.names[pair.first], self.names[pair.second]) for pair in self.geometry.collisionPairs
-        ]
+        self.pairs = [(self.names[pair.first], self.names[pair.second]) for pair in self.geometry.collisionPairs]
         self._model = robot.shared.model
         self._data = self._model.createData()
         self._results = pin.GeometryData(self.geometry)
@@ -279,10 +277,7 @@ class BodyPoints:
         """For each body its points (P, 3) [m] in the world at `q`."""
         pin.forwardKinematics(self._model, self._data, self.robot.pinocchio_configuration(q))
         poses = [self._data.oMi[joint] for joint in self.joints]
-        return [
-            points @ pose.rotation.T + pose.translation
-            for points, pose in zip(self._points, poses, strict=True)
-        ]
+        return [points @ pose.rotation.T + pose.translation for points, pose in zip(self._points, poses, strict=True)]
 
 
 def _with_balls(hull):

@@ -80,14 +80,7 @@ class PlaneProblem:
     """The way from starts to goals in the square of side 2, and one planner that `make_planner(si, …)` makes for it."""
 
     def __init__(
-        self,
-        make_planner,
-        forbidden=nowhere,
-        objective=None,
-        starts=(START,),
-        goals=(GOAL,),
-        seed=0,
-        **parameters,
+        self, make_planner, forbidden=nowhere, objective=None, starts=(START,), goals=(GOAL,), seed=0, **parameters
     ):
         space = ob.RealVectorStateSpace(2)
         space.setBounds(-1, 1)

@@ -17,9 +17,7 @@ PILLAR = {"name": "pillar", "box": {"size": [0.15, 0.15, 1.0]}, "position": [0.4
 
 
 def test_three_lines_differ():
-    plain, safe = (
-        (EXAMPLES / name).read_text(encoding="utf-8").splitlines() for name in ("plain.py", "safe.py")
-    )
+    plain, safe = ((EXAMPLES / name).read_text(encoding="utf-8").splitlines() for name in ("plain.py", "safe.py"))
     changes = [line for line in difflib.ndiff(plain, safe) if line[0] in "+-"]
     assert sorted(line[0] for line in changes) == 3 * ["+"] + 3 * ["-"]
 

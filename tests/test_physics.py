@@ -36,9 +36,7 @@ def test_links_inertias_and_distances_are_those_of_the_planner(robot):
         full = robot.pinocchio_configuration(q)
         pin.forwardKinematics(model, data, full)
         for k in range(1, model.njoints):
-            np.testing.assert_allclose(
-                body.data.body(model.names[k]).xpos, data.oMi[k].translation, atol=1e-9
-            )
+            np.testing.assert_allclose(body.data.body(model.names[k]).xpos, data.oMi[k].translation, atol=1e-9)
         inertia = np.zeros((robot.n, robot.n))
         mujoco.mj_fullM(body.model, body.data, inertia)
         np.testing.assert_allclose(np.triu(inertia), np.triu(pin.crba(model, data, full)), atol=1e-9)
@@ -90,11 +88,7 @@ def test_a_robot_that_meets_a_limb_goes_on_and_presses_no_harder_than_the_speeds
     ways = np.array([-tip[1], tip[0], 0.0]) / np.hypot(*tip[:2])
     part = BodyPart(tip + 0.1 * ways, ways, mass, stiffness)
     forces = []
-    for limb in (
-        0.0 * ways,
-        -0.2 * ways,
-        0.5 * ways,
-    ):  # at rest, towards the robot, and away faster than it follows
+    for limb in (0.0 * ways, -0.2 * ways, 0.5 * ways):  # at rest, towards the robot, and away faster than it follows
         met = body.meeting(part, limb)
         assert met.distance_to_part() == pytest.approx(0.0, abs=1e-4)
         np.testing.assert_array_equal(met.q, body.q)

@@ -72,9 +72,7 @@ def room_of(module):
 def imports(module):
     """Yield what a module imports from the package."""
     tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
-    blocks = [
-        node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
-    ]
+    blocks = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
     for_types = {inner for block in blocks for inner in ast.walk(block)}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("safe_ompl."):
@@ -103,8 +101,7 @@ def test_rooms_import_names_of_doors_only():
     past = [
         found
         for found in BETWEEN_ROOMS
-        if found.name not in (DOORS.get(found.source) or ())
-        and not (not found.name and DOORS.get(found.source))
+        if found.name not in (DOORS.get(found.source) or ()) and not (not found.name and DOORS.get(found.source))
     ]
     assert not past, "\n".join(map(str, past))
 

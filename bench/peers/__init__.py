@@ -126,9 +126,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--environments", type=Path, metavar="FOLDER", help="default: OUT/environments")
-    parser.add_argument(
-        "--problems", type=positions, default="0:10", metavar="A:B", help="slice of each family"
-    )
+    parser.add_argument("--problems", type=positions, default="0:10", metavar="A:B", help="slice of each family")
     parser.add_argument("--seeds", type=int, default=2, metavar="N")
     parser.add_argument("--time", type=float, default=5.0, metavar="S", help="for planning (default: 5)")
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="systems whose name holds this")

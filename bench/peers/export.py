@@ -63,12 +63,7 @@ def _problem(problem: MbmProblem, robot: Robot) -> Problem:
             item |= {"position": placement.translation.tolist(), "rotation": placement.rotation.tolist()}
             obstacles.append(item)
     start, goal = problem.start_configuration(robot), problem.goal_configurations(robot)[0]
-    question = {
-        "name": _name(problem),
-        "start": start.tolist(),
-        "goal": goal.tolist(),
-        "obstacles": obstacles,
-    }
+    question = {"name": _name(problem), "start": start.tolist(), "goal": goal.tolist(), "obstacles": obstacles}
     judge = Judge(robot, problem.scene)
     return Problem(robot, question, judge, any(judge.plain.touches(q) for q in (start, goal)))
 
@@ -107,11 +102,7 @@ def _write_robot(robot: Robot, locked: dict[str, float], folder: Path) -> dict[s
     tree.write(folder / "robot.urdf")
     _write_srdf(robot, links, folder)
     model = robot.model
-    moving = {
-        model.frames[body.parentFrame].name
-        for body in robot.collision_model.geometryObjects
-        if body.parentJoint
-    }
+    moving = {model.frames[body.parentFrame].name for body in robot.collision_model.geometryObjects if body.parentJoint}
     return {
         "name": robot.name,
         "urdf": str(folder / "robot.urdf"),
@@ -127,14 +118,10 @@ def _write_robot(robot: Robot, locked: dict[str, float], folder: Path) -> dict[s
 
 def _write_hulls(robot: Robot, links: dict[str | None, ET.Element], folder: Path) -> None:
     """Replace every mesh of the links by its convex hull, in a file of its own."""
-    hulls = [
-        body for body in robot.collision_model.geometryObjects if isinstance(body.geometry, coal.ConvexBase)
-    ]
+    hulls = [body for body in robot.collision_model.geometryObjects if isinstance(body.geometry, coal.ConvexBase)]
     for body in hulls:
         link = links[robot.model.frames[body.parentFrame].name]
-        mesh = next(
-            m for m in link.iter("mesh") if Path(m.get("filename", "")).name == Path(body.meshPath).name
-        )
+        mesh = next(m for m in link.iter("mesh") if Path(m.get("filename", "")).name == Path(body.meshPath).name)
         file = folder / f"{body.name}.stl"
         _write_stl(file, body.geometry)
         for element in link.findall("collision"):
@@ -151,9 +138,7 @@ def _write_stl(file: Path, hull: coal.ConvexBase) -> None:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     outwards = ((corners.mean(axis=1) - points.mean(axis=0)) * normals).sum(axis=1) > 0
     corners[~outwards] = corners[~outwards][:, ::-1]
-    record = np.zeros(
-        len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
-    )
+    record = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     record["corners"] = corners
     with file.open("wb") as stream:
         stream.write(bytes(80) + np.uint32(len(corners)).tobytes() + record.tobytes())

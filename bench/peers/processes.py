@@ -34,9 +34,7 @@ def python_of(system: System, folder: Path) -> Path:
         print(f"making the environment of {system.environment}", file=sys.stderr)
         environment.mkdir(parents=True, exist_ok=True)
         with log.open("w") as stream:
-            subprocess.run(
-                [sys.executable, "-m", "venv", environment], check=True, stdout=stream, stderr=stream
-            )
+            subprocess.run([sys.executable, "-m", "venv", environment], check=True, stdout=stream, stderr=stream)
             command = [environment / "bin/python", "-m", "pip", "install", *system.requirements]
             made = subprocess.run(command, check=False, stdout=stream, stderr=stream).returncode == 0
         (environment / "made").write_text("yes" if made else "no")

@@ -55,9 +55,7 @@ SYSTEMS = (
     System("PyRoboPlan, 0.05", "pyroboplan_", "pyroboplan", ("pyroboplan",), {"resolution": 0.05}),
     System("hpp-core, progressive", "hpp_", "hpp", _HPP, {"validation": "progressive"}, libraries=True),
     System("hpp-core, dichotomy", "hpp_", "hpp", _HPP, {"validation": "dichotomy"}, libraries=True),
-    System(
-        "TrajOpt after OMPL, 25 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.025}, after=_OMPL
-    ),
+    System("TrajOpt after OMPL, 25 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.025}, after=_OMPL),
     System("TrajOpt after OMPL, 50 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.05}, after=_OMPL),
     System("VAMP", "vamp_", "vamp", ("vamp-planner",)),
 )

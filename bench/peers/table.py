@@ -59,10 +59,7 @@ def comparison(runs: dict[str, list[Run]]) -> Table:
 
 
 def markdown(
-    runs: dict[str, list[Run]],
-    unavailable: dict[str, str],
-    blocked: Sequence[str] = (),
-    outside: Sequence[str] = (),
+    runs: dict[str, list[Run]], unavailable: dict[str, str], blocked: Sequence[str] = (), outside: Sequence[str] = ()
 ) -> str:
     """Return the table, and below it the problems left out, `blocked` or `outside` limits of joints, and errors."""
     lines = [markdown_table(*comparison(runs))]
@@ -73,9 +70,7 @@ def markdown(
         errors = [run for run in answers if run["error"] not in (None, NO_PATH)]
         if errors:
             first = errors[0]
-            lines.append(
-                f"\n{len(errors)} errors: **{system}** (first: {first['problem']}: {first['error']})."
-            )
+            lines.append(f"\n{len(errors)} errors: **{system}** (first: {first['problem']}: {first['error']}).")
     lines += [f"\nNot run: **{system}** ({reason})." for system, reason in unavailable.items()]
     return "\n".join(lines)
 
@@ -121,10 +116,7 @@ def figure(runs: dict[str, list[Run]], file: Path) -> None:
     solved = {name: [run for run in answers if run["solved"]] for name, answers in runs.items()}
     shown = {name: answers for name, answers in solved.items() if answers}
     fig, axes = plt.subplots(1, 2, figsize=(14, 4.8), layout="constrained", sharex=True)
-    labels = {
-        "mean clearance [mm]": "mean clearance [mm]: more is safer",
-        "mean danger": "mean danger: less is safer",
-    }
+    labels = {"mean clearance [mm]": "mean clearance [mm]: more is safer", "mean danger": "mean danger: less is safer"}
     handles = []
     for axis, (key, label) in zip(axes, labels.items(), strict=True):
         handles = []
@@ -132,9 +124,7 @@ def figure(runs: dict[str, list[Run]], file: Path) -> None:
             x, y = (float(np.median([COLUMNS[k](run) for run in answers])) for k in ("total [ms]", key))
             color = OURS if name.startswith("safe_ompl") else OTHERS
             inside = "white" if any(run["touching"] for run in answers) else color
-            (mark,) = axis.plot(
-                x, y, "o", ms=15, mec=color, mfc=inside, mew=1.6, ls="none", label=f"{number}  {name}"
-            )
+            (mark,) = axis.plot(x, y, "o", ms=15, mec=color, mfc=inside, mew=1.6, ls="none", label=f"{number}  {name}")
             ink = color if inside == "white" else "white"
             axis.annotate(str(number), (x, y), ha="center", va="center", fontsize=9, color=ink)
             handles.append(mark)
@@ -142,8 +132,6 @@ def figure(runs: dict[str, list[Run]], file: Path) -> None:
         axis.grid(alpha=0.25, which="both")
         axis.margins(0.1)
     title = "Open marks: paths that\ntouched something"
-    fig.legend(
-        handles=handles, loc="outside right upper", fontsize=9, title=title, markerscale=0.6, frameon=False
-    )
+    fig.legend(handles=handles, loc="outside right upper", fontsize=9, title=title, markerscale=0.6, frameon=False)
     fig.savefig(file, dpi=130)
     plt.close(fig)

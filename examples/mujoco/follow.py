@@ -31,8 +31,6 @@ for q, qd in zip(states.q[:-1], states.qd[:-1], strict=True):
 names = robot.joint_names
 commanded = Motion.hermite(times, states.q, names=names)
 tube = measured_tube(commanded, Motion.hermite(times, np.array(measured), names=names))
-print(
-    f"errors up to {1e3 * tube.errors.max():.1f} mrad, a tube of {1e3 * tube.widths.max():.1f} mrad is needed"
-)
+print(f"errors up to {1e3 * tube.errors.max():.1f} mrad, a tube of {1e3 * tube.widths.max():.1f} mrad is needed")
 print(check(commanded, robot, scene, tube=tube.widths))
 print(f"in physics the robot was {1e3 * nearest:.0f} mm from the nearest obstacle")

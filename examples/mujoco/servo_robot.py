@@ -162,9 +162,7 @@ class ServoRobot:
             for thing in np.flatnonzero((groups == _THINGS) & (bodies == 0)):
                 apart = np.linalg.norm(self.data.geom_xpos[link] - self.data.geom_xpos[thing])
                 if apart - sizes[link] - sizes[thing] < farthest:
-                    farthest = min(
-                        farthest, mujoco.mj_geomDistance(self.model, self.data, link, thing, farthest, None)
-                    )
+                    farthest = min(farthest, mujoco.mj_geomDistance(self.model, self.data, link, thing, farthest, None))
         return float(farthest)
 
     def distance_to_part(self) -> float:
@@ -219,9 +217,7 @@ class ServoRobot:
 
     def _add_part(self, part: BodyPart, pad: float = 0.05, radius: float = 0.04) -> None:
         slide = {"type": mujoco.mjtJoint.mjJNT_SLIDE}
-        body = self._spec.worldbody.add_body(
-            name="body", pos=part.place + radius * part.direction, gravcomp=1.0
-        )
+        body = self._spec.worldbody.add_body(name="body", pos=part.place + radius * part.direction, gravcomp=1.0)
         _weigh(body, part.mass, np.zeros(3), 1e-3 * np.eye(3))
         surface = body.add_body(name="pad", gravcomp=1.0)
         _weigh(surface, pad, np.zeros(3), 1e-4 * np.eye(3))

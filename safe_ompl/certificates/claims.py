@@ -121,8 +121,7 @@ class Tool:
         said = []
         if self.orientation is not None:
             axis, direction = (
-                ", ".join(f"{x:.9g}" for x in vector)
-                for vector in (self.orientation.axis, self.orientation.direction)
+                ", ".join(f"{x:.9g}" for x in vector) for vector in (self.orientation.axis, self.orientation.direction)
             )
             angle = at_most(degrees(self.orientation.angle))
             said.append(f"the tool's axis ({axis}) within {angle}° of the direction ({direction})")
@@ -134,11 +133,7 @@ class Tool:
 def _range(axis: str, low: float, high: float) -> str:
     if max(-low, high) < _UNBOUNDED:
         return f"{axis} from {at_least(low)} to {at_most(high)} m"
-    return (
-        f"{axis} of at least {at_least(low)} m"
-        if high >= _UNBOUNDED
-        else f"{axis} of at most {at_most(high)} m"
-    )
+    return f"{axis} of at least {at_least(low)} m" if high >= _UNBOUNDED else f"{axis} of at most {at_most(high)} m"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,9 +151,7 @@ class Danger:
         """Raise InputError if the scene would have more danger points than can be looked at."""
         points = _surface(scene) / self.spacing / self.spacing
         if not points < _MOST_POINTS:
-            raise InputError(
-                f"{self.spacing!r} m asks for about {points:.0e} danger points", "danger.spacing"
-            )
+            raise InputError(f"{self.spacing!r} m asks for about {points:.0e} danger points", "danger.spacing")
 
     def sentence(self, *, moving: bool) -> str:
         where = " where the scene has them" if moving else ""
@@ -326,9 +319,7 @@ class PolynomialMotion:
     """Polynomials one after another, q(t) = Σ_k c_k u^k with u from 0 to 1 on each, and what may lie about them."""
 
     times: FloatArray = schema.key(schema.array(None))
-    coefficients: tuple[FloatArray, ...] = schema.key(
-        schema.some(schema.array(None, None), least=1, of="piece")
-    )
+    coefficients: tuple[FloatArray, ...] = schema.key(schema.some(schema.array(None, None), least=1, of="piece"))
     timed: bool = schema.key(schema.one_of(True, False))
     slack: FloatArray | None = schema.key(schema.array(None, None), optional=True)
     rounding: FloatArray | None = schema.key(schema.array(None, None), optional=True)

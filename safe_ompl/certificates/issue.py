@@ -28,14 +28,7 @@ from safe_ompl.collision import (
     ToolOrientation,
     Verdict,
 )
-from safe_ompl.common import (
-    BoolArray,
-    CertificateError,
-    FloatArray,
-    InputError,
-    PlanningError,
-    finite_array,
-)
+from safe_ompl.common import BoolArray, CertificateError, FloatArray, InputError, PlanningError, finite_array
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
 from safe_ompl.io import carried_robot, carried_scene, schema
 from safe_ompl.motions import Motion, MotionCheck
@@ -267,9 +260,7 @@ def _keeps(limit: MotionLimit, path: FloatArray, proof: MotionProver | None) -> 
     return (prover.check(start, end).verdict is Verdict.FREE for start, end in schema.edges_of(path))
 
 
-def _tool_claim(
-    given: Mapping[str, Any], robot: Robot, path: FloatArray, proof: MotionProver | None
-) -> dict[str, Any]:
+def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray, proof: MotionProver | None) -> dict[str, Any]:
     """Return a claim about the tool in plain numbers, if every edge keeps to it."""
     plain: dict[str, Any] = schema.as_plain(given)
     claim, limits = schema.record(Tool)("tool", plain), list[ToolLimit]()
@@ -287,11 +278,7 @@ def _tool_claim(
 
 
 def _danger_claim(
-    field: DangerField,
-    spacing: float,
-    path: FloatArray,
-    limit: float | None,
-    proof: MotionProver | None,
+    field: DangerField, spacing: float, path: FloatArray, limit: float | None, proof: MotionProver | None
 ) -> dict[str, Any] | None:
     bounds = CertifiedDanger(field).of_path(path)
     bound = max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower)
@@ -309,9 +296,7 @@ def _danger_claim(
 def _check_points(field: DangerField, spacing: float, scene: Scene) -> None:
     """Raise InputError if the field's danger points are not those of the scene: no verification would look at them."""
     if field.points is None or not np.array_equal(field.points, scene.danger_points(spacing)[0]):
-        raise InputError(
-            f"the danger points of the field are not those of the scene, {spacing:g} m apart", "spacing"
-        )
+        raise InputError(f"the danger points of the field are not those of the scene, {spacing:g} m apart", "spacing")
 
 
 def _kind(field: DangerField, spacing: float, *more: str) -> dict[str, Any]:
@@ -353,12 +338,8 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
 def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
     """Return what stops beside people are about; of the speeds of limbs those of limbs that are there."""
     if people.reach is not None:
-        raise InputError(
-            "a certificate states speeds of people, no calibrated reach: leave it out", "people.reach"
-        )
-    parts = {
-        part: part[len(name) + 1 :] for name in people.names(scene) for part, _, _ in scene[name].geometries()
-    }
+        raise InputError("a certificate states speeds of people, no calibrated reach: leave it out", "people.reach")
+    parts = {part: part[len(name) + 1 :] for name in people.names(scene) for part, _, _ in scene[name].geometries()}
     found: dict[str, Any] = {
         "who": list(people.names(scene)),
         "speed": people.speed,
@@ -443,9 +424,7 @@ def motion_certificate(
     try:
         verify(signed, robot, scene)
     except CertificateError as error:
-        raise PlanningError(
-            f"the motion is proven, but cannot be certified by plain means: {error}"
-        ) from None
+        raise PlanningError(f"the motion is proven, but cannot be certified by plain means: {error}") from None
     return signed
 
 
@@ -468,9 +447,7 @@ def _limits(proof: MotionProver, spacing: float) -> dict[str, Any]:
             tool["position"] = limit.as_dict()
         else:
             name = getattr(limit, "name", type(limit).__name__)
-            raise InputError(
-                f"no certificate has a claim of {name!r}, or of a second one of its kind", "limits"
-            )
+            raise InputError(f"no certificate has a claim of {name!r}, or of a second one of its kind", "limits")
     return {**found, **({"tool": tool} if tool else {})}
 
 

@@ -63,12 +63,7 @@ class Queries:
     """
 
     def __init__(
-        self,
-        model: pin.Model,
-        geometry: pin.GeometryModel,
-        pairs: IntArray,
-        boxes: FloatArray,
-        changes: Changes,
+        self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray, boxes: FloatArray, changes: Changes
     ) -> None:
         self.model = model
         self.geometry = geometry
@@ -102,9 +97,7 @@ class Queries:
 class _Memory:
     """Working memory of queries: where bodies are, the margins that coal has, and what is near."""
 
-    def __init__(
-        self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray, boxes: FloatArray
-    ) -> None:
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray, boxes: FloatArray) -> None:
         # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
         self.unchanging: FloatArray | None = None
         self._written: bytes | None = None

@@ -175,9 +175,7 @@ class Bubble:
     distances: FloatArray
 
     @classmethod
-    def around(
-        cls, q: FloatArray, checker: CollisionChecker, shape: str, least: float = 0.0
-    ) -> Bubble | None:
+    def around(cls, q: FloatArray, checker: CollisionChecker, shape: str, least: float = 0.0) -> Bubble | None:
         """Return the bubble around `q: (n,)`, or None where the clearance is not more than `least` [m].
 
         The checker gives distances of all checked pairs, the robot's own included, and their radii at `q`; the shape is

@@ -131,9 +131,7 @@ class SceneGeometry:
     def _moves(self, scene: Scene) -> list[tuple[int, Obstacle, list[Part]]]:
         """Return which obstacles are elsewhere, and their parts where these were measured anew, else none."""
         if scene.names != self._scene.names:
-            raise InputError(
-                f"must have the same obstacles, {list(self._scene.names)}, got {list(scene.names)}"
-            )
+            raise InputError(f"must have the same obstacles, {list(self._scene.names)}, got {list(scene.names)}")
         moves: list[tuple[int, Obstacle, list[Part]]] = []
         for k, (before, after) in enumerate(zip(self._scene, scene, strict=True)):
             if after is before or after == before:

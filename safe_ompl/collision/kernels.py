@@ -46,9 +46,7 @@ _ROUNDING = 1e-12  # of the length of an interval, and of rates
 
 
 @compiled
-def near_boxes(
-    places: FloatArray, boxes: FloatArray, pairs: IntArray, margins: FloatArray, near: IntArray
-) -> int:
+def near_boxes(places: FloatArray, boxes: FloatArray, pairs: IntArray, margins: FloatArray, near: IntArray) -> int:
     """Write which of the pairs (P, 2) may be no farther apart than their margins (P,) [m]; return how many they are.
 
     Two boxes are apart if their shadows on some axis are. Looked at are the axes of the world, and of both boxes.
@@ -78,9 +76,7 @@ def near_boxes(
             nx, ny, nz = places[own, 3 * axis], places[own, 3 * axis + 1], places[own, 3 * axis + 2]
             shadows = boxes[own, 3 + axis] + margin
             for k in range(3):
-                along = (
-                    nx * places[other, 3 * k] + ny * places[other, 3 * k + 1] + nz * places[other, 3 * k + 2]
-                )
+                along = nx * places[other, 3 * k] + ny * places[other, 3 * k + 1] + nz * places[other, 3 * k + 2]
                 shadows += abs(along) * boxes[other, 3 + k]
             if abs(nx * gap[0] + ny * gap[1] + nz * gap[2]) > shadows:
                 apart = True
@@ -234,9 +230,7 @@ class _Axes(NamedTuple):
 
 
 @part
-def _rate_here(
-    p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any, speeds: FloatArray
-) -> float:
+def _rate_here(p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any, speeds: FloatArray) -> float:
     """Return W_p for motions that start here, with radii no larger than the constant ones."""
     rate, origins, axes = 0.0, place.origins, place.axes
     for i in range(len(speeds)):
@@ -256,14 +250,7 @@ def _rate_here(
 
 @part
 def _half_length(
-    joints: Any,
-    shapes: Shapes,
-    pairs: Pairs,
-    motion: _Motion,
-    place: _Place,
-    search: _Axes,
-    most: float,
-    first: int,
+    joints: Any, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _Place, search: _Axes, most: float, first: int
 ) -> tuple[float, int]:
     """Return the half-length ≤ `most` that is proven about a place, and the pair that bounds it.
 
@@ -300,9 +287,7 @@ def _half_length(
             continue
         if not known[p]:
             begin_axis(axes[p], u, v, w, x, y, z)
-        found, most_apart, _ = distance_bounds(
-            shapes, poses, A, B, axes[p], search.simplex, enough, required[p]
-        )
+        found, most_apart, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, required[p])
         known[p] = True
         lower = max(lower, found)
         if lower >= enough:
@@ -479,13 +464,7 @@ def prove_curve(
 
 @caller
 def prove_edges(
-    joints: Any,
-    shapes: Shapes,
-    pairs: Pairs,
-    edges: FloatArray,
-    required: FloatArray,
-    least: float,
-    proven: BoolArray,
+    joints: Any, shapes: Shapes, pairs: Pairs, edges: FloatArray, required: FloatArray, least: float, proven: BoolArray
 ) -> int:
     """Write which of E edges are proven (E,), as `prove_curve` without growth does; return how many places it took.
 

@@ -167,10 +167,7 @@ class MotionProver:
         return self.with_separation(replace(self._separation, margin=margin))
 
     def with_min_clearance(
-        self,
-        distance: float,
-        obstacles: Sequence[str] | None = None,
-        exempt: Sequence[tuple[str, str]] = (),
+        self, distance: float, obstacles: Sequence[str] | None = None, exempt: Sequence[tuple[str, str]] = ()
     ) -> MotionProver:
         """Return the same that proves another distance from chosen obstacles; arguments as `MinClearance.of`."""
         wanted = self._separation.with_min_clearance(self._checker, distance, obstacles, exempt)
@@ -206,19 +203,13 @@ class MotionProver:
 
     def with_limits(self, limits: Sequence[MotionLimit]) -> MotionProver:
         """Return the same that proves other limits besides."""
-        return MotionProver(
-            self._checker, self._floor, separation=self._separation, limits=limits, stop=self._stop
-        )
+        return MotionProver(self._checker, self._floor, separation=self._separation, limits=limits, stop=self._stop)
 
     def until(self, stop: Callable[[], bool]) -> MotionProver:
         """Return the same that gives up when `stop` says so."""
-        return MotionProver(
-            self._checker, self._floor, separation=self._separation, limits=self._limits, stop=stop
-        )
+        return MotionProver(self._checker, self._floor, separation=self._separation, limits=self._limits, stop=stop)
 
-    def is_free(
-        self, start: ArrayLike, end: ArrayLike, margin: float = 0.0, limits: JointLimits | None = None
-    ) -> bool:
+    def is_free(self, start: ArrayLike, end: ArrayLike, margin: float = 0.0, limits: JointLimits | None = None) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`.
 
         With a margin [m] bodies that may touch an obstacle at all must also keep so much from it. Unlike `with_margin`
@@ -264,11 +255,7 @@ class MotionProver:
         return self._check(*self._edge(start, end), self._required)
 
     def check_moving(
-        self,
-        start: ArrayLike,
-        end: ArrayLike,
-        speeds: Mapping[str, float],
-        span: tuple[float, float],
+        self, start: ArrayLike, end: ArrayLike, speeds: Mapping[str, float], span: tuple[float, float]
     ) -> MotionVerdict:
         """Check a motion among obstacles that move, however they do, no faster than their speeds.
 
@@ -293,10 +280,7 @@ class MotionProver:
         return self._check(*self._edge(start, end), required)
 
     def check_curve(
-        self,
-        coefficients: ArrayLike,
-        speeds: Mapping[str, float] | None = None,
-        span: tuple[float, float] = (0.0, 0.0),
+        self, coefficients: ArrayLike, speeds: Mapping[str, float] | None = None, span: tuple[float, float] = (0.0, 0.0)
     ) -> MotionVerdict:
         """Check the motion q(t) = Σ_k c_k t^k, t in [0, 1].
 
@@ -374,9 +358,7 @@ class MotionProver:
         verdicts = (self._curve_keeps(limit, curve) for limit in self._limits)
         return next((found for found in verdicts if found.verdict is not Verdict.FREE), collision)
 
-    def _free(
-        self, verdict: Verdict, at: float | None, curve: Curve, required: RequiredDistances
-    ) -> MotionVerdict:
+    def _free(self, verdict: Verdict, at: float | None, curve: Curve, required: RequiredDistances) -> MotionVerdict:
         """Return the verdict on collisions, with the pair that is too near."""
         if verdict is not Verdict.BLOCKED or at is None:
             return MotionVerdict(verdict, at)
@@ -440,9 +422,7 @@ class MotionProver:
     def _by_bounds(self, curve: Curve, required: RequiredDistances) -> BoundsProof:
         return required.pairs.bounds.prove(curve, *required.bounded, self._floor)
 
-    def _subdivide(
-        self, known: BoundsProof, curve: Curve, required: RequiredDistances
-    ) -> tuple[Verdict, float | None]:
+    def _subdivide(self, known: BoundsProof, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
         checker, pairs = self._checker, required.pairs
         if known.proven:
             return Verdict.FREE, None
@@ -484,9 +464,7 @@ class MotionProver:
                 third = half / 3
                 intervals += _unknown([(t + side, third) for side in (-2 * third, 0.0, 2 * third)], known)
 
-    def _first_intervals(
-        self, curve: Curve, required: RequiredDistances, known: BoundsProof
-    ) -> list[Interval]:
+    def _first_intervals(self, curve: Curve, required: RequiredDistances, known: BoundsProof) -> list[Interval]:
         """Return intervals that cover what is not known to be free, in which no pair approaches by more than 0.3 m.
 
         A bound of how fast a curve is may be much too large for all of it, and good in its parts, which are halved. The

@@ -65,9 +65,7 @@ class DistanceBounds:
     Pinocchio's model.
     """
 
-    def __init__(
-        self, robot: Robot, bodies: ConvexBodies, pairs: IntArray, radii: FloatArray, counts: Counts
-    ) -> None:
+    def __init__(self, robot: Robot, bodies: ConvexBodies, pairs: IntArray, radii: FloatArray, counts: Counts) -> None:
         moved = np.zeros((len(bodies.bodies), radii.shape[1]), dtype=bool)
         moved[: len(robot.bounds.joint_radii)] = robot.bounds.joint_radii > 0
         exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
@@ -104,9 +102,7 @@ class DistanceBounds:
             nearest_points(joints, shapes, known.bodies[pairs], values, rows, found)
         return found
 
-    def prove(
-        self, curve: Curve, required: FloatArray, growth: FloatArray | None, floor: float
-    ) -> BoundsProof:
+    def prove(self, curve: Curve, required: FloatArray, growth: FloatArray | None, floor: float) -> BoundsProof:
         """Try to prove a motion.
 
         Parameters
@@ -158,9 +154,7 @@ class DistanceBounds:
             return _FREE
         return BoundsProof(False, at, left[:number].tolist() if number > 0 else _UNKNOWN.left, number < 0)
 
-    def prove_edges(
-        self, starts: FloatArray, ways: FloatArray, required: FloatArray, floor: float
-    ) -> BoolArray:
+    def prove_edges(self, starts: FloatArray, ways: FloatArray, required: FloatArray, floor: float) -> BoolArray:
         """Return which edges (E,) are proven, as `prove` does one by one; ends are `starts` + `ways: (E, n)`."""
         proven = np.zeros(len(starts), dtype=bool)
         if self._bounded and len(starts):
@@ -342,9 +336,7 @@ class PairSet:
         Unlike a bound by `radii`, this one holds wherever obstacles are.
         """
         links, coupling = self._robot.bounds.joint_radii, self._robot.coupling
-        radii = coupling.radii(
-            _pair_radii(links, self.bodies, np.full_like(self._table.obstacle_radii, np.inf))
-        )
+        radii = coupling.radii(_pair_radii(links, self.bodies, np.full_like(self._table.obstacle_radii, np.inf)))
         nearer: FloatArray = radii @ steps
         return nearer
 

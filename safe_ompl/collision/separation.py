@@ -53,9 +53,7 @@ class MinClearance:
             if link not in links:
                 raise UnknownNameError("link", link, sorted(set(links)))
             if scene[obstacle].name not in chosen:
-                raise InputError(
-                    f"{link!r} is exempt from keeping a distance to {obstacle!r}, which is not asked for"
-                )
+                raise InputError(f"{link!r} is exempt from keeping a distance to {obstacle!r}, which is not asked for")
         if not distance:
             return None
         if not chosen:

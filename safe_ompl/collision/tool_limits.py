@@ -205,10 +205,7 @@ def _turning_rates(robot: Robot, axis: FloatArray) -> FloatArray:
     for i in chain.path_to_root(int(frame.parentJoint)):
         if not chain.prismatic[i]:
             between = _angle(tool, chain.axes[i])
-            low, high = (
-                max(0.0, low - between, between - high),
-                min(np.pi, between + high, 2 * np.pi - between - low),
-            )
+            low, high = (max(0.0, low - between, between - high), min(np.pi, between + high, 2 * np.pi - between - low))
             rates[i] = 1.0 if low <= np.pi / 2 <= high else max(np.sin(low), np.sin(high))
             tool = chain.axes[i]
         tool = chain.placements[i].rotation @ tool

@@ -101,9 +101,7 @@ class TreeDistances:
         """
         bodies, side = self._geometry.collisionPairs[pair], self._tree[pair]
         ends = (bodies.first, bodies.second)
-        tree, other = (
-            (self._geometry.geometryObjects[k].geometry, data.oMg[k]) for k in (ends[side], ends[1 - side])
-        )
+        tree, other = ((self._geometry.geometryObjects[k].geometry, data.oMg[k]) for k in (ends[side], ends[1 - side]))
         frame, bound = self._hint(other, tree[1], pair)
         seed = min(bound, below)
         result = _measured(tree, other, frame, seed)

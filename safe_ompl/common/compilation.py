@@ -242,9 +242,7 @@ def _load_whole(cache: Any) -> None:
             try:
                 return load(*arguments)
             except Exception as error:  # of any kind: what is damaged may say anything
-                _log.warning(
-                    "%s: a kernel that was kept is damaged (%s), and compiled anew", cache.cache_path, error
-                )
+                _log.warning("%s: a kernel that was kept is damaged (%s), and compiled anew", cache.cache_path, error)
                 cache.flush()
                 return None
 

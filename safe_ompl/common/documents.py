@@ -129,24 +129,14 @@ def file_name(path: Path, folder: Path | None) -> str:
 
 
 def number(
-    key: str,
-    value: Any,
-    *,
-    above: float | None = None,
-    at_least: float | None = None,
-    at_most: float | None = None,
+    key: str, value: Any, *, above: float | None = None, at_least: float | None = None, at_most: float | None = None
 ) -> float:
     """Return `value` as a finite float within bounds."""
     return inputs.number(f"{key}:", value, above=above, at_least=at_least, at_most=at_most)
 
 
 def numbers(
-    key: str,
-    value: Any,
-    count: int | None = None,
-    *,
-    above: float | None = None,
-    at_most: float | None = None,
+    key: str, value: Any, count: int | None = None, *, above: float | None = None, at_most: float | None = None
 ) -> tuple[float, ...]:
     """Return `value` as `count` finite floats, each larger than `above` and no larger than `at_most` if given."""
     items = sequence(key, value)

@@ -39,9 +39,7 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
         known = tuple(known)
         hint = did_you_mean(name, known)
-        super().__init__(
-            f"unknown {kind} {cut(repr(name))}; {hint}known: {', '.join(known) or '(none)'}", source
-        )
+        super().__init__(f"unknown {kind} {cut(repr(name))}; {hint}known: {', '.join(known) or '(none)'}", source)
         self._arguments = (kind, name, known, source)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -92,9 +92,7 @@ def parse_json(content: str, first: int = 1, *, finite: bool = False) -> Any:
     `first` is the number of its first line. Without `finite` who reads NaN refuses it, and names its key.
     """
     try:
-        return json.loads(
-            content, object_pairs_hook=_without_repeats, parse_constant=_not_finite if finite else None
-        )
+        return json.loads(content, object_pairs_hook=_without_repeats, parse_constant=_not_finite if finite else None)
     except InputError:
         raise
     except json.JSONDecodeError as error:
@@ -245,10 +243,7 @@ class _StrictLoader(_Loader):
         except _BROKEN:  # 2026-13-45 is no date, 0x_ no number; `!!bool maybe`
             kind = node.tag.rpartition(":")[2]
             raise yaml.constructor.ConstructorError(
-                None,
-                None,
-                f"no {kind}, to be quoted if it is text: {node.value!r}",
-                node.start_mark,
+                None, None, f"no {kind}, to be quoted if it is text: {node.value!r}", node.start_mark
             ) from None
         return value
 
@@ -271,9 +266,7 @@ class _StrictLoader(_Loader):
 class _FlowListDumper(yaml.SafeDumper):
     """YAML's safe dumper with lists of numbers on one line."""
 
-    def represent_sequence(
-        self, tag: str, sequence: Any, flow_style: bool | None = None
-    ) -> yaml.SequenceNode:
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
         plain = not any(isinstance(item, (dict, list, tuple)) for item in sequence)
         return super().represent_sequence(tag, sequence, flow_style=plain)
 
@@ -293,7 +286,5 @@ _FlowListDumper.add_representer(tuple, lambda dumper, data: dumper.represent_lis
 # YAML 1.1 takes 1e-3 for text. The dumper must know the rule too, or it writes the text "1e3" without quotes.
 for _side in (_StrictLoader, _FlowListDumper):
     _side.add_implicit_resolver(
-        "tag:yaml.org,2002:float",
-        re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-        list("-+.0123456789"),
+        "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
     )

@@ -15,9 +15,7 @@ def notebook_html(shown: object) -> str:
     """
     rows = "".join(f"<tr>{_cells(line)}</tr>" for line in str(shown).splitlines())
     table = f"<table>{rows}</table>"
-    png = modules["safe_ompl"].view.small_picture(
-        shown
-    )  # by the public door: no room here is below the pictures
+    png = modules["safe_ompl"].view.small_picture(shown)  # by the public door: no room here is below the pictures
     if not png:
         return table
     image = f'<img alt="" src="data:image/png;base64,{b64encode(png).decode()}"/>'

@@ -130,9 +130,7 @@ def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> F
         array = np.array(given, dtype=np.float64)
     except (OverflowError, TypeError, ValueError):
         raise InputError(f"{name} must be numbers, got {shown(value)}") from None
-    if array.ndim != len(shape) or any(
-        n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
-    ):
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"{name} must have shape {wanted}, got {array.shape}")
     return array

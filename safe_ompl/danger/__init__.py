@@ -12,13 +12,6 @@ if TYPE_CHECKING:
     from safe_ompl.danger.kinetostatic import KinetostaticField
     from safe_ompl.danger.motion_rates import JointMotions
 
-__all__ = [
-    "CertifiedDanger",
-    "DangerBounds",
-    "DangerField",
-    "DangerLimit",
-    "JointMotions",
-    "KinetostaticField",
-]
+__all__ = ["CertifiedDanger", "DangerBounds", "DangerField", "DangerLimit", "JointMotions", "KinetostaticField"]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -10,28 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import (
-    Counts,
-    FloatArray,
-    InputError,
-    IntArray,
-    UnknownNameError,
-    documents,
-    number,
-    positive,
-)
+from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, documents, number, positive
 from safe_ompl.danger.kernels import PointDanger
 from safe_ompl.danger.kernels.groups import Points
 from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
 from safe_ompl.danger.link_field import RobotField, Weighting, segment_distances, segment_fields
-from safe_ompl.danger.points import (
-    AGGREGATES,
-    Aggregate,
-    DangerousObstacles,
-    DangerPoints,
-    Evaluation,
-    PointSource,
-)
+from safe_ompl.danger.points import AGGREGATES, Aggregate, DangerousObstacles, DangerPoints, Evaluation, PointSource
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -133,9 +117,7 @@ class DangerField(RobotField):
         self._danger_points = DangerPoints(points, weights, self.k1)
 
     @classmethod
-    def of_scene(
-        cls, robot: Robot, scene: Scene, spacing: float | None = None, **options: Any
-    ) -> DangerField:
+    def of_scene(cls, robot: Robot, scene: Scene, spacing: float | None = None, **options: Any) -> DangerField:
         """Return the field at the danger points of a scene (`Scene.danger_points`); it can `move` with them.
 
         `spacing` is the distance between danger points [m], by default the scene's own; options are those of the class.
@@ -173,9 +155,7 @@ class DangerField(RobotField):
     @property
     def _of_known_scene(self) -> DangerousObstacles:
         if self._obstacles is None:
-            raise InputError(
-                "this field knows points, not a scene; DangerField.of_scene makes one that can move"
-            )
+            raise InputError("this field knows points, not a scene; DangerField.of_scene makes one that can move")
         return self._obstacles
 
     def _follow(self, moved: bool) -> None:

@@ -165,24 +165,18 @@ class KinetostaticField:
             chosen, rates = field.contributions(levels, points)
             dangers, rates = field.aggregated(fields), field.k1 * rates
         factors = self.lead, self.lead * self.gamma
-        pulls = gradients(
-            places, velocities, field.segments, chosen, rates, factors, weighting=field.weighting
-        )
+        pulls = gradients(places, velocities, field.segments, chosen, rates, factors, weighting=field.weighting)
         tree, coupling = field.robot.kinematics, field.robot.coupling
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
         by_q, by_qd = pull_back_motion(tree.joints, tree.keypoints, *joints, np.array(pulls))
         return dangers, coupling.columns(by_q), coupling.columns(by_qd)
 
-    def _highest(
-        self, Q: FloatArray, Qd: FloatArray, groups: Points
-    ) -> tuple[FloatArray, IntArray, FloatArray]:
+    def _highest(self, Q: FloatArray, Qd: FloatArray, groups: Points) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return the largest danger (B,) of all points, of which one, and key points (2, B, K, 3)."""
         field, coupling = self.field, self.field.robot.coupling
         field.count(Q, groups.charges.T)
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
-        return peak_kernel.highest(
-            field._evaluation.tables, *joints, groups, self.lead, self.lead * self.gamma
-        )
+        return peak_kernel.highest(field._evaluation.tables, *joints, groups, self.lead, self.lead * self.gamma)
 
     def _motions(self, Q: FloatArray, Qd: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return places and velocities (B, K, 3) of the key points."""
@@ -192,9 +186,7 @@ class KinetostaticField:
         """Return KDF(p_m), (B, M)."""
         field, isotropic = self.field, self.gamma > 0
         field.count(keypoints, points)
-        part = terms(
-            keypoints, velocities, field.segments, points, weighting=field.weighting, isotropic=isotropic
-        )
+        part = terms(keypoints, velocities, field.segments, points, weighting=field.weighting, isotropic=isotropic)
         with np.errstate(invalid="ignore"):  # on a segment: ∞, whatever the motion
             return field.k1 * part.static + self.k2 * (part.directional + self.gamma * part.isotropic)
 

@@ -87,12 +87,7 @@ def columns(points: FloatArray) -> FloatArray:
 
 
 def field(
-    keypoints: FloatArray,
-    segments: Segments,
-    points: FloatArray,
-    *,
-    weighting: Weighting = "unit",
-    k1: float = 1.0,
+    keypoints: FloatArray, segments: Segments, points: FloatArray, *, weighting: Weighting = "unit", k1: float = 1.0
 ) -> FloatArray:
     """Return the danger field of the robot at points, CDF(p) = Σ_l φ_l(p), eq. (5), (B, M).
 
@@ -109,15 +104,11 @@ def field(
     k1 : float
         Constant k₁ > 0 of the elementary field (6).
     """
-    total: FloatArray = kernel.link_fields(*_arrays(keypoints, segments, points), by_length(weighting), True)[
-        :, 0
-    ]
+    total: FloatArray = kernel.link_fields(*_arrays(keypoints, segments, points), by_length(weighting), True)[:, 0]
     return total if k1 == 1.0 else k1 * total
 
 
-def _arrays(
-    keypoints: FloatArray, segments: Segments, points: FloatArray
-) -> tuple[FloatArray, IntArray, FloatArray]:
+def _arrays(keypoints: FloatArray, segments: Segments, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     return plain(keypoints), segments.pairs, columns(points)
 
 
@@ -182,9 +173,7 @@ class RobotField:
     ) -> None:
         self._by_length = by_length(weighting)
         if not len(robot.segments):
-            raise InputError(
-                f"{robot.name!r} has no link of any length for a danger; give a tip beyond its joints"
-            )
+            raise InputError(f"{robot.name!r} has no link of any length for a danger; give a tip beyond its joints")
         self.robot = robot
         self.weighting = weighting
         self.k1 = positive(k1, "k1")

@@ -21,9 +21,7 @@ class JointMotions:
         """Return rotations (B, m, 3, 3), origins (B, m, 3) and world axes (B, m, 3) of the joints at `Q: (B, n)`."""
         return self.robot.kinematics.frames(self.robot.coupling.values(Q))
 
-    def twists(
-        self, origins: FloatArray, axes: FloatArray, rates: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def twists(self, origins: FloatArray, axes: FloatArray, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what each joint adds to what it carries, (B, m, 3) each: x moves with angular × x + linear.
 
         `origins` and `axes` are those of `frames`, `rates: (B, n)` of the planned joints. The linear part is that at

@@ -98,9 +98,7 @@ def _checked_points(points: ArrayLike) -> FloatArray:
 def _checked_weights(weights: ArrayLike, number: int | None) -> FloatArray:
     checked = finite_array(weights, (number,), "danger weights")
     if not (checked > 0).all():
-        raise InputError(
-            f"danger weights must be positive, got {checked[checked <= 0].tolist()}; leave out the others"
-        )
+        raise InputError(f"danger weights must be positive, got {checked[checked <= 0].tolist()}; leave out the others")
     checked.setflags(write=False)
     return checked
 
@@ -237,9 +235,7 @@ class Evaluation:
         `panels` and `tolerance` are those of `kernels.danger.mean_danger`.
         """
         values = plain(self._robot.coupling.values(ends))
-        found: tuple[float, int] = kernel.mean_danger(
-            self.tables, values, points, self.aggregate, panels, tolerance
-        )
+        found: tuple[float, int] = kernel.mean_danger(self.tables, values, points, self.aggregate, panels, tolerance)
         return found
 
     def values_and_gradients(self, Q: FloatArray, points: Points) -> tuple[FloatArray, FloatArray]:

@@ -55,9 +55,7 @@ class PeakSearch:
 
     best: Sample
 
-    def __init__(
-        self, field: DangerField, path: ArrayLike, floor: float, ceiling: Callable[[float], float]
-    ) -> None:
+    def __init__(self, field: DangerField, path: ArrayLike, floor: float, ceiling: Callable[[float], float]) -> None:
         robot = field.robot
         points = finite_array(path, (None, robot.n), "path")
         if not len(points):
@@ -79,8 +77,7 @@ class PeakSearch:
         for first in range(0, len(ends), _BATCH):
             edges = self._whole_edges(first, min(first + _BATCH, len(ends)))
             self.best = max(
-                ([self.best] if first else []) + [s for pair in edges for s in pair],
-                key=lambda sample: sample.danger,
+                ([self.best] if first else []) + [s for pair in edges for s in pair], key=lambda sample: sample.danger
             )
             self._push(edges)
 

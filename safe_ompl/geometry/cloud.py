@@ -212,9 +212,7 @@ def _finite(points: FloatArray, key: str) -> FloatArray:
     far = np.abs(kept).max(axis=1)
     if far.max() > LONGEST:
         worst = int(far.argmax())
-        raise InputError(
-            f"point {kept[worst].tolist()} is farther than {LONGEST:g} m away; are they in metres?", key
-        )
+        raise InputError(f"point {kept[worst].tolist()} is farther than {LONGEST:g} m away; are they in metres?", key)
     middle = float(np.median(far))
     if middle > _UNLIKELY:
         warn_once(
@@ -249,9 +247,7 @@ def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
     # A coal tree rounds its extent to single precision: what it covers is grown by as much.
     limit = (radius * (1 + _ROUNDING) + _SINGLE * edge * float(extent.max())) ** 2
     # Squared distance, along each axis, of a ball's centre from the cells that are k cells away from its own.
-    gaps = {
-        k: np.square(np.maximum(np.maximum(k * edge - beyond, beyond - (k + 1) * edge), 0.0)) for k in reach
-    }
+    gaps = {k: np.square(np.maximum(np.maximum(k * edge - beyond, beyond - (k + 1) * edge), 0.0)) for k in reach}
     flat = _Numbers(int(extent.prod()))
     for i, j in product(reach, repeat=2):
         across = gaps[i][0] + gaps[j][1]

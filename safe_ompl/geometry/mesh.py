@@ -175,9 +175,7 @@ def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> c
         mesh.buildConvexHull(True, "Qt")
     except RuntimeError as error:
         if "Too many neighbors" not in str(error):
-            raise InputError(
-                f"mesh of {name!r} has no convex hull ({' '.join(str(error).split())})"
-            ) from None
+            raise InputError(f"mesh of {name!r} has no convex hull ({' '.join(str(error).split())})") from None
         return _slightly_larger_hull(vertices, name)
     return mesh.convex
 
@@ -216,9 +214,7 @@ def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:
             growth = (factor - 1) * float(np.linalg.norm(points, axis=1).max())
             _log.info("hull of %s: %d corners, at most %.3g mm larger", name, grown.num_points, 1e3 * growth)
             return grown
-    raise InputError(
-        f"mesh of {name!r}: its convex hull has a corner with more than 254 neighbours; simplify it"
-    )
+    raise InputError(f"mesh of {name!r}: its convex hull has a corner with more than 254 neighbours; simplify it")
 
 
 def _choices(points: FloatArray) -> Iterator[FloatArray]:
@@ -280,9 +276,7 @@ def _needed_factor(hull: coal.Convex, points: FloatArray) -> float:
     normals, offsets = _faces(hull)
     if offsets.min() <= 0:
         return np.inf
-    reach = np.concatenate(
-        [(normals @ chunk.T).max(axis=1, keepdims=True) for chunk in _chunks(points)], axis=1
-    )
+    reach = np.concatenate([(normals @ chunk.T).max(axis=1, keepdims=True) for chunk in _chunks(points)], axis=1)
     return max(1.0, float((reach.max(axis=1) / offsets).max())) * (1 + _ROUNDING)
 
 

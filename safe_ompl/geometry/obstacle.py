@@ -74,9 +74,7 @@ class Obstacle:
             "name": document.text("name", name),
             "shape": shape,
             "pose": Pose() if pose is None else Pose.of(pose),
-            "weight": shape.default_weight
-            if weight is None
-            else document.number("weight", weight, at_least=0.0),
+            "weight": shape.default_weight if weight is None else document.number("weight", weight, at_least=0.0),
             "color": None if color is None else _rgb(color),
         }
         for key, value in values.items():

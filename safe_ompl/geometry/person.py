@@ -42,14 +42,7 @@ STANDING: dict[str, FloatArray] = {
         for name, (x, y, z) in _LEFT.items()
     },
 }
-_PARENT = {
-    "elbow": "shoulder",
-    "wrist": "elbow",
-    "hand": "wrist",
-    "knee": "hip",
-    "ankle": "knee",
-    "toe": "ankle",
-}
+_PARENT = {"elbow": "shoulder", "wrist": "elbow", "hand": "wrist", "knee": "hip", "ankle": "knee", "toe": "ankle"}
 
 # Capsules: from one key point to another, with a radius as a fraction of the height.
 _TRUNK_LIMBS = {
@@ -302,9 +295,7 @@ class Person(Shape):
 
     def triangles(self, resolution: int) -> Triangles:
         pieces = [(limb.placement, limb.shape.triangles(resolution)) for limb in self.limbs()]
-        return surfaces.joined(
-            [(placed(placement, vertices), faces) for placement, (vertices, faces) in pieces]
-        )
+        return surfaces.joined([(placed(placement, vertices), faces) for placement, (vertices, faces) in pieces])
 
 
 def _in_frame(pose: Pose, points: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:

@@ -99,8 +99,7 @@ def _read_pcd(file: Path) -> FloatArray:
         header, body = _pcd_header(file.read_bytes())
         counts = [int(count) for count in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
         kinds = [
-            np.dtype(f"<{_PCD_TYPES[kind]}{size}")
-            for kind, size in zip(header["TYPE"], header["SIZE"], strict=True)
+            np.dtype(f"<{_PCD_TYPES[kind]}{size}") for kind, size in zip(header["TYPE"], header["SIZE"], strict=True)
         ]
         sizes = ("POINTS",) if "POINTS" in header else ("WIDTH", "HEIGHT")
         number = prod(int(header[size][0]) for size in sizes)
@@ -132,9 +131,7 @@ def _pcd_points(
     starts = np.cumsum([0, *(count for _, _, count in fields)])
     form = header["DATA"][0]
     if form == "ascii":
-        table = np.array(
-            [line.split() for line in body.decode("ascii").splitlines() if line.strip()][:number]
-        )
+        table = np.array([line.split() for line in body.decode("ascii").splitlines() if line.strip()][:number])
         table = table.reshape(number, int(starts[-1]))
         return np.column_stack([table[:, starts[k]].astype(np.float64) for k in wanted])
     sizes = np.array([kind.itemsize * count for _, kind, count in fields])
@@ -149,8 +146,7 @@ def _pcd_points(
     if number < 0 or len(body) < number * int(sizes.sum()):
         raise ValueError(f"{number} points are announced, the data are too short for them")
     columns = [
-        np.ndarray((number,), fields[k][1], body, offset=int(places[k]), strides=(int(steps[k]),))
-        for k in wanted
+        np.ndarray((number,), fields[k][1], body, offset=int(places[k]), strides=(int(steps[k]),)) for k in wanted
     ]
     return np.column_stack([column.astype(np.float64) for column in columns])
 

@@ -250,9 +250,7 @@ def capsule_points(starts: FloatArray, ends: FloatArray, radii: FloatArray, spac
                 x, y, z = ring[0] * cos(angle), ring[0] * sin(angle), ring[1]
                 point = points[kept]  # stays where nothing is deeper than the spacing
                 for a in range(3):
-                    point[a] = (
-                        (starts[i, a] + ends[i, a]) / 2 + frame[a, 0] * x + frame[a, 1] * y + frame[a, 2] * z
-                    )
+                    point[a] = (starts[i, a] + ends[i, a]) / 2 + frame[a, 0] * x + frame[a, 1] * y + frame[a, 2] * z
                 inside = False
                 for j in range(len(radii)):
                     if j != i and _depth(point, starts[j], axes[j], squared[j], radii[j]) > spacing:

@@ -52,9 +52,7 @@ def result_from_mapping(
         simplification_time=document.number("simplification_time", data.get("simplification_time", 0.0)),
         counts=Counts(**document.mapping("counts", data.get("counts") or {})),
         setup_time=document.number("setup_time", data.get("setup_time", 0.0)),
-        validation_time=document.number(
-            "report_time", data.get("report_time", 0.0)
-        ),  # all that reporting took
+        validation_time=document.number("report_time", data.get("report_time", 0.0)),  # all that reporting took
         improvements=tuple(Improvement(**item) for item in data.get("improvements", ())),
         interrupted=bool(data.get("interrupted", False)),
         moving_obstacles=data.get("moving_obstacles"),
@@ -102,8 +100,7 @@ def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> No
     """
     if not isinstance(thing, Saveable):
         raise InputError(
-            "can be a PlanResult, a JointPath, a Scene, a Motion or a Trajectory, not "
-            f"{type(thing).__name__}",
+            f"can be a PlanResult, a JointPath, a Scene, a Motion or a Trajectory, not {type(thing).__name__}",
             "to save",
         )
     content: str | bytes

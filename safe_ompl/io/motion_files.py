@@ -119,10 +119,7 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
         if not names:
             raise InputError("must be <joint>_commanded and <joint>_measured, got none", "columns")
         times = document.require(columns, "time")
-        tables = (
-            [document.require(columns, f"{name}_{what}") for name in names]
-            for what in ("commanded", "measured")
-        )
+        tables = ([document.require(columns, f"{name}_{what}") for name in names] for what in ("commanded", "measured"))
         commanded, measured = (Motion.hermite(times, np.transpose(table), names=names) for table in tables)
     return commanded, measured
 
@@ -228,11 +225,7 @@ def _without(motion: Motion, ignored: Sequence[str]) -> Motion:
     slack, rounding = (None if rest is None else rest[:, kept] for rest in (motion.slack, motion.rounding))
     chosen = tuple(names[k] for k in kept)
     return replace(
-        motion,
-        coefficients=motion.coefficients[:, :, kept],
-        joint_names=chosen,
-        slack=slack,
-        rounding=rounding,
+        motion, coefficients=motion.coefficients[:, :, kept], joint_names=chosen, slack=slack, rounding=rounding
     )
 
 
@@ -340,9 +333,7 @@ def motion_of_document(content: Any) -> Motion:
         if isinstance(inner, Mapping):
             others = content.get("multi_dof_joint_trajectory")
             if isinstance(others, Mapping) and others.get("points"):
-                raise InputError(
-                    "must be empty: joints of several axes are not known", "multi_dof_joint_trajectory"
-                )
+                raise InputError("must be empty: joints of several axes are not known", "multi_dof_joint_trajectory")
             with document.within(key):
                 return motion_of_document(inner)
     if not {"joint_names", "points"} <= set(content):
@@ -360,9 +351,7 @@ def _from_own(content: Mapping[str, Any], kind: str) -> Motion:
         return _from_message(content)
     if kind == "result" and content.get("path") is not None:
         return Motion.of(JointPath.from_mapping(dict(content)))
-    reason = (
-        f"no path was found ({listed([content.get('status')])})" if kind == "result" else f"it holds a {kind}"
-    )
+    reason = f"no path was found ({listed([content.get('status')])})" if kind == "result" else f"it holds a {kind}"
     raise InputError(f"must hold a motion, but {reason}", "kind")
 
 

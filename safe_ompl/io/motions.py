@@ -329,6 +329,4 @@ def _points(points: Sequence[Any], n: int) -> tuple[FloatArray, FloatArray]:
 
 def _with_infinity(key: str, values: Any) -> FloatArray:
     """Return numbers (T,), +inf where a file has null."""
-    return np.array(
-        [np.inf if v is None else document.number(key, v) for v in document.sequence(key, values)]
-    )
+    return np.array([np.inf if v is None else document.number(key, v) for v in document.sequence(key, values)])

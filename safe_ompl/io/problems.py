@@ -11,14 +11,7 @@ from typing import Any, NamedTuple
 
 from safe_ompl.common import CertificateError, InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io.carried_files import (
-    carried_files,
-    encoded,
-    packed_files,
-    packed_size,
-    unpack,
-    unpacked_file,
-)
+from safe_ompl.io.carried_files import carried_files, encoded, packed_files, packed_size, unpack, unpacked_file
 from safe_ompl.io.robot_document import built_robot, carried_robot
 from safe_ompl.io.schema import key, plain, record, sha
 from safe_ompl.robot import Robot
@@ -121,9 +114,7 @@ class Problem(NamedTuple):
         }
 
     @classmethod
-    def from_mapping(
-        cls, data: object, robot: Robot | None = None, package_dirs: Sequence[Path] = ()
-    ) -> Problem:
+    def from_mapping(cls, data: object, robot: Robot | None = None, package_dirs: Sequence[Path] = ()) -> Problem:
         """Read it from a document; `robot` is used where it is given, and else built. Errors as of `load`."""
         with document.within("problem"):
             carried = document.mapping("carried", data)
@@ -156,9 +147,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
         added = packed_files(files - packed.keys(), None if meshes else SMALL - packed_size(packed))
         if added is None:
             level = logging.WARNING if tag == "collision" else logging.INFO
-            _log.log(
-                level, "%s: its %s meshes are too large to be saved with it: --package-dir", robot.name, tag
-            )
+            _log.log(level, "%s: its %s meshes are too large to be saved with it: --package-dir", robot.name, tag)
             break
         packed |= added
     for urdf, text in sources:

@@ -177,9 +177,7 @@ class _FromFiles:
     locked: Mapping[str, float] = schema.key(schema.by_name(schema.number()))
     hulls: bool = schema.key(schema.one_of(True, False))
     name: str | None = schema.key(schema.text, optional=True)
-    limits: Mapping[str, tuple[float, float]] = schema.key(
-        schema.by_name(schema.some(schema.number(), count=2))
-    )
+    limits: Mapping[str, tuple[float, float]] = schema.key(schema.by_name(schema.some(schema.number(), count=2)))
     collision: str | None = schema.key(schema.one_of(*get_args(CollisionSource)), optional=True)
     group: str | None = schema.key(schema.text, optional=True)
     locked_state: str | None = schema.key(schema.text, optional=True)
@@ -315,9 +313,7 @@ class RecipeReader:
         """Return the blueprint of a recipe; raise InputError, naming the place in it, if it cannot be used."""
         builders: dict[type[Any], Any] = {
             _FromFiles: self._from_files,
-            _OnBase: lambda data: OnBase(
-                self._of(data), Pose.from_mapping(document.mapping("base", data.base))
-            ),
+            _OnBase: lambda data: OnBase(self._of(data), Pose.from_mapping(document.mapping("base", data.base))),
             _OnMobileBase: lambda data: OnMobileBase(self._of(data), mobile_ranges(data.mobile_base)),
             _Attached: self._attached,
             _Cell: self._cell,

@@ -133,9 +133,7 @@ def or_none(reader: Reader) -> Reader:
     return lambda name, value: None if value is None else reader(name, value)
 
 
-def number(
-    *, above: float | None = None, at_least: float | None = None, at_most: float | None = None
-) -> Reader:
+def number(*, above: float | None = None, at_least: float | None = None, at_most: float | None = None) -> Reader:
     """Return a reader of a finite number; only Python's own are plain data."""
 
     def read(name: str, value: Any) -> float:
@@ -155,12 +153,7 @@ def whole(name: str, value: Any) -> int:
 
 def text(name: str, value: Any) -> str:
     """Read one line of text that can be printed: no control characters that would change what a terminal shows."""
-    if (
-        not isinstance(value, str)
-        or not value.strip()
-        or not value.isprintable()
-        or len(value) > _LONGEST_TEXT
-    ):
+    if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > _LONGEST_TEXT:
         raise InputError(f"must be text of one line that can be printed, got {shown(value)}", name)
     return value
 
@@ -191,9 +184,7 @@ def some(reader: Reader, *, least: int = 0, count: int | None = None, of: str = 
     return read
 
 
-def by_name(
-    reader: Reader, *, least: int = 0, of: str = "entry", known: Iterable[str] | None = None
-) -> Reader:
+def by_name(reader: Reader, *, least: int = 0, of: str = "entry", known: Iterable[str] | None = None) -> Reader:
     """Return a reader of a mapping from names, of `known` ones if given, to values of one kind."""
 
     def read(name: str, value: Any) -> dict[str, Any]:

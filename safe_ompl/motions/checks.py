@@ -10,24 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import (
-    CollisionChecker,
-    MotionProver,
-    MotionVerdict,
-    Separation,
-    ToolLimit,
-    Verdict,
-)
-from safe_ompl.common import (
-    FloatArray,
-    InputError,
-    clock,
-    finite_array,
-    instance,
-    notebook_html,
-    polynomials,
-    positive,
-)
+from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Separation, ToolLimit, Verdict
+from safe_ompl.common import FloatArray, InputError, clock, finite_array, instance, notebook_html, polynomials, positive
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations
@@ -410,6 +394,4 @@ def _late(stops: Stops, people: People) -> Iterator[Violation]:
         names = link, f"{person} ({limb})" if limb else person
         decided = bool(stops.left[j] + stops.loss[j] < 0)
         value = people.clearance + room
-        yield Violation(
-            "separation", edges[j], edges[j + 1], edges[j], names, value, people.clearance, decided
-        )
+        yield Violation("separation", edges[j], edges[j + 1], edges[j], names, value, people.clearance, decided)

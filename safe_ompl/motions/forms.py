@@ -114,9 +114,7 @@ def powers_from_left(thing: Any) -> Pieces:
     return times, coefficients, polynomials.EPS * np.einsum("k,jkn->jn", weights, np.abs(coefficients))
 
 
-def unwound(
-    coefficients: FloatArray, rounding: FloatArray | None, robot: Robot
-) -> tuple[FloatArray, FloatArray]:
+def unwound(coefficients: FloatArray, rounding: FloatArray | None, robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Return straight pieces (K, 2, n) on which continuous joints go the short way, as `robot.difference` does."""
     turns = 2 * np.pi * np.round(coefficients[:, 1] / (2 * np.pi)) * robot.continuous
     before = np.vstack([np.zeros(robot.n), np.cumsum(turns, axis=0)[:-1]])
@@ -140,9 +138,7 @@ def _increasing(times: ArrayLike, count: int | None, name: str) -> FloatArray:
     if not (steps >= _LEAST).all():
         k = int((steps < _LEAST).argmax())
         least = ", by 1e-9 at least" * bool(steps[k] > 0)
-        raise InputError(
-            f"must increase{least}, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", name
-        )
+        raise InputError(f"must increase{least}, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", name)
     return found
 
 
@@ -177,9 +173,7 @@ def vectors(thing: Any, dimensions: int) -> Any:
     """Return the coefficients of SciPy's `thing`, which must be those of vectors (n,)."""
     held = np.asarray(thing.c)
     if held.ndim != dimensions:
-        raise InputError(
-            f"must have values of shape (n,), got {held.shape[dimensions - 1 :]}", type(thing).__name__
-        )
+        raise InputError(f"must have values of shape (n,), got {held.shape[dimensions - 1 :]}", type(thing).__name__)
     return held
 
 
@@ -189,9 +183,7 @@ def named(names: Iterable[str], n: int) -> tuple[str, ...]:
     if len(set(found)) < len(found):
         raise InputError(f"must differ, got {listed(found)}", "joint names")
     if len(found) != n:
-        raise InputError(
-            f"must be {n}, one for each column, got {len(found)}: {listed(found)}", "joint names"
-        )
+        raise InputError(f"must be {n}, one for each column, got {len(found)}: {listed(found)}", "joint names")
     return found
 
 
@@ -212,9 +204,7 @@ def columns(names: tuple[str, ...] | None, n: int, robot: Robot) -> list[int]:
     """Return which of n columns each joint of a robot has: by name, or in its own order."""
     if names is None:
         if n != robot.n:
-            raise InputError(
-                f"must have {robot.n} columns, for {', '.join(robot.joint_names)}, got {n}", "motion"
-            )
+            raise InputError(f"must have {robot.n} columns, for {', '.join(robot.joint_names)}, got {n}", "motion")
         return list(range(n))
     missing = [name for name in robot.joint_names if name not in names]
     surplus = [name for name in names if name not in robot.joint_names]
@@ -225,15 +215,11 @@ def columns(names: tuple[str, ...] | None, n: int, robot: Robot) -> list[int]:
     return [names.index(name) for name in robot.joint_names]
 
 
-def sampled(
-    times: ArrayLike, positions: ArrayLike, max_velocity: float | ArrayLike
-) -> tuple[Pieces, FloatArray]:
+def sampled(times: ArrayLike, positions: ArrayLike, max_velocity: float | ArrayLike) -> tuple[Pieces, FloatArray]:
     """Return the lines through samples (N, n), and how far (N − 1, n) joints no faster than a velocity may be away."""
     pieces, held = straight(times, positions, "positions"), np.asarray(positions, dtype=np.float64)
     n = held.shape[1]
-    v = finite_array(
-        np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity, (n,), "largest velocity"
-    )
+    v = finite_array(np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity, (n,), "largest velocity")
     for value in v.tolist():
         number("largest velocity", value, **RATE_BOUNDS["velocity"])
     at = pieces[0]

@@ -72,9 +72,7 @@ class Motion:
         coefficients = finite_array(self.coefficients, (None, None, None), "coefficients")
         pieces, size, n = forms.of_degree(coefficients).shape
         if not (pieces and size and n):
-            raise InputError(
-                f"must have pieces, powers and joints, got shape {coefficients.shape}", "coefficients"
-            )
+            raise InputError(f"must have pieces, powers and joints, got shape {coefficients.shape}", "coefficients")
         if self.short_way and size != 2:
             raise InputError(f"is for straight pieces, not for a degree of {size - 1}", "short_way")
         times = finite_array(self.times, (pieces + 1,), "times")
@@ -201,9 +199,7 @@ class Motion:
         order = forms.columns(self.joint_names, self.n, robot)
         units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
         coefficients = self.coefficients[:, :, order] * units
-        slack, rounding = (
-            None if rest is None else rest[:, order] * units for rest in (self.slack, self.rounding)
-        )
+        slack, rounding = (None if rest is None else rest[:, order] * units for rest in (self.slack, self.rounding))
         limited = ~(robot.prismatic | robot.continuous)
         ends = coefficients[-1].sum(axis=0)
         far = np.abs([*coefficients[:, 0], ends]).max(axis=0) * limited
@@ -219,9 +215,7 @@ class Motion:
             rounding = error if rounding is None else rounding + error
         if self.short_way and robot.continuous.any():
             coefficients, rounding = forms.unwound(coefficients, rounding, robot)
-        return Motion(
-            self.times, coefficients, robot.joint_names, slack, self.timed, rounding, short_way=False
-        )
+        return Motion(self.times, coefficients, robot.joint_names, slack, self.timed, rounding, short_way=False)
 
     def __repr__(self) -> str:
         lasts = f", {self.duration:.3f} s" if self.timed else ""
@@ -229,9 +223,7 @@ class Motion:
         return f"Motion({self.pieces} pieces of degree {self.degree}, {self.n} joints{lasts}{slack})"
 
     @classmethod
-    def through(
-        cls, points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None
-    ) -> Motion:
+    def through(cls, points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None) -> Motion:
         """Return the straight lines through way points (N, n); continuous joints go the short way, as on planned paths.
 
         Without `times` (N,) [s] it is a path.
@@ -347,11 +339,7 @@ class Motion:
 
     @classmethod
     def sampled(
-        cls,
-        times: ArrayLike,
-        positions: ArrayLike,
-        max_velocity: float | ArrayLike,
-        names: Sequence[str] | None = None,
+        cls, times: ArrayLike, positions: ArrayLike, max_velocity: float | ArrayLike, names: Sequence[str] | None = None
     ) -> Motion:
         """Return bare samples: lines, and a slack for what a joint of bounded velocity may do in between.
 
@@ -404,13 +392,7 @@ class Motion:
         if isinstance(thing, Trajectory):
             times, points = thing.points()
             joints = thing.joint_names if names is None else names
-            return cls.hermite(
-                times,
-                points["positions"],
-                points["velocities"],
-                points.get("accelerations"),
-                joints,
-            )
+            return cls.hermite(times, points["positions"], points["velocities"], points.get("accelerations"), joints)
         if hasattr(thing, "getSolutionPath"):
             thing, space = thing.getSolutionPath(), thing.getStateSpace()
         if hasattr(thing, "getStateCount"):

@@ -157,9 +157,7 @@ def rate_violations(
     found = list(_outside(motion, robot))
     if limits is not None and motion.rated:
         if limits.joint_names != robot.joint_names:
-            raise InputError(
-                f"are of other joints than the robot's: {', '.join(limits.joint_names)}", "limits"
-            )
+            raise InputError(f"are of other joints than the robot's: {', '.join(limits.joint_names)}", "limits")
         for kind in limits.kinds if kinds is None else kinds:
             if kind not in limits.kinds:
                 raise UnknownNameError("limit", kind, limits.kinds)
@@ -193,13 +191,7 @@ def _jumping(motion: Motion, robot: Robot, order: int) -> Iterator[Violation]:
 
 
 def _worst(
-    robot: Robot,
-    order: int,
-    kind: str,
-    times: FloatArray,
-    values: FloatArray,
-    excess: FloatArray,
-    limits: FloatArray,
+    robot: Robot, order: int, kind: str, times: FloatArray, values: FloatArray, excess: FloatArray, limits: FloatArray
 ) -> Iterator[Violation]:
     """Yield of each joint and each run of rows with an excess > 0 the one of the largest; arrays are (K, n)."""
     excess = np.where(np.isnan(excess), np.inf, excess)

@@ -224,9 +224,7 @@ class Displacement:
         first, last = max(first, 0), min(last, len(knots) - 1)
         while first > 0 and self._proof.check(knots[first], knots[first]).verdict is not Verdict.FREE:
             first -= 1
-        while (
-            last < len(knots) - 1 and self._proof.check(knots[last], knots[last]).verdict is not Verdict.FREE
-        ):
+        while last < len(knots) - 1 and self._proof.check(knots[last], knots[last]).verdict is not Verdict.FREE:
             last += 1
         return first, last
 
@@ -265,9 +263,7 @@ class Displacement:
             waiting = {*bad, *np.flatnonzero(differs).tolist()}
         return None
 
-    def _missing(
-        self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: FloatArray
-    ) -> Shortfalls:
+    def _missing(self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: FloatArray) -> Shortfalls:
         """Return by how much distances, those to joint limits included, are too small at fractions of pieces."""
         robot = self._proof.checker.robot
         Q = np.array([pieces[k].place(u) for k, u in places])
@@ -314,26 +310,19 @@ class Gaps:
                 found = pin.computeDistance(geometry, data, k)
                 if found.min_distance < near[row, k]:
                     of.append(row)
-                    joints.append(
-                        [geometry.geometryObjects[int(body)].parentJoint for body in pairs.bodies[k]]
-                    )
+                    joints.append([geometry.geometryObjects[int(body)].parentJoint for body in pairs.bodies[k]])
                     points.append(np.array([found.getNearestPoint1(), found.getNearestPoint2()]))
                     normals.append(np.array(found.normal))  # it is overwritten by the next query
                     missing.append(wanted[row, k] - found.min_distance)
         if not of:
             return np.zeros(0, dtype=np.intp), np.zeros((0, robot.n)), np.zeros(0)
         _, origins, axes = robot.kinematics.frames(robot.coupling.values(Q[of]))
-        speeds = [
-            self._speeds(np.array(joints)[:, side], np.array(points)[:, side], origins, axes)
-            for side in (0, 1)
-        ]
+        speeds = [self._speeds(np.array(joints)[:, side], np.array(points)[:, side], origins, axes) for side in (0, 1)]
         slopes = robot.coupling.columns(np.einsum("kmx,kx->km", speeds[1] - speeds[0], np.array(normals)))
         moving = slopes.any(axis=1)
         return np.array(of)[moving], slopes[moving], np.array(missing)[moving]
 
-    def _speeds(
-        self, joints: IntArray, points: FloatArray, origins: FloatArray, axes: FloatArray
-    ) -> FloatArray:
+    def _speeds(self, joints: IntArray, points: FloatArray, origins: FloatArray, axes: FloatArray) -> FloatArray:
         """Return the velocities (K, m, 3) that the model's joints give points (K, 3) carried by joints (K,)."""
         turning = np.cross(axes, points[:, None] - origins)
         speeds = np.where(self._robot.joint_prismatic[:, None], axes, turning)

@@ -91,9 +91,7 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
         why = "bare samples have no rates" if motion.timed else "it has no times"
         raise InputError(f"stops beside people cannot be proven: {why}", "motion")
     if limits is None:
-        raise InputError(
-            "give limits: stops beside people need to know how hard the robot may brake", "limits"
-        )
+        raise InputError("give limits: stops beside people need to know how hard the robot may brake", "limits")
     if limits.jerk is not None:
         raise InputError(
             "stops that keep a limit of the jerk are proven of our own trajectories only; without it, stops that keep "
@@ -104,8 +102,6 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
     people = within_tube(MotionCaps(people), proof).people or people
     off = motion.allowance.sum(axis=0)  # of jumps, too: distances are kept from one piece to the next
     nearer = float((checker.robot.bounds.displacement_radii @ off).max(initial=0.0))
-    distances = PeopleDistances(
-        checker.robot, checker.scene, replace(people, clearance=people.clearance + nearer)
-    )
+    distances = PeopleDistances(checker.robot, checker.scene, replace(people, clearance=people.clearance + nearer))
     curve = MotionCurve(motion, limits)
     return stops_beside(curve, curve.cells(), BodySpeeds(checker.robot), limits, distances)

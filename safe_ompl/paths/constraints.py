@@ -8,14 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 from weakref import ref
 
-from safe_ompl.collision import (
-    TOUCHING_ONLY,
-    CollisionChecker,
-    MotionLimit,
-    MotionVerdict,
-    Separation,
-    ToolLimit,
-)
+from safe_ompl.collision import TOUCHING_ONLY, CollisionChecker, MotionLimit, MotionVerdict, Separation, ToolLimit
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerLimit
 from safe_ompl.robot import JointLimits
@@ -111,11 +104,7 @@ class Constraints:
         return next((limit for limit in self.tool if isinstance(limit, kind)), None)
 
     def with_min_clearance(
-        self,
-        checker: CollisionChecker,
-        distance: float,
-        obstacles: Sequence[str] | None = None,
-        exempt: Pairs = (),
+        self, checker: CollisionChecker, distance: float, obstacles: Sequence[str] | None = None, exempt: Pairs = ()
     ) -> Constraints:
         """Return the same with another distance from chosen obstacles; arguments and errors of `MinClearance.of`."""
         separation = self.separation.with_min_clearance(checker, distance, obstacles, exempt)
@@ -137,9 +126,7 @@ class Constraints:
         distance, exempt = self.from_dangerous
         dangerous = [obstacle.name for obstacle in checker.scene if obstacle.weight > 0]
         still = [pair for pair in exempt if pair[1] in dangerous]
-        separation = self.separation.with_min_clearance(
-            checker, distance if dangerous else 0.0, dangerous, still
-        )
+        separation = self.separation.with_min_clearance(checker, distance if dangerous else 0.0, dangerous, still)
         return replace(self, separation=separation)
 
     def borrowed(self) -> Constraints:

@@ -63,9 +63,7 @@ class QuadraticModel(NamedTuple):
 class DangerDensity:
     """λ·CDF(q)ᵖ with λ = weight/reference(CDF)ᵖ, so that one weight ≥ 0 serves all robots and scenes; p ≥ 1."""
 
-    def __init__(
-        self, field: DangerField, reference: float, weight: float = WEIGHT, exponent: float = 1.0
-    ) -> None:
+    def __init__(self, field: DangerField, reference: float, weight: float = WEIGHT, exponent: float = 1.0) -> None:
         self.field = field
         self.reference = number("reference", reference, above=0.0)
         self.weight = number("weight", weight, at_least=0.0)
@@ -169,9 +167,7 @@ class PathCost:
         )
         lengths = np.linalg.norm(path[1:] - path[:-1], axis=1)
         mean = value / max(lengths.sum(), _TINY)
-        blocks, beside = _springs(
-            mean / np.maximum(lengths, max(_SHORT * lengths.mean(), _TINY)), path.shape[1]
-        )
+        blocks, beside = _springs(mean / np.maximum(lengths, max(_SHORT * lengths.mean(), _TINY)), path.shape[1])
         for expansion in expansions:
             kernel.add_bends(plain(path), expansion.rows, plain(expansion.bends), blocks, beside)
         each = np.repeat(0.5 * lengths, 2)

@@ -43,9 +43,7 @@ class Descent:
         self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
         self.restart(path, model=model)
 
-    def restart(
-        self, path: FloatArray, held: BoolArray | None = None, model: QuadraticModel | None = None
-    ) -> None:
+    def restart(self, path: FloatArray, held: BoolArray | None = None, model: QuadraticModel | None = None) -> None:
         """Go on from another path of as many way points; those that are `held: (N,)` stay where they are."""
         self._moving = np.ones(len(path), dtype=bool) if held is None else ~held
         self._moving[0] = False

@@ -182,11 +182,7 @@ _NEWTON_STEPS, _PRECISION = 30, 1e-9
 
 
 def retreat(
-    end: FloatArray,
-    obstacles: ObstacleCost,
-    field: DangerField,
-    feasible: FeasibleSet,
-    stop: Callable[[], bool],
+    end: FloatArray, obstacles: ObstacleCost, field: DangerField, feasible: FeasibleSet, stop: Callable[[], bool]
 ) -> FloatArray:
     """Return a way (K, n) from an end (n,) of a path to where obstacles and danger are less; K = 1: there is none.
 
@@ -257,12 +253,7 @@ _BATCH = 80  # edges whose costs are estimated at once
 
 
 def shortcut(
-    path: FloatArray,
-    cost: PathCost,
-    proofs: EdgeProofs,
-    stop: Callable[[], bool],
-    most: int = MOST,
-    worth: float = 1.0,
+    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool], most: int = MOST, worth: float = 1.0
 ) -> FloatArray | None:
     """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
 
@@ -276,9 +267,7 @@ def shortcut(
     return _cheapest_proven_chain(path, wanted, cost, proofs, stop, worth)
 
 
-def joined(
-    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
-) -> FloatArray | None:
+def joined(path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]) -> FloatArray | None:
     """Return the same where only the ends are new: besides the path's own edges those from there, short ones first."""
     for reach in (_JOINT, np.inf):
         wanted = np.eye(len(path), k=1, dtype=bool)

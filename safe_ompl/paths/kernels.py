@@ -89,9 +89,7 @@ def integrated(path: FloatArray, values: FloatArray, slopes: FloatArray) -> tupl
 
 
 @compiled
-def add_bends(
-    path: FloatArray, rows: IntArray, bends: FloatArray, blocks: FloatArray, beside: FloatArray
-) -> None:
+def add_bends(path: FloatArray, rows: IntArray, bends: FloatArray, blocks: FloatArray, beside: FloatArray) -> None:
     """Add to the Hessian of a path (N, n) what bends at its nodes, rows (C,), like Σ vvᵀ with v: (C, n).
 
     Its blocks (N, n, n) are on the diagonal, and (N − 1, n, n) right of them.

@@ -182,9 +182,7 @@ def _proven_peak(field: DangerField, path: FloatArray) -> DangerBounds | None:
     return CertifiedDanger(field).of_path(path)
 
 
-def clearance_along(
-    curve: Curve, checker: CollisionChecker, s: FloatArray, samples: FloatArray
-) -> ClearanceReport:
+def clearance_along(curve: Curve, checker: CollisionChecker, s: FloatArray, samples: FloatArray) -> ClearanceReport:
     """Return distances to obstacles along `curve`, from its `samples: (S, n)` at the arc lengths `s: (S,)` [rad]."""
     names = checker.distance_names
     every = checker.nearest_distances(samples)
@@ -202,9 +200,7 @@ def clearance_along(
     if least.obstacle is not None:
         obstacles[least.obstacle] = least.distance
     return ClearanceReport(
-        *(least.distance, mean, near, least.link, least.obstacle),
-        at / curve.length if curve.length else 0.0,
-        obstacles,
+        *(least.distance, mean, near, least.link, least.obstacle), at / curve.length if curve.length else 0.0, obstacles
     )
 
 

@@ -12,14 +12,7 @@ from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, V
 from safe_ompl.common import FloatArray, InputError, finite_array, notebook_html
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.paths.constraints import UserCheck
-from safe_ompl.paths.measures import (
-    ClearanceReport,
-    Curve,
-    DangerReport,
-    clearance_along,
-    danger_along,
-    sampled_places,
-)
+from safe_ompl.paths.measures import ClearanceReport, Curve, DangerReport, clearance_along, danger_along, sampled_places
 
 _Measured = TypeVar("_Measured")
 
@@ -147,9 +140,7 @@ class PathReport:
 
     _examination: _Examination
 
-    def __init__(
-        self, length: float, danger: DangerReport | None, clearance: ClearanceReport, certified: bool
-    ) -> None:
+    def __init__(self, length: float, danger: DangerReport | None, clearance: ClearanceReport, certified: bool) -> None:
         self.length, self.time = length, 0.0
         self.validation = Validation(certified)
         self.links_without_collision: tuple[str, ...] = ()

@@ -14,15 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, StaleSceneError, clock, finite_array, number
 from safe_ompl.danger import DangerField
-from safe_ompl.paths.cost import (
-    STEP,
-    WEIGHT,
-    ActiveSetCost,
-    DangerDensity,
-    ObstacleCost,
-    PathCost,
-    reference_danger,
-)
+from safe_ompl.paths.cost import STEP, WEIGHT, ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
 from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
 from safe_ompl.paths.edges import MOST, EdgeProofs, FeasibleSet, FreeGoal, GoalSet, joined, retreat, shortcut
 from safe_ompl.paths.measures import Curve, divided, path_length, refined
@@ -111,11 +103,7 @@ class Simplifier:
     """
 
     def __init__(
-        self,
-        checker: CollisionChecker,
-        field: DangerField,
-        motion: MotionProver | None = None,
-        **options: float,
+        self, checker: CollisionChecker, field: DangerField, motion: MotionProver | None = None, **options: float
     ) -> None:
         self.robot = checker.robot
         self.checker = checker

@@ -61,9 +61,7 @@ class Windows:
     refused: int
 
     @classmethod
-    def of(
-        cls, recording: Recording, longest: float, gate: float | None, *, glitches: bool = False
-    ) -> Windows:
+    def of(cls, recording: Recording, longest: float, gate: float | None, *, glitches: bool = False) -> Windows:
         """Return the windows up to a time [s] of a tracker with a gate [m/s]; with glitches if these are true."""
         body = TrackedBody(only=measured_limbs(recording.skeleton))
         tracker = Tracker(recording.skeleton, body, gate=gate)
@@ -193,9 +191,7 @@ def calibrate(recordings: Sequence[Recording], options: Calibration) -> Calibrat
             raise InputError(f"the skeleton is {names}", recording.source)
         if horizons[0] < 1 / recording.rate - _SAME:
             frame = f"a frame of {recording.source} ({1 / recording.rate:g} s)"
-            raise InputError(
-                f"the first one must not be shorter than {frame}, got {horizons[0]:g}", "horizons"
-            )
+            raise InputError(f"the first one must not be shorter than {frame}, got {horizons[0]:g}", "horizons")
     windows = [Windows.of(recording, horizons[-1], options.gate) for recording in ordered]
     chosen = np.random.default_rng(options.seed).permutation(len(ordered))[: ceil(options.fit * len(ordered))]
     fit = [k in chosen for k in range(len(ordered))]

@@ -150,9 +150,7 @@ class CalibratedReach:
         document.number("refused", self.refused, at_least=0.0, at_most=1.0)
         if self.block is not None:
             document.number("block", self.block, above=0.0)
-        horizons = ascending(
-            "horizons", document.numbers("horizons", self.horizons, above=0.0), strictly=True
-        )
+        horizons = ascending("horizons", document.numbers("horizons", self.horizons, above=0.0), strictly=True)
         given, growth = document.mapping("growth", self.growth, LIMBS), {}
         for limb, lengths in given.items():
             key = f"growth.{limb}"
@@ -161,9 +159,7 @@ class CalibratedReach:
             raise InputError("must have one limb at least", "growth")
         values: dict[str, Any] = {"horizons": horizons, "growth": growth}
         for key in ("shaped_with", "calibrated_with"):
-            values[key] = tuple(
-                document.text(key, name) for name in document.sequence(key, getattr(self, key))
-            )
+            values[key] = tuple(document.text(key, name) for name in document.sequence(key, getattr(self, key)))
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
@@ -218,7 +214,5 @@ def ascending(key: str, values: tuple[float, ...], strictly: bool = False) -> tu
         raise InputError("must have one number at least", key)
     for before, after in pairwise(values):
         if after < before or (strictly and after == before):
-            raise InputError(
-                f"must not fall{' or stay' if strictly else ''}, got {after:g} after {before:g}", key
-            )
+            raise InputError(f"must not fall{' or stay' if strictly else ''}, got {after:g} after {before:g}", key)
     return values

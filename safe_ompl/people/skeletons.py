@@ -10,16 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import (
-    BoolArray,
-    FloatArray,
-    InputError,
-    IntArray,
-    UnknownNameError,
-    float_array,
-    formats,
-    number,
-)
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, UnknownNameError, float_array, formats, number
 from safe_ompl.geometry import LIMBS, STANDING
 
 KEYPOINTS: tuple[str, ...] = (*STANDING, "pelvis")  # of the body of the package, and the middle of its hips
@@ -97,9 +88,7 @@ class Skeleton:
 def _both(**parts: str) -> dict[str, tuple[str, ...]]:
     """Return sources for left and right; ``{side}`` stands for either."""
     return {
-        f"{side}_{ours}": (theirs.format(side=side),)
-        for ours, theirs in parts.items()
-        for side in ("left", "right")
+        f"{side}_{ours}": (theirs.format(side=side),) for ours, theirs in parts.items() for side in ("left", "right")
     }
 
 
@@ -152,18 +141,9 @@ def _sources(*head: str, **ends: str) -> dict[str, tuple[str, ...]]:
 _KNOWN = (
     Skeleton("coco17", _COCO, _sources(*_EARS)),
     Skeleton("body25", _BODY_25, _sources(*_EARS, toe="{side}_big_toe")),
+    Skeleton("mediapipe33", _MEDIAPIPE, _sources(*_EARS, hand="{side}_index", toe="{side}_foot_index"), axes=_CAMERA),
     Skeleton(
-        "mediapipe33",
-        _MEDIAPIPE,
-        _sources(*_EARS, hand="{side}_index", toe="{side}_foot_index"),
-        axes=_CAMERA,
-    ),
-    Skeleton(
-        "azure_kinect32",
-        _KINECT,
-        _sources(*_EARS, hand="{side}_handtip", toe="{side}_foot"),
-        scale=1e-3,
-        axes=_CAMERA,
+        "azure_kinect32", _KINECT, _sources(*_EARS, hand="{side}_handtip", toe="{side}_foot"), scale=1e-3, axes=_CAMERA
     ),
     Skeleton("smpl24", _SMPL, _sources("head", hand="{side}_hand", toe="{side}_foot"), axes=_Y_UP),
     Skeleton(  # bones, each named after where it begins: the upper arm at the shoulder, the hand at the wrist

@@ -117,9 +117,7 @@ class PersonTrack:
     `TrackedBody` says; `assumed` names them.
     """
 
-    def __init__(
-        self, name: str, tracker: Tracker, people: People, reach: CalibratedReach | None = None
-    ) -> None:
+    def __init__(self, name: str, tracker: Tracker, people: People, reach: CalibratedReach | None = None) -> None:
         self.name, self.tracker = name, tracker
         own = tracker.skeleton.name, tracker.gate
         if reach is not None and own != (reach.skeleton, reach.gate):
@@ -358,9 +356,7 @@ def who_moves(people: Mapping[str, Tracker], objects: Mapping[str, float]) -> di
     return {"people": found, "objects": dict(objects)}
 
 
-def who_is_where(
-    people: Mapping[str, FloatArray | None], objects: Mapping[str, pin.SE3]
-) -> dict[str, dict[str, Any]]:
+def who_is_where(people: Mapping[str, FloatArray | None], objects: Mapping[str, pin.SE3]) -> dict[str, dict[str, Any]]:
     """Return key points (18, 3) of people and poses of objects, as a tick (`safe_ompl.io.ticks`) has them [m]."""
     poses = {name: Pose.of(place) for name, place in objects.items()}
     return {

@@ -112,9 +112,7 @@ def told(name: str, seconds: float, stop: Stop) -> Stop:
     return over
 
 
-def optimise(
-    search: Search, simplifier: Simplifier, seconds: float, stop: Stop | None = None
-) -> Optimisation:
+def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop | None = None) -> Optimisation:
     """Look for the cheapest path until the time [s] is up, or `stop` says so.
 
     Every start is a new path of the planner, simplified; `search` plans: from a number that is another one for every
@@ -164,9 +162,7 @@ class FastestPath:
         self.durations: list[float] = []
         self._timer, self._simplifier = timer, simplifier
         shorter = (
-            Simplifier(
-                simplifier.checker, simplifier.danger.field, simplifier.motion, weight=weight, clearance=0.0
-            )
+            Simplifier(simplifier.checker, simplifier.danger.field, simplifier.motion, weight=weight, clearance=0.0)
             for weight in _WEIGHTS
         )
         self._simplifiers = simplifier, *shorter

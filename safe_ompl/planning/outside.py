@@ -45,9 +45,7 @@ class OutsidePlanner(SafePlanner):
             path = self._led_to_its_ends(found, start, goals)
             if before is not None and np.array_equal(path, before):
                 return None
-            repair = motions.repair_with(
-                motions.Motion.through(path), self._setup.motion_prover, connect=connect
-            )
+            repair = motions.repair_with(motions.Motion.through(path), self._setup.motion_prover, connect=connect)
             if repair:
                 _log.info("%s: %s", self.getName(), repair)
                 return repair.motion.knots
@@ -59,9 +57,7 @@ class OutsidePlanner(SafePlanner):
         """Return the path that was found (N, n), with the ends that it was asked for."""
         path = np.array(finite_array(found, (None, len(start)), f"path of {self.getName()}"))
         if len(path) < 2:
-            raise InputError(
-                f"path of {self.getName()} must have two configurations at least, got {len(path)}"
-            )
+            raise InputError(f"path of {self.getName()} must have two configurations at least, got {len(path)}")
         robot = self._setup.robot
         for index, wanted, name in ((0, start[None], "start"), (-1, goals, "goal")):
             apart = np.abs([robot.difference(path[index], q) for q in wanted]).max(axis=1)
@@ -75,9 +71,7 @@ class OutsidePlanner(SafePlanner):
         return path
 
 
-def connecting(
-    setup: Any, ptc: Callable[[], bool] | float
-) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
+def connecting(setup: Any, ptc: Callable[[], bool] | float) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
     """Return what finds proven paths between two configurations for repairs, under the constraints of a `SafeSetup`.
 
     The setup's problem stays as it is. `ptc` says when to give up, or for how long to try in all [s].

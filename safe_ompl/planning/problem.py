@@ -14,14 +14,7 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl.collision import FLOOR, CollisionChecker
-from safe_ompl.common import (
-    CollisionError,
-    FloatArray,
-    InputError,
-    PlanningError,
-    instance,
-    positive,
-)
+from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError, instance, positive
 from safe_ompl.paths import ConfigurationCheck, Constraints, UserCheck
 from safe_ompl.planning.ompl import (
     RESOLUTION,
@@ -251,18 +244,14 @@ class Problem:
         self.check_anew()
         goal = self._setup.getGoal()
         if goal is None:
-            raise InputError(
-                "no goal is set: call setConfigurations, setWorkspaceGoal, setGoalRegion or setGoal"
-            )
+            raise InputError("no goal is set: call setConfigurations, setWorkspaceGoal, setGoalRegion or setGoal")
         if isinstance(goal, ob.GoalLazySamples):
             raise InputError(
                 "OMPL's GoalLazySamples waits for itself for ever where its sampler is Python's; take a WorkspaceGoal, "
                 "or a subclass of ob.GoalSampleableRegion"
             )
         if not self._setup.getProblemDefinition().getStartStateCount():
-            raise InputError(
-                "no start is set: call setConfigurations, setStartConfiguration or addStartState"
-            )
+            raise InputError("no start is set: call setConfigurations, setStartConfiguration or addStartState")
         if isinstance(planner, og.SORRTstar) and self._setup.getProblemDefinition().isTrivial():
             raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
 
@@ -270,13 +259,10 @@ class Problem:
         """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
         bridge = self._wiring.bridge
         distance = min(
-            (float(np.linalg.norm(bridge.difference(start, path[0]))) for start in self._valid_starts()),
-            default=np.inf,
+            (float(np.linalg.norm(bridge.difference(start, path[0]))) for start in self._valid_starts()), default=np.inf
         )
         if not distance <= END_TOLERANCE:
-            raise PlanningError(
-                f"{name} returned a path that begins {distance:.3g} rad away from every start"
-            )
+            raise PlanningError(f"{name} returned a path that begins {distance:.3g} rad away from every start")
         goal, last = self._setup.getGoal(), ScratchState(bridge)
         state = last.set(path[-1])
         if isinstance(goal, ob.GoalRegion):

@@ -15,14 +15,7 @@ from ompl import util as ou
 
 import safe_ompl.motions as motions
 import safe_ompl.trajectories as trajectories
-from safe_ompl.collision import (
-    FLOOR,
-    CollisionChecker,
-    MinClearance,
-    MotionProver,
-    TipBounds,
-    ToolOrientation,
-)
+from safe_ompl.collision import FLOOR, CollisionChecker, MinClearance, MotionProver, TipBounds, ToolOrientation
 from safe_ompl.common import Counts, FloatArray, InputError, finite_array, instance, number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle
@@ -236,9 +229,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
             orientation = ToolOrientation(self.robot, axis, direction, angle)
         elif angle is not None:
             if self.problem.start is None:
-                raise InputError(
-                    "the axis of the tool is that of the start: set a start before, or give the axis"
-                )
+                raise InputError("the axis of the tool is that of the start: set a start before, or give the axis")
             orientation = ToolOrientation.as_at(self.robot, self.problem.start, direction, angle)
         self._limit_tool(orientation, self.getTipBounds())
 
@@ -332,9 +323,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         Goal configurations set before stay for the planners that `plan` starts and that plan to configurations.
         """
         options: dict[str, Any] = {"tolerance": tolerance, "field": self.field, "seed": 0}
-        self.problem.set_place(
-            WorkspaceGoal(self.getSpaceInformation(), self.robot, position, rotation, **options)
-        )
+        self.problem.set_place(WorkspaceGoal(self.getSpaceInformation(), self.robot, position, rotation, **options))
 
     def setGoalRegion(self, region: GoalRegion, tolerance: float = REGION_TOLERANCE) -> None:
         """Set a region for the tip as the goal, bounds of position and orientation; it replaces a `setWorkspaceGoal`.

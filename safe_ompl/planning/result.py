@@ -101,14 +101,10 @@ class PlanResult:
         if self.motion is None:
             raise InputError("the result does not know its robot and scene any more: call time_path")
         if self.motion.checker.scene != self.scene:
-            raise StaleSceneError(
-                "obstacles have moved since this was planned: plan again, or call time_path"
-            )
+            raise StaleSceneError("obstacles have moved since this was planned: plan again, or call time_path")
         if options.get("max_danger") is not None and self.danger is not None:
             options = {"danger": self.danger_field().moving, **options}
-        return trajectories.time_path(
-            self.path, self.motion.checker.robot, limits, motion=self.motion, **options
-        )
+        return trajectories.time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
 
     def danger_field(self) -> DangerField:
         """Return the danger field that was planned with; that of the robot in motion is its `moving`.
@@ -160,11 +156,7 @@ class PlanResult:
     def _said_of_path(self) -> list[str]:
         if self.path is None:
             short = self.approximate_path
-            near = (
-                ""
-                if short is None
-                else f"; an approximate path of {len(short)} way points ends short of the goal"
-            )
+            near = "" if short is None else f"; an approximate path of {len(short)} way points ends short of the goal"
             return [f"no path{near}", "clearance: none", "proof: none"]
         said = f"{len(self.path)} way points"
         if self.report is None:

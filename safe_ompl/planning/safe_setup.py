@@ -19,16 +19,7 @@ from safe_ompl.common import seed as checked_seed
 from safe_ompl.danger import DangerLimit
 from safe_ompl.paths import PathReport, Simplifier, Stop, timed
 from safe_ompl.planning.ompl import DangerObjective, DurationObjective
-from safe_ompl.planning.optimise import (
-    COSTS,
-    Cost,
-    FastestPath,
-    Interrupts,
-    Optimisation,
-    optimise,
-    stopping,
-    told,
-)
+from safe_ompl.planning.optimise import COSTS, Cost, FastestPath, Interrupts, Optimisation, optimise, stopping, told
 from safe_ompl.planning.outside import OutsidePlanner, connecting
 from safe_ompl.planning.planners import (
     SafePlanner,
@@ -205,9 +196,7 @@ class SafeSetup(ProblemSetup):
                 raise KeyboardInterrupt
             return replace(result, interrupted=interrupts.happened)
 
-    def prepare(
-        self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None = None
-    ) -> tuple[Any, str]:
+    def prepare(self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None = None) -> tuple[Any, str]:
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
         seed = checked_seed(seed)
         check_planner(planner, self.getSpaceInformation())
@@ -268,9 +257,7 @@ class SafeSetup(ProblemSetup):
     def setSimplification(self, **options: Any) -> None:
         """Set options of the danger-aware simplification: names and errors as `Simplifier`, errors as `simplifier`."""
         if self.field is None:
-            raise InputError(
-                "danger-aware simplification needs a danger field; this setup plans without danger"
-            )
+            raise InputError("danger-aware simplification needs a danger field; this setup plans without danger")
         self._simplifier = Simplifier(self.checker, self.field, self.motion_prover, **options)
         self._simplification = options
 
@@ -310,9 +297,7 @@ class SafeSetup(ProblemSetup):
         return self._simplification_time
 
     @contextmanager
-    def _objective_of(
-        self, cost: Cost, planner: str | Any, parameters: Mapping[str, Any] | None
-    ) -> Iterator[None]:
+    def _objective_of(self, cost: Cost, planner: str | Any, parameters: Mapping[str, Any] | None) -> Iterator[None]:
         """Within, have OMPL's planners plan for a cost; ours plan away from danger in any case."""
         if cost not in COSTS:
             raise UnknownNameError("cost", cost, COSTS)
@@ -442,9 +427,7 @@ class PlanningRun:
         if path is not None:
             examined = setup.report(path)
             if not examined.certified:
-                raise PlanningError(
-                    f"{name} returned a path that is not proven free: {examined.validation.why}"
-                )
+                raise PlanningError(f"{name} returned a path that is not proven free: {examined.validation.why}")
             setup.problem.check_ends(path, name)
         return replace(
             result,

@@ -24,9 +24,7 @@ _FINGER = re.compile(r"finger|gripper|jaw|knuckle|thumb")
 _WRIST = re.compile(r"wrist|roll|pitch|yaw")
 _PART_OF_FINGER = re.compile(r"finger|jaw|knuckle|thumb")
 # Words in names of links that are no end of an arm.
-_SENSOR = re.compile(
-    r"camera|optical|accelerometer|gyro|lidar|laser|sensor|infra|depth|(^|_)(imu|range|rgb|scan)(_|$)"
-)
+_SENSOR = re.compile(r"camera|optical|accelerometer|gyro|lidar|laser|sensor|infra|depth|(^|_)(imu|range|rgb|scan)(_|$)")
 
 
 def default_tip(full: pin.Model, model: pin.Model) -> str:
@@ -129,9 +127,7 @@ def _is_named_finger(joint: str) -> bool:
 
 def _is_finger(full: pin.Model, joint: int, length: float) -> bool:
     subtree = list(full.subtrees[joint])
-    return (
-        len(subtree) <= _MOST_JOINTS and length <= _LONGEST and all(full.joints[j].nv == 1 for j in subtree)
-    )
+    return len(subtree) <= _MOST_JOINTS and length <= _LONGEST and all(full.joints[j].nv == 1 for j in subtree)
 
 
 def _alike(full: pin.Model, a: int, b: int, lengths: dict[int, float]) -> bool:

@@ -57,10 +57,7 @@ def _size(shape: coal.CollisionGeometry) -> Any:
     names = ("halfSide", "radius", "halfLength", "radii")
     known = {name: _numbers(getattr(shape, name)) for name in names if hasattr(shape, name)}
     shape.computeLocalAABB()
-    return {
-        **known,
-        "box": [_numbers(np.ravel(corner)) for corner in (shape.aabb_local.min_, shape.aabb_local.max_)],
-    }
+    return {**known, "box": [_numbers(np.ravel(corner)) for corner in (shape.aabb_local.min_, shape.aabb_local.max_)]}
 
 
 def _mesh(mesh: coal.BVHModelBase) -> dict[str, Any]:

@@ -79,9 +79,7 @@ class ForwardKinematics:
         for array in (self.lower, self.upper, self.segments, *flags):
             array.setflags(write=False)
 
-    def configuration(
-        self, value: ArrayLike | Mapping[str, float], name: str = "configuration"
-    ) -> FloatArray:
+    def configuration(self, value: ArrayLike | Mapping[str, float], name: str = "configuration") -> FloatArray:
         """Return `value` as a configuration (n,): an array-like, or a mapping of every joint's name to its value.
 
         Raises InputError, which starts with the name, if the shape is wrong, a number is not finite, or a joint is

@@ -64,9 +64,7 @@ class Place:
     @cached_property
     def _sampled_jacobians(self) -> FloatArray:
         robot, rng = self.robot, np.random.default_rng(0)  # always the same: they belong to the robot
-        return np.array(
-            [self.jacobian(q) for q in rng.uniform(robot.lower, robot.upper, (_SAMPLES, robot.n))]
-        )
+        return np.array([self.jacobian(q) for q in rng.uniform(robot.lower, robot.upper, (_SAMPLES, robot.n))])
 
     def error(self, q: FloatArray) -> FloatArray:
         """Return Δx (m,) [m] from the tip at `q: (n,)` to the place, in world axes.
@@ -99,9 +97,7 @@ class Place:
 def _rotation_matrix(value: ArrayLike) -> FloatArray:
     rotation = finite_array(value, (3, 3), "rotation of the tip")
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(rotation) < 0:
-        raise InputError(
-            f"rotation of the tip must be orthonormal with determinant 1, got {rotation.tolist()}"
-        )
+        raise InputError(f"rotation of the tip must be orthonormal with determinant 1, got {rotation.tolist()}")
     return rotation
 
 
@@ -275,9 +271,7 @@ def _matrix(rotation: ArrayLike | pin.Quaternion) -> ArrayLike:
     xyzw: FloatArray = finite_array(rotation, (4,), "rotation of the tip")
     norm = float(np.linalg.norm(xyzw))
     if abs(norm - 1) > _UNIT:
-        raise InputError(
-            f"rotation of the tip: a quaternion (x, y, z, w) must be of unit length, got {xyzw.tolist()}"
-        )
+        raise InputError(f"rotation of the tip: a quaternion (x, y, z, w) must be of unit length, got {xyzw.tolist()}")
     matrix: FloatArray = pin.Quaternion(xyzw / norm).matrix()
     return matrix
 

@@ -118,9 +118,7 @@ def resolved(mimics: Mapping[str, Mimic], source: str) -> dict[str, Mimic]:
             seen.append(mimic.primary)
             above = mimics[mimic.primary]
             mimic = Mimic(
-                above.primary,
-                mimic.multiplier * above.multiplier,
-                mimic.multiplier * above.offset + mimic.offset,
+                above.primary, mimic.multiplier * above.multiplier, mimic.multiplier * above.offset + mimic.offset
             )
         found[name] = mimic
     return found

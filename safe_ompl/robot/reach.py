@@ -117,10 +117,7 @@ class ReachCylinders:
     @classmethod
     def of(cls, cylinders: Sequence[ReachCylinder]) -> ReachCylinders:
         """Return the tables of some cylinders."""
-        vectors, lengths = (
-            [(c.center, c.axis) for c in cylinders],
-            [(c.radius, c.half_length) for c in cylinders],
-        )
+        vectors, lengths = ([(c.center, c.axis) for c in cylinders], [(c.radius, c.half_length) for c in cylinders])
         centers, axes = np.reshape(vectors, (-1, 2, 3)).swapaxes(0, 1)
         radii, half_lengths = np.reshape(lengths, (-1, 2)).T
         return cls(centers, axes, radii, half_lengths)
@@ -173,9 +170,7 @@ class JointChain:
     upper: FloatArray
 
     @classmethod
-    def from_model(
-        cls, model: pin.Model, prismatic: BoolArray, lower: FloatArray, upper: FloatArray
-    ) -> JointChain:
+    def from_model(cls, model: pin.Model, prismatic: BoolArray, lower: FloatArray, upper: FloatArray) -> JointChain:
         """Read the joints of `model`; the rest as above."""
         axes = np.zeros((len(prismatic), 3))
         neutral = pin.neutral(model)

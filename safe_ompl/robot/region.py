@@ -107,9 +107,7 @@ class GoalRegion(document.Section):
         position: FloatArray = frame.rotation @ self._nearest_position(here) + frame.translation
         if not self.turns:
             return position, None
-        rotation: FloatArray = frame.rotation @ _nearest_rotation(
-            frame.rotation.T @ pose.rotation, self._angles
-        )
+        rotation: FloatArray = frame.rotation @ _nearest_rotation(frame.rotation.T @ pose.rotation, self._angles)
         return position, rotation
 
     def distance(self, pose: pin.SE3) -> float:

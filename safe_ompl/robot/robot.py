@@ -146,9 +146,7 @@ class Robot(ForwardKinematics):
         srdf_file = None if srdf is None else str(existing_file(srdf, "SRDF"))
         files = str(existing_file(urdf, "URDF")), srdf_file, tuple(map(str, package_dirs))
         held, ranges, words = dict(locked or {}), dict(limits or {}), dict(xacro_args or {})
-        blueprint = UrdfBlueprint(
-            *files, tip, held, hulls, name, ranges, collision, group, locked_state, words
-        )
+        blueprint = UrdfBlueprint(*files, tip, held, hulls, name, ranges, collision, group, locked_state, words)
         return cls(standing(blueprint, base, mobile_base))
 
     @classmethod
@@ -213,9 +211,7 @@ class Robot(ForwardKinematics):
         check_models(model, collision_model, visual_model)
         own, collision, visual = owned(model, collision_model, visual_model)
         held, ranges, title = dict(locked or {}), dict(limits or {}), name or model.name or "robot"
-        blueprint = ModelsBlueprint(
-            own, collision, visual, tip, held, hulls, title, ranges, dict(mimics or {})
-        )
+        blueprint = ModelsBlueprint(own, collision, visual, tip, held, hulls, title, ranges, dict(mimics or {}))
         return cls(standing(blueprint, base, mobile_base))
 
     @classmethod

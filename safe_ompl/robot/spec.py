@@ -155,9 +155,7 @@ class RobotSpec:
         Raises InputError if it names none: the robots of example-robot-data bring their own.
         """
         if not self.reads_urdf:
-            raise InputError(
-                f"is for robots from a URDF; {self.example!r} brings its own files", "package-dir"
-            )
+            raise InputError(f"is for robots from a URDF; {self.example!r} brings its own files", "package-dir")
         if self.urdf is not None:
             return replace(self, package_dirs=(*folders, *self.package_dirs))
         robots = {k: s.with_package_dirs(folders) if s.reads_urdf else s for k, s in self.robots.items()}
@@ -180,9 +178,7 @@ class RobotSpec:
             return Robot.from_example(self.example, tip=self.tip, locked=self.locked, **chosen)
         assert self.urdf is not None
         files = self.urdf, self.srdf, self.package_dirs
-        return Robot.from_urdf(
-            *files, self.tip, self.locked, name=self.name, xacro_args=self.xacro_args, **chosen
-        )
+        return Robot.from_urdf(*files, self.tip, self.locked, name=self.name, xacro_args=self.xacro_args, **chosen)
 
 
 def _word(key: str, value: Any) -> str:

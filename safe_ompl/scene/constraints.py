@@ -130,11 +130,7 @@ class PathLimits(document.Section):
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> PathLimits:
         """Read limits from a document, with the sections in them; errors as `Section.from_mapping`."""
-        kinds: dict[str, type[document.Section]] = {
-            "tool": ToolConstraint,
-            "tip": TipBox,
-            "moving": MovingObstacles,
-        }
+        kinds: dict[str, type[document.Section]] = {"tool": ToolConstraint, "tip": TipBox, "moving": MovingObstacles}
         read = dict(data)
         for key in kinds.keys() & data.keys():
             read[key] = document.section(key, data[key], kinds[key].from_mapping)

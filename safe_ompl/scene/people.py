@@ -108,9 +108,7 @@ class People(document.Section):
 
     def __post_init__(self) -> None:
         numbers = ("speed", "reaction_time", "clearance", "load")
-        values: dict[str, Any] = {
-            key: document.number(key, getattr(self, key), at_least=0.0) for key in numbers
-        }
+        values: dict[str, Any] = {key: document.number(key, getattr(self, key), at_least=0.0) for key in numbers}
         for key in ("contact", "contact_relative"):
             values[key] = document.flag(key, getattr(self, key))
         if self.source is not None:
@@ -152,8 +150,7 @@ class People(document.Section):
         found = tuple(o.name for o in scene if isinstance(o.shape, Person))
         if not found:
             raise InputError(
-                "the scene has no person; name the obstacles that are treated as people, or give no people",
-                "people",
+                "the scene has no person; name the obstacles that are treated as people, or give no people", "people"
             )
         return found
 

@@ -71,9 +71,7 @@ class Goal:
         elif self.quaternion_xyzw is not None:
             raise InputError("missing: an orientation alone is no goal", "position")
         elif not self.configurations and self.region is None:
-            raise InputError(
-                "missing: give configuration, configurations, position or region", "configuration"
-            )
+            raise InputError("missing: give configuration, configurations, position or region", "configuration")
 
     @property
     def is_place(self) -> bool:
@@ -91,9 +89,7 @@ class Goal:
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Goal:
         """Read ``configuration`` or ``configurations``, and ``position`` with orientation or ``region``."""
-        document.check_keys(
-            data, ("configuration", "configurations", "position", *_TURNS, "tolerance", "region")
-        )
+        document.check_keys(data, ("configuration", "configurations", "position", *_TURNS, "tolerance", "region"))
         if "configuration" in data and "configurations" in data:
             raise InputError("give only one of configuration and configurations", "configurations")
         if "configuration" in data:
@@ -239,8 +235,7 @@ class Scenario:
         file = Path(path)
         if file.suffix.lower() in (".urdf", ".xacro"):
             raise InputError(
-                f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it",
-                str(file),
+                f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it", str(file)
             )
         with formats.reading(file) as data:
             return cls._from_mapping(data, file)
@@ -252,9 +247,7 @@ class Scenario:
         robot = robot if isinstance(robot, str) else document.mapping("robot", robot)
         with document.within("robot"):
             spec = RobotSpec.from_mapping(robot, file.parent)
-        goal = document.section(
-            "goal", document.mapping("goal", document.require(data, "goal")), Goal.from_mapping
-        )
+        goal = document.section("goal", document.mapping("goal", document.require(data, "goal")), Goal.from_mapping)
         scene = document.section("scene", data.get("scene"), lambda d: Scene.from_mapping(d, file.parent))
         people = None
         if "people" in data:
@@ -321,8 +314,7 @@ class Scenario:
 
 def _frames(data: Mapping[str, Any]) -> dict[str, Pose]:
     return {
-        name: document.section(name, document.mapping(name, place), Pose.from_mapping)
-        for name, place in data.items()
+        name: document.section(name, document.mapping(name, place), Pose.from_mapping) for name, place in data.items()
     }
 
 

@@ -51,9 +51,7 @@ class Scene:
         for k, obstacle in enumerate(self.obstacles):
             if obstacle.name in seen:
                 first = seen[obstacle.name]
-                same = (
-                    "the same obstacle, given twice" if obstacle == self.obstacles[first] else "another one"
-                )
+                same = "the same obstacle, given twice" if obstacle == self.obstacles[first] else "another one"
                 raise InputError(
                     f"{obstacle.name!r} is already obstacles[{first}], {same}; names must differ",
                     f"obstacles[{k}].name",
@@ -125,10 +123,7 @@ class Scene:
 
     def content_hash(self) -> str:
         """Return the SHA-256 of what the scene holds, mesh and point data included, file names not."""
-        content = {
-            "spacing": self.spacing,
-            "obstacles": [obstacle.canonical() for obstacle in self.obstacles],
-        }
+        content = {"spacing": self.spacing, "obstacles": [obstacle.canonical() for obstacle in self.obstacles]}
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -152,9 +147,7 @@ class Scene:
     def without(self, *names: str) -> Scene:
         """Return a scene without the obstacles of these names; unknown ones raise UnknownNameError."""
         gone = {self[name].name for name in names}
-        return Scene(
-            tuple(obstacle for obstacle in self.obstacles if obstacle.name not in gone), self.spacing
-        )
+        return Scene(tuple(obstacle for obstacle in self.obstacles if obstacle.name not in gone), self.spacing)
 
     def moved(self, places: Mapping[str, Any]) -> Scene:
         """Return a scene in which some obstacles are elsewhere; it shares all else with this one.
@@ -206,9 +199,7 @@ class Scene:
 def _obstacles(given: Any) -> tuple[Obstacle, ...]:
     """Return what was given as a tuple of obstacles, or raise InputError."""
     if isinstance(given, (Obstacle, str, Mapping)) or not isinstance(given, Iterable):
-        raise InputError(
-            f"must be a list of Obstacle, got {shown(given)}; no obstacles: Scene()", "obstacles"
-        )
+        raise InputError(f"must be a list of Obstacle, got {shown(given)}; no obstacles: Scene()", "obstacles")
     obstacles = tuple(given)
     for k, obstacle in enumerate(obstacles):
         if not isinstance(obstacle, Obstacle):
@@ -230,11 +221,7 @@ def _mbm_shape(kind: str, data: Mapping[str, Any]) -> tuple[Shape, Pose]:
 
 def _refuse_other_obstacles(problem: Mapping[str, Any]) -> None:
     for key, value in problem.items():
-        if (
-            key not in _MBM_KINDS
-            and isinstance(value, list)
-            and any(isinstance(item, dict) for item in value)
-        ):
+        if key not in _MBM_KINDS and isinstance(value, list) and any(isinstance(item, dict) for item in value):
             raise InputError(f"obstacles of this kind are not read; known: {', '.join(_MBM_KINDS)}", key)
 
 

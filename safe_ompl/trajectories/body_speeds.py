@@ -68,9 +68,7 @@ class BodySpeeds:
         tip = Hull(np.array(frame.placement.translation, dtype=np.float64)[None], 0.0)
         parts = list(robot.shared.collision_model.geometryObjects)
         hulls = [bounding_hull(part.geometry, coarse=True).moved(part.placement) for part in parts] + [tip]
-        carriers: IntArray = np.array(
-            [*(part.parentJoint for part in parts), frame.parentJoint], dtype=np.intp
-        )
+        carriers: IntArray = np.array([*(part.parentJoint for part in parts), frame.parentJoint], dtype=np.intp)
         corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls])
         self._boxes = _Boxes(carriers, corners, np.array([hull.radius for hull in hulls]))
         chain = robot.shared.chain
@@ -85,10 +83,7 @@ class BodySpeeds:
         """Return the bounds (N, G + 1) [m/rad]: of the G bodies of `collision_model`, and of the tip."""
         place = curve.at(cells.centres)
         half = cells.sizes[:, None] / 2
-        values, rates = (
-            plain(self._robot.coupling.values(place.q)),
-            plain(self._robot.coupling.motions(place.slope)),
-        )
+        values, rates = (plain(self._robot.coupling.values(place.q)), plain(self._robot.coupling.motions(place.slope)))
         found = box_speeds(self._robot.kinematics.joints, self._boxes, values, rates)
         return found + half * self.accelerations(cells)
 
@@ -99,9 +94,7 @@ class BodySpeeds:
 
 
 @compiled
-def acceleration_bounds(
-    radii: FloatArray, turned: BoolArray, steps: FloatArray, bends: FloatArray
-) -> FloatArray:
+def acceleration_bounds(radii: FloatArray, turned: BoolArray, steps: FloatArray, bends: FloatArray) -> FloatArray:
     """Return bounds (N, G) of ‖x″‖ of every point of G bodies along a curve, by arc length; see `BodySpeeds`.
 
     Parameters

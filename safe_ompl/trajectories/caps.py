@@ -7,15 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import (
-    RATE_BOUNDS,
-    BoolArray,
-    FloatArray,
-    InputError,
-    IntArray,
-    SafeOmplError,
-    number,
-)
+from safe_ompl.common import RATE_BOUNDS, BoolArray, FloatArray, InputError, IntArray, SafeOmplError, number
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
@@ -28,9 +20,7 @@ from safe_ompl.trajectories.time_law import SmoothLimits, best_window, velocity_
 from safe_ompl.trajectories.trajectory import SpeedCap
 
 TOOL_SPEED, LINK_SPEED = "tool speed", "link speed"  # names of caps
-BENDING = (
-    0.5  # share of the accelerations (and jerks) that blends may take beside people; the rest is for braking
-)
+BENDING = 0.5  # share of the accelerations (and jerks) that blends may take beside people; the rest is for braking
 _INSTANT = 0.005  # [s] times shorter than this count as this
 _FINEST = 1e-3  # [rad] no cell is divided into smaller ones
 _SOON = 3.0  # stops take no longer than this times that of constant deceleration
@@ -183,9 +173,7 @@ def people_caps(
         allowed, group, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
         limb = np.where(group < 0, -1, first[where, group])
         if not last:
-            cells = curve.between(
-                divided_edges(cells.edges, _parts(cells, speeds, left, limb, where, distances, loss))
-            )
+            cells = curve.between(divided_edges(cells.edges, _parts(cells, speeds, left, limb, where, distances, loss)))
     _check_start(left.distances[0], distances)
     for j in np.flatnonzero(allowed <= 0):
         raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances, window))
@@ -261,13 +249,7 @@ def _named(who: tuple[str, str]) -> str:
 
 
 def _standstill(
-    curve: BlendedCurve,
-    cells: Cells,
-    k: int,
-    m: int,
-    left: SeparationBounds,
-    distances: PeopleDistances,
-    window: float,
+    curve: BlendedCurve, cells: Cells, k: int, m: int, left: SeparationBounds, distances: PeopleDistances, window: float
 ) -> Standstill:
     people, (person, limb) = distances.people, distances.limbs[m]
     link = distances.links[int(left.nearest[k, m])]
@@ -294,9 +276,7 @@ def harmless_rates(
     return found.min(axis=1), found.min(axis=1) < free.min(axis=1)
 
 
-def speed_caps(
-    speeds: FloatArray, tool_speed: float | None, link_speed: float | None
-) -> tuple[SpeedCap, ...]:
+def speed_caps(speeds: FloatArray, tool_speed: float | None, link_speed: float | None) -> tuple[SpeedCap, ...]:
     """Return the caps that keep the tip, and all points of all bodies, below a speed [m/s].
 
     Parameters
@@ -307,10 +287,7 @@ def speed_caps(
         Limits [m/s], > 0.
     """
     caps = []
-    for name, limit, bound in (
-        (TOOL_SPEED, tool_speed, speeds[:, -1]),
-        (LINK_SPEED, link_speed, speeds.max(axis=1)),
-    ):
+    for name, limit, bound in ((TOOL_SPEED, tool_speed, speeds[:, -1]), (LINK_SPEED, link_speed, speeds.max(axis=1))):
         if limit is not None:
             with np.errstate(divide="ignore"):
                 caps.append(SpeedCap(name, np.where(bound > 0, limit / bound, np.inf), limit))

@@ -78,9 +78,7 @@ def robot_mass(robot: Robot, people: People, *, clamped: bool = False) -> float:
         return people.robot_mass or np.inf
     mass = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:]) / 2
     if mass <= 0:
-        raise InputError(
-            "the URDF knows no masses: give the effective mass of the robot [kg]", "people.robot_mass"
-        )
+        raise InputError("the URDF knows no masses: give the effective mass of the robot [kg]", "people.robot_mass")
     return float(mass) + people.load
 
 
@@ -212,9 +210,7 @@ class ContactLimits:
             )
             for clamped in (False, True)
         )
-        self.thickness: FloatArray = np.array(
-            [limb_thickness(limb, heights.get(who, np.inf)) for who, limb in limbs]
-        )
+        self.thickness: FloatArray = np.array([limb_thickness(limb, heights.get(who, np.inf)) for who, limb in limbs])
         self._coupling, self._always = robot.coupling, always_clamped
         parts = [part for obstacle in still for part in obstacle.geometries()]
         obstacles = [pin.GeometryObject(name, 0, place, shape) for name, shape, place in parts]

@@ -95,9 +95,7 @@ class Curve(Protocol):
 def divided_edges(edges: FloatArray, parts: IntArray) -> FloatArray:
     """Return the edges of cells that are divided, each in as many equal parts as `parts: (N,)` says."""
     inside = np.arange(int(parts.sum())) - np.repeat(np.cumsum(parts) - parts, parts)
-    starts = np.repeat(edges[:-1], parts) + inside / np.repeat(parts, parts) * np.repeat(
-        np.diff(edges), parts
-    )
+    starts = np.repeat(edges[:-1], parts) + inside / np.repeat(parts, parts) * np.repeat(np.diff(edges), parts)
     return np.append(starts, edges[-1])
 
 
@@ -261,11 +259,7 @@ class BlendedCurve:
 
 
 def blended(
-    path: FloatArray,
-    robot: Robot,
-    tolerance: float,
-    motion: MotionProver | None,
-    limits: RateLimits | None = None,
+    path: FloatArray, robot: Robot, tolerance: float, motion: MotionProver | None, limits: RateLimits | None = None
 ) -> BlendedCurve:
     """Return the path (N, n) with its corners rounded.
 
@@ -298,9 +292,7 @@ def blended(
     if not moves.any():
         raise InputError("the path does not move: give two different way points at least")
     steps = steps[moves]
-    points = path[0] + np.vstack(
-        [np.zeros((1, robot.n)), np.cumsum(steps, axis=0)]
-    )  # continuous joints unrolled
+    points = path[0] + np.vstack([np.zeros((1, robot.n)), np.cumsum(steps, axis=0)])  # continuous joints unrolled
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, None]
     proof = motion if tolerance else None

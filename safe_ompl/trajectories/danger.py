@@ -72,9 +72,7 @@ class MovingDanger:
             )
         self.field = field
 
-    def bounds(
-        self, curve: BlendedCurve, spans: Spans, rates: FloatArray, enough: float = -np.inf
-    ) -> SpanDanger:
+    def bounds(self, curve: BlendedCurve, spans: Spans, rates: FloatArray, enough: float = -np.inf) -> SpanDanger:
         """Return bounds over spans of a curve.
 
         Parameters

@@ -47,10 +47,7 @@ class DurationEstimate:
         units, edges = steps / lengths[:, None], divided_edges(np.append(0.0, np.cumsum(lengths)), panels)
         bends = self._bends(units, lengths, np.diff(edges))
         boxes = Boxes(units[of], units[of], -bends, bends)
-        cells, limits = (
-            Cells(edges, boxes, np.zeros_like(bends), np.zeros(0, dtype=np.intp)),
-            self._timer.limits,
-        )
+        cells, limits = (Cells(edges, boxes, np.zeros_like(bends), np.zeros(0, dtype=np.intp)), self._timer.limits)
         caps = np.minimum(velocity_cap(cells, limits), bending_cap(cells, limits))
         if self._timer.distances is not None:
             inside = np.arange(len(of)) - np.repeat(np.cumsum(panels) - panels, panels) + 0.5
@@ -78,9 +75,7 @@ class DurationEstimate:
         middles = np.cumsum(sizes) - sizes / 2
         corners = np.cumsum(lengths)[:-1]
         changes = units[1:] - units[:-1]
-        for k, (change, turn) in enumerate(
-            zip(changes, np.linalg.norm(changes, axis=1).tolist(), strict=True)
-        ):
+        for k, (change, turn) in enumerate(zip(changes, np.linalg.norm(changes, axis=1).tolist(), strict=True)):
             if turn > _STRAIGHT:
                 reach = max(min(lengths[k], lengths[k + 1]) / 2, _SHORTEST)
                 reach = min(reach, max(4 * self._timer.tolerance / turn, _SHARPEST))

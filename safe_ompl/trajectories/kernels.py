@@ -65,12 +65,7 @@ def _latest(first: int, last: int, sizes: FloatArray, weakest: FloatArray) -> fl
 
 @compiled
 def stopping_speeds(
-    sizes: FloatArray,
-    brakes: FloatArray,
-    times: FloatArray,
-    harmless: FloatArray,
-    caps: FloatArray,
-    ends: IntArray,
+    sizes: FloatArray, brakes: FloatArray, times: FloatArray, harmless: FloatArray, caps: FloatArray, ends: IntArray
 ) -> tuple[FloatArray, IntArray, IntArray, BoolArray]:
     """Return the largest ṡ (N,) of each cell, and for which of the M bodies and in which cell it is bounded (−1: none).
 
@@ -136,9 +131,7 @@ def stopping_speeds(
 
 
 @compiled
-def spread(
-    edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatArray, width: float
-) -> FloatArray:
+def spread(edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatArray, width: float) -> FloatArray:
     """Return the least (N, m) of the values of all cells by whose radius a cell is reached.
 
     At a distance d a value counts as max(value, d/width), unless the width is infinite.

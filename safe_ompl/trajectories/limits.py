@@ -10,15 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import (
-    RATE_BOUNDS,
-    FloatArray,
-    InputError,
-    UnknownNameError,
-    finite_array,
-    number,
-    warn_once,
-)
+from safe_ompl.common import RATE_BOUNDS, FloatArray, InputError, UnknownNameError, finite_array, number, warn_once
 from safe_ompl.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -134,10 +126,7 @@ class RateLimits:
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """Return velocity and acceleration by joint, and the jerk where it is limited."""
-        return {
-            kind: dict(zip(self.joint_names, getattr(self, kind).tolist(), strict=True))
-            for kind in self.kinds
-        }
+        return {kind: dict(zip(self.joint_names, getattr(self, kind).tolist(), strict=True)) for kind in self.kinds}
 
 
 def _urdf_velocities(robot: Robot) -> FloatArray:

@@ -215,9 +215,7 @@ class _LocalSearch:
     _times: FloatArray | None  # how long its edges take, where that is estimated,
     _cost: float  # and all of it
 
-    def __init__(
-        self, path: FloatArray, timer: PathTimer, motion: MotionProver, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, path: FloatArray, timer: PathTimer, motion: MotionProver, rng: np.random.Generator) -> None:
         self._timer, self._motion = timer, motion
         self._estimate = DurationEstimate(timer)
         self._estimates = DurationEstimate.knows(timer)
@@ -301,9 +299,7 @@ class _LocalSearch:
 def _divided(path: FloatArray, spacing: float) -> FloatArray:
     """Return the same path with way points no more than the spacing apart."""
     parts = [
-        a
-        + np.linspace(0, 1, max(1, int(np.ceil(np.linalg.norm(b - a) / spacing))), endpoint=False)[:, None]
-        * (b - a)
+        a + np.linspace(0, 1, max(1, int(np.ceil(np.linalg.norm(b - a) / spacing))), endpoint=False)[:, None] * (b - a)
         for a, b in pairwise(path)
     ]
     return np.vstack([*parts, path[-1]])

@@ -99,8 +99,6 @@ def _excess(times: FloatArray, states: tuple[FloatArray, ...], limits: RateLimit
         bound = np.abs(rows).max(axis=2)
         over = bound + error > most
         if over.any():
-            bound[over] = np.maximum(
-                polynomials.peaks(rows[over]).bound, polynomials.peaks(-rows[over]).bound
-            )
+            bound[over] = np.maximum(polynomials.peaks(rows[over]).bound, polynomials.peaks(-rows[over]).bound)
         factor = np.maximum(factor, ((bound + error) / most).max(axis=1) ** (1 / order))
     return factor

@@ -87,13 +87,7 @@ def _reach(limbs: _Limbs, m: int, time: float) -> float:
 
 @compiled
 def arrivals(
-    joints: Any,
-    shapes: Shapes,
-    limbs: _Limbs,
-    values: FloatArray,
-    half: FloatArray,
-    soon: float,
-    short: float,
+    joints: Any, shapes: Shapes, limbs: _Limbs, values: FloatArray, half: FloatArray, soon: float, short: float
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Return distances and arrival times (N, M) of limbs, and the body (N, M) that each comes to first.
 
@@ -241,9 +235,7 @@ class PeopleDistances:
         """
         found = {part[0]: part for name in self._names for part in scene[name].geometries()}
         if set(found) != set(self._parts):
-            raise InputError(
-                f"the people are not the same: {sorted(set(found) ^ set(self._parts))[0]!r}", "scene"
-            )
+            raise InputError(f"the people are not the same: {sorted(set(found) ^ set(self._parts))[0]!r}", "scene")
         placed = [
             pin.GeometryObject(f"person:{part}", 0, place, shape)
             for part, shape, place in map(found.__getitem__, self._parts)

@@ -61,12 +61,7 @@ def braking_squares(first: int, last: int, sizes: FloatArray, boxes: Boxes, limi
 
 @compiled
 def time_left(
-    sizes: FloatArray,
-    boxes: Boxes,
-    limits: FloatArray,
-    ends: IntArray,
-    times: FloatArray,
-    harmless: FloatArray,
+    sizes: FloatArray, boxes: Boxes, limits: FloatArray, ends: IntArray, times: FloatArray, harmless: FloatArray
 ) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
     """Return the least τ_km − T_jk (N,) of each cell j, which limb m in which cell k, √x there; and the T of stops.
 
@@ -196,9 +191,7 @@ def stops_beside(
         left, limb, where, entries, _ = time_left(*motion, ends, times, harmless)
         loss = _loss(cells, speeds, found, limb, where, distances) + _ROUGH * spans
         slow = harmless[where, limb] > _NEARLY * entries
-        loss = np.where(
-            slow & (left < 0), np.maximum(loss, -2 * left), loss
-        )  # finer cells bound speeds better
+        loss = np.where(slow & (left < 0), np.maximum(loss, -2 * left), loss)  # finer cells bound speeds better
         parts = _parts(cells, left, where, loss)
         if last or (parts == 1).all() or (left + loss < 0).any():  # or finer cells would not help everywhere
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)

@@ -133,11 +133,7 @@ def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
 
 
 def fastest_law(
-    cells: Cells,
-    acceleration: FloatArray,
-    cap: FloatArray,
-    speed: float = 0.0,
-    push: FloatArray | None = None,
+    cells: Cells, acceleration: FloatArray, cap: FloatArray, speed: float = 0.0, push: FloatArray | None = None
 ) -> FloatArray:
     """Return ṡ² (N+1,) of the fastest law within accelerations of the joints and a cap of ṡ.
 
@@ -197,12 +193,7 @@ class SmoothLaw(TimeLaw):
 
     @classmethod
     def _of(
-        cls,
-        edges: FloatArray,
-        window: float,
-        squares: FloatArray,
-        arrivals: FloatArray,
-        leaves: FloatArray,
+        cls, edges: FloatArray, window: float, squares: FloatArray, arrivals: FloatArray, leaves: FloatArray
     ) -> SmoothLaw:
         times = np.append(leaves[:-1], arrivals[-1] + window)
         law = cls(edges, np.zeros(len(edges)), times, window, squares, arrivals, leaves)
@@ -283,9 +274,7 @@ class SmoothLaw(TimeLaw):
         inside = np.clip(since, 0.0, end)
         place = self.edges[cell] + inside * (begin + inside * push / 2)
         area = self._areas[cell] + inside * (self.edges[cell] + inside * (begin / 2 + inside * push / 6))
-        area += (
-            np.minimum(since, 0.0) * self.edges[cell] + np.maximum(since - end, 0.0) * self.edges[cell + 1]
-        )
+        area += np.minimum(since, 0.0) * self.edges[cell] + np.maximum(since - end, 0.0) * self.edges[cell + 1]
         moves = (t >= self.leaves[cell]) & (t < self.arrivals[cell + 1])
         return area, place, np.where(moves, begin + inside * push, 0.0), np.where(moves, push, 0.0)
 
@@ -364,9 +353,7 @@ class SmoothLimits:
         """Return what σ̇ keeps to (N, …) in each cell, so that ṡ keeps to `caps: (N, …)`."""
         width, cells = self.window / 2, self.cells
         reach = np.full(len(cells), width * caps.max() * (1 + 1e-9))  # what is farther away has no effect
-        return spread(cells.edges, reach, cells.stops, caps.reshape(len(cells), -1), width).reshape(
-            caps.shape
-        )
+        return spread(cells.edges, reach, cells.stops, caps.reshape(len(cells), -1), width).reshape(caps.shape)
 
     def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:
         """Return σ̇² (N + 1,) of the fastest plan, with ṡ ≤ `caps: (N,)` besides."""
@@ -378,12 +365,7 @@ class SmoothLimits:
         return SmoothLaw.averaged(self.cells.edges, self.plan(limits, caps), self.cells.stops, self.window)
 
 
-def best_window(
-    cells: Cells,
-    limits: RateLimits,
-    caps: FloatArray,
-    times: FloatArray | None = None,
-) -> float:
+def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: FloatArray | None = None) -> float:
     """Return the window [s] with which a law takes the least time, about.
 
     Parameters

@@ -14,14 +14,7 @@ from safe_ompl.danger import KinetostaticField
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories.body_speeds import BodySpeeds
-from safe_ompl.trajectories.caps import (
-    MotionCaps,
-    Standstill,
-    StandstillError,
-    bending_cap,
-    people_caps,
-    speed_caps,
-)
+from safe_ompl.trajectories.caps import MotionCaps, Standstill, StandstillError, bending_cap, people_caps, speed_caps
 from safe_ompl.trajectories.curve import BlendedCurve, blended
 from safe_ompl.trajectories.danger import MovingDanger, danger_cap
 from safe_ompl.trajectories.limits import RateLimits
@@ -134,9 +127,7 @@ class PathTimer:
         self.caps = within_tube(replace(caps or MotionCaps(), **named), motion)
         self.motion, self.people = motion, self.caps.people
         if self.people is not None and self.people.contact and self.limits.jerk is not None:
-            raise InputError(
-                "contact is not proven with a limit of the jerk: leave one out", "people.contact"
-            )
+            raise InputError("contact is not proven with a limit of the jerk: leave one out", "people.contact")
         if self.people is not None and motion is None:
             raise InputError("give a motion: its scene says where people are", "motion")
         self.tolerance = number("tolerance", tolerance, at_least=0.0)
@@ -216,9 +207,7 @@ class PathTimer:
         cells = curve.cells(step if coarse else min(CELL_LENGTH, step))
         if self._distances is not None:
             loss = _COARSE if coarse else _FINE
-            cells, brakes, window, caps = people_caps(
-                curve, cells, self._bodies, limits, self._distances, loss=loss
-            )
+            cells, brakes, window, caps = people_caps(curve, cells, self._bodies, limits, self._distances, loss=loss)
         elif limits.jerk is not None:
             few = curve.cells(curve.length / _SEARCHED, _TURN)
             window = best_window(few, limits, velocity_cap(few, limits))
@@ -248,9 +237,7 @@ class PathTimer:
         squares = fastest_law(cells, limits.acceleration, most, speed)
         if squares[0] < speed * speed * (1 - _SAME):
             q = curve.at(np.zeros(1)).q[0]
-            reason = (
-                f"it is at {speed:.3f} rad/s, and from no more than {squares[0] ** 0.5:.3f} all holds; stop"
-            )
+            reason = f"it is at {speed:.3f} rad/s, and from no more than {squares[0] ** 0.5:.3f} all holds; stop"
             raise StandstillError(Standstill(0.0, q, reason))
         law = TimeLaw.through(cells.edges, squares)
         return Trajectory(curve, law, limits, tuple(caps), brakes, *kept)

@@ -274,10 +274,7 @@ class Trajectory:
             ],
             "duration": float(times[-1]),
             "limits": self.limits.as_dict(),
-            "caps": [
-                {"name": cap.name, "least": cap.least if np.isfinite(cap.least) else None}
-                for cap in self.caps
-            ],
+            "caps": [{"name": cap.name, "least": cap.least if np.isfinite(cap.least) else None} for cap in self.caps],
         }
 
     def to_json(self, rate: float = RATE) -> str:

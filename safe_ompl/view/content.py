@@ -57,10 +57,7 @@ class ViewerContent:
 
     def __post_init__(self) -> None:
         moved = {name: motion.configurations for name, motion in self.motions.items()}
-        paths = {
-            name: finite_array(way, (None, self.robot.n), name)
-            for name, way in {**self.paths, **moved}.items()
-        }
+        paths = {name: finite_array(way, (None, self.robot.n), name) for name, way in {**self.paths, **moved}.items()}
         for name, way in paths.items():
             if not len(way):
                 raise InputError("must have a configuration at least, got none", f"path of {name}")
@@ -226,8 +223,7 @@ class Movers:
         """Return the people who are there at a time [s], as obstacles."""
         there = self.people[self.sample(time)]
         return [
-            Obstacle(name, Person(self.heights[name], points), Pose(), weight=1.0)
-            for name, points in there.items()
+            Obstacle(name, Person(self.heights[name], points), Pose(), weight=1.0) for name, points in there.items()
         ]
 
     def obstacles_at(self, time: float, scene: Scene) -> list[Obstacle]:
@@ -403,16 +399,13 @@ def read_recording(
                 for tick in ticks
             ],
         )
-    return ViewerContent(
-        robot, scene, danger=None, motions={motion.name: motion}, movers=movers, title=Path(file).stem
-    )
+    return ViewerContent(robot, scene, danger=None, motions={motion.name: motion}, movers=movers, title=Path(file).stem)
 
 
 def _keypoints(people: Mapping[str, Any]) -> dict[str, Keypoints]:
     """Return the key points from which a `Person` is drawn; others, such as the pelvis, follow from them."""
     return {
-        name: {point: place for point, place in points.items() if point in STANDING}
-        for name, points in people.items()
+        name: {point: place for point, place in points.items() if point in STANDING} for name, points in people.items()
     }
 
 

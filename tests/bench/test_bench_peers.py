@@ -56,9 +56,7 @@ def test_a_runner_answers_with_a_path_and_its_times(exported, tmp_path, name):
     system = next(s for s in SYSTEMS if s.name == name)
     runner = Runner(system, robot, tmp_path)
     try:
-        answer = runner.ask(
-            {**problem.question, "seed": 1, "time": 10.0}, processes.WARMING
-        )  # kernels may be compiled
+        answer = runner.ask({**problem.question, "seed": 1, "time": 10.0}, processes.WARMING)  # kernels may be compiled
     finally:
         runner.close()
     run = judged(answer, problem, 1)
@@ -219,14 +217,10 @@ def test_the_judge_knows_contact_clearance_and_length(panda):
     assert verdict.touching
     assert verdict.length == pytest.approx(2.0)
     assert verdict.worst.other == "pole"
-    assert (
-        verdict.worst.distance < -0.04
-    )  # the forearm passes through the middle of the pole, whose radius is 50 mm
+    assert verdict.worst.distance < -0.04  # the forearm passes through the middle of the pole, whose radius is 50 mm
     free = judge.verdict(Motion.through(AROUND))
     assert not free.touching
-    clearances = [
-        CollisionChecker(panda, SCENE).clearance(q).distance for q in samples(Motion.through(AROUND), 0.005)
-    ]
+    clearances = [CollisionChecker(panda, SCENE).clearance(q).distance for q in samples(Motion.through(AROUND), 0.005)]
     assert free.min_clearance == pytest.approx(min(clearances), abs=1e-3)
     assert free.mean_clearance == pytest.approx(np.mean(clearances), rel=0.01)
 

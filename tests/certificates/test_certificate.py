@@ -143,17 +143,11 @@ def lengthened(content):
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        (
-            lambda c: c["edges"][1].pop(len(c["edges"][1]) // 2),
-            r"edge 1: no interval covers [\d.]+ to [\d.]+ of",
-        ),
+        (lambda c: c["edges"][1].pop(len(c["edges"][1]) // 2), r"edge 1: no interval covers [\d.]+ to [\d.]+ of"),
         (lambda c: c["edges"].pop(), "the path has 3 edges, the certificate 2"),
         (lambda c: c["edges"][2][0].update(centre=0.04), "edge 2: no interval covers 0.000000 to 0.0"),
         (lengthened, r"edge 0, interval 0 \(centre 0.5.* mm are needed"),
-        (
-            lambda c: add_to(c["edges"][1][0]["margins"], 3.0),
-            "edge 1, interval 0 .* apart, .* mm are claimed",
-        ),
+        (lambda c: add_to(c["edges"][1][0]["margins"], 3.0), "edge 1, interval 0 .* apart, .* mm are claimed"),
         (
             lambda c: c["edges"][1][0].update(margins=[0.0] * len(c["pairs"])),
             "edge 1, interval 0 .*the margin of .* is 0.000 mm, .* mm are needed",
@@ -203,9 +197,7 @@ def test_anything_else_changes_the_digest(tampered, ur5, clutter):
     refused(tampered, ur5, clutter, "its digest differs")
 
 
-@pytest.mark.parametrize(
-    "broken", [[{}], [{"centre": 0.5, "half_length": 0.5}], [None], 3, [{"centre": None}]]
-)
+@pytest.mark.parametrize("broken", [[{}], [{"centre": 0.5, "half_length": 0.5}], [None], 3, [{"centre": None}]])
 def test_edges_that_are_malformed(tampered, ur5, clutter, broken):
     tampered["edges"][0] = broken
     with pytest.raises(InputError, match=r"^certificate\.edges\[0\]"):
@@ -287,9 +279,7 @@ def test_a_negative_clearance_lets_nothing_overlap(ur5, clutter, plain_check):
         verify(signed(content), ur5, clutter)
 
 
-MOVING = [
-    f"{part}_link" for part in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "ee")
-]
+MOVING = [f"{part}_link" for part in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "ee")]
 
 
 @pytest.mark.parametrize(
@@ -355,9 +345,7 @@ def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
     robot, scene = robot_named(name), dangerous(clutter)
     path = next(p for seed in range(80) if (p := free_path(robot, scene, seed, 2)) is not None)
     points, weights, _ = scene.danger_points(0.1)
-    field = DangerField(
-        robot, points, weights, aggregate=aggregate, weighting=weighting, k1=2.0, sharpness=3.0
-    )
+    field = DangerField(robot, points, weights, aggregate=aggregate, weighting=weighting, k1=2.0, sharpness=3.0)
     content = certificate(path, robot, scene, field=field, spacing=0.1)
     assert verify(content, robot, scene).edges == 2
     plain = PlainDanger(robot, scene, record(Danger)("danger", content["danger"]))

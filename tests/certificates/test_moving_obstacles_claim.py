@@ -18,9 +18,7 @@ PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0, 0, 0]])
 def nearest(ur5, clutter, plain_check):
     """Return how near each obstacle comes to the robot along the path [m], by name."""
     plain = plain_check(ur5, clutter)
-    dense = np.array(
-        [plain.distances(q) for q in PATH[0] + np.linspace(0, 1, 200)[:, None] * (PATH[1] - PATH[0])]
-    )
+    dense = np.array([plain.distances(q) for q in PATH[0] + np.linspace(0, 1, 200)[:, None] * (PATH[1] - PATH[0])])
     return {name: dense[:, [pair[1] == name for pair in plain.pairs]].min() for name in clutter.names}
 
 

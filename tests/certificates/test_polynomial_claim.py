@@ -91,9 +91,7 @@ def test_what_is_proven_verifies(ur5, clutter, kind, tube):
         assert said.edges == found.motion.pieces <= said.intervals < said.distances
         assert ("tube" in said.not_claimed) == (tube is None)
         assert any("polynomials" in sentence for sentence in said.claims)
-        assert any("joints off by up to (0.004, " in sentence for sentence in said.claims) == (
-            tube is not None
-        )
+        assert any("joints off by up to (0.004, " in sentence for sentence in said.claims) == (tube is not None)
 
 
 def test_what_takes_too_long_is_undecided_and_says_where(ur5, clutter, written):
@@ -108,10 +106,7 @@ def test_all_that_is_proven_is_claimed_and_said(ur5, clutter, written, fast):
     said = verify(written, ur5, clutter)
     assert said.claims[1] == "no moving link nearer than 10 mm to any obstacle"
     assert said.claims[2].startswith("the tool's axis (")
-    assert (
-        said.claims[3]
-        == "the same with joints off by up to (0.004, 0.004, 0.006, 0.01, 0.02, 0.02) [rad or m]"
-    )
+    assert said.claims[3] == "the same with joints off by up to (0.004, 0.004, 0.006, 0.01, 0.02, 0.02) [rad or m]"
     assert said.claims[4] == "a motion of 3 polynomials in 2.400 s"
     assert said.claims[5].startswith("the joints within velocities of (1.5, 1.5, ")
     assert said.claims[6] == "the same while obstacles move from its start on no faster than ball 0.02 m/s"
@@ -151,30 +146,15 @@ def raised(*at, by):
         (raised("motion", "coefficients", 1, 0, 0, by=lambda x: x + 2e-6), "piece 1 does not begin where"),
         (raised("motion", "coefficients", 2, 3, 4, by=lambda x: x + 0.5), "velocity jumps|above its limit"),
         (raised("motion", "coefficients", by=lambda all: all[1:]), "times: must be 3 numbers"),
-        (
-            raised("motion", "times", by=lambda t: [0.2 * x for x in t]),
-            "velocity of joint .* above its limit",
-        ),
+        (raised("motion", "times", by=lambda t: [0.2 * x for x in t]), "velocity of joint .* above its limit"),
         (raised("motion", "times", 2, by=lambda t: t - 0.3), "the velocity jumps where piece"),
-        (
-            raised("motion", "velocity", 0, by=lambda x: 0.2 * x),
-            "velocity of joint 'shoulder_pan_joint' above",
-        ),
-        (
-            raised("motion", "acceleration", 2, by=lambda x: 0.1 * x),
-            "acceleration of joint 'elbow_joint' above",
-        ),
-        (
-            raised("motion", by=lambda motion: {**motion, "jerk": [0.1] * 6}),
-            "jerk of joint .* above its limit",
-        ),
+        (raised("motion", "velocity", 0, by=lambda x: 0.2 * x), "velocity of joint 'shoulder_pan_joint' above"),
+        (raised("motion", "acceleration", 2, by=lambda x: 0.1 * x), "acceleration of joint 'elbow_joint' above"),
+        (raised("motion", by=lambda motion: {**motion, "jerk": [0.1] * 6}), "jerk of joint .* above its limit"),
         (raised("motion", "speeds", "ball", by=lambda x: 50 * x), "'ball' are .* mm apart near"),
         (raised("tube", by=lambda tube: [10 * x for x in tube]), "mm apart near .* of piece .* are needed"),
         (raised("margin", by=lambda x: 30 * x), "mm apart near .* of piece"),
-        (
-            raised("tool", "orientation", "angle", by=lambda x: 0.05 * x),
-            "motion: the orientation of the tool",
-        ),
+        (raised("tool", "orientation", "angle", by=lambda x: 0.05 * x), "motion: the orientation of the tool"),
         (raised("pairs", by=lambda pairs: pairs[1:]), "its pairs of bodies are not those"),
     ],
 )
@@ -217,10 +197,7 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
     ("change", "words"),
     [
         ({"coefficients": []}, r"motion\.coefficients: must name one piece"),
-        (
-            {"coefficients": [[[0] * 6], [[0] * 6], [[0] * 6]]},
-            r"coefficients\[0\]: must be 2 to 16 rows of 6",
-        ),
+        ({"coefficients": [[[0] * 6], [[0] * 6], [[0] * 6]]}, r"coefficients\[0\]: must be 2 to 16 rows of 6"),
         ({"times": [0, 1, 1, 2]}, r"motion\.times: must be 4 numbers that increase"),
         ({"timed": 1}, "unknown timed"),
         ({"timed": False}, r"motion\.velocity: needs a motion in time"),
@@ -344,10 +321,7 @@ def path_with_tube(ur5, clutter):
 def test_a_tube_of_a_straight_path_is_claimed_and_verified(ur5, path_with_tube):
     scene, content = path_with_tube
     said = verify(content, ur5, scene)
-    assert (
-        said.claims[-1]
-        == "the same with joints off by up to (0.004, 0.004, 0.006, 0.01, 0.02, 0.02) [rad or m]"
-    )
+    assert said.claims[-1] == "the same with joints off by up to (0.004, 0.004, 0.006, 0.01, 0.02, 0.02) [rad or m]"
     narrow = certificate(POINTS, ur5, scene, field=DangerField.of_scene(ur5, scene))
     assert "tube" not in narrow
     peak = CertifiedDanger(DangerField.of_scene(ur5, scene)).of_path(POINTS).upper
@@ -355,10 +329,7 @@ def test_a_tube_of_a_straight_path_is_claimed_and_verified(ur5, path_with_tube):
     for change, words in (
         (raised("tube", by=lambda tube: [1.2 * x for x in tube]), "edge 0, interval 0 .*: the margin of"),
         (raised("danger", "bound", by=lambda _: 1.001 * peak), "edge .: danger .* is claimed"),
-        (
-            raised("tool", "orientation", "angle", by=lambda x: 0.05 * x),
-            "the orientation of the tool is not as",
-        ),
+        (raised("tool", "orientation", "angle", by=lambda x: 0.05 * x), "the orientation of the tool is not as"),
     ):
         with pytest.raises(CertificateError, match=words):
             verify(tampered(content, change), ur5, scene)
@@ -373,9 +344,7 @@ def test_a_tube_that_is_too_wide_or_of_a_trajectory_is_refused(ur5, clutter, wri
         certificate(POINTS[:1], ur5, clutter, tool=tool, tube=[0, 0.02, 0.02, 0.04, 0.02, 0])
     limits = RateLimits.of(ur5, 1.0, 4.0)
     trajectory = PathTimer(ur5, limits).time(POINTS, cells=12)
-    with pytest.raises(
-        InputError, match="tube: is claimed of paths and polynomials, and not of a trajectory"
-    ):
+    with pytest.raises(InputError, match="tube: is claimed of paths and polynomials, and not of a trajectory"):
         certificate(POINTS, ur5, clutter, trajectory=trajectory, tube=TUBE)
 
 

@@ -88,10 +88,7 @@ def test_another_file_does_not_pass_for_the_one_of_the_hash(everything):
     [
         ({"files": {}}, r"obstacles\[6\].pointcloud.file: the file '0.npy' is not carried"),
         ({"files": {"0.npy": "?", "1.obj": "AA==", "2.obj": "AA=="}}, "0.npy: not in base 64"),
-        (
-            {"files": {"../0.npy": "", "0.npy": "AA==", "1.obj": "AA==", "2.obj": "AA=="}},
-            "not the name of a file",
-        ),
+        ({"files": {"../0.npy": "", "0.npy": "AA==", "1.obj": "AA==", "2.obj": "AA=="}}, "not the name of a file"),
         ({"content": 3}, "content: must be a mapping"),
         ({"content": {"obstacles": 3}}, "obstacles: must be a list"),
         ({"extra": 3}, "unknown key"),
@@ -157,10 +154,7 @@ def test_a_robot_with_meshes_needs_its_packages(tmp_path, data_folder):
         ({"recipe": None}, "carries no recipe of its robot 'ur5'"),
         ({"recipe": 3}, "recipe: must be a mapping"),
         ({"recipe": {}}, "recipe: must have one of the keys urdf, base, mobile_base, attached, robots"),
-        (
-            {"recipe": {**PLAIN, "urdf": {"example_robot_data": "../../../etc/passwd"}}},
-            "is not in example-robot-data",
-        ),
+        ({"recipe": {**PLAIN, "urdf": {"example_robot_data": "../../../etc/passwd"}}}, "is not in example-robot-data"),
         ({"recipe": {"urdf": {"text": ""}}}, "recipe.urdf.text: must be text"),
         ({"recipe": {"urdf": {"text": "<robot/>"}, "wheels": 4}}, "wheels: unknown key"),
         ({"extra": 3}, "unknown key"),
@@ -230,14 +224,10 @@ def test_what_was_sampled_is_not_covered(written, ur5, clutter):
 
 def test_links_without_collision_geometry_are_named(written, ur5, clutter, monkeypatch):
     monkeypatch.setattr(ur5, "links_without_collision", ("wrist_2", "forearm"), raising=False)
-    with pytest.raises(
-        CertificateError, match=r"without collision geometry: it names \[\], the robot has \['forearm"
-    ):
+    with pytest.raises(CertificateError, match=r"without collision geometry: it names \[\], the robot has \['forearm"):
         verify(written, ur5, clutter)
     content = travelled(certificate(written["path"], ur5, clutter))
-    assert verify(content, ur5, clutter).not_covered == (
-        "links without collision geometry: forearm, wrist_2",
-    )
+    assert verify(content, ur5, clutter).not_covered == ("links without collision geometry: forearm, wrist_2",)
     content["robot"]["links_without_collision"].pop()
     with pytest.raises(CertificateError, match="without collision geometry"):
         verify(signed(content), ur5, clutter)

@@ -57,9 +57,7 @@ def robots(files, ur5):
             },
         ).with_base(TURNED),
         "numbers of NumPy": Robot.from_urdf(
-            arm,
-            locked={"lift": np.float32(0.1)},
-            limits={"left_elbow": np.array([-1, 1]).astype(int).tolist()},
+            arm, locked={"lift": np.float32(0.1)}, limits={"left_elbow": np.array([-1, 1]).astype(int).tolist()}
         ),
     }
 

@@ -70,10 +70,7 @@ def test_another_limit_in_the_file_is_refused(ur5, clutter, tips, tilt):
         ({"position": {}}, r"tool\.position: must name one axis"),
         ({"position": {"x": [0, None]}}, r"tool\.position\.x: must be numbers, all of them finite"),
         ({"orientation": {"axis": [0, 0, 1], "direction": [0, 0, 1]}}, r"tool\.orientation\.angle: missing"),
-        (
-            {"orientation": {"axis": [0, 0, 0], "direction": [0, 0, 1], "angle": 1}},
-            r"orientation\.axis: must be a dir",
-        ),
+        ({"orientation": {"axis": [0, 0, 0], "direction": [0, 0, 1], "angle": 1}}, r"orientation\.axis: must be a dir"),
     ],
 )
 def test_claims_without_meaning_are_refused(ur5, clutter, tips, tilt, tool, words):
@@ -100,8 +97,7 @@ def test_what_the_verifier_accepts_holds_at_every_sample(robot_named, rng, name)
                 assert cosine >= np.cos(tool["orientation"]["angle"]) - 1e-6
                 bounds = tool["position"].values()
                 assert all(
-                    low - 1e-6 <= x <= high + 1e-6
-                    for x, (low, high) in zip(tip.translation, bounds, strict=True)
+                    low - 1e-6 <= x <= high + 1e-6 for x, (low, high) in zip(tip.translation, bounds, strict=True)
                 )
     assert 0 < accepted < 25
 

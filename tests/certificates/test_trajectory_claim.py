@@ -16,14 +16,7 @@ from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.io.schema import digest
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario, find_scenario
-from safe_ompl.trajectories import (
-    BlendedCurve,
-    Piece,
-    RateLimits,
-    StandstillError,
-    Trajectory,
-    time_path,
-)
+from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, StandstillError, Trajectory, time_path
 from safe_ompl.trajectories.time_law import SmoothLaw, TimeLaw
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
@@ -59,10 +52,7 @@ def again(written, change):
 def motion_of(claim, robot):
     """Return the trajectory that a claim describes, as the package itself evaluates it."""
     pieces = [
-        Piece(
-            *(np.array(piece[key], dtype=float) for key in ("start", "slope", "bend", "swing")),
-            piece["length"],
-        )
+        Piece(*(np.array(piece[key], dtype=float) for key in ("start", "slope", "bend", "swing")), piece["length"])
         for piece in claim["pieces"]
     ]
     edges, squares = (np.array(claim[key], dtype=float) for key in ("edges", "squares"))
@@ -145,9 +135,7 @@ def test_neither_stops_nor_speeds_are_claimed_of_what_may_be_touched(touching, u
     content, scene = touching
     (*_, said) = verify(content, ur5, scene).claims
     stops = content["trajectory"]["stops"]
-    assert said.endswith(
-        f"; it may touch {', '.join(stops['contact'])} before, and speeds in contact are not claimed"
-    )
+    assert said.endswith(f"; it may touch {', '.join(stops['contact'])} before, and speeds in contact are not claimed")
     motion, plain = motion_of(content["trajectory"], ur5), PlainGeometry(ur5, scene)
     (who,) = stops["who"]
     parts = {part for part, _, _ in scene[who].geometries()}
@@ -288,9 +276,7 @@ def stepping(claim):
     first, count, size = claim["pieces"][0], 20, 1.5e-9
     begin, end = 0.3 * first["length"], 0.3 * first["length"] + count * size
     start, slope = np.array(first["start"]), np.array(first["slope"])
-    places = (
-        start + np.outer(begin + size * np.arange(count), slope) + 0.9e-9 * (np.arange(count)[:, None] % 2)
-    )
+    places = start + np.outer(begin + size * np.arange(count), slope) + 0.9e-9 * (np.arange(count)[:, None] % 2)
     steps = [{**first, "start": place.tolist(), "length": size} for place in places]
     rest = {**first, "start": (start + end * slope).tolist(), "length": first["length"] - end}
     claim["pieces"] = [{**first, "length": begin}, *steps, rest, *claim["pieces"][1:]]
@@ -320,14 +306,8 @@ def moved(claim):
         (stronger(who=[]), "must name one obstacle"),
         (stronger(who=["nobody"]), "unknown obstacle"),
         (stronger(speed=-0.1), "speed: must be"),
-        (
-            lambda claim: claim["stops"].update(brakes=[1.5 * b for b in claim["stops"]["brakes"]]),
-            "in a stop joint",
-        ),
-        (
-            lambda claim: claim["stops"].update(brakes=[0.2 * b for b in claim["stops"]["brakes"]]),
-            "stop|are needed",
-        ),
+        (lambda claim: claim["stops"].update(brakes=[1.5 * b for b in claim["stops"]["brakes"]]), "in a stop joint"),
+        (lambda claim: claim["stops"].update(brakes=[0.2 * b for b in claim["stops"]["brakes"]]), "stop|are needed"),
         (lambda claim: claim["stops"]["brakes"].__setitem__(5, 0.0), "does not decelerate"),
         (bent, "neither a line|begins where|does not begin|another direction"),
         (moved, "begin where the path does|the one before ends"),
@@ -418,10 +398,7 @@ def swung(claim):
         (lambda claim: claim.update(jerk=[0.0] * 6), "jerk"),
         (lambda claim: claim.update(tool_speed=-1), "tool_speed: must be"),
         (stronger(speed=2.5), "are needed"),
-        (
-            lambda claim: claim["stops"].update(brakes=[1.2 * b for b in claim["stops"]["brakes"]]),
-            "in a stop",
-        ),
+        (lambda claim: claim["stops"].update(brakes=[1.2 * b for b in claim["stops"]["brakes"]]), "in a stop"),
     ],
 )
 def test_what_does_not_hold_of_jerk_and_speeds_is_refused(smooth, ur5, scene, change, message):

@@ -79,9 +79,7 @@ def test_volume_gain_of_the_link_diamond_on_a_real_arm(ur5, clutter):
 
 def test_extents_and_axis_points():
     np.testing.assert_array_equal(bubbles.extents(np.array([2.0, 0.0])), [0.5, np.inf])
-    points = bubbles.axis_points(
-        np.zeros(2), np.array([0.5, np.inf]), np.array([-0.2, -3.0]), np.array([1.0, 3.0])
-    )
+    points = bubbles.axis_points(np.zeros(2), np.array([0.5, np.inf]), np.array([-0.2, -3.0]), np.array([1.0, 3.0]))
     np.testing.assert_array_equal(points, [[-0.2, 0], [0, -3], [0.5, 0], [0, 3]])
 
 

@@ -36,9 +36,7 @@ def along(delta):
 
 
 def proof(pairs, start, delta, required=0.0, growth=None):
-    return pairs.bounds.prove(
-        (start, delta), np.zeros(len(pairs.names)) + required + ALLOWANCE, growth, FLOOR
-    )
+    return pairs.bounds.prove((start, delta), np.zeros(len(pairs.names)) + required + ALLOWANCE, growth, FLOOR)
 
 
 # --------------------------------------------------------------------------------------------------- what is proven
@@ -211,16 +209,10 @@ def test_without_pairs_everything_is_free(ur5):
 
 def test_what_has_no_end_is_left_to_coal(ur5):
     geometry = ur5.collision_model
-    plane = pin.GeometryObject(
-        "plane", 0, pin.SE3.Identity(), coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0)
-    )
+    plane = pin.GeometryObject("plane", 0, pin.SE3.Identity(), coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0))
     number = geometry.addGeometryObject(plane)
     bounds = DistanceBounds(
-        ur5,
-        ConvexBodies.of(list(geometry.geometryObjects)),
-        np.array([[3, number]]),
-        np.ones((1, ur5.n)),
-        Counts(),
+        ur5, ConvexBodies.of(list(geometry.geometryObjects)), np.array([[3, number]]), np.ones((1, ur5.n)), Counts()
     )
     found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
     assert not found.proven

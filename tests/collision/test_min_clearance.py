@@ -31,9 +31,7 @@ def random_edge(robot, seed, length):
 
 def balls(**places):
     """Balls of 0.05 m on the x axis."""
-    return Scene(
-        tuple(Obstacle(name, Sphere(0.05), Pose((x, 0, 0)), weight=1.0) for name, x in places.items())
-    )
+    return Scene(tuple(Obstacle(name, Sphere(0.05), Pose((x, 0, 0)), weight=1.0) for name, x in places.items()))
 
 
 START, END = np.array([-0.7]), np.array([0.8])  # the ball on the crank passes the x axis at 0.5 m

@@ -38,9 +38,7 @@ def refuted(verdict, start, end, motion, plain):
         return plain.first_contact(start, end, FINE) is not None
     if verdict.verdict is Verdict.BLOCKED:
         distances = plain.distances(start + verdict.at * delta)
-        named = [
-            distance for pair, distance in zip(plain.pairs, distances, strict=True) if pair == verdict.pair
-        ]
+        named = [distance for pair, distance in zip(plain.pairs, distances, strict=True) if pair == verdict.pair]
         return not named or min(named) > 2e-5
     return plain.distances(start + verdict.at * delta).min() > 2 * motion.floor + 2e-5
 
@@ -209,9 +207,7 @@ def test_short_edges_far_from_everything_cost_one_look(ur5):
 def test_an_edge_over_the_half_turn_goes_the_short_way(kinova, plain_check):
     start = np.array([2.9, 2.9, 1.3, 0.0, 1.8, 0.0])
     end = np.array([-2.8, 2.9, 1.3, 0.0, 1.8, 0.0])
-    over, round_about = (
-        kinova.keypoints(np.array([turn, 2.9, 1.3, 0.0, 1.8, 0.0]))[-1] for turn in (np.pi, 0.0)
-    )
+    over, round_about = (kinova.keypoints(np.array([turn, 2.9, 1.3, 0.0, 1.8, 0.0]))[-1] for turn in (np.pi, 0.0))
 
     def verdict(place):
         scene = Scene((Obstacle("ball", Sphere(0.05), Pose(tuple(place))),))

@@ -52,9 +52,7 @@ def random_places(rng):
         "box": random_pose,
         "ball": random_pose,
         "colleague": lambda rng: key_points(rng) if rng.random() < 0.8 else random_pose(rng),
-        "cloud": lambda rng: (
-            cloud_points(rng, rng.integers(40, 80)) if rng.random() < 0.5 else random_pose(rng)
-        ),
+        "cloud": lambda rng: cloud_points(rng, rng.integers(40, 80)) if rng.random() < 0.5 else random_pose(rng),
         "specks": lambda rng: cloud_points(rng, 4),
     }
     chosen = rng.choice(MOVABLE, rng.integers(1, 4), replace=False)

@@ -76,12 +76,8 @@ RADIUS = 0.02
 def scan():
     """Return a patch of a wall and of a table, as a camera sees them."""
     rng = np.random.default_rng(2)
-    wall = np.column_stack(
-        [rng.normal(0.55, 0.002, 120), rng.uniform(-0.4, 0.4, 120), rng.uniform(0.2, 0.8, 120)]
-    )
-    table = np.column_stack(
-        [rng.uniform(0.2, 0.8, 120), rng.uniform(-0.4, 0.4, 120), rng.normal(0.1, 0.002, 120)]
-    )
+    wall = np.column_stack([rng.normal(0.55, 0.002, 120), rng.uniform(-0.4, 0.4, 120), rng.uniform(0.2, 0.8, 120)])
+    table = np.column_stack([rng.uniform(0.2, 0.8, 120), rng.uniform(-0.4, 0.4, 120), rng.normal(0.1, 0.002, 120)])
     return np.concatenate([wall, table])
 
 

@@ -54,9 +54,7 @@ def test_what_is_proven_of_the_angle_holds_at_every_sample(robot_named, rng, nam
         if verdict.verdict is Verdict.FREE:
             assert max(angles) <= limit.limit
         else:
-            assert verdict.verdict is Verdict.BLOCKED, (
-                "no motion at random is as near to its limit as the floor"
-            )
+            assert verdict.verdict is Verdict.BLOCKED, "no motion at random is as near to its limit as the floor"
             at = start + verdict.at * robot.difference(start, end)
             assert limit.angle(at) > limit.limit
             assert verdict.pair == ("tool orientation", "its limit")
@@ -155,9 +153,7 @@ def test_mimic_joints_count_with_their_multipliers(robot_named, rng):
     assert ToolOrientation(robot, [1.0, 0.0, 0.0], UP, 1.0).rates[elbow] == pytest.approx(3.0)
     seen = set()
     for start, end in edges(robot, rng, 30, 0.6):
-        limit = ToolOrientation.as_at(
-            robot, start, robot.tip_pose(start).rotation[:, 0], rng.uniform(0.2, 1.0)
-        )
+        limit = ToolOrientation.as_at(robot, start, robot.tip_pose(start).rotation[:, 0], rng.uniform(0.2, 1.0))
         verdict = limit.check(start, end).verdict
         seen.add(verdict)
         assert (verdict is Verdict.FREE) == all(limit.allows(q) for q in along(robot, start, end))

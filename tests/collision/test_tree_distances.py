@@ -30,11 +30,7 @@ def checker(ur5):
 @pytest.fixture
 def path(ur5):
     """Return a motion past the cloud, at a distance, and into it."""
-    base = [
-        [0.9, -1.2, 1.4, -1.8, -1.57, 0.0],
-        [0.5, -0.9, 1.2, -1.8, -1.57, 0.0],
-        [0.0, -0.6, 0.9, -1, -1, 0],
-    ]
+    base = [[0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [0.5, -0.9, 1.2, -1.8, -1.57, 0.0], [0.0, -0.6, 0.9, -1, -1, 0]]
     return np.concatenate([np.linspace(base[k], base[k + 1], 8) for k in range(2)])
 
 
@@ -77,9 +73,7 @@ def test_every_query_but_the_first_has_a_bound_that_holds(checker, path, plain_d
 def test_the_nearest_bodies_are_found_whatever_is_left_out(ur5, path, plain_distances, rng):
     points = rng.uniform(-1.0, 1.0, (400, 3))
     points = points[np.linalg.norm(points, axis=1) > 0.75]
-    scene = scene_of(points, Pose()).with_obstacles(
-        Obstacle("column", PointCloud(0.01, points=column(200, 0.7)))
-    )
+    scene = scene_of(points, Pose()).with_obstacles(Obstacle("column", PointCloud(0.01, points=column(200, 0.7))))
     checker = CollisionChecker(ur5, scene)
     Q = np.concatenate([path, path[::-1] + 0.01, rng.uniform(-1.5, 1.5, (20, 6))])
     expected = np.array([plain_distances(checker, q) for q in Q])
@@ -93,9 +87,7 @@ def test_the_nearest_bodies_are_found_whatever_is_left_out(ur5, path, plain_dist
         assert (least[~apart] <= 0).all()
         columns = found[:, names == name].argmin(axis=1)
         rows = np.arange(len(Q))
-        np.testing.assert_allclose(
-            expected[:, names == name][rows, columns][apart], true[apart], rtol=0, atol=1e-6
-        )
+        np.testing.assert_allclose(expected[:, names == name][rows, columns][apart], true[apart], rtol=0, atol=1e-6)
     np.testing.assert_array_equal(checker.nearest_distances(Q), found)
 
 

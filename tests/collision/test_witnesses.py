@@ -38,9 +38,7 @@ def test_the_nearest_witness_is_as_far_as_coal_says(near):
     witnesses = proximity.witnesses(Q)
     distances, _ = distances_of(witnesses, Q)
     for row, q in enumerate(Q):
-        assert distances[witnesses.rows == row].min() == pytest.approx(
-            checker.clearance(q).distance, abs=1e-4
-        )
+        assert distances[witnesses.rows == row].min() == pytest.approx(checker.clearance(q).distance, abs=1e-4)
 
 
 def test_gradients_of_distances(near):

@@ -43,9 +43,7 @@ print(aggregates(np.ones((1, 2)), 0, 1.0), link_distances.stats.cache_hits)
 def run(cache, **options):
     folder = str(Path(safe_ompl.__file__).parents[0])
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": folder} | options
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True)
     assert not done.stderr
     return done.stdout.splitlines()
 
@@ -71,10 +69,7 @@ def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
     frozen.setflags(write=False)
     batches = (frozen, np.asfortranarray(frozen), frozen[::2], frozen[:1].tolist())
     points = rng.normal(size=(3, 3))
-    fields = (
-        DangerField(robot, points),
-        DangerField(robot, lambda q: points, [1.0, 2.0, 3.0], aggregate="mean"),
-    )
+    fields = (DangerField(robot, points), DangerField(robot, lambda q: points, [1.0, 2.0, 3.0], aggregate="mean"))
     for Q in batches:
         for one in fields:
             one.values_and_gradients(Q)

@@ -21,9 +21,7 @@ YAML = {
     "a: " + "{b: " * DEEP: "nested deeper than 100 levels",
     "- " * DEEP: "nested deeper than 100 levels",
     "\n".join(" " * k + "a:" for k in range(500)): "nested deeper than 100 levels",
-    "\n".join(
-        ["a0: &a0 [1]", *(f"a{k}: &a{k} [*a{k - 1}]" for k in range(1, 200))]
-    ): "nested deeper than 100",
+    "\n".join(["a0: &a0 [1]", *(f"a{k}: &a{k} [*a{k - 1}]" for k in range(1, 200))]): "nested deeper than 100",
     "a:\n" + "- " * 90 + "1\nb: [": r":(| line )\d+: malformed YAML: (?!nested)",
     LEVELS: "aliases stand for more than 100000 nodes",
     LISTS: "aliases stand for more than 100000 nodes",
@@ -45,12 +43,7 @@ JSON = {
 }
 READERS = {
     ".yaml": (Scene.from_file, Scenario.load, CalibratedReach.load, read_motion),
-    ".json": (
-        load,
-        read_motion,
-        read_ticks,
-        MbmFile.load,
-    ),
+    ".json": (load, read_motion, read_ticks, MbmFile.load),
 }
 
 
@@ -95,14 +88,7 @@ def test_archives_with_flags(tmp_path, reader, place, value):
 
 @pytest.mark.parametrize("change", [{"clearance": 3}, {"counts": {"x": 1}}, {"seed": "x"}, {"clearance": []}])
 def test_documents_that_lack_what_code_expects(tmp_path, change):
-    result = {
-        "status": "x",
-        "path": [[0.0]],
-        "planner": "y",
-        "seed": 1,
-        "joint_names": ["a"],
-        "planning_time": 0,
-    }
+    result = {"status": "x", "path": [[0.0]], "planner": "y", "seed": 1, "joint_names": ["a"], "planning_time": 0}
     file = tmp_path / "x.json"
     file.write_text(json.dumps({"format": "safe-ompl", "version": 1, "kind": "result", **result, **change}))
     with pytest.raises(InputError, match=r"x\.json: (is malformed \(|clearance)"):

@@ -9,9 +9,7 @@ from safe_ompl.robot import plain
 
 
 @compiled
-def _pulls(
-    places: FloatArray, links: IntArray, points: FloatArray, weights: FloatArray, by_length: bool
-) -> FloatArray:
+def _pulls(places: FloatArray, links: IntArray, points: FloatArray, weights: FloatArray, by_length: bool) -> FloatArray:
     """Return the gradients (B, K, 3) of Σ_m w_m CDF(p_m) by the key points; weights (B, M)."""
     out, block = np.zeros(places.shape), new_block(places.shape[1])
     for b in range(len(places)):

@@ -139,9 +139,7 @@ def test_chords_of_links_add_up_to_the_formula(seed, duration, speed):
     st.integers(1, 3),
     st.floats(0.0, 2.0),
 )
-def test_no_configuration_is_more_dangerous_than_proven(
-    robot_named, name, aggregate, weighting, seed, edges, length
-):
+def test_no_configuration_is_more_dangerous_than_proven(robot_named, name, aggregate, weighting, seed, edges, length):
     robot = robot_named(name)
     danger = certified(robot, aggregate, weighting)
     path = random_path(robot, seed, edges, length)

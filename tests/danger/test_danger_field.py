@@ -137,9 +137,7 @@ def test_softmax_does_not_overflow():
 @pytest.mark.parametrize("slides", [False, True])
 def test_gradient_against_differences(aggregate, weighting, slides):
     robot = PlanarArm(slides=slides)
-    danger = DangerField(
-        robot, POINTS, WEIGHTS, aggregate=aggregate, weighting=weighting, k1=0.7, sharpness=3.0
-    )
+    danger = DangerField(robot, POINTS, WEIGHTS, aggregate=aggregate, weighting=weighting, k1=0.7, sharpness=3.0)
     for q in Q:
         np.testing.assert_allclose(danger.gradient(q), differences(danger.value, q), rtol=1e-6, atol=1e-7)
 
@@ -151,10 +149,7 @@ def test_the_terms_above_a_level_are_the_fields_of_single_points(weights):
     rows, values, gradients = danger.terms_above(Q, level)
     single = [DangerField(ARM, POINTS[[m]], None if weights is None else weights[[m]]) for m in range(9)]
     expected = [
-        (row, one.value(q), one.gradient(q))
-        for row, q in enumerate(Q)
-        for one in single
-        if one.value(q) > level
+        (row, one.value(q), one.gradient(q)) for row, q in enumerate(Q) for one in single if one.value(q) > level
     ]
     assert len(expected) > 1
     np.testing.assert_array_equal(rows, [row for row, _, _ in expected])
@@ -175,19 +170,13 @@ def test_a_danger_that_is_no_maximum_is_its_own_term(aggregate):
 
 def test_vector_field_and_workspace_gradient():
     danger, q = DangerField(ARM, POINTS, weighting="length"), Q[0]
-    values, slopes, vectors = (
-        danger.field(q, POINTS),
-        danger.workspace_gradient(q, POINTS),
-        danger.vector(q, POINTS),
-    )
+    values, slopes, vectors = (danger.field(q, POINTS), danger.workspace_gradient(q, POINTS), danger.vector(q, POINTS))
     np.testing.assert_allclose(values, levels(q, weights=1, weighting="length"), rtol=1e-12)
     for p, slope in zip(POINTS, slopes, strict=True):
         expected = differences(lambda x: danger.field(q, x[None])[0], p)
         np.testing.assert_allclose(slope, expected, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), values, rtol=1e-12)
-    np.testing.assert_allclose(
-        vectors * np.linalg.norm(slopes, axis=1)[:, None], slopes * values[:, None], rtol=1e-12
-    )
+    np.testing.assert_allclose(vectors * np.linalg.norm(slopes, axis=1)[:, None], slopes * values[:, None], rtol=1e-12)
 
 
 # ----------------------------------------------------------------------------------- points that move with q

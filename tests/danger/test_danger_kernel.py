@@ -12,13 +12,7 @@ from safe_ompl.danger.kernels.field import Skeleton, ceilings, new_block
 from safe_ompl.danger.link_field import WEIGHTINGS, Segments, field
 from safe_ompl.danger.points import AGGREGATES, Evaluation, grouped
 
-ROBOTS = (
-    "panda",
-    "kinova",
-    "twin_arm",
-    "slider",
-    "gripper",
-)  # continuous, sliding and mimic joints, branches
+ROBOTS = ("panda", "kinova", "twin_arm", "slider", "gripper")  # continuous, sliding and mimic joints, branches
 
 
 def some(robot, rng, number):
@@ -39,10 +33,7 @@ def agree(danger, Q):
 def test_the_same_for_every_robot(robot_named, rng, name, aggregate, weighting):
     robot = robot_named(name)
     points, weights = rng.normal(size=(9, 3)), rng.uniform(0.5, 2.0, 9)
-    agree(
-        DangerField(robot, points, weights, aggregate=aggregate, weighting=weighting, k1=0.7),
-        some(robot, rng, 4),
-    )
+    agree(DangerField(robot, points, weights, aggregate=aggregate, weighting=weighting, k1=0.7), some(robot, rng, 4))
 
 
 @settings(max_examples=40)
@@ -100,10 +91,7 @@ def test_groups_of_many_points_change_nothing(robot_named, seed, number, weighti
 
 @compiled
 def bounds_of(places, links, points, by_length, reach):
-    out, distances = (
-        np.empty(points.shape[1], np.float32),
-        np.empty((len(places), points.shape[1]), np.float32),
-    )
+    out, distances = (np.empty(points.shape[1], np.float32), np.empty((len(places), points.shape[1]), np.float32))
     ceilings(Skeleton(places, links, by_length, new_block(len(places))), points, reach, distances, out)
     return out
 
@@ -121,9 +109,7 @@ def test_no_level_exceeds_its_bound_in_single_precision(seed, scale, away, weigh
     places = scale * rng.normal(size=(5, 3)) + away
     places[4] = places[3] + rng.choice([0.0, 1e-9, 1e-4]) * rng.normal(size=3)
     links = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
-    on = [
-        places[a] + t * (places[b] - places[a]) for a, b in links for t in (-0.5, 0.0, 0.3, 0.999, 1.0, 2.0)
-    ]
+    on = [places[a] + t * (places[b] - places[a]) for a, b in links for t in (-0.5, 0.0, 0.3, 0.999, 1.0, 2.0)]
     beside = np.array(on)[:, None] + 10.0 ** rng.uniform(-12, 0, (20, 1)) * rng.normal(size=(20, 3))
     points = np.vstack([scale * rng.normal(size=(50, 3)) + away, on, beside.reshape(-1, 3)])
     exact = field(places[None], Segments(links), points, weighting=weighting)[0]
@@ -186,9 +172,7 @@ def test_groups_keep_the_tolerance(robot_named, seed, number, aggregate, weighti
     np.testing.assert_allclose(values, exact.values(Q), rtol=tolerance)
     np.testing.assert_array_equal(grouped.values(Q), values)
     slopes = exact.gradients(Q)
-    assert (
-        np.linalg.norm(gradients - slopes, axis=1) < 10 * tolerance * np.linalg.norm(slopes, axis=1)
-    ).all()
+    assert (np.linalg.norm(gradients - slopes, axis=1) < 10 * tolerance * np.linalg.norm(slopes, axis=1)).all()
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "softmax"])
@@ -268,9 +252,7 @@ def test_groups_hold_their_points(rng, number, flat):
                 assert (kept[first:last] >= balls["lightest"][ball]).all()
         for ball, (first, last) in ((block, (begin, end)), (balls["begin"][block], (begin, held["end"][0]))):
             np.testing.assert_allclose(
-                np.average(places[:, first:last], axis=1, weights=kept[first:last]),
-                centres[:, ball],
-                atol=1e-12,
+                np.average(places[:, first:last], axis=1, weights=kept[first:last]), centres[:, ball], atol=1e-12
             )
             away = np.square(places[:, first:last] - centres[:, [ball]]).sum(axis=0)
             assert np.average(away, weights=kept[first:last]) == pytest.approx(balls["spread"][ball])

@@ -63,10 +63,7 @@ def quadrature(a, b, p):
     start, end = float(-foot) * length, float(1 - foot) * length
     steps = 10.0 ** np.arange(-20, 8)
     cuts = [start, *(x for x in (*-steps[::-1], 0.0, *steps) if start < x < end), end]
-    parts = (
-        quad(lambda x: 1 / math.hypot(height, x), x0, x1, epsabs=0, epsrel=1e-11)[0]
-        for x0, x1 in pairwise(cuts)
-    )
+    parts = (quad(lambda x: 1 / math.hypot(height, x), x0, x1, epsabs=0, epsrel=1e-11)[0] for x0, x1 in pairwise(cuts))
     return math.fsum(parts) / length
 
 
@@ -160,9 +157,7 @@ def test_batch_is_the_same_as_one_by_one(rng):
         one = keypoints[i : i + 1]
         np.testing.assert_allclose(field(one, ARM, points)[0], whole[0][i], rtol=1e-14)
         np.testing.assert_allclose(workspace_gradient(one, ARM, points)[0], whole[1][i], rtol=1e-13)
-        np.testing.assert_allclose(
-            keypoint_gradient(one, ARM, points, weights[i : i + 1])[0], pulls[i], rtol=1e-12
-        )
+        np.testing.assert_allclose(keypoint_gradient(one, ARM, points, weights[i : i + 1])[0], pulls[i], rtol=1e-12)
 
 
 def test_points_of_their_own_for_every_configuration(rng):
@@ -170,13 +165,9 @@ def test_points_of_their_own_for_every_configuration(rng):
     points[2, 1] = keypoints[2, 3]
     for i in range(4):
         one = keypoints[i : i + 1]
+        np.testing.assert_allclose(field(keypoints, ARM, points)[i], field(one, ARM, points[i])[0], rtol=1e-13)
         np.testing.assert_allclose(
-            field(keypoints, ARM, points)[i], field(one, ARM, points[i])[0], rtol=1e-13
-        )
-        np.testing.assert_allclose(
-            workspace_gradient(keypoints, ARM, points)[i],
-            workspace_gradient(one, ARM, points[i])[0],
-            rtol=1e-12,
+            workspace_gradient(keypoints, ARM, points)[i], workspace_gradient(one, ARM, points[i])[0], rtol=1e-12
         )
         np.testing.assert_allclose(
             keypoint_gradient(keypoints, ARM, points, weights)[i],
@@ -344,8 +335,7 @@ def test_segment_distances_against_dense_samples(rng):
 
 
 @pytest.mark.parametrize(
-    "pairs",
-    [[], np.empty((0, 2), dtype=int), [[0, 1, 2]], [0, 1], [[0.0, 1.0]], [[-1, 0]], [[0, 1], [1, 0], [0, 1]]],
+    "pairs", [[], np.empty((0, 2), dtype=int), [[0, 1, 2]], [0, 1], [[0.0, 1.0]], [[-1, 0]], [[0, 1], [1, 0], [0, 1]]]
 )
 def test_segments_refuse(pairs):
     with pytest.raises(InputError, match="segments"):

@@ -43,9 +43,7 @@ def test_with_gamma_of_one_motion_never_makes_it_less_dangerous(panda):
 )
 def test_gradients_are_those_of_finite_differences(robot_named, name, gamma, aggregate):
     robot = robot_named(name)
-    moving = KinetostaticField(
-        DangerField(robot, POINTS, [1.0, 2.0, 0.5], aggregate=aggregate), gamma=gamma, k2=0.3
-    )
+    moving = KinetostaticField(DangerField(robot, POINTS, [1.0, 2.0, 0.5], aggregate=aggregate), gamma=gamma, k2=0.3)
     Q, Qd = states(robot, 4, seed=2)
     _, by_q, by_qd = moving.values_and_gradients(Q, Qd)
     step = 1e-6
@@ -128,6 +126,4 @@ def test_gradients_of_the_most_dangerous_of_many_points_are_those_of_that_point_
         alone = [DangerField(panda, p[None], w[None], k1=2.0).moving for p, w in pairs]
         most = max(alone, key=lambda one: one.value(q, qd))
         assert value == pytest.approx(most.value(q, qd), rel=1e-12)
-        np.testing.assert_allclose(
-            slopes, np.concatenate(most.gradients(q[None], qd[None])), rtol=1e-9, atol=1e-9
-        )
+        np.testing.assert_allclose(slopes, np.concatenate(most.gradients(q[None], qd[None])), rtol=1e-9, atol=1e-9)

@@ -49,9 +49,7 @@ def anchor_of(heading):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_files_and_modules_that_a_page_names_exist(page):
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    for name in re.findall(
-        r"`((?!resources/)(?:\w+/)+(?:\w+\.py)?)`", text
-    ):  # resources/: of another repository
+    for name in re.findall(r"`((?!resources/)(?:\w+/)+(?:\w+\.py)?)`", text):  # resources/: of another repository
         known = (ROOT / name).exists() or any((ROOT / "safe_ompl").rglob(name))
         assert known, f"{page.name}: {name}"
     for name in re.findall(r"\bsafe_ompl(?:\.\w+)+", text):
@@ -62,9 +60,7 @@ def test_the_architecture_page_has_the_rooms_in_order_of_their_floors():
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     table = text.split("| room |")[1].split("\n\n")[0]
     rooms = [room.replace("/", ".") for room in re.findall(r"^\| ([\w/]+) \|", table, re.MULTILINE)]
-    floors = (
-        (ROOT / "tests" / "test_rooms.py").read_text(encoding="utf-8").split("FLOORS = (")[1].split(")")[0]
-    )
+    floors = (ROOT / "tests" / "test_rooms.py").read_text(encoding="utf-8").split("FLOORS = (")[1].split(")")[0]
     assert rooms == re.findall(r'^    "([\w.]+)",$', floors, re.MULTILINE)
 
 

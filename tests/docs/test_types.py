@@ -21,17 +21,6 @@ def test_a_script_of_a_user_is_typed(tmp_path):
     script = tmp_path / "script.py"
     own = f"from safe_ompl import JointPath, Mesh, PointCloud\n{OWN}"
     script.write_text("\n".join([*(python_of(ROOT / page) for page in PAGES), own]), encoding="utf-8")
-    command = [
-        sys.executable,
-        "-m",
-        "mypy",
-        "--strict",
-        "--config-file=",
-        "--cache-dir",
-        str(tmp_path),
-        str(script),
-    ]
-    found = subprocess.run(
-        command, cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True
-    )
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir", str(tmp_path), str(script)]
+    found = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
     assert found.returncode == 0, found.stdout

@@ -83,9 +83,7 @@ def test_the_extreme_vertex_is_in_the_list_of_its_cell(rng, number, grid):
 
 
 def test_directions_on_the_borders_of_cells():
-    vertices = np.array(
-        [[x, y, z] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) for z in (-1.0, 0.0, 1.0)]
-    )
+    vertices = np.array([[x, y, z] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) for z in (-1.0, 0.0, 1.0)])
     starts, found = extreme_vertices(vertices, 4)
     for direction in np.array(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3)).reshape(3, -1).T:
         cell = cell_of(*direction, 4)

@@ -16,9 +16,7 @@ from safe_ompl.robot import Robot, robot_hash
 @pytest.fixture(scope="module")
 def result(data_folder):
     robot = Robot.from_urdf(data_folder / "gripper_arm.urdf")
-    setup = SafeSetup(
-        robot, Scene((Obstacle("ball", Box((0.1, 0.1, 0.1)), Pose((3.0, 0.0, 0.0)), weight=2.0),))
-    )
+    setup = SafeSetup(robot, Scene((Obstacle("ball", Box((0.1, 0.1, 0.1)), Pose((3.0, 0.0, 0.0)), weight=2.0),)))
     middle = 0.5 * (robot.lower + robot.upper)
     setup.setConfigurations(middle, middle + 0.1 * (robot.upper - robot.lower))
     found = setup.plan("SafeRRTConnect", time=10.0, seed=3)
@@ -75,10 +73,7 @@ def test_a_joint_trajectory_has_the_shape_of_ros(result):
         ('{"format": "safe-ompl", "version": 2, "kind": "path"}', "version: 2 is not known"),
         ('{"format": "safe-ompl", "version": 1, "kind": "dance"}', "unknown kind of file 'dance'"),
         ('{"format": "safe-ompl", "version": 1, "kind": "path", "path": []}', "joint_names"),
-        (
-            '{"format": "safe-ompl", "version": 1, "kind": "path", "joint_names": ["a"], "path": [[1, 2]]}',
-            "path",
-        ),
+        ('{"format": "safe-ompl", "version": 1, "kind": "path", "joint_names": ["a"], "path": [[1, 2]]}', "path"),
     ],
 )
 def test_what_is_no_such_file_is_refused_by_name(content, words, tmp_path):
@@ -101,15 +96,11 @@ def meshed(request, data_folder, tmp_path):
     name = "package://arm/wedge.obj" if request.param == "in a cell" else request.param
     text = (data_folder / "twin_arm.urdf").read_text().replace("wedge.obj", name)
     shape = '<visual><geometry><mesh filename="wedge.obj" scale="0.2 0.2 0.2"/></geometry></visual>'
-    (folder / "arm.urdf").write_text(
-        text.replace('<link name="right_hand">', f'<link name="right_hand">{shape}')
-    )
+    (folder / "arm.urdf").write_text(text.replace('<link name="right_hand">', f'<link name="right_hand">{shape}'))
     robot = Robot.from_urdf(folder / "arm.urdf", tip="left_hand")
     if request.param == "in a cell":
         post = Robot.from_urdf(data_folder / "gripper_arm.urdf", base=(0.0, 5.0, 0.0))
-        robot = Robot.combined(
-            "cell", {"mine": robot.with_attached("rod", Box((0.1, 0.1, 0.1))), "other": post}
-        )
+        robot = Robot.combined("cell", {"mine": robot.with_attached("rod", Box((0.1, 0.1, 0.1))), "other": post})
     scene = Scene((Obstacle("ball", Box((0.1, 0.1, 0.1)), Pose((3.0, 0.0, 0.0))),))
     return PlanResult("Timeout", None, None, "PRM", 1, robot.joint_names, 0.5, robot=robot, scene=scene)
 
@@ -133,9 +124,7 @@ def test_meshes_that_do_not_travel_are_looked_for(meshed, tmp_path, monkeypatch,
     save(meshed, tmp_path / "result.json")
     assert "collision meshes are too large to be saved with it: --package-dir" in caplog.text
     (tmp_path / "here").rename(tmp_path / "there")
-    with pytest.raises(
-        InputError, match=r"result.json: problem.robot: .*'(package://)?(arm/)?wedge.obj' not found"
-    ):
+    with pytest.raises(InputError, match=r"result.json: problem.robot: .*'(package://)?(arm/)?wedge.obj' not found"):
         load(tmp_path / "result.json")
     for folder in (tmp_path / "there", tmp_path / "there" / "arm"):
         if folder.name == "there" and "package" not in (tmp_path / "result.json").read_text():
@@ -173,11 +162,7 @@ def test_meshes_that_are_none(meshed, tmp_path, name, data, words):
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [
-        ("", "is empty"),
-        ("a,b\n1\n", r"x\.csv:2: must have 2 numbers"),
-        ("a\nx\n", r"x\.csv:2: must be numbers"),
-    ],
+    [("", "is empty"), ("a,b\n1\n", r"x\.csv:2: must have 2 numbers"), ("a\nx\n", r"x\.csv:2: must be numbers")],
 )
 def test_what_is_no_csv_path_is_refused_by_line(content, words, tmp_path):
     (tmp_path / "x.csv").write_text(content)
@@ -186,7 +171,5 @@ def test_what_is_no_csv_path_is_refused_by_line(content, words, tmp_path):
 
 
 def test_other_things_are_not_saved(tmp_path):
-    with pytest.raises(
-        InputError, match="PlanResult, a JointPath, a Scene, a Motion or a Trajectory, not int"
-    ):
+    with pytest.raises(InputError, match="PlanResult, a JointPath, a Scene, a Motion or a Trajectory, not int"):
         save(3, tmp_path / "x.json")

@@ -78,9 +78,7 @@ def test_straight_motions_are_proven_alike_as_edges_and_as_curves(panda, clutter
     end = np.clip(start + rng.normal(scale=0.3, size=7), panda.lower, panda.upper)
     edge = proof.check(start, end)
     line = proof.check_curve([start, end - start])
-    raised = proof.check_curve(
-        [start, 0.5 * (end - start), 0.5 * (end - start)]
-    )  # another timing of the same way
+    raised = proof.check_curve([start, 0.5 * (end - start), 0.5 * (end - start)])  # another timing of the same way
     assert line == edge
     assert Verdict.UNDECIDED in (edge.verdict, raised.verdict) or raised.verdict is edge.verdict
 
@@ -152,17 +150,9 @@ def test_a_piece_that_oscillates_is_divided_where_its_bounds_say_so(crank, tmp_p
 
     The crank is between two walls of one mesh, within its hull: kernels prove nothing, and coal is asked.
     """
-    tops = [
-        (x, side * y, z)
-        for side in (1, -1)
-        for x, y, z in ((2, 0.2, -1), (-2, 0.2, -1), (0, 0.2, 2), (0, 1, 0))
-    ]
-    faces = [
-        (k + a, k + b, k + c) for k in (0, 4) for a, b, c in ((1, 2, 3), (1, 2, 4), (1, 3, 4), (2, 3, 4))
-    ]
-    rows = [
-        " ".join(map(str, (letter, *row))) for letter, given in (("v", tops), ("f", faces)) for row in given
-    ]
+    tops = [(x, side * y, z) for side in (1, -1) for x, y, z in ((2, 0.2, -1), (-2, 0.2, -1), (0, 0.2, 2), (0, 1, 0))]
+    faces = [(k + a, k + b, k + c) for k in (0, 4) for a, b, c in ((1, 2, 3), (1, 2, 4), (1, 3, 4), (2, 3, 4))]
+    rows = [" ".join(map(str, (letter, *row))) for letter, given in (("v", tops), ("f", faces)) for row in given]
     (tmp_path / "walls.obj").write_text("\n".join(rows))
     walls = Scene([Obstacle("walls", Mesh(tmp_path / "walls.obj", convex=False), Pose((0.0, 0.0, 0.0)))])
     waves = Chebyshev.basis(degree, domain=[0, 1]).convert(kind=Polynomial).coef
@@ -171,9 +161,7 @@ def test_a_piece_that_oscillates_is_divided_where_its_bounds_say_so(crank, tmp_p
     assert check_with(motion, MotionProver(checker))
     assert 1 < checker.counts.margin_queries < 100
     late = check_with(motion, MotionProver(checker), time=1e-9)
-    assert [(v.kind, v.first, v.last, v.decided) for v in late.violations] == [
-        ("out of time", 0.0, 1.0, False)
-    ]
+    assert [(v.kind, v.first, v.last, v.decided) for v in late.violations] == [("out of time", 0.0, 1.0, False)]
 
 
 def test_limits_of_danger_tool_and_rates_hold_between_the_knots(crank, post):
@@ -191,9 +179,7 @@ def test_limits_of_danger_tool_and_rates_hold_between_the_knots(crank, post):
         assert [v.kind for v in found.violations[:1]] == ([] if kind is None else [kind])
         if kind is not None:
             assert found.violations[0].value > found.violations[0].limit
-    tubed = check(
-        motion, crank, post, constraints=Constraints(danger=DangerLimit(field, 1.02 * dense)), tube=0.05
-    )
+    tubed = check(motion, crank, post, constraints=Constraints(danger=DangerLimit(field, 1.02 * dense)), tube=0.05)
     assert {v.kind for v in tubed.violations} == {"danger"}  # a motion in the tube comes nearer
     rates = RateLimits.of(crank, velocity=0.5, acceleration=100.0)
     found = check(motion, crank, post, limits=rates)
@@ -239,11 +225,7 @@ def pushed_into(robot, scene, seed, degree):
     while True:
         motion = spline(robot, int(rng.integers(2**32)), knots=8, spread=0.6)
         times, q = motion.x, motion(motion.x)
-        if (
-            checker.touches(q[0])
-            or checker.touches(q[-1])
-            or not any(map(checker.touches, motion(times[1:-1])))
-        ):
+        if checker.touches(q[0]) or checker.touches(q[-1]) or not any(map(checker.touches, motion(times[1:-1]))):
             continue
         return Motion.through(q, times) if degree == 1 else Motion.of(motion)
 
@@ -327,9 +309,7 @@ def test_a_motion_is_slowed_where_only_its_rates_or_stops_need_it(crank, post):
     assert late.slower > 1.5
     assert repair_with(motion, proof, limits).how == "unchanged"
     assert late.check.people == people
-    assert not check(
-        replace(late.motion, times=late.motion.times / 1.03), crank, post, limits=limits, people=people
-    )
+    assert not check(replace(late.motion, times=late.motion.times / 1.03), crank, post, limits=limits, people=people)
     through = Motion.hermite([0, 1, 2], [[0.0], [0.3], [0.2]])
     assert "jump" in repair_with(through, proof, limits).how
 

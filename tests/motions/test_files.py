@@ -30,10 +30,7 @@ def message(*rates, time=float):
     """Return a JointTrajectory through the points, with `time` as its times."""
     keys = ("positions", "velocities", "accelerations")
     columns = zip(T.tolist(), *(rows.tolist() for rows in (Q, *rates)), strict=True)
-    points = [
-        {**dict(zip(keys, row, strict=False)), "effort": [], "time_from_start": time(t)}
-        for t, *row in columns
-    ]
+    points = [{**dict(zip(keys, row, strict=False)), "effort": [], "time_from_start": time(t)} for t, *row in columns]
     return {"header": {"frame_id": "world"}, "joint_names": list(NAMES), "points": points}
 
 
@@ -191,12 +188,9 @@ def test_files_of_others(tmp_path, name, text, options):
 
 
 def test_rates_of_an_ignored_joint_and_arrays_without_names(tmp_path):
-    (tmp_path / "m.csv").write_text(
-        "time,a_position,g_position,a_velocity,g_velocity\n0,1,x,0,x\n1,2,x,0,x\n"
-    )
+    (tmp_path / "m.csv").write_text("time,a_position,g_position,a_velocity,g_velocity\n0,1,x,0,x\n1,2,x,0,x\n")
     same(
-        read_motion(tmp_path / "m.csv", ignore=["g"]),
-        Motion.hermite([0, 1], [[1], [2]], np.zeros((2, 1)), names=["a"]),
+        read_motion(tmp_path / "m.csv", ignore=["g"]), Motion.hermite([0, 1], [[1], [2]], np.zeros((2, 1)), names=["a"])
     )
     np.save(tmp_path / "m.npy", Q)
     same(read_motion(tmp_path / "m.npy"), Motion.through(Q))
@@ -257,11 +251,7 @@ def changed(change):
 @pytest.mark.parametrize(
     ("name", "content", "error"),
     [
-        (
-            "m.stl",
-            "",
-            r"m.stl: must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy, .json, ",
-        ),
+        ("m.stl", "", r"m.stl: must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy, .json, "),
         ("m.csv", "", "m.csv: is empty; the first line must name the joints"),
         ("m.csv", "0,1\n2,3\n", "m.csv: the first line: must name the joints, got 0, 1; or .*--joints"),
         ("m.npy", "text", r"m.npy: must be one array of numbers \(N, m\)"),
@@ -270,26 +260,14 @@ def changed(change):
         ("m.csv", "a,b\n1,2\n3,nan\n", r"m.csv: way points must be finite, got \[.*nan\]"),
         ("m.csv", "time,a\n1,2\n0,3\n", r"m.csv: times: must increase, got 0 after 1 \(number 1\)"),
         ("m.csv", "time,a,a\n0,1,2\n1,2,3\n", "m.csv: names of columns: must differ, got time, a, a"),
-        (
-            "m.csv",
-            "time,a_position,a_velocity,b_position\n0,1,2,3\n",
-            "m.csv: b_velocity: missing, but needed",
-        ),
-        (
-            "m.csv",
-            "a_position,a_velocity\n0,1\n1,2\n",
-            "m.csv: times: are missing, but needed where there are",
-        ),
+        ("m.csv", "time,a_position,a_velocity,b_position\n0,1,2,3\n", "m.csv: b_velocity: missing, but needed"),
+        ("m.csv", "a_position,a_velocity\n0,1\n1,2\n", "m.csv: times: are missing, but needed where there are"),
         ("m.npz", "text", "m.npz: is no archive of arrays of numbers and text"),
         ("m.json", "{", "m.json: line 1: malformed JSON"),
         ("m.json", "[1]", r"m.json: must hold joint_names and points .*got list \[1\]"),
         ("m.json", '{"a": 1}', "m.json: must hold joint_names and points .*got the keys a"),
         ("m.json", '{"format": "urdf"}', "m.json: format: must be 'safe-ompl'"),
-        (
-            "m.json",
-            '{"format": "safe-ompl", "version": 1, "kind": "scene"}',
-            "kind: must hold a motion, but it holds",
-        ),
+        ("m.json", '{"format": "safe-ompl", "version": 1, "kind": "scene"}', "kind: must hold a motion, but it holds"),
         ("m.yaml", "a: [", "m.yaml: line 2: malformed YAML"),
         ("m.yaml", "joint_names: [a]\npoints: []\n", "m.yaml: points: must be two at least, got 0"),
         (
@@ -336,7 +314,5 @@ def test_bad_arrays_and_results(tmp_path):
     with pytest.raises(InputError, match=r"none.npz: cannot be read \(No such file"):
         read_motion(tmp_path / "none.npz")
     save(PlanResult("Timeout", None, None, "PRM", 1, NAMES, 0.5), tmp_path / "r.json")
-    with pytest.raises(
-        InputError, match=r"r.json: kind: must hold a motion, but no path was found \(Timeout\)"
-    ):
+    with pytest.raises(InputError, match=r"r.json: kind: must hold a motion, but no path was found \(Timeout\)"):
         read_motion(tmp_path / "r.json")

@@ -67,9 +67,7 @@ def exact(row):
 def taylor(state, span, push):
     """Return position and derivatives after a time of constant highest derivative, exactly."""
     orders = [*state, push]
-    return [
-        sum(orders[k + i] * span**i / factorial(i) for i in range(len(orders) - k)) for k in range(len(state))
-    ]
+    return [sum(orders[k + i] * span**i / factorial(i) for i in range(len(orders) - k)) for k in range(len(state))]
 
 
 def de_boor(knots, held, degree, t):
@@ -102,8 +100,7 @@ def test_rounding_is_within_its_bound(seed, degree):
     bezier, grown = Motion.bezier(pieces, grid), Motion.of(interpolate.PPoly(pieces[0, :, None], grid))
     profile, h = Motion.profile([1.0], spans, jerks=jerks), Fraction(grid[1])
     found = [
-        (spline, *inside(spline, place), de_boor(exact(knots), exact(held[:, 0]), degree, place))
-        for place in places
+        (spline, *inside(spline, place), de_boor(exact(knots), exact(held[:, 0]), degree, place)) for place in places
     ]
     for w in (Fraction(k, 17) for k in range(18)):
         shares = [comb(degree, k) * w**k * (1 - w) ** (degree - k) for k in range(degree + 1)]
@@ -256,9 +253,7 @@ def test_joints_come_by_name(twin_arm):
     motion = Motion.through(points[:, order], [0.0, 1.0, 3.0], [names[k] for k in order])
     np.testing.assert_array_equal(motion.for_robot(twin_arm).knots, points)
     degrees = np.where(twin_arm.prismatic, points, np.degrees(points))
-    turned = Motion.through(degrees[:, order], names=[names[k] for k in order]).for_robot(
-        twin_arm, degrees=True
-    )
+    turned = Motion.through(degrees[:, order], names=[names[k] for k in order]).for_robot(twin_arm, degrees=True)
     np.testing.assert_allclose(turned.knots, points, atol=1e-15)
     for given_names, message in (
         ([*names[1:], "nose"], f"lacks the joints {names[0]}; has joints that the robot has not: nose"),
@@ -291,41 +286,20 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
         (lambda: Motion.through(Q, names=["a"]), "joint names: must be 2, one for each column, got 1"),
         (lambda: Motion.through(Q[:1], [0.0]), "way points: must be two at least, got 1"),
         (lambda: Motion([0, 1], np.zeros((1, 17, 2)) + 1), "degree of 15 at most.*got 16"),
-        (
-            lambda: Motion([0, 1], np.zeros((1, 2, 2)), slack=[[0, -1.0]]),
-            "slack: must not be negative, got -1",
-        ),
-        (
-            lambda: Motion([0, 1, 2], [[[0.0], [1.0]], [[1.1], [0.0]]], ("hip",)),
-            "joint 'hip' jumps by 0.1 at 1 s",
-        ),
-        (
-            lambda: Motion.of(interpolate.PPoly([[0.0, 1.0]], [0, 1, 2])),
-            r"PPoly: must have values of shape \(n,\)",
-        ),
+        (lambda: Motion([0, 1], np.zeros((1, 2, 2)), slack=[[0, -1.0]]), "slack: must not be negative, got -1"),
+        (lambda: Motion([0, 1, 2], [[[0.0], [1.0]], [[1.1], [0.0]]], ("hip",)), "joint 'hip' jumps by 0.1 at 1 s"),
+        (lambda: Motion.of(interpolate.PPoly([[0.0, 1.0]], [0, 1, 2])), r"PPoly: must have values of shape \(n,\)"),
         (lambda: Motion.bspline([0, 0, 1, 1], Q, 1), "knots: must be 2 more than control points"),
         (lambda: Motion.bspline([0, 0, 2, 1, 3], Q, 1), "knots: must not decrease"),
         (lambda: Motion.bspline([0, 1, 1, 1, 2, 3], Q, 2), "knots: must not decrease, and span some time"),
-        (
-            lambda: Motion.bspline([0] * 5, Q, 0),
-            r"degree of the B-spline must be a whole number in \[1, 15\], got 0",
-        ),
+        (lambda: Motion.bspline([0] * 5, Q, 0), r"degree of the B-spline must be a whole number in \[1, 15\], got 0"),
         (lambda: Motion.profile([0, 0], [1, -1], Q[:2]), "durations: must not be negative, got -1"),
         (lambda: Motion.profile([0, 0], [1, 1]), "needs either accelerations or jerks"),
-        (
-            lambda: Motion.sampled(T, [[0.0], [0.5], [3.0]], 1.0),
-            "column 0 moves at 2.5 after 1 s, faster than",
-        ),
+        (lambda: Motion.sampled(T, [[0.0], [0.5], [3.0]], 1.0), "column 0 moves at 2.5 after 1 s, faster than"),
         (lambda: Motion.sampled(T, Q, 0.0), "largest velocity must be a finite number in"),
         (lambda: Motion.of(interpolate.CubicSpline(T, Q + 1j)), r"coefficients must be numbers, got array"),
-        (
-            lambda: Motion.of(interpolate.PPoly(np.ones((2, 2, 2)), T[::-1])),
-            "times: must increase, got 1 after 2",
-        ),
-        (
-            lambda: Motion.hermite([0.0, 1.0, 1.0 + 1e-12], Q),
-            "times: must increase, by 1e-9 at least, got 1 after 1",
-        ),
+        (lambda: Motion.of(interpolate.PPoly(np.ones((2, 2, 2)), T[::-1])), "times: must increase, got 1 after 2"),
+        (lambda: Motion.hermite([0.0, 1.0, 1.0 + 1e-12], Q), "times: must increase, by 1e-9 at least, got 1 after 1"),
         (lambda: Motion.hermite(T, Q, 3.0), r"velocities must have shape \(3, 2\), got \(\)"),
         (lambda: Motion.hermite(T, Q, names="ab"), "joint names: must be a list, got str 'ab'"),
         (lambda: Motion.of(interpolate.KroghInterpolator(T, Q)), "motion: must be a Motion, SciPy's"),

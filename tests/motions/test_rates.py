@@ -91,10 +91,7 @@ def test_every_stretch_has_its_worst_time(ur5, limits):
     found = rate_violations(Motion.hermite(t, q, np.zeros((9, 6))), low, limits, ("velocity",))
     kinds = [(v.kind, round(v.at, 6), round(v.value, 6)) for v in found]
     assert kinds[0] == ("velocity", 1.5, -2.1)
-    assert [entry for entry in kinds if entry[0] == "position"] == [
-        ("position", 2, -1.4),
-        ("position", 6, -1.5),
-    ]
+    assert [entry for entry in kinds if entry[0] == "position"] == [("position", 2, -1.4), ("position", 6, -1.5)]
     assert all(v.names[0] == "shoulder_lift_joint" for v in found)
 
 
@@ -116,9 +113,7 @@ def test_continuous_joints_have_no_limits_and_paths_no_rates(kinova, ur5, limits
     assert rate_violations(Motion.hermite([0.0, 1.0], turn), kinova) == []
     assert rate_violations(Motion.through([[0.0] * 6, [1.0] * 6]), ur5, limits) == []
     beside = Motion.sampled([0.0, 1.0], [[6.2] * 6] * 2, 1.0)  # within limits, not with what lies between
-    assert [(v.kind, v.value) for v in rate_violations(beside, ur5, limits)] == [
-        ("position", pytest.approx(6.7))
-    ] * 6
+    assert [(v.kind, v.value) for v in rate_violations(beside, ur5, limits)] == [("position", pytest.approx(6.7))] * 6
 
 
 def test_limits_of_another_robot(ur5, panda, limits):

@@ -7,18 +7,7 @@ import pytest
 from limbs import Limbs
 from scipy.interpolate import CubicSpline
 
-from safe_ompl import (
-    InputError,
-    Motion,
-    Obstacle,
-    People,
-    Person,
-    Pose,
-    RateLimits,
-    Scenario,
-    Scene,
-    time_path,
-)
+from safe_ompl import InputError, Motion, Obstacle, People, Person, Pose, RateLimits, Scenario, Scene, time_path
 from safe_ompl.certificates import motion_certificate
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.motions import check

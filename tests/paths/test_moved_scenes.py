@@ -36,9 +36,7 @@ def test_a_simplifier_follows(models, path):
     anew = Simplifier(CollisionChecker(models[0].robot, MOVED), DangerField.of_scene(models[0].robot, MOVED))
     assert simplifier.danger.reference == anew.danger.reference != before
     assert simplifier.cost.of(path) == anew.cost.of(path)
-    np.testing.assert_allclose(
-        simplifier.simplify(path, lambda: False), anew.simplify(path, lambda: False), atol=1e-6
-    )
+    np.testing.assert_allclose(simplifier.simplify(path, lambda: False), anew.simplify(path, lambda: False), atol=1e-6)
 
 
 def test_a_run_that_began_before_refuses(models, path):
@@ -51,9 +49,7 @@ def test_a_run_that_began_before_refuses(models, path):
 def test_a_report_is_of_the_scene_in_which_its_path_was_validated(models, path):
     checker, field = models
     report = PathReport.of(path, checker, field)
-    expected = PathReport.of(
-        path, CollisionChecker(checker.robot, SCENE), DangerField.of_scene(checker.robot, SCENE)
-    )
+    expected = PathReport.of(path, CollisionChecker(checker.robot, SCENE), DangerField.of_scene(checker.robot, SCENE))
     move(models)
     assert report.clearance == expected.clearance
     assert report.danger.max == expected.danger.max

@@ -74,27 +74,14 @@ def test_continuous_joints_are_followed_the_short_way(kinova):
 def test_as_plain_numbers(crank):
     found = report(crank, [[-1], [1]], balls(0.9), np.square).as_dict()
     assert json.loads(json.dumps(found)) == found
-    assert set(found) == {
-        *("length", "danger", "clearance", "certified"),
-        *("validation", "links_without_collision"),
-    }
+    assert set(found) == {*("length", "danger", "clearance", "certified"), *("validation", "links_without_collision")}
     assert found["validation"] == {"proven": True, "claims": ["collision"], "checks": []}
     assert set(found["danger"]) == {"mean", "max", "max_bound", "integral", "avoidable", "profile"}
-    assert set(found["clearance"]) == {
-        "min",
-        "mean",
-        "length_below_50mm",
-        "link",
-        "obstacle",
-        "at",
-        "obstacles",
-    }
+    assert set(found["clearance"]) == {"min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"}
     assert report(crank, [[-1], [1]]).as_dict()["danger"] is None
 
 
-@pytest.mark.parametrize(
-    "path", [np.zeros((0, 1)), np.zeros((2, 2)), np.zeros(2), [[0.0], [np.nan]], [["a"], ["b"]]]
-)
+@pytest.mark.parametrize("path", [np.zeros((0, 1)), np.zeros((2, 2)), np.zeros(2), [[0.0], [np.nan]], [["a"], ["b"]]])
 def test_what_is_no_path(crank, path):
     with pytest.raises(InputError, match="path"):
         PathReport.of(path, CollisionChecker(crank, Scene()))

@@ -33,9 +33,7 @@ REACH = CalibratedReach("recording12", 3.0, 0.9, 20, (0.1, 0.2, 0.5), LENGTHS, (
 def recording(rng, frames=12, name="walk", scale=None):
     """Return a person whose key points walk at random, as fast as a draw says."""
     scale = rng.lognormal(-4.5, 0.5) if scale is None else scale
-    return Recording(
-        SKELETON, 20.0, STANDING + np.cumsum(rng.normal(scale=scale, size=(frames, 12, 3)), axis=0), name
-    )
+    return Recording(SKELETON, 20.0, STANDING + np.cumsum(rng.normal(scale=scale, size=(frames, 12, 3)), axis=0), name)
 
 
 # ------------------------------------------------------------------------------------------------- the quantile
@@ -100,9 +98,7 @@ def test_what_cannot_be_calibrated_is_refused():
     walks = [recording(rng, name=f"walk {k}") for k in range(3)]
     with pytest.raises(InputError, match="two recordings at least, got 1"):
         calibrate(walks[:1], Calibration(0.5))
-    with pytest.raises(
-        InputError, match=r"horizons: the first one .* a frame of walk 0 \(0.05 s\), got 0.04"
-    ):
+    with pytest.raises(InputError, match=r"horizons: the first one .* a frame of walk 0 \(0.05 s\), got 0.04"):
         calibrate(walks, Calibration(0.5, horizons=(0.04, 0.2)))
     other = Recording(find_skeleton("coco17"), 20.0, np.zeros((3, 17, 3)), "other")
     with pytest.raises(InputError, match="walk 0: the skeleton is 'recording12', that of other is 'coco17'"):
@@ -205,9 +201,7 @@ def test_growth_is_concave_and_no_smaller_than_the_lengths_nor_larger_than_the_g
         assert (growth <= 3.0 * times + 1e-12).all()
         beyond = np.diff(growth[times >= 0.5]) / np.diff(times[times >= 0.5])
         np.testing.assert_allclose(beyond, lengths[-1] / 0.5)
-    assert REACH.grown("torso", 0.1) == pytest.approx(
-        0.1
-    )  # lengths that are concave already: nothing is added
+    assert REACH.grown("torso", 0.1) == pytest.approx(0.1)  # lengths that are concave already: nothing is added
     assert REACH.grown("torso", 0.2) == pytest.approx(0.2)
     assert REACH.grown("right_hand", 0.1) == pytest.approx(0.3)
 
@@ -260,16 +254,8 @@ def test_a_reach_comes_back_from_its_file(tmp_path):
         ("level: 0.9", "level: 1", r"reach.yaml:3: level: must be between 0 and 1, got 1"),
         ("units: 20", "units: 2.5", r"reach.yaml:4: units"),
         ("units: 20", "unit: 20", r"reach.yaml:4: unit: unknown key; did you mean 'units'"),
-        (
-            "[0.1, 0.2, 0.5]",
-            "[0.1, 0.5, 0.5]",
-            r"reach.yaml:5: horizons: must not fall or stay, got 0.5 after 0.5",
-        ),
-        (
-            "[0.1, 0.12, 0.5]",
-            "[0.1, 0.09, 0.5]",
-            r"reach.yaml:7: growth.torso: must not fall, got 0.09 after 0.1",
-        ),
+        ("[0.1, 0.2, 0.5]", "[0.1, 0.5, 0.5]", r"reach.yaml:5: horizons: must not fall or stay, got 0.5 after 0.5"),
+        ("[0.1, 0.12, 0.5]", "[0.1, 0.09, 0.5]", r"reach.yaml:7: growth.torso: must not fall, got 0.09 after 0.1"),
         ("[0.1, 0.12, 0.5]", "[0.1, 0.12]", r"reach.yaml:7: growth.torso: must be 3 numbers, got 2"),
         ("[0.1, 0.12, 0.5]", "[.nan, 0.12, 0.5]", r"reach.yaml:7: growth.torso"),
         ("torso:", "tail:", r"reach.yaml:7: growth.tail: unknown key"),
@@ -306,14 +292,7 @@ def test_the_command_writes_a_file_and_refuses_a_level_in_one_line(tmp_path, cap
     rng = np.random.default_rng(7)
     clips = {f"clip_{k}": recording(rng).frames for k in range(10)}
     np.savez(tmp_path / "walks.npz", names=np.array(SKELETON.points), rate=20.0, **clips)
-    words = [
-        "people",
-        "calibrate",
-        str(tmp_path / "walks.npz"),
-        "-o",
-        str(tmp_path / "reach.yaml"),
-        "--level",
-    ]
+    words = ["people", "calibrate", str(tmp_path / "walks.npz"), "-o", str(tmp_path / "reach.yaml"), "--level"]
     assert main([*words, "0.9"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "90 % of the recordings (9 calibrated); a gate of 4 m/s refused 0 %" in shown

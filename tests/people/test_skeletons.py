@@ -12,16 +12,8 @@ from safe_ompl.people.tracking import PersonTrack
 
 # Number of points, some of them as the vendors number them, and a point 1 m forward, 2 m to the left and 3 m up.
 TABLES = {
-    "coco17": (
-        17,
-        "0 nose 5 left_shoulder 8 right_elbow 9 left_wrist 12 right_hip 16 right_ankle",
-        (1, 2, 3),
-    ),
-    "body25": (
-        25,
-        "1 neck 2 right_shoulder 7 left_wrist 8 mid_hip 10 right_knee 22 right_big_toe",
-        (1, 2, 3),
-    ),
+    "coco17": (17, "0 nose 5 left_shoulder 8 right_elbow 9 left_wrist 12 right_hip 16 right_ankle", (1, 2, 3)),
+    "body25": (25, "1 neck 2 right_shoulder 7 left_wrist 8 mid_hip 10 right_knee 22 right_big_toe", (1, 2, 3)),
     "mediapipe33": (
         33,
         "11 left_shoulder 16 right_wrist 20 right_index 27 left_ankle 32 right_foot_index",
@@ -32,11 +24,7 @@ TABLES = {
         "0 pelvis 9 left_handtip 12 right_shoulder 18 left_hip 25 right_foot 26 head",
         (-2000, -3000, 1000),
     ),
-    "smpl24": (
-        24,
-        "1 left_hip 11 right_foot 12 neck 15 head 18 left_elbow 23 right_hand",
-        (2, 3, 1),
-    ),
+    "smpl24": (24, "1 left_hip 11 right_foot 12 neck 15 head 18 left_elbow 23 right_hand", (2, 3, 1)),
     "recording12": (12, "0 hip 5 left_upper_arm 11 right_hand", (1, 2, 3)),
 }
 
@@ -133,9 +121,7 @@ def track(noise=0.0, only=()):
     return PersonTrack("anna", Tracker(OURS, TrackedBody(only=only), noise=noise), PEOPLE)
 
 
-SEEN = tuple(
-    name for name in LIMBS if not name.endswith(("foot", "head", "neck"))
-)  # their ends are, but hands
+SEEN = tuple(name for name in LIMBS if not name.endswith(("foot", "head", "neck")))  # their ends are, but hands
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -166,9 +152,7 @@ def test_who_is_faster_than_promised_is_seen():
     moved[11] += [0.0, 0.12, 0.0]
     found = anna.observe(moved, 0.2)
     assert found is not None
-    assert (found.who, found.limb) in {
-        ("anna", limb) for limb in ("left_thigh", "hips", "left_flank", "torso")
-    }
+    assert (found.who, found.limb) in {("anna", limb) for limb in ("left_thigh", "hips", "left_flank", "torso")}
     assert found.excess == pytest.approx(0.02)
     assert "'anna' (" in str(found)
     assert "20 mm farther than promised" in str(found)

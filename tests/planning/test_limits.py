@@ -63,9 +63,7 @@ def test_whoever_plans_keeps_to_the_limit_of_the_setup(setup, planner):
 
 def test_simplified_paths_keep_to_limits(setup):
     for seed in range(2):
-        result = setup.plan(
-            "SafeRRTConnect", time=20.0, seed=seed, parameters={"max_danger": LIMIT}, simplify=True
-        )
+        result = setup.plan("SafeRRTConnect", time=20.0, seed=seed, parameters={"max_danger": LIMIT}, simplify=True)
         assert setup.field.values(densely(setup, result.path)).max() <= LIMIT
     setup.setMaxDanger(LIMIT)
     setup.setMinClearance(CLEARANCE)

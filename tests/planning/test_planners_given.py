@@ -31,9 +31,7 @@ def setup():
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize(
-    "name", sorted(set(_REFUSED) - {"AORRTC"})
-)  # whose destruction alone ends the process
+@pytest.mark.parametrize("name", sorted(set(_REFUSED) - {"AORRTC"}))  # whose destruction alone ends the process
 def test_planners_that_would_hang_or_crash_are_refused(setup, name, way):
     class Own(getattr(og, name)):
         pass

@@ -11,17 +11,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from safe_ompl import (
-    InputError,
-    Obstacle,
-    PlanningError,
-    Pose,
-    SafeRRTConnect,
-    Scene,
-    Sphere,
-    certificate,
-    verify,
-)
+from safe_ompl import InputError, Obstacle, PlanningError, Pose, SafeRRTConnect, Scene, Sphere, certificate, verify
 from safe_ompl.planning import PlanResult, SafeSetup, plan
 from safe_ompl.planning.ompl import ScratchState, StateBridge
 
@@ -51,9 +41,7 @@ class Fixed(ob.Planner):
         for q in self._points:
             solution.append(self._scratch.set(q))
         self.getProblemDefinition().addSolutionPath(solution, self._approximate, 0.1, self.getName())
-        outcome = (
-            ob.PlannerStatus.APPROXIMATE_SOLUTION if self._approximate else ob.PlannerStatus.EXACT_SOLUTION
-        )
+        outcome = ob.PlannerStatus.APPROXIMATE_SOLUTION if self._approximate else ob.PlannerStatus.EXACT_SOLUTION
         return ob.PlannerStatus(outcome)
 
     def clear(self):
@@ -121,9 +109,7 @@ def test_what_limits_are_proven(setup):
     setup.setMinClearance(0.01)
     setup.setMovingObstacles({"ball": 0.01}, 1.0)
     result = setup.plan(seed=0, time=20.0)
-    assert (
-        str(result.report.validation) == "certified: collision, min clearance, max danger, moving obstacles"
-    )
+    assert str(result.report.validation) == "certified: collision, min clearance, max danger, moving obstacles"
 
 
 def test_without_a_report_the_path_is_validated(setup):
@@ -150,9 +136,7 @@ def test_links_without_collision_geometry_are_named(setup, monkeypatch):
 def test_times_add_up(setup, ticks, options):
     result = setup.plan(seed=0, **{"time": 20.0, **options})
     elapsed = 1e-3 * (ticks.looks - 1)  # between the first look and the last
-    parts = [
-        getattr(result, f"{part}_time") for part in ("setup", "planning", "simplification", "validation")
-    ]
+    parts = [getattr(result, f"{part}_time") for part in ("setup", "planning", "simplification", "validation")]
     assert min(parts) >= 0
     if "simplify" not in options:  # the clock of its own that this has is looked at, too
         assert sum(parts) == pytest.approx(elapsed, abs=2e-3)

@@ -210,9 +210,7 @@ def test_seeds_that_are_none(setup, seed):
 def test_unknown_planner_and_parameter(setup):
     with pytest.raises(UnknownNameError, match="unknown planner 'RTT'; did you mean 'RRT'"):
         setup.plan("RTT")
-    with pytest.raises(
-        UnknownNameError, match=r"unknown parameter of SafeRRTConnect 'alfa'; did you mean 'alpha'"
-    ):
+    with pytest.raises(UnknownNameError, match=r"unknown parameter of SafeRRTConnect 'alfa'; did you mean 'alpha'"):
         setup.plan(parameters={"alfa": 1.0})
     with pytest.raises(InputError, match="alpha must be a finite number >= 0, got 'much'"):
         setup.plan(parameters={"alpha": "much"})

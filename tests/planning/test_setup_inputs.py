@@ -47,9 +47,7 @@ def test_forms_of_a_configuration(setup, form):
 
 def test_names_that_are_wrong(setup):
     named = setup.robot.named(START)
-    with pytest.raises(
-        UnknownNameError, match="start configuration: unknown joint 'elbow'; did you mean 'elbow_j"
-    ):
+    with pytest.raises(UnknownNameError, match="start configuration: unknown joint 'elbow'; did you mean 'elbow_j"):
         setup.setStartConfiguration({**named, "elbow": 1.0})
     del named["elbow_joint"]
     with pytest.raises(InputError, match="goal configuration: no value for 'elbow_joint'"):
@@ -61,18 +59,9 @@ def test_names_that_are_wrong(setup):
     [
         (lambda robot, scene: SafeSetup(robot, {}), "scene must be a Scene, got {}"),
         (lambda robot, scene: SafeSetup("ur5", scene), "robot must be a Robot, got 'ur5'"),
-        (
-            lambda robot, scene: SafeSetup(robot, scene).setConstraints([1]),
-            "constraints must be a Constraints",
-        ),
-        (
-            lambda robot, scene: check([START, GOAL], robot, scene, constraints=[1]),
-            "constraints must be a Con",
-        ),
-        (
-            lambda robot, scene: check([START, GOAL], robot, scene, limits=5.0),
-            "limits must be a RateLimits, got",
-        ),
+        (lambda robot, scene: SafeSetup(robot, scene).setConstraints([1]), "constraints must be a Constraints"),
+        (lambda robot, scene: check([START, GOAL], robot, scene, constraints=[1]), "constraints must be a Con"),
+        (lambda robot, scene: check([START, GOAL], robot, scene, limits=5.0), "limits must be a RateLimits, got"),
         (lambda robot, scene: time_path([START, GOAL], robot, 5.0), "limits must be a RateLimits, got 5.0"),
         (lambda robot, scene: time_path([START, GOAL], 5.0), "robot must be a Robot, got 5.0"),
         (
@@ -189,9 +178,7 @@ def test_a_wider_space_does_not_widen_the_limits(slider):
     beyond = middle.copy()
     beyond[joint] = slider.upper[joint] + 1.0
     tip = 0.5 * (slider.tip_pose(middle).translation + slider.tip_pose(beyond).translation)
-    setup = SafeSetup(
-        slider, Scene((Obstacle("wall", Box((0.01, 0.01, 0.01)), Pose(tuple(tip + 5.0))),)), danger=None
-    )
+    setup = SafeSetup(slider, Scene((Obstacle("wall", Box((0.01, 0.01, 0.01)), Pose(tuple(tip + 5.0))),)), danger=None)
     space = setup.getStateSpace()
     for part in [space] if isinstance(space, ob.RealVectorStateSpace) else space.getSubspaces():
         if isinstance(part, ob.RealVectorStateSpace):

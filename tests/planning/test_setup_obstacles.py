@@ -43,10 +43,7 @@ def change(setup):
 def test_it_plans_as_one_made_anew(setup, scenario, planner):
     setup.plan(planner, seed=3)
     change(setup)
-    mine, other = (
-        setup.plan(planner, seed=3, time=20.0),
-        anew(setup, scenario).plan(planner, seed=3, time=20.0),
-    )
+    mine, other = (setup.plan(planner, seed=3, time=20.0), anew(setup, scenario).plan(planner, seed=3, time=20.0))
     np.testing.assert_array_equal(mine.path, other.path)
     assert mine.scene.names == setup.scene.names
     assert mine.report.danger.max == other.report.danger.max

@@ -145,11 +145,7 @@ def test_a_run_keeps_to_the_limit_of_its_planner(ur5, scene):
 
 
 def test_limits_of_time(ticks):
-    assert (simplification_time(True), simplification_time(False), simplification_time(0.5)) == (
-        0.0,
-        None,
-        0.5,
-    )
+    assert (simplification_time(True), simplification_time(False), simplification_time(0.5)) == (0.0, None, 0.5)
     with pytest.raises(InputError, match="simplify must be a positive number of seconds, got 0"):
         simplification_time(0)
     over = termination(0.01)

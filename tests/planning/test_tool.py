@@ -57,17 +57,12 @@ def densely(robot, path):
 def tilts(robot, path, start):
     """Return how far [rad] what points up at the start leans from that, along the path."""
     cup = robot.tip_pose(start).rotation.T @ [0.0, 0.0, 1.0]
-    return np.array(
-        [np.arccos(min(1.0, (robot.tip_pose(q).rotation @ cup)[2])) for q in densely(robot, path)]
-    )
+    return np.array([np.arccos(min(1.0, (robot.tip_pose(q).rotation @ cup)[2])) for q in densely(robot, path)])
 
 
 @pytest.mark.parametrize(
     ("name", "planner"),
-    [
-        *(("ur5", planner) for planner in PLANNERS),
-        *(("panda", name) for name in PLANNERS if name[:6] != "Bubble"),
-    ],
+    [*(("ur5", planner) for planner in PLANNERS), *(("panda", name) for name in PLANNERS if name[:6] != "Bubble")],
 )
 def test_whoever_plans_keeps_the_cup_upright(robot_named, scene, ends, name, planner):
     robot = robot_named(name)
@@ -176,9 +171,7 @@ def scenario(scene, ends):
 
 
 def test_scenarios_keep_tools_upright(scenario, tmp_path):
-    limits = PathLimits(
-        tool=ToolConstraint(LIMIT, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)), tip=TipBox(z=(0.2, 0.9))
-    )
+    limits = PathLimits(tool=ToolConstraint(LIMIT, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)), tip=TipBox(z=(0.2, 0.9)))
     dataclasses.replace(scenario, limits=limits).save(tmp_path / "cup.yaml")
     again = Scenario.load(tmp_path / "cup.yaml")
     assert again.limits == limits
@@ -207,11 +200,7 @@ def test_scenarios_have_regions(scenario, tmp_path):
         ("limits", {"tip": {"z": [1, 0]}}, r"limits\.tip\.z: must be the least and the largest value"),
         ("limits", {"tip": {}}, r"limits\.tip\.x: missing"),
         ("goal", {"region": {"x": [0, "a"]}}, r"goal\.region\.x: must be a finite number"),
-        (
-            "goal",
-            {"region": {}, "position": [0, 0, 0]},
-            r"goal\.region: give only one of position and region",
-        ),
+        ("goal", {"region": {}, "position": [0, 0, 0]}, r"goal\.region: give only one of position and region"),
     ],
 )
 def test_scenarios_are_checked(scenario, tmp_path, key, given, message):

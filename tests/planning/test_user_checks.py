@@ -83,9 +83,7 @@ def test_a_checker_is_obeyed_and_named(setup, door):
     (check,) = result.report.checks
     assert (check.resolution, check.passed) == (0.01, True)
     if "object" in door.__name__:
-        assert (
-            str(result).splitlines()[-1] == "certified: collision; sampled at 0.01 rad: your checker LowOnly"
-        )
+        assert str(result).splitlines()[-1] == "certified: collision; sampled at 0.01 rad: your checker LowOnly"
     told = json.loads(json.dumps(result.as_dict()))["validation"]
     assert told["proven"] is True
     assert told["checks"][0]["resolution"] == 0.01
@@ -202,9 +200,7 @@ def test_an_answer_that_is_none(setup, answer):
 
 
 def test_what_is_no_checker(setup):
-    with pytest.raises(
-        InputError, match=r"must be an ob.StateValidityChecker or a function of a state, got 5"
-    ):
+    with pytest.raises(InputError, match=r"must be an ob.StateValidityChecker or a function of a state, got 5"):
         setup.setStateValidityChecker(5)
 
 

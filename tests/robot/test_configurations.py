@@ -6,13 +6,7 @@ import pytest
 from safe_ompl import InputError, UnknownNameError
 from safe_ompl.robot import JointLimits
 
-ASKED = (
-    "keypoints",
-    "keypoint_jacobians",
-    "tip_jacobian",
-    "displacement_radii_at",
-    "pinocchio_configuration",
-)
+ASKED = ("keypoints", "keypoint_jacobians", "tip_jacobian", "displacement_radii_at", "pinocchio_configuration")
 
 
 def method_of(robot, name):

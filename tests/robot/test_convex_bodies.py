@@ -82,13 +82,9 @@ def placed(shape, rng, reach):
 
 
 def coals(first, second):
-    places = [
-        coal.Transform3s(part.placement.rotation, part.placement.translation) for part in (first, second)
-    ]
+    places = [coal.Transform3s(part.placement.rotation, part.placement.translation) for part in (first, second)]
     request = coal.DistanceRequest()
-    return coal.distance(
-        first.geometry, places[0], second.geometry, places[1], request, coal.DistanceResult()
-    )
+    return coal.distance(first.geometry, places[0], second.geometry, places[1], request, coal.DistanceResult())
 
 
 @pytest.mark.parametrize(("name", "other"), list(combinations_with_replacement(SOLIDS, 2)))

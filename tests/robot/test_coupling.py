@@ -53,12 +53,8 @@ def test_limits_shrink_until_the_mimic_keeps_to_its_own(robot_named, edited, cap
 
 
 def test_a_mimic_of_a_continuous_joint_is_refused(edited):
-    urdf = edited(
-        "gripper_arm.urdf", '<joint name="grip" type="prismatic">', '<joint name="grip" type="continuous">'
-    )
-    with pytest.raises(
-        InputError, match="'grip_mirror' mimics 'grip', which is continuous: lock one of them"
-    ):
+    urdf = edited("gripper_arm.urdf", '<joint name="grip" type="prismatic">', '<joint name="grip" type="continuous">')
+    with pytest.raises(InputError, match="'grip_mirror' mimics 'grip', which is continuous: lock one of them"):
         Robot.from_urdf(urdf)
 
 
@@ -110,7 +106,5 @@ def test_pickle_and_fingerprint(gripper, edited):
     other = pickle.loads(pickle.dumps(gripper))
     assert robot_hash(other) == robot_hash(gripper)
     np.testing.assert_array_equal(other.bounds.displacement_radii, gripper.bounds.displacement_radii)
-    faster = Robot.from_urdf(
-        edited("gripper_arm.urdf", 'multiplier="1.5"', 'multiplier="1.4"'), tip="finger_1"
-    )
+    faster = Robot.from_urdf(edited("gripper_arm.urdf", 'multiplier="1.5"', 'multiplier="1.4"'), tip="finger_1")
     assert robot_hash(faster) != robot_hash(gripper)

@@ -55,9 +55,7 @@ def test_the_jacobian_is_the_gradient_of_the_distance(robot_named, rng, name, po
         np.testing.assert_allclose(-place.jacobian(q).T @ place.error(q), numeric, atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("name", "pose", "left"), [("ur5", 0, 3), ("ur5", 1, 0), ("panda", 1, 1), ("slider", 0, 2)]
-)
+@pytest.mark.parametrize(("name", "pose", "left"), [("ur5", 0, 3), ("ur5", 1, 0), ("panda", 1, 1), ("slider", 0, 2)])
 def test_redundancy(robot_named, rng, name, pose, left):
     robot = robot_named(name)
     assert place_of(robot, random_configuration(robot, rng), pose).redundancy == left

@@ -17,9 +17,7 @@ def robot(data_folder):
 
 
 def spoil_bodies(robot):
-    robot.collision_model.addGeometryObject(
-        pin.GeometryObject("tool_0", 1, pin.SE3.Identity(), coal.Sphere(0.3))
-    )
+    robot.collision_model.addGeometryObject(pin.GeometryObject("tool_0", 1, pin.SE3.Identity(), coal.Sphere(0.3)))
 
 
 def spoil_pairs(robot):
@@ -46,9 +44,7 @@ def test_what_is_done_to_a_model_handed_out_changes_nothing(robot, caplog, spoil
     spoil(robot)
     spoiled = "model" if spoil is spoil_model else "collision_model"
     getattr(robot, spoiled)
-    assert (
-        f"twin_arm: {spoiled} was changed, which does not change the robot: use with_attached" in caplog.text
-    )
+    assert f"twin_arm: {spoiled} was changed, which does not change the robot: use with_attached" in caplog.text
     assert robot_hash(robot) == before[0]
     np.testing.assert_array_equal(robot.bounds.displacement_radii, before[1])
     np.testing.assert_array_equal(robot.keypoints(q), before[2])
@@ -58,9 +54,7 @@ def test_what_is_done_to_a_model_handed_out_changes_nothing(robot, caplog, spoil
     fresh = pin.GeometryData(robot.collision_model)
     data = robot.model.createData()
     full = robot.pinocchio_configuration(q)
-    assert pin.computeCollisions(
-        robot.model, data, robot.collision_model, fresh, full, True
-    ) == checker.in_collision(q)
+    assert pin.computeCollisions(robot.model, data, robot.collision_model, fresh, full, True) == checker.in_collision(q)
 
 
 def test_models_handed_out_unchanged_are_not_copied_again(robot, caplog):

@@ -26,9 +26,7 @@ def motion(robot, seed, scale):
     """Two configurations within limits, and the motion between them, up to `scale` of the joint ranges."""
     rng = np.random.default_rng(seed)
     start = rng.uniform(robot.lower, robot.upper)
-    end = start + scale * rng.uniform(-1, 1, robot.n) * rng.integers(0, 2, robot.n) * (
-        robot.upper - robot.lower
-    )
+    end = start + scale * rng.uniform(-1, 1, robot.n) * rng.integers(0, 2, robot.n) * (robot.upper - robot.lower)
     end = np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
     return start, end, np.abs(end - start)
 
@@ -55,8 +53,7 @@ def contains(cylinder, points):
     along = arms @ cylinder.axis
     radial = np.linalg.norm(arms - along[:, None] * cylinder.axis, axis=1)
     return bool(
-        (radial <= cylinder.radius + ROUNDING).all()
-        and (np.abs(along) <= cylinder.half_length + ROUNDING).all()
+        (radial <= cylinder.radius + ROUNDING).all() and (np.abs(along) <= cylinder.half_length + ROUNDING).all()
     )
 
 
@@ -128,12 +125,7 @@ def two_links(first_prismatic=False):
     axes = np.array([[1.0, 0, 0] if first_prismatic else [0, 0, 1.0], [0, 0, 1.0]])
     placements = [pin.SE3.Identity(), pin.SE3(np.eye(3), np.array([0.5, 0, 0]))]
     return JointChain(
-        [0, 1],
-        placements,
-        axes,
-        np.array([first_prismatic, False]),
-        np.array([-0.2, -2.0]),
-        np.array([0.3, 2.0]),
+        [0, 1], placements, axes, np.array([first_prismatic, False]), np.array([-0.2, -2.0]), np.array([0.3, 2.0])
     )
 
 
@@ -240,9 +232,7 @@ def test_arm_rates_are_the_usual_ones(robot_named, rng, name):
 @pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
 @settings(max_examples=40)
 @given(seed=seeds, scale=st.floats(0.001, 0.4))
-def test_two_links_approach_each_other_no_faster_than_their_pair_allows(
-    robot_named, plain_check, name, seed, scale
-):
+def test_two_links_approach_each_other_no_faster_than_their_pair_allows(robot_named, plain_check, name, seed, scale):
     robot = robot_named(name)
     plain, radii = _alone(plain_check, robot)
     start, end, delta = motion(robot, seed, scale)

@@ -33,9 +33,7 @@ def test_joints_that_do_not_move_the_tip_are_held_and_logged(data_folder, caplog
 
 def test_mimics_of_a_joint_that_does_not_exist(edited):
     urdf = edited("gripper_arm.urdf", '<mimic joint="grip"', '<mimic joint="grab"')
-    with pytest.raises(
-        InputError, match="unknown joint that 'grip_mirror' mimics 'grab'; known: turn, elbow"
-    ):
+    with pytest.raises(InputError, match="unknown joint that 'grip_mirror' mimics 'grab'; known: turn, elbow"):
         Robot.from_urdf(urdf)
 
 
@@ -67,9 +65,7 @@ def test_the_skeleton_passes_through_locked_joints(data_folder):
 def test_a_joint_may_have_the_name_of_a_link(edited, locked):
     urdf = edited("gripper_arm.urdf", '"elbow"', '"upper"')
     robot = Robot.from_urdf(urdf, tip="hand", locked={locked.replace("elbow", "upper"): 0.3})
-    plain = Robot.from_urdf(
-        edited("gripper_arm.urdf", '"elbow"', '"elbow"'), tip="hand", locked={locked: 0.3}
-    )
+    plain = Robot.from_urdf(edited("gripper_arm.urdf", '"elbow"', '"elbow"'), tip="hand", locked={locked: 0.3})
     np.testing.assert_allclose(robot.keypoints(np.array([0.2])), plain.keypoints(np.array([0.2])))
     assert self_pairs(robot) == self_pairs(plain)
 
@@ -95,10 +91,7 @@ def test_key_points_of_a_joint_with_the_name_of_a_link(edited, data_folder):
         ({"locked": {"elbow": 3.0}}, r"locked joint 'elbow': 3 is outside its limits \[-2.5, 2.5\]"),
         ({"limits": {"knee": (0, 1)}}, "unknown joint with limits 'knee'"),
         ({"limits": {"elbow": (1, 0)}, "tip": "hand"}, r"joint 'elbow' has the limits \[1.0, 0.0\]"),
-        (
-            {"limits": {"elbow": (0, float("nan"))}, "tip": "hand"},
-            r"joint 'elbow' has the limits \[0.0, nan\]",
-        ),
+        ({"limits": {"elbow": (0, float("nan"))}, "tip": "hand"}, r"joint 'elbow' has the limits \[0.0, nan\]"),
         ({"tip": "base"}, "no joint is free to move"),
     ],
 )
@@ -130,9 +123,7 @@ def test_joints_whose_limits_leave_no_range_are_held(edited, caplog):
     urdf = edited("gripper_arm.urdf", text, text.replace("elbow", "stiff"))
     original = urdf.read_text()
     start = original.index('name="stiff"')
-    limit = original[
-        original.index("<limit", start) : original.index("/>", original.index("<limit", start)) + 2
-    ]
+    limit = original[original.index("<limit", start) : original.index("/>", original.index("<limit", start)) + 2]
     urdf.write_text(original[:start] + original[start:].replace(limit, STIFF, 1))
     robot = Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0})
     assert robot.joint_names == ("turn",)

@@ -94,10 +94,7 @@ def test_of_many_orientations_none_is_nearer(rng):
         for pose in poses(rng, 5):
             cosine = (np.einsum("nij,ij->n", drawn, pose.rotation).max() - 1) / 2
             rotation = region.nearest(pose)[1]
-            assert (
-                np.linalg.norm(pin.log3(rotation.T @ pose.rotation))
-                <= np.arccos(np.clip(cosine, -1, 1)) + 1e-6
-            )
+            assert np.linalg.norm(pin.log3(rotation.T @ pose.rotation)) <= np.arccos(np.clip(cosine, -1, 1)) + 1e-6
 
 
 @pytest.mark.parametrize("region", NAMES)

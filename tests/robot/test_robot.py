@@ -49,13 +49,9 @@ def test_joints_and_limits_of_the_panda(panda):
     assert panda.upper[3] == pytest.approx(-0.0698)
     assert not panda.continuous.any()
     assert not panda.prismatic.any()
-    assert panda.segment_names == (
-        "panda_joint3",
-        "panda_joint4",
-        "panda_joint5",
-        "panda_joint7",
-        "panda_hand_tcp",
-    ), "zero-length links, at joints 2 and 6, are left out"
+    assert panda.segment_names == ("panda_joint3", "panda_joint4", "panda_joint5", "panda_joint7", "panda_hand_tcp"), (
+        "zero-length links, at joints 2 and 6, are left out"
+    )
 
 
 def test_kinds_of_joints(kinova, twin_arm):
@@ -141,9 +137,7 @@ def test_pull_back_is_the_transposed_jacobian(robot_named, rng, name):
     robot = robot_named(name)
     batch = random_configurations(robot, rng, 3)
     gradients = rng.normal(size=(3, len(robot.keypoints(batch[0])), 3))
-    expected = [
-        np.einsum("kci,kc->i", robot.keypoint_jacobians(q), g) for q, g in zip(batch, gradients, strict=True)
-    ]
+    expected = [np.einsum("kci,kc->i", robot.keypoint_jacobians(q), g) for q, g in zip(batch, gradients, strict=True)]
     np.testing.assert_allclose(robot.pull_back(batch, gradients), expected, atol=1e-12)
     single = robot.pull_back(batch[1:2], gradients[1:2])
     np.testing.assert_allclose(single, expected[1:2], atol=1e-12)
@@ -273,9 +267,7 @@ def test_without_srdf_exactly_adjacent_links_are_not_checked(data_folder, caplog
     every = {frozenset((a, b)) for a in names for b in names if a != b}
     assert self_pairs(robot) == every - {frozenset(pair) for pair in adjacent + same_body}
     said = [record.message for record in caplog.records if record.levelname == "WARNING"]
-    assert said == [
-        "twin_arm: no SRDF (`safe-ompl srdf` writes one): 7 pairs of adjacent links are not checked"
-    ]
+    assert said == ["twin_arm: no SRDF (`safe-ompl srdf` writes one): 7 pairs of adjacent links are not checked"]
     assert all(f"{a}–{b}" in caplog.text for a, b in adjacent), "in the log's details"
 
 
@@ -303,9 +295,7 @@ def test_srdf_that_disables_nothing_is_said_so(data_folder, tmp_path, caplog, te
 
 def test_srdf_by_any_name(data_folder, tmp_path, caplog):
     srdf = tmp_path / "pairs.xml"
-    srdf.write_text(
-        '<robot name="a"><disable_collisions link1="base" link2="upper" reason="Adjacent"/></robot>'
-    )
+    srdf.write_text('<robot name="a"><disable_collisions link1="base" link2="upper" reason="Adjacent"/></robot>')
     with caplog.at_level(logging.INFO):
         robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", srdf, tip="hand")
     assert "1 self-collision pairs disabled by" in caplog.text
@@ -318,9 +308,7 @@ def test_srdf_by_any_name(data_folder, tmp_path, caplog):
 
 def test_missing_mesh_names_link_and_file(edited):
     urdf = edited("twin_arm.urdf", "wedge.obj", "package://nowhere/wedge.obj")
-    with pytest.raises(
-        InputError, match=r"link 'left_hand': collision mesh 'package://nowhere/wedge.obj' not"
-    ):
+    with pytest.raises(InputError, match=r"link 'left_hand': collision mesh 'package://nowhere/wedge.obj' not"):
         Robot.from_urdf(urdf)
 
 

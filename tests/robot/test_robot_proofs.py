@@ -35,9 +35,7 @@ def mobile(panda, ur5, data_folder):
 
 
 def cell(panda, ur5, data_folder):
-    return Robot.combined(
-        "cell", {"a": panda.with_base((0.0, 0.8, 0.0)), "b": ur5.with_base((0.0, -0.8, 0.0))}
-    )
+    return Robot.combined("cell", {"a": panda.with_base((0.0, 0.8, 0.0)), "b": ur5.with_base((0.0, -0.8, 0.0))})
 
 
 @pytest.fixture(scope="module", params=[mimicking, loaded, mobile, cell])

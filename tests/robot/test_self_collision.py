@@ -82,9 +82,7 @@ def test_what_changes_the_robot_is_sampled_anew(cache_folder, data_folder, tmp_p
     assert len(list(cache_folder.iterdir())) == 2
 
 
-@pytest.mark.parametrize(
-    "value", ["", "{", '{"value": [0, 1]}', '{"key": "KEY", "value": [-1]}', '{"key": "KEY"}']
-)
+@pytest.mark.parametrize("value", ["", "{", '{"value": [0, 1]}', '{"key": "KEY", "value": [-1]}', '{"key": "KEY"}'])
 def test_what_cannot_be_believed_is_sampled_anew(cache_folder, robot_named, value):
     robot = robot_named("twin_arm")
     geometry, samples = every_pair(robot), sample_configurations(robot.model)

@@ -79,13 +79,7 @@ def lzf_compressed(data):
     return bytes(out)
 
 
-RECORD = [
-    ("rgb", "<u4", (1,)),
-    ("y", "<f8", (1,)),
-    ("normal", "<f4", (3,)),
-    ("x", "<f4", (1,)),
-    ("z", "<f4", (1,)),
-]
+RECORD = [("rgb", "<u4", (1,)), ("y", "<f8", (1,)), ("normal", "<f4", (3,)), ("x", "<f4", (1,)), ("z", "<f4", (1,))]
 
 
 def write_pcd(path, points, form):
@@ -138,8 +132,7 @@ def test_a_damaged_pcd_is_refused(tmp_path, form, share):
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
-    [(b"FIELDS rgb y", b"FIELDS rgb q"), (b"DATA binary", b"DATA zipped"), (b"SIZE 4 8", b"SIZE 4 7")],
+    ("old", "new"), [(b"FIELDS rgb y", b"FIELDS rgb q"), (b"DATA binary", b"DATA zipped"), (b"SIZE 4 8", b"SIZE 4 7")]
 )
 def test_a_pcd_that_is_something_else_is_refused(tmp_path, old, new):
     file = write_pcd(tmp_path / "cloud.pcd", POINTS, "binary")
@@ -151,11 +144,7 @@ def test_a_pcd_that_is_something_else_is_refused(tmp_path, old, new):
 def message(points, order="<", padding=8):
     """Return an organised cloud (2, N/2) as a PointCloud2 message has it, with gaps in points and rows."""
     record = np.dtype(
-        {
-            "names": ["x", "y", "z"],
-            "formats": [order + "f4", order + "f8", order + "f4"],
-            "offsets": [4, 8, 20],
-        }
+        {"names": ["x", "y", "z"], "formats": [order + "f4", order + "f8", order + "f4"], "offsets": [4, 8, 20]}
         | {"itemsize": 32}
     )
     table = np.zeros(len(points), record)
@@ -186,9 +175,7 @@ def test_reads_the_data_of_a_ros_message(order):
     points[7] = np.nan
     given = message(points, order)
     expected = np.delete(points, 7, axis=0)
-    as_object = SimpleNamespace(
-        **{**given, "fields": [SimpleNamespace(**field) for field in given["fields"]]}
-    )
+    as_object = SimpleNamespace(**{**given, "fields": [SimpleNamespace(**field) for field in given["fields"]]})
     as_object.data = number_array("B", given["data"])  # as rclpy has it
     for form in (given, as_object):
         cloud = PointCloud.from_message(form, 0.01, resolution=0.02)
@@ -278,18 +265,9 @@ def test_truncated_ply_is_refused(tmp_path):
         ({}, "points: give either points or file"),
         ({"file": "missing.ply"}, "file: 'missing.ply' does not exist"),
         ({"file": "cloud.xyz"}, "file: 'cloud.xyz' must end in .ply or .npy"),
-        (
-            {"points": [[0, 0, 0]], "radius": 1e-9},
-            "radius: must be a finite number in [0.0001, 10000], got 1e-09",
-        ),
-        (
-            {"points": [[0, 0, 0]], "resolution": 1e-9},
-            "resolution: must be a finite number in [0.00125, 10000]",
-        ),
-        (
-            {"points": [[0, 0, 0]], "resolution": "off"},
-            "resolution: must be a finite number in [0.00125, 10000]",
-        ),
+        ({"points": [[0, 0, 0]], "radius": 1e-9}, "radius: must be a finite number in [0.0001, 10000], got 1e-09"),
+        ({"points": [[0, 0, 0]], "resolution": 1e-9}, "resolution: must be a finite number in [0.00125, 10000]"),
+        ({"points": [[0, 0, 0]], "resolution": "off"}, "resolution: must be a finite number in [0.00125, 10000]"),
         ({"points": [["0", 0, 0]]}, "points: must be numbers, got [['0', 0, 0]]"),
         ({"points": [[0, 0, 0]], "radius": 0}, "radius: must be a finite number in [0.0001, 10000], got 0"),
     ],
@@ -401,9 +379,7 @@ def test_the_tree_holds_every_cell_far_from_the_origin():
         centre = coal.Transform3s(np.eye(3), (cell + 0.5) * 0.01)
         where = coal.Transform3s(placement.rotation, placement.translation)
         assert coal.collide(tree, where, probe, centre, request, coal.CollisionResult())
-    low, high = (
-        np.ravel(side) + placement.translation for side in (tree.aabb_local.min_, tree.aabb_local.max_)
-    )
+    low, high = (np.ravel(side) + placement.translation for side in (tree.aabb_local.min_, tree.aabb_local.max_))
     assert low == pytest.approx(cells.min(axis=0) * 0.01, abs=1e-5)
     assert high == pytest.approx((cells.max(axis=0) + 1) * 0.01, abs=1e-5)
 

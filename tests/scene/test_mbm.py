@@ -26,11 +26,7 @@ def document():
     return {
         "robot": "planar2",
         "joints": ["joint2", "joint1"],
-        "problems": {
-            "easy": [{"index": 4, **problem}, {"index": 7, **problem}],
-            "none": [],
-            "odd": [problem],
-        },
+        "problems": {"easy": [{"index": 4, **problem}, {"index": 7, **problem}], "none": [], "odd": [problem]},
     }
 
 

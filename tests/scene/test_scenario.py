@@ -153,10 +153,7 @@ def test_goals_of_all_kinds():
         (("start:", "time: -1\nstart:"), "time: must be a positive number, got -1"),
         (("start:", "danger: 3\nstart:"), "danger: must be a mapping"),
         (("start:", "danger: {spacing: .nan}\nstart:"), "danger.spacing: must be a finite number"),
-        (
-            ("start:", "planners: {SafePRM: {alpha: .inf}}\nstart:"),
-            "planners.SafePRM.alpha: must be a finite",
-        ),
+        (("start:", "planners: {SafePRM: {alpha: .inf}}\nstart:"), "planners.SafePRM.alpha: must be a finite"),
         (
             ("start:", "scene: {obstacles: [{name: a, sphere: {radius: 0}}]}\nstart:"),
             "scene.obstacles[0] 'a'.sphere.radius: must be a finite number in (0, 10000], got 0",
@@ -185,22 +182,10 @@ def test_configurations_by_order_or_by_name(folder, arm):
 @pytest.mark.parametrize(
     ("change", "kind", "message"),
     [
-        (
-            ("[0, 0, 0]", "[0, 0]"),
-            InputError,
-            "start: has 2 values, but the robot has 3 joints to move: joint1, ",
-        ),
-        (
-            ("[0, 0, 0]", "{joint1: 0, elbow: 0}"),
-            UnknownNameError,
-            "start: unknown joint 'elbow'; known: joint1",
-        ),
+        (("[0, 0, 0]", "[0, 0]"), InputError, "start: has 2 values, but the robot has 3 joints to move: joint1, "),
+        (("[0, 0, 0]", "{joint1: 0, elbow: 0}"), UnknownNameError, "start: unknown joint 'elbow'; known: joint1"),
         (("[0, 0, 0]", "{joint1: 0}"), InputError, "start: no value for 'joint2', 'joint3'"),
-        (
-            ("[0, 0, 0]", "[0, 3, 0]"),
-            InputError,
-            "start: joint 'joint2' = 3 is outside its limits [-2.6, 2.6]",
-        ),
+        (("[0, 0, 0]", "[0, 3, 0]"), InputError, "start: joint 'joint2' = 3 is outside its limits [-2.6, 2.6]"),
         (("[1, 0, 0]", "[1, 0]"), InputError, "goal.configuration: has 2 values"),
         (
             ("configuration: [1, 0, 0]", "configurations: [[1, 0, 0], [9, 0, 0]]"),
@@ -246,9 +231,7 @@ def test_scenarios_are_found_by_name_and_by_path(folder, monkeypatch):
     assert find_scenario(file) == file
     assert set(HAZARD) <= set(list_scenarios())
     assert find_scenario("planar3").name == "planar3.yaml"
-    with pytest.raises(
-        UnknownNameError, match=r"unknown scenario file or name 'planar33'; did you mean 'planar3'"
-    ):
+    with pytest.raises(UnknownNameError, match=r"unknown scenario file or name 'planar33'; did you mean 'planar3'"):
         find_scenario("planar33")
 
     (folder / "scenarios").mkdir()

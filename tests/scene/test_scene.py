@@ -145,23 +145,14 @@ def test_world_keypoints_are_in_the_world():
         ("obstacles: [{name: a, sphere: {radius: 1}, box: {size: [1, 1, 1]}}]", "found box and sphere"),
         ("obstacles: [{sphere: {radius: 1}}]", "obstacles[0].name: missing, but needed"),
         ("obstacles: [{name: 7, sphere: {radius: 1}}]", "obstacles[0] 7.name: must be text"),
-        (
-            "obstacles: [{name: a, sphere: {radius: 1}, position: [.nan, 0, 0]}]",
-            "'a'.position: must be a finite",
-        ),
+        ("obstacles: [{name: a, sphere: {radius: 1}, position: [.nan, 0, 0]}]", "'a'.position: must be a finite"),
         ("obstacles: [{name: a, sphere: {radius: 1}, position: [0, 0]}]", "'a'.position: must be 3 numbers"),
         (
             "obstacles: [{name: a, sphere: {radius: 1}, quaternion_xyzw: [0, 0, 0, 2]}]",
             "quaternion_xyzw: [0.0, 0.0, 0.0, 2.0] must have length 1, not 2",
         ),
-        (
-            "obstacles: [{name: a, sphere: {radius: 1}, yaw: 0, rpy: [0, 0, 0]}]",
-            "give only one of rpy and yaw",
-        ),
-        (
-            "obstacles: [{name: a, sphere: {radius: 1}, weight: -1}]",
-            "'a'.weight: must be a finite number >= 0, got -1",
-        ),
+        ("obstacles: [{name: a, sphere: {radius: 1}, yaw: 0, rpy: [0, 0, 0]}]", "give only one of rpy and yaw"),
+        ("obstacles: [{name: a, sphere: {radius: 1}, weight: -1}]", "'a'.weight: must be a finite number >= 0, got -1"),
         (
             "obstacles: [{name: a, sphere: {radius: 1}, weight: heavy}]",
             "'a'.weight: must be a finite number >= 0, got 'heavy'",
@@ -314,10 +305,7 @@ def test_from_mbm_makes_everything_dangerous():
     ("problem", "message"),
     [
         ({"box": [{"name": "a"}]}, "box[0].position: missing"),
-        (
-            {"mesh": [{"name": "a"}]},
-            "mesh: obstacles of this kind are not read; known: box, cylinder, sphere, capsule",
-        ),
+        ({"mesh": [{"name": "a"}]}, "mesh: obstacles of this kind are not read; known: box, cylinder, sphere, capsule"),
         ({"sphere": 3}, "sphere: must be a list"),
         (
             {"sphere": [{"radius": -1, "position": [0, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}]},
@@ -341,15 +329,9 @@ def test_malformed_mbm_obstacles_are_refused(problem, message):
         (lambda: Scene([Sphere(1)]), "obstacles[0]: must be an Obstacle, got Sphere(radius=1.0)"),
         (lambda: Scene(None), "obstacles: must be a list of Obstacle, got None"),
         (lambda: Scene(Obstacle("a", Sphere(1))), "obstacles: must be a list of Obstacle, got Obstacle('a',"),
-        (
-            lambda: Scene([Obstacle("a", Sphere(1))] * 2),
-            "obstacles[1].name: 'a' is already obstacles[0], the same",
-        ),
+        (lambda: Scene([Obstacle("a", Sphere(1))] * 2), "obstacles[1].name: 'a' is already obstacles[0], the same"),
         (lambda: Scene(spacing="wide"), "spacing: must be a positive number, got 'wide'"),
-        (
-            lambda: Obstacle("a", {}),
-            "shape: must be a shape (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud",
-        ),
+        (lambda: Obstacle("a", {}), "shape: must be a shape (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud"),
         (lambda: Obstacle("a", Sphere), "shape: must be a shape"),
         (lambda: Obstacle("a", Sphere(1), [1, 2, 3]), "pose: must have shape (4, 4), got (3,)"),
         (lambda: Obstacle("a", Sphere(1), 7), "pose: must be a Pose, a pin.SE3 or a 4×4 matrix, got 7"),
@@ -368,11 +350,7 @@ def test_mistakes_are_one_clear_line(build, message):
     [
         ("yaw", 180, r"yaw: 180 rad is more than a turn: angles are in radians \(180 degrees are 3.1416\)"),
         ("rpy", [0, -90, 0], r"rpy: -90 rad is more than a turn"),
-        (
-            "position",
-            [0.4, 550, 0.2],
-            r"position: 550 m is far away: positions are in metres \(550 mm are 0.55\)",
-        ),
+        ("position", [0.4, 550, 0.2], r"position: 550 m is far away: positions are in metres \(550 mm are 0.55\)"),
         ("yaw", 3.14, None),
         ("rpy", [0, -6.28, 1], None),
         ("position", [40.0, -60.0, 0.0], None),
@@ -448,10 +426,7 @@ def test_too_many_danger_points_are_refused_before_they_are_made(scene, message,
         (lambda: Capsule(0.1, 1e5), "length: must be a finite number in (0, 10000], got 100000.0"),
         (lambda: Person(1e6), "height: must be a finite number in [0.3, 2.8], got 1000000.0"),
         (lambda: Person(180), "height: must be a finite number in [0.3, 2.8], got 180"),
-        (
-            lambda: PointCloud(0.01, points=[[1e6, 0, 0]]),
-            "points: point [1000000.0, 0.0, 0.0] is farther than",
-        ),
+        (lambda: PointCloud(0.01, points=[[1e6, 0, 0]]), "points: point [1000000.0, 0.0, 0.0] is farther than"),
     ],
 )
 def test_slips_of_unit_are_refused(build, message):
@@ -462,14 +437,7 @@ def test_slips_of_unit_are_refused(build, message):
 
 def test_there_are_never_more_danger_points_than_estimated(tmp_path):
     mesh = Mesh(write_tetrahedron(tmp_path / "part.obj", 0.3))
-    shapes = (
-        Box((0.3, 2, 0.01)),
-        Sphere(0.4),
-        Cylinder(0.5, 0.1),
-        Cylinder(0.01, 3),
-        Capsule(0.2, 0.5),
-        mesh,
-    )
+    shapes = (Box((0.3, 2, 0.01)), Sphere(0.4), Cylinder(0.5, 0.1), Cylinder(0.01, 3), Capsule(0.2, 0.5), mesh)
     for shape in (*shapes, Person(), PointCloud(0.1, points=np.eye(3))):
         for spacing in (0.03, 0.1, 5.0):
             most = shape.most_danger_points(spacing)
@@ -478,8 +446,6 @@ def test_there_are_never_more_danger_points_than_estimated(tmp_path):
 
 def test_a_mesh_in_millimetres_is_recognised(tmp_path):
     file = write_tetrahedron(tmp_path / "part.obj", 30_000)
-    with pytest.raises(
-        InputError, match=r"scale: .*reaches 30000 m.*needs a scale of \[0.001, 0.001, 0.001\]"
-    ):
+    with pytest.raises(InputError, match=r"scale: .*reaches 30000 m.*needs a scale of \[0.001, 0.001, 0.001\]"):
         Mesh(file)
     assert Mesh(file, (0.001, 0.001, 0.001)).surface[0].max() == pytest.approx(30)

@@ -56,9 +56,7 @@ def test_every_key_of_a_shape_stands_there_and_no_other(kind):
         current = cells[0].strip("`") or current
         if current == kind:
             found.add(cells[1].strip("`"))
-    own = {field.name for field in fields(SHAPES[kind])} | (
-        {"world_keypoints"} if kind == "person" else set()
-    )
+    own = {field.name for field in fields(SHAPES[kind])} | ({"world_keypoints"} if kind == "person" else set())
     assert found == own
 
 

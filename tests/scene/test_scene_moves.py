@@ -49,9 +49,7 @@ def test_key_points_are_where_the_sensor_sees_them_in_the_world(scene):
     assert person.pose == TURNED
     for name in ("right_forearm", "left_thigh"):
         limb = next(limb for limb in person.shape.limbs() if limb.name == name)
-        joints = {"right_forearm": ("right_elbow", "right_wrist"), "left_thigh": ("left_hip", "left_knee")}[
-            name
-        ]
+        joints = {"right_forearm": ("right_elbow", "right_wrist"), "left_thigh": ("left_hip", "left_knee")}[name]
         for end, joint in zip((limb.start, limb.end), joints, strict=True):
             np.testing.assert_allclose(TURNED.se3.act(end), seen[joint], atol=1e-12)
 

@@ -48,8 +48,7 @@ def surface_samples(shape, count):
     points *= 2.0 / np.linalg.norm(points, axis=1)[:, None]
     step = 1e-6
     slope = [
-        (signed_distance(shape, points + d) - signed_distance(shape, points - d)) / (2 * step)
-        for d in step * np.eye(3)
+        (signed_distance(shape, points + d) - signed_distance(shape, points - d)) / (2 * step) for d in step * np.eye(3)
     ]
     return points - signed_distance(shape, points)[:, None] * np.array(slope).T
 
@@ -156,9 +155,7 @@ def test_hull_is_solid_and_triangles_are_hollow(tmp_path):
     for convex in (True, False):
         (part,) = Mesh(file, convex=convex).parts()
         request, result = coal.CollisionRequest(), coal.CollisionResult()
-        hits.append(
-            bool(coal.collide(part.geometry, coal.Transform3s(), coal.Sphere(0.01), inside, request, result))
-        )
+        hits.append(bool(coal.collide(part.geometry, coal.Transform3s(), coal.Sphere(0.01), inside, request, result)))
     assert hits == [True, False]
 
 
@@ -175,15 +172,11 @@ def test_ply_meshes_are_read(tmp_path, form):
     for convex in (True, False):
         found, triangles = Mesh(file, (0.001, 0.001, 0.001), convex).surface
         assert len(triangles) == 12
-        np.testing.assert_allclose(
-            np.unique(found.round(6), axis=0), np.unique(corners / 1000, axis=0), atol=1e-6
-        )
+        np.testing.assert_allclose(np.unique(found.round(6), axis=0), np.unique(corners / 1000, axis=0), atol=1e-6)
 
 
 def test_a_mesh_file_of_points_alone_is_refused(tmp_path):
-    vertices = np.array(
-        [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=[("x", "f4"), ("y", "f4"), ("z", "f4")]
-    )
+    vertices = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=[("x", "f4"), ("y", "f4"), ("z", "f4")])
     file = tmp_path / "points.ply"
     plyfile.PlyData([plyfile.PlyElement.describe(vertices, "vertex")]).write(file)
     with pytest.raises(InputError, match=r"file: .*points.ply"):

@@ -64,26 +64,14 @@ def test_no_limb_arrives_earlier_and_the_first_is_exact(robot_named, name, rng):
     assert settled > 30
 
 
-def test_bodies_that_are_not_convex_are_measured_where_their_hulls_do_not_do(
-    panda, rng, tmp_path, monkeypatch
-):
+def test_bodies_that_are_not_convex_are_measured_where_their_hulls_do_not_do(panda, rng, tmp_path, monkeypatch):
     """A frame about the arm: its hull holds the robot, and it does not."""
     width = 0.04
-    bars = [
-        ((0, 1.4), (3.0, width)),
-        ((0, -1.4), (3.0, width)),
-        ((1.4, 0), (width, 3.0)),
-        ((-1.4, 0), (width, 3.0)),
-    ]
+    bars = [((0, 1.4), (3.0, width)), ((0, -1.4), (3.0, width)), ((1.4, 0), (width, 3.0)), ((-1.4, 0), (width, 3.0))]
     faces, corners = [], []
     for (x, y), (a, b) in bars:
         box = np.array(
-            [
-                [sx * a / 2 + x, sy * b / 2 + y, sz * 0.05]
-                for sx in (-1, 1)
-                for sy in (-1, 1)
-                for sz in (-1, 1)
-            ]
+            [[sx * a / 2 + x, sy * b / 2 + y, sz * 0.05] for sx in (-1, 1) for sy in (-1, 1) for sz in (-1, 1)]
         )
         for quad in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)):
             i, j, k, m = (c + len(corners) for c in quad)
@@ -129,6 +117,4 @@ def test_bodies_without_bounds_are_measured(panda, rng):
     rows = np.arange(len(cells))
     near = measured.times[rows, first[1]] < 0.5
     assert near.any()
-    np.testing.assert_allclose(
-        by_bounds.times[rows, first[0]][near], measured.times[rows, first[1]][near], atol=_EXACT
-    )
+    np.testing.assert_allclose(by_bounds.times[rows, first[0]][near], measured.times[rows, first[1]][near], atol=_EXACT)

@@ -57,9 +57,7 @@ class Adversary:
         """Return distance and nearest points of a shape and a body."""
         there, result = self.data.oMg[body], coal.DistanceResult()
         first, second = (coal.Transform3s(at.rotation, at.translation) for at in (place, there))
-        distance = coal.distance(
-            shape, first, self.bodies[body].geometry, second, coal.DistanceRequest(), result
-        )
+        distance = coal.distance(shape, first, self.bodies[body].geometry, second, coal.DistanceRequest(), result)
         return distance, np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
 
     def corners(self, body, rng):
@@ -171,16 +169,12 @@ def slow_where_gaps_are_narrow(limits, robot, still, cells, bodies, Q):
 
 def test_gaps_are_as_narrow_as_coal_measures_for_limbs_of_all_widths(panda, shelf):
     still = shelf.scene.without("operator")
-    curve, cells, speeds = cells_of(
-        panda, [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, 0.5, 0, -2.0, 0, 2.0, 0.785]]
-    )
+    curve, cells, speeds = cells_of(panda, [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, 0.5, 0, -2.0, 0, 2.0, 0.785]])
     limits = ContactLimits(panda, still, People(contact=True, robot_mass=20.0), LIMBS, {"anna": 1.75})
     assert len(set(limits.thickness[limits.bears > 0])) > 1
     most, free = speeds_of(limits, panda, curve, cells, speeds)
     moving = [k for k, body in enumerate(panda.collision_model.geometryObjects) if body.parentJoint]
-    exact = slow_where_gaps_are_narrow(
-        limits, panda, still, cells, speeds[:, moving], curve.at(cells.centres).q
-    )
+    exact = slow_where_gaps_are_narrow(limits, panda, still, cells, speeds[:, moving], curve.at(cells.centres).q)
     assert (most <= exact * (1 + 1e-9)).all()
     assert np.isclose(most, exact).mean() > 0.99
     assert (most < free).mean() > 0.1
@@ -203,9 +197,7 @@ def test_speeds_that_are_borne(panda):
     assert contact_speed(hand, 9.4) == pytest.approx(280 / np.sqrt(0.564 * 75e3))
     assert contact_speed(hand, 9.4, clamped=True) == pytest.approx(140 / np.sqrt(9.4 * 75e3))
     relative = People(contact=True, contact_relative=True, speed=1.0, speeds={"left_hand": 0.3})
-    assert limb_contact_speed(panda, relative, "left_hand") == pytest.approx(
-        contact_speed(hand, np.inf) - 0.3
-    )
+    assert limb_contact_speed(panda, relative, "left_hand") == pytest.approx(contact_speed(hand, np.inf) - 0.3)
     assert limb_contact_speed(panda, relative, "torso") == 0
     assert limb_thickness("right_hand", 2.0) == pytest.approx(0.096)
     assert limb_thickness("torso", 1.75) == limb_thickness("left_flank", 1.75) > 0.5
@@ -218,9 +210,7 @@ def test_nothing_that_pushes_no_faster_presses_harder_than_a_region_bears():
         speed, stiffness = contact_speed(region, np.inf), 1e3 * region.stiffness
         period = 2 * np.pi * np.sqrt(region.mass / stiffness)
         # Each row pushes at speeds of its own, which change ten times in a period; the first one never lets up.
-        pushed = np.repeat(
-            rng.uniform(-1.0, 1.0, (200, 40)).clip(-0.5, 0.8), round(period / 10 / step), axis=1
-        )
+        pushed = np.repeat(rng.uniform(-1.0, 1.0, (200, 40)).clip(-0.5, 0.8), round(period / 10 / step), axis=1)
         pushed = speed * np.vstack([np.ones(pushed.shape[1]), pushed / 0.8])
         gap, rate, force = np.zeros(201), np.zeros(201), np.zeros(201)
         for x in pushed.T:

@@ -94,18 +94,14 @@ def test_stops_from_everywhere_are_in_time_or_harmless(contact):
         assert (speeds <= caps).all()
         bounded += (body >= 0).sum()
         edges = np.concatenate([[0.0], np.cumsum(sizes)])
-        squares = (
-            np.minimum(np.append(speeds, 0.0), np.append(0.0, speeds)) ** 2
-        )  # grid points keep both cells' bounds
+        squares = np.minimum(np.append(speeds, 0.0), np.append(0.0, speeds)) ** 2  # grid points keep both cells' bounds
         for _ in range(100):
             j, share = rng.integers(n), rng.uniform()
             most = squares[j] + share * (squares[j + 1] - squares[j])
             square = most * rng.choice([1.0, 1.0, rng.uniform()])
             if square <= 1e-9:
                 continue
-            for k, time, entry in stop_from(
-                edges[j] + share * sizes[j], square * (1 - 1e-9), j, edges, brakes
-            ):
+            for k, time, entry in stop_from(edges[j] + share * sizes[j], square * (1 - 1e-9), j, edges, brakes):
                 late = time > times[k] + 1e-9
                 assert not (late & (entry > harmless[k] + 1e-9)).any()
     assert bounded > 100

@@ -22,9 +22,7 @@ def timer(panda, shelf_motion, panda_limits):
     return PathTimer(panda, panda_limits, motion=shelf_motion, people=People(speed=1.6, reaction_time=0.1))
 
 
-def test_beside_a_person_every_better_path_is_proven_and_takes_what_is_said(
-    timer, panda, shelf_motion, shelf_path
-):
+def test_beside_a_person_every_better_path_is_proven_and_takes_what_is_said(timer, panda, shelf_motion, shelf_path):
     told = []
     path = np.array(shelf_path)
     best, least = faster(

@@ -122,9 +122,7 @@ def test_a_path_that_turns_back_is_driven_without_a_stop_of_the_law(panda, free,
     trajectory = time_path(path, panda, limits, motion=free)
     assert not trajectory.curve.stops
     assert_within_limits(trajectory)
-    assert trajectory.at(np.linspace(0, trajectory.duration, 3000)).q[:, 0].max() == pytest.approx(
-        0.95, abs=0.01
-    )
+    assert trajectory.at(np.linspace(0, trajectory.duration, 3000)).q[:, 0].max() == pytest.approx(0.95, abs=0.01)
 
 
 def test_a_straight_motion_takes_little_more_than_the_law_of_seven_phases(panda):
@@ -133,9 +131,7 @@ def test_a_straight_motion_takes_little_more_than_the_law_of_seven_phases(panda)
     made = time_path(path, panda, RateLimits.of(panda, 1.0, 2.0, 10.0))
     least = 1.0 / 1.0 + 1.0 / 2.0 + 2.0 / 10.0
     assert least < made.duration < 1.13 * least
-    short = time_path(
-        [path[0], path[0] + [0.01, 0, 0, 0, 0, 0, 0]], panda, RateLimits.of(panda, 1.0, 2.0, 10.0)
-    )
+    short = time_path([path[0], path[0] + [0.01, 0, 0, 0, 0, 0, 0]], panda, RateLimits.of(panda, 1.0, 2.0, 10.0))
     least = 4 * (0.01 / 2 / 10.0) ** (1 / 3)
     assert least < short.duration < 1.25 * least
 

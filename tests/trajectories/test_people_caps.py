@@ -58,9 +58,7 @@ def adversary(trajectory, limbs, people, number):
         People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3}),
     ],
 )
-def test_nobody_is_reached_whenever_she_begins_to_run(
-    panda, shelf, shelf_path, shelf_motion, panda_limits, people
-):
+def test_nobody_is_reached_whenever_she_begins_to_run(panda, shelf, shelf_path, shelf_motion, panda_limits, people):
     trajectory = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=people)
     limbs = Limbs(panda, shelf.scene["operator"])
     left = adversary(trajectory, limbs, people, 150)
@@ -80,10 +78,7 @@ def reach_file(folder, growth, gate=4.0):
 def test_nobody_who_keeps_to_a_calibrated_reach_is_reached(
     panda, shelf, shelf_path, shelf_motion, panda_limits, tmp_path
 ):
-    growth = dict.fromkeys(LIMBS, (0.06, 0.1, 0.28)) | {
-        "right_hand": (0.15, 0.25, 0.5),
-        "head": (0.01, 0.02, 0.1),
-    }
+    growth = dict.fromkeys(LIMBS, (0.06, 0.1, 0.28)) | {"right_hand": (0.15, 0.25, 0.5), "head": (0.01, 0.02, 0.1)}
     del growth["left_foot"]
     people = People(speed=0.5, reaction_time=0.05, clearance=0.02, reach=reach_file(tmp_path, growth))
     trajectory = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=people)
@@ -95,10 +90,7 @@ def test_nobody_who_keeps_to_a_calibrated_reach_is_reached(
         time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=replace(fast, speed=8.0))
     rash = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=slow)
     assert adversary(rash, limbs, people, 150) < 0
-    assert (
-        time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=fast).duration
-        > trajectory.duration
-    )
+    assert time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=fast).duration > trajectory.duration
 
 
 def test_a_reach_that_is_a_speed_gives_the_trajectory_of_that_speed(
@@ -147,9 +139,7 @@ def test_stops_begin_where_the_trajectory_is_and_end_at_rest(panda, shelf_path, 
         time_path(shelf_path, panda, panda_limits).stop_from(0.1)
 
 
-def test_slower_people_and_a_path_that_keeps_away_mean_faster_motions(
-    panda, shelf_path, shelf_motion, panda_limits
-):
+def test_slower_people_and_a_path_that_keeps_away_mean_faster_motions(panda, shelf_path, shelf_motion, panda_limits):
     def duration(path, **people):
         return time_path(path, panda, panda_limits, motion=shelf_motion, people=People(**people)).duration
 
@@ -166,9 +156,7 @@ def test_cells_are_fine_enough(panda, shelf_path, shelf_motion, panda_limits, mo
     assert fine * (1 - 1e-6) <= found <= 1.05 * fine
 
 
-def test_where_nothing_allows_motion_it_says_where_and_who_and_what(
-    panda, shelf_path, shelf_motion, panda_limits
-):
+def test_where_nothing_allows_motion_it_says_where_and_who_and_what(panda, shelf_path, shelf_motion, panda_limits):
     with pytest.raises(StandstillError, match="nothing allows the robot to move at") as caught:
         time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=People(reaction_time=0.5))
     still = caught.value.standstill
@@ -181,9 +169,7 @@ def test_where_nothing_allows_motion_it_says_where_and_who_and_what(
     assert time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=allowed).duration < 60
 
 
-def test_contact_lets_the_robot_be_slow_where_separation_would_stop_it(
-    panda, shelf_path, shelf_motion, panda_limits
-):
+def test_contact_lets_the_robot_be_slow_where_separation_would_stop_it(panda, shelf_path, shelf_motion, panda_limits):
     apart = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=People())
     touching = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=People(contact=True))
     assert touching.duration < 0.9 * apart.duration
@@ -191,10 +177,7 @@ def test_contact_lets_the_robot_be_slow_where_separation_would_stop_it(
     assert list(least) == ["separation", "contact", "clamping"]
     assert np.isfinite(least["clamping"])
     heavy = People(contact=True, robot_mass=100.0)
-    assert (
-        time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=heavy).duration
-        > touching.duration
-    )
+    assert time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=heavy).duration > touching.duration
 
 
 def test_speed_of_a_contact_is_that_of_the_formula():

@@ -42,9 +42,7 @@ def test_samples_at_a_rate_would_not_keep_them(panda, shelf_path, panda_limits):
         assert rate_violations(Motion.hermite(times, *states), panda, panda_limits)
     proven = Motion.of(trajectory)
     assert not rate_violations(proven, panda, panda_limits)
-    assert rate_violations(
-        proven, panda, replace(panda_limits, acceleration=0.99 * panda_limits.acceleration)
-    )
+    assert rate_violations(proven, panda, replace(panda_limits, acceleration=0.99 * panda_limits.acceleration))
 
 
 def test_a_trajectory_is_checked_as_controllers_join_its_points(panda, shelf_path, panda_limits):

@@ -43,18 +43,14 @@ def test_limits_hold_at_every_instant(robot_named, free, name, blend):
         low, high = np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5)
         path = rng.uniform(low, high, (rng.integers(2, 7), robot.n))
         limits = RateLimits.of(robot, rng.uniform(0.5, 3, robot.n), rng.uniform(1, 20, robot.n))
-        trajectory = time_path(
-            path, robot, limits, motion=free if blend else None, tolerance=rng.uniform(0, 0.4)
-        )
+        trajectory = time_path(path, robot, limits, motion=free if blend else None, tolerance=rng.uniform(0, 0.4))
         assert_within_limits(trajectory)
         ends = trajectory.at([0.0, trajectory.duration])
         np.testing.assert_allclose(robot.difference(ends.q, path[[0, -1]]), 0, atol=1e-9)
         assert abs(ends.qd).max() < 1e-6
 
 
-def test_velocity_and_acceleration_are_the_derivatives_of_the_position(
-    panda, shelf_path, shelf_motion, panda_limits
-):
+def test_velocity_and_acceleration_are_the_derivatives_of_the_position(panda, shelf_path, shelf_motion, panda_limits):
     trajectory = time_path(shelf_path, panda, panda_limits, motion=shelf_motion)
     t = np.linspace(0.01, trajectory.duration - 0.01, 400)
     step = 1e-6
@@ -181,10 +177,7 @@ def test_it_says_which_cap_binds_where(panda):
         ([[0.0] * 7], "two way points at least, got 1"),
         ([[0.0] * 7, [np.nan] * 7], "path must be finite"),
         ([[0, 0, 0, -1, 0, 1, 0.0]] * 2, "the path does not move"),
-        (
-            [[0, 0, 0, -1, 0, 1, 0], [9, 0, 0, -1, 0, 1, 0]],
-            "way point 1: joint 'panda_joint1' = 9 is outside",
-        ),
+        ([[0, 0, 0, -1, 0, 1, 0], [9, 0, 0, -1, 0, 1, 0]], "way point 1: joint 'panda_joint1' = 9 is outside"),
         (np.zeros((0, 7)), "got 0"),
     ],
 )

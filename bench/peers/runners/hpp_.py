@@ -21,9 +21,7 @@ class Hpp:
     def __init__(self, robot: dict[str, Any], options: dict[str, Any]) -> None:
         self._robot = robot
         self._tolerance = TOLERANCES[options["validation"]]
-        self._validation = {"progressive": core.Progressive, "dichotomy": core.Dichotomy}[
-            options["validation"]
-        ]
+        self._validation = {"progressive": core.Progressive, "dichotomy": core.Dichotomy}[options["validation"]]
 
     def build(self, problem: dict[str, Any]) -> None:
         device = Device("robot")

@@ -20,9 +20,7 @@ class Mplib:
     def __init__(self, robot: dict[str, Any], options: dict[str, Any]) -> None:
         with TemporaryDirectory() as folder:
             urdf = _with_convex_meshes(Path(robot["urdf"]), Path(folder))
-            self._planner = mplib.Planner(
-                urdf=urdf, srdf=robot["srdf"], move_group=robot["tip"], use_convex=True
-            )
+            self._planner = mplib.Planner(urdf=urdf, srdf=robot["srdf"], move_group=robot["tip"], use_convex=True)
         self._base = robot["base"]
         self._names: list[str] = []
 
@@ -32,11 +30,9 @@ class Mplib:
             world.remove_object(name)
         self._names = []
         for item in problem["obstacles"]:
-            shape = {
-                "box": lambda x, y, z: fcl.Box([x, y, z]),
-                "cylinder": fcl.Cylinder,
-                "sphere": fcl.Sphere,
-            }[item["kind"]](*item["size"])
+            shape = {"box": lambda x, y, z: fcl.Box([x, y, z]), "cylinder": fcl.Cylinder, "sphere": fcl.Sphere}[
+                item["kind"]
+            ](*item["size"])
             place = np.eye(4)
             place[:3, :3], place[:3, 3] = item["rotation"], item["position"]
             body = fcl.CollisionObject(shape)

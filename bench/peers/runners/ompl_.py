@@ -41,10 +41,7 @@ class Ompl:
             return not pin.computeCollisions(model, data, geometry, contacts, q, True)
 
         self._setup.setStateValidityChecker(valid)
-        start, goal = (
-            self._setup.getSpaceInformation().allocState(),
-            self._setup.getSpaceInformation().allocState(),
-        )
+        start, goal = (self._setup.getSpaceInformation().allocState(), self._setup.getSpaceInformation().allocState())
         for k in range(n):
             start[k], goal[k] = problem["start"][k], problem["goal"][k]
         self._setup.setStartAndGoalStates(start, goal)

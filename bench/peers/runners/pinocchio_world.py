@@ -33,9 +33,7 @@ class World:
         moving = [k for k, body in enumerate(self._bodies.geometryObjects) if body.parentJoint]
         for item in problem["obstacles"]:
             placement = pin.SE3(np.array(item["rotation"]), np.array(item["position"]))
-            shape = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}[item["kind"]](
-                *item["size"]
-            )
+            shape = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}[item["kind"]](*item["size"])
             added = self.geometry.addGeometryObject(pin.GeometryObject(item["name"], 0, placement, shape))
             for body in moving:
                 self.geometry.addCollisionPair(pin.CollisionPair(body, added))

@@ -61,9 +61,7 @@ class Roboplan:
         )
         planner = RRT(self._scene, options)
         planner.setRngSeed(seed)
-        start, goal = (
-            JointConfiguration(self._names, np.array(self._problem[end])) for end in ("start", "goal")
-        )
+        start, goal = (JointConfiguration(self._names, np.array(self._problem[end])) for end in ("start", "goal"))
         try:
             self._path = planner.plan(start, goal)
         except RuntimeError as error:

@@ -110,9 +110,7 @@ def _dense(path: np.ndarray) -> np.ndarray:
 def _rows(answer: Any) -> Waypoints:
     rows = []
     for instruction in answer.results.flatten():
-        move = language.InstructionPoly_as_MoveInstructionPoly(
-            instruction
-        )  # lives as long as what it holds is used
+        move = language.InstructionPoly_as_MoveInstructionPoly(instruction)  # lives as long as what it holds is used
         point = move.getWaypoint()
         if point.isStateWaypoint():
             held = language.WaypointPoly_as_StateWaypointPoly(point)

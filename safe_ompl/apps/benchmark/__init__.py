@@ -17,14 +17,6 @@ if TYPE_CHECKING:
         summarize,
     )
 
-__all__ = [
-    "Benchmark",
-    "Campaign",
-    "Summary",
-    "check_named_planner",
-    "default_planners",
-    "failure",
-    "summarize",
-]
+__all__ = ["Benchmark", "Campaign", "Summary", "check_named_planner", "default_planners", "failure", "summarize"]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

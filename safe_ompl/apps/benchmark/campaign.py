@@ -155,9 +155,7 @@ class Summary:
         """Summarise the results of one planner."""
         solved = [(result, result.report) for result in results if result.report is not None]
         measures = [summarised_measures(result) for result, _ in solved]
-        metrics = {
-            key: np.array([measured[key] for measured in measures], dtype=np.float64) for key in SUMMARISED
-        }
+        metrics = {key: np.array([measured[key] for measured in measures], dtype=np.float64) for key in SUMMARISED}
         profiles = [report.danger.profile for _, report in solved if report.danger is not None]
         order = np.argsort(metrics["danger_mean"], kind="stable")
         return cls(

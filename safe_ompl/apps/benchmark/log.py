@@ -149,11 +149,7 @@ def _column(name: str, values: Sequence[Value]) -> str:
     if name == "status":
         return "status ENUM"
     known = [value for value in values if value is not None]
-    for kind, word in (
-        (bool | np.bool_, "BOOLEAN"),
-        (int | np.integer, "INTEGER"),
-        (float | int | np.number, "REAL"),
-    ):
+    for kind, word in ((bool | np.bool_, "BOOLEAN"), (int | np.integer, "INTEGER"), (float | int | np.number, "REAL")):
         if known and all(isinstance(value, kind) for value in known):
             return f"{name} {word}"
     return f"{name} {'TEXT' if known else 'REAL'}"

@@ -94,9 +94,7 @@ SUMMARISED: Mapping[str, tuple[str, ...]] = {
 def summarised_measures(result: PlanResult) -> dict[str, float]:
     """Return the measures of `SUMMARISED` of a solved run by their keys; NaN where danger is not known."""
     measures: Mapping[str, Any] = run_measures(result)
-    return {
-        key: sum(float(measures.get(name, math.nan)) for name in names) for key, names in SUMMARISED.items()
-    }
+    return {key: sum(float(measures.get(name, math.nan)) for name in names) for key, names in SUMMARISED.items()}
 
 
 @dataclass

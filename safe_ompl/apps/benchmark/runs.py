@@ -27,9 +27,7 @@ class Run(NamedTuple):
     seed: int
 
 
-def rounds(
-    planners: Sequence[str], number: int, seed: int = 0, done: Collection[Run] = frozenset()
-) -> list[Run]:
+def rounds(planners: Sequence[str], number: int, seed: int = 0, done: Collection[Run] = frozenset()) -> list[Run]:
     """Return the runs of a comparison but those `done`, in their order: the planners take turns, once with each seed.
 
     Raises InputError for no planner, one named twice, or a number of runs below 1.
@@ -54,9 +52,7 @@ class Job(Protocol[_Task, _Outcome]):
         """Return the outcome of a task whose process died; `words` say how."""
 
 
-def do_tasks(
-    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], processes: int = 1
-) -> Iterator[tuple[TaskT, Outcome]]:
+def do_tasks(job: Job[TaskT, Outcome], tasks: Sequence[TaskT], processes: int = 1) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks, and yield each with its outcome as they come.
 
     One process is this one, more are forked. Raises InputError for a number of processes below 1.
@@ -67,9 +63,7 @@ def do_tasks(
     return in_processes(job, tasks, min(processes, len(tasks)))
 
 
-def in_processes(
-    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], number: int
-) -> Iterator[tuple[TaskT, Outcome]]:
+def in_processes(job: Job[TaskT, Outcome], tasks: Sequence[TaskT], number: int) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks in processes that are forked: jobs of any kind are there without being pickled.
 
     A task whose process dies is done again in a new one; if that dies, too, the task is a crash; all others finish.

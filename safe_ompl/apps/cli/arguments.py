@@ -298,9 +298,7 @@ def is_bag(file: str) -> bool:
 # ------------------------------------------------------------------------------------------------- values
 
 
-def _reader(
-    kind: Callable[[str], _Number], fits: Callable[[_Number], bool], what: str
-) -> Callable[[str], _Number]:
+def _reader(kind: Callable[[str], _Number], fits: Callable[[_Number], bool], what: str) -> Callable[[str], _Number]:
     """Return a function that reads a number from text; `what` says in errors which numbers fit."""
 
     def read(text: str) -> _Number:

@@ -69,11 +69,7 @@ def add_commands(commands: Any) -> None:
         "FILE holds bare samples, and no joint is faster between them [rad/s or m/s]",
         arguments.by_joint,
     )
-    option(
-        parser,
-        "--limits",
-        "check rates: the scenario's limits of velocity, acceleration and jerk, or the URDF's",
-    )
+    option(parser, "--limits", "check rates: the scenario's limits of velocity, acceleration and jerk, or the URDF's")
     option(
         parser,
         "--no-people",
@@ -88,11 +84,7 @@ def add_commands(commands: Any) -> None:
         arguments.by_joint,
     )
     option(parser, "--time SECONDS", "leave undecided what is not proven by then", arguments.seconds, TIME)
-    option(
-        parser,
-        "--widest-tube",
-        "also find the widest proven tube: of equal widths, or in proportion to --tube",
-    )
+    option(parser, "--widest-tube", "also find the widest proven tube: of equal widths, or in proportion to --tube")
     option(
         parser,
         "--repair OUT",
@@ -147,9 +139,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         check_view_options(options)
     message = False
     if options.repair is not None:
-        message = Path(options.file).suffix.lower() == ".json" and "format" not in formats.read_json(
-            options.file
-        )
+        message = Path(options.file).suffix.lower() == ".json" and "format" not in formats.read_json(options.file)
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)
     _, robot = arguments.scenario_robot(options, scenario)
     given = scenario.limits.tube if options.tube is None else options.tube
@@ -169,9 +159,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         if not motion.rated:
             why = "bare samples have no rates" if motion.timed else "has no times"
             raise InputError(f"{options.file}: {why}", "--limits")
-        limits = RateLimits.of(
-            robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk
-        )
+        limits = RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
     if people is not None and limits is not None:
         _check_people(options, scenario, limits)
     return partial(_check, options, scenario, setup, motion, limits, message)
@@ -238,13 +226,7 @@ def _check(
     record["violations"] = [vars(violation) for violation in found.violations]
     widest = repair = None
     if options.widest_tube:
-        widest = widest_tube(
-            motion,
-            robot,
-            setup.scene,
-            constraints=setup.getConstraints(),
-            proportions=tube or None,
-        )
+        widest = widest_tube(motion, robot, setup.scene, constraints=setup.getConstraints(), proportions=tube or None)
         record["widest_tube"] = dict(zip(robot.joint_names, widest.tolist(), strict=True))
     if options.repair is not None:
         repair = setup.repair(motion, limits, people, time=scenario.time)
@@ -262,15 +244,11 @@ def _check(
     if options.json:
         output.write_json(options.json, record)
     if options.certificate and not written:
-        output.error_console().print(
-            f"safe-ompl: it is not proven: nothing is written to {options.certificate}"
-        )
+        output.error_console().print(f"safe-ompl: it is not proven: nothing is written to {options.certificate}")
     elif options.certificate:
         name = document.file_name(scenario.file.resolve(), Path(options.certificate).parent)  # type: ignore[union-attr]
         spacing = scenario.danger.get("spacing")
-        output.write_json(
-            options.certificate, motion_certificate(written, spacing=spacing, source={"scenario": name})
-        )
+        output.write_json(options.certificate, motion_certificate(written, spacing=spacing, source={"scenario": name}))
     if options.plot:
         plots.plot_check(found, options.plot, title=Path(options.file).name)
     if any(getattr(options, key) for key in _SHOWN):
@@ -279,11 +257,7 @@ def _check(
 
 
 def _retime(
-    options: argparse.Namespace,
-    scenario: Scenario,
-    setup: SafeSetup,
-    motion: Motion,
-    limits: RateLimits,
+    options: argparse.Namespace, scenario: Scenario, setup: SafeSetup, motion: Motion, limits: RateLimits
 ) -> int:
     """Time the way points of a motion anew if they are proven, and show and write what came of it."""
     robot, name = setup.robot, Path(options.file).name
@@ -298,10 +272,7 @@ def _retime(
             trajectory = timed(result, scenario, limits)
     if options.json:
         record = {"file": options.file, "scenario": scenario.name, "robot": robot.name, "proven": bool(found)}
-        record |= {
-            "duration": trajectory and trajectory.duration,
-            "objection": None if found else objection(found),
-        }
+        record |= {"duration": trajectory and trajectory.duration, "objection": None if found else objection(found)}
         output.write_json(options.json, record)
     if options.json != output.STANDARD_OUTPUT:
         title = f"{options.file} · {scenario.name} · {robot.name}"
@@ -322,22 +293,14 @@ def _retime(
 
 
 def _write(
-    repair: Repair,
-    options: argparse.Namespace,
-    setup: SafeSetup,
-    limits: RateLimits | None,
-    message: bool,
+    repair: Repair, options: argparse.Namespace, setup: SafeSetup, limits: RateLimits | None, message: bool
 ) -> MotionCheck:
     """Write a repaired motion if what is read from the file is proven, too; return what is proven of that."""
     content, read = motion_content(repair.motion, options.repair, message=message)
     if read is not repair.motion:
         with document.within(options.repair, ": "):
             read = _sampled(read.for_robot(setup.robot), options, setup.robot)
-    found = (
-        repair.check
-        if read is repair.motion
-        else setup.check(read, limits, repair.check.people, options.time)
-    )
+    found = repair.check if read is repair.motion else setup.check(read, limits, repair.check.people, options.time)
     if found:
         files.write(options.repair, content)
     return found
@@ -412,9 +375,7 @@ def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
 def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
     """Print the widest tube of some logs, by joint, and how it is given to `check` and in a scenario."""
     samples = sum(tube.samples for tube in found.values())
-    table = output.plain_table(
-        "joint", "largest error", "between samples", "at\ns", "tube", title=f"{samples} samples"
-    )
+    table = output.plain_table("joint", "largest error", "between samples", "at\ns", "tube", title=f"{samples} samples")
     if len(found) > 1:
         table.add_column("log")
     widths = {}
@@ -423,13 +384,7 @@ def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
         log = max(found, key=lambda log: found[log].widths[places[log]])
         tube, k = found[log], places[log]
         widths[name] = float(f"{_up(tube.widths[k]):.3g}")
-        row = [
-            name,
-            f"{tube.errors[k]:.3g}",
-            f"+{tube.between[k]:.2g}",
-            f"{tube.times[k]:.3f}",
-            f"{widths[name]:g}",
-        ]
+        row = [name, f"{tube.errors[k]:.3g}", f"+{tube.between[k]:.2g}", f"{tube.times[k]:.3f}", f"{widths[name]:g}"]
         table.add_row(*row, *([log] if len(found) > 1 else []))
     table.caption = Text(f"tube: {factor:g} × (largest error + what may be between samples) [rad or m]")
     output.console().print(table)

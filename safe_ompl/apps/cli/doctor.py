@@ -77,9 +77,7 @@ class Requirement:
     def fits(self) -> bool:
         """Whether a version is installed that fits."""
         found = self.found
-        return found is not None and all(
-            _within(found, bound) for bound in filter(None, self.bounds.split(","))
-        )
+        return found is not None and all(_within(found, bound) for bound in filter(None, self.bounds.split(",")))
 
 
 def examine() -> int:
@@ -229,9 +227,7 @@ def ask_for_simplification() -> None:
 def ask_for_people() -> None:
     """Call what a robot needs to drive beside people."""
     robot, skeleton = small_robot(), find_skeleton("recording12")
-    replanner = Replanner(
-        robot, Scene(), {"anna": Tracker(skeleton, TrackedBody())}, people=People(speed=1.6)
-    )
+    replanner = Replanner(robot, Scene(), {"anna": Tracker(skeleton, TrackedBody())}, people=People(speed=1.6))
     limits = RateLimits.of(robot, acceleration=10.0)
     replanner.start(time_path([[-1.0, 0.0], [1.0, 0.0]], robot, limits, motion=replanner.prover))
     keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3))

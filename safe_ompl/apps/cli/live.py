@@ -60,8 +60,7 @@ def add_commands(commands: Any) -> None:
     option(
         parser,
         "--people FILE|random[:N]",
-        "a file of recorded key points (.npz; .mcap or a bag of ROS 2), or the number of people who walk at "
-        "random",
+        "a file of recorded key points (.npz; .mcap or a bag of ROS 2), or the number of people who walk at random",
     )
     option(parser, "--clip NAME", f"recording in the file; default: {CLIP}, or the only person of a bag")
     option(parser, "--topic NAME", "topic of the people in a bag; default: the only one")
@@ -151,10 +150,7 @@ def _drive(
     if result.path is None:
         output.error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
         return 1
-    ways = [
-        timed_way(way, replanner.robot, replanner.prover, scenario)
-        for way in (result.path, result.path[::-1])
-    ]
+    ways = [timed_way(way, replanner.robot, replanner.prover, scenario) for way in (result.path, result.path[::-1])]
     simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)
     around = replanner.surroundings.scene
     header = ticks_header(replanner.tick, replanner.robot, around, replanner.surroundings.description())
@@ -316,8 +312,7 @@ def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Pla
     """Return the person who plays the recording."""
     if not arguments.is_bag(options.people) and not Path(options.people).is_file():
         raise InputError(
-            f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}",
-            "--people",
+            f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}", "--people"
         )
     recording = _recording(options)
     persons = _persons(scenario)
@@ -435,9 +430,7 @@ def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) ->
     if scenario.people is not None and scenario.people.contact:
         _log.warning("contact is allowed: %s", scenario.people.contact_sentence)
     if scenario.motion.max_danger is not None:
-        _log.warning(
-            "motion.max_danger is not kept in `live`; the robot keeps distances from all that moves instead"
-        )
+        _log.warning("motion.max_danger is not kept in `live`; the robot keeps distances from all that moves instead")
     return replace(scenario, scene=still, people=None, limits=limits)
 
 

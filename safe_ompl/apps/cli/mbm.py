@@ -68,10 +68,7 @@ class Mbm:
         to_terminal = self.options.json == output.STANDARD_OUTPUT and sys.stdout.isatty()
         console = output.error_console()
         results: dict[str, list[PlanResult]] = {}
-        with (
-            output.opened(self.options.json) as stream,
-            output.progress_bar(console, hidden=to_terminal) as progress,
-        ):
+        with output.opened(self.options.json) as stream, output.progress_bar(console, hidden=to_terminal) as progress:
             for family, k in progress.track(self.chosen, description=self.file.path.name):
                 line, result = self._solve(family, k)
                 print(json_line(line), file=stream, flush=True)

@@ -24,14 +24,7 @@ from safe_ompl.common import documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.planning import SafeSetup
 from safe_ompl.robot import Mimic, Robot, RobotSpec, arm_joints, default_tip, finger_joints, has_range
-from safe_ompl.robot.loading import (
-    SrdfFile,
-    UrdfFile,
-    disabled_links,
-    joints_without_range,
-    resting_value,
-    srdf_text,
-)
+from safe_ompl.robot.loading import SrdfFile, UrdfFile, disabled_links, joints_without_range, resting_value, srdf_text
 from safe_ompl.scene import Scene
 
 _SAMPLES, _SEED = 2000, 0
@@ -198,9 +191,7 @@ class New:
         x, y = (self.robot.keypoints_batch(samples)[:, -1] - self._shoulder)[:, :2].T
         return np.asarray((np.arctan2(y, x) - way + np.pi) % (2 * np.pi) - np.pi)
 
-    def _ends(
-        self, checker: CollisionChecker, samples: FloatArray, person: Obstacle
-    ) -> tuple[FloatArray, FloatArray]:
+    def _ends(self, checker: CollisionChecker, samples: FloatArray, person: Obstacle) -> tuple[FloatArray, FloatArray]:
         """Return free configurations (K, n) with tips on either side of the person, some with room around them."""
         to_person = np.array(person.pose.position)[:2] - self._shoulder[:2]
         sides = self._azimuths(samples, float(np.arctan2(to_person[1], to_person[0])))
@@ -229,9 +220,7 @@ class New:
             f"{self.spec.urdf}: no start and goal on either side of a person, of {_SAMPLES} configurations; {why}"
         )
 
-    def _connected(
-        self, scene: Scene, left: FloatArray, right: FloatArray
-    ) -> tuple[FloatArray, FloatArray, bool]:
+    def _connected(self, scene: Scene, left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
         """Return start and goal with a path between them, near ones first; the nearest and False if none is found."""
         setup = SafeSetup(self.robot, scene)
         distances = np.linalg.norm(left[:, None] - right[None], axis=2)

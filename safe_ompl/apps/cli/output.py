@@ -47,9 +47,7 @@ def console() -> Console:
 
 def error_console() -> Console:
     """Return where progress and messages go: standard error. Messages are not wrapped."""
-    return Console(
-        stderr=True, highlight=False, markup=False, soft_wrap=True, width=_width(sys.stderr.isatty())
-    )
+    return Console(stderr=True, highlight=False, markup=False, soft_wrap=True, width=_width(sys.stderr.isatty()))
 
 
 def _width(is_terminal: bool) -> int | None:
@@ -180,9 +178,7 @@ def check_outputs(options: argparse.Namespace) -> None:
             _check_place(path, option, inputs, force=options.force)
         place = path.resolve()
         if place in written:
-            raise InputError(
-                f"{str(file)!r} is written by {written[place]} already: give another file", option
-            )
+            raise InputError(f"{str(file)!r} is written by {written[place]} already: give another file", option)
         written[place] = option
 
 

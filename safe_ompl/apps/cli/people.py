@@ -18,9 +18,9 @@ from safe_ompl.people import CalibratedReach, Calibration, Recording, calibrate,
 def add_commands(commands: Any) -> None:
     """Add `people` to the commands."""
     summary = "how far people go: reach models from recordings"
-    inner = commands.add_parser(
-        "people", help=summary, description=f"{summary}.".capitalize()
-    ).add_subparsers(metavar="COMMAND", required=True)
+    inner = commands.add_parser("people", help=summary, description=f"{summary}.".capitalize()).add_subparsers(
+        metavar="COMMAND", required=True
+    )
     parser = arguments.add_parser(
         inner,
         "calibrate",
@@ -32,9 +32,7 @@ def add_commands(commands: Any) -> None:
     )
     option(parser, "recordings RECORDINGS", "files of recordings (.npz); all clips are used", nargs="+")
     option(parser, "--level SHARE", "share of the units that keep to it", arguments.share, required=True)
-    option(
-        parser, "-o, --out FILE", "the reach file (.yaml)", output.output_file(".yaml", ".yml"), required=True
-    )
+    option(parser, "-o, --out FILE", "the reach file (.yaml)", output.output_file(".yaml", ".yml"), required=True)
     arguments.add_force(parser)
     option(parser, "--gate V", "faster key points are glitches [m/s]", arguments.limit, Calibration.gate)
     option(
@@ -45,13 +43,7 @@ def add_commands(commands: Any) -> None:
         Calibration.horizons,
         nargs="+",
     )
-    option(
-        parser,
-        "--fit SHARE",
-        "share of the recordings that give the shapes",
-        arguments.share,
-        Calibration.fit,
-    )
+    option(parser, "--fit SHARE", "share of the recordings that give the shapes", arguments.share, Calibration.fit)
     option(parser, "--seed N", "draws those recordings; default: 0", arguments.random_seed, 0)
     option(parser, "--block S", "units are blocks of so many seconds; default: recordings", arguments.seconds)
 

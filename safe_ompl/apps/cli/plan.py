@@ -26,12 +26,7 @@ from safe_ompl.scene import Scenario
 from safe_ompl.trajectories import RATE, RateLimits, Trajectory
 from safe_ompl.view import draw_plan, plots
 
-_SLOWER = (
-    1.005,
-    1.02,
-    1.05,
-    1.15,
-)  # times as long: what is tried where stops between exported points are too late
+_SLOWER = (1.005, 1.02, 1.05, 1.15)  # times as long: what is tried where stops between exported points are too late
 
 
 def add_commands(commands: Any) -> None:
@@ -71,11 +66,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def _plan(
-    scenario: Scenario,
-    setup: SafeSetup,
-    options: argparse.Namespace,
-    setup_time: float,
-    limits: RateLimits | None,
+    scenario: Scenario, setup: SafeSetup, options: argparse.Namespace, setup_time: float, limits: RateLimits | None
 ) -> int:
     """Plan, and show and write the result as the options say; the time [s] is what it took to get ready."""
     chosen = arguments.run_options(options, scenario, options.planner)
@@ -92,9 +83,7 @@ def _plan(
     if limits is not None and result.path is not None:
         trajectory = timed(result, scenario, limits)
     if options.certificate and result.path is None:
-        output.error_console().print(
-            f"safe-ompl: there is no path: nothing is written to {options.certificate}"
-        )
+        output.error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
     elif options.certificate:
         proof = certificate_of(result, setup, scenario, options.certificate, trajectory)
         output.write_json(options.certificate, proof)
@@ -116,12 +105,7 @@ def add_timed_options(
     """Add what asks for a path in time, --rate, --trajectory and --timed-plot."""
     group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
     option(group, switch, words, dest="timed")
-    option(
-        group,
-        "--rate HZ",
-        f"points per second of the trajectory at least; default: {RATE:g}",
-        arguments.limit,
-    )
+    option(group, "--rate HZ", f"points per second of the trajectory at least; default: {RATE:g}", arguments.limit)
     option(
         group,
         "--trajectory FILE",
@@ -159,11 +143,7 @@ def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Traject
 
 
 def show_timed(
-    trajectory: Trajectory,
-    result: PlanResult,
-    setup: SafeSetup,
-    scenario: Scenario,
-    options: argparse.Namespace,
+    trajectory: Trajectory, result: PlanResult, setup: SafeSetup, scenario: Scenario, options: argparse.Namespace
 ) -> bool:
     """Show duration, what bounds the speed, and danger; draw and write what the options ask for.
 

@@ -12,20 +12,7 @@ from typing import Any, NoReturn
 import argcomplete
 from rich.table import Table
 
-from safe_ompl.apps.cli import (
-    arguments,
-    check,
-    compare,
-    live,
-    mbm,
-    new,
-    output,
-    people,
-    plan,
-    ros,
-    verify,
-    view,
-)
+from safe_ompl.apps.cli import arguments, check, compare, live, mbm, new, output, people, plan, ros, verify, view
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError
@@ -84,9 +71,7 @@ class _Parser(argparse.ArgumentParser):
 def command_line() -> argparse.ArgumentParser:
     """Return the parser; `prepare` of its options is the one of the command, see `add_parser`."""
     parser = _Parser(
-        prog="safe-ompl",
-        description="Safety-oriented motion planning for robot arms.",
-        epilog=_FIRST + _EPILOG,
+        prog="safe-ompl", description="Safety-oriented motion planning for robot arms.", epilog=_FIRST + _EPILOG
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)

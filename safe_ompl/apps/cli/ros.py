@@ -16,14 +16,7 @@ import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import (
-    add_mcap,
-    add_reach,
-    limits_of_still,
-    people_who_move,
-    reach_of,
-    timed_way,
-)
+from safe_ompl.apps.cli.live import add_mcap, add_reach, limits_of_still, people_who_move, reach_of, timed_way
 from safe_ompl.apps.cli.plan import describe_timing, timed
 from safe_ompl.apps.exchange import Answer, Cell, ControlOptions, Frames, LiveController, in_metres
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
@@ -55,9 +48,7 @@ def add_commands(commands: Any) -> None:
         "Obstacles of limits.moving move.",
     )
     arguments.add_scenario(parser)
-    option(
-        parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names
-    )
+    option(parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names)
     option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
     add_reach(parser)
     option(parser, "--noise M", "largest error of key points [m]", arguments.noise, 0.0)
@@ -107,9 +98,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     return partial(_run, scenario, trackers, control, options)
 
 
-def trackers_of(
-    scenario: Scenario, options: argparse.Namespace, gate: float | None = None
-) -> dict[str, Tracker]:
+def trackers_of(scenario: Scenario, options: argparse.Namespace, gate: float | None = None) -> dict[str, Tracker]:
     """Return how the people that the options name are tracked; those of the scenario are as tall as there."""
     skeleton = ALL_KEYPOINTS if options.skeleton is None else in_metres(find_skeleton(options.skeleton))
     heights = {one.name: one.shape.height for one in scenario.scene if isinstance(one.shape, Person)}
@@ -127,17 +116,9 @@ def trackers_of(
     return {name: Tracker(skeleton, body, noise=options.noise, gate=gate) for name, body in bodies.items()}
 
 
-def _run(
-    scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptions, options: argparse.Namespace
-) -> int:
+def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptions, options: argparse.Namespace) -> int:
     """Start the node, and drive the robot until Ctrl-C."""
-    from safe_ompl.apps.exchange import (  # needs the extras
-        McapLog,
-        NodeSetup,
-        RosNode,
-        TrajectoryAction,
-        ros_context,
-    )
+    from safe_ompl.apps.exchange import McapLog, NodeSetup, RosNode, TrajectoryAction, ros_context  # needs the extras
 
     moving = {} if scenario.limits.moving is None else dict(scenario.limits.moving.speeds)
     around = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
@@ -219,9 +200,7 @@ def cell_of(
         replanner.start(timed_way(way, robot, setup.motion_prover, scenario))
         return replanner
 
-    def request(
-        start: FloatArray, goal: FloatArray, seen: Mapping[str, Any], cloud: Obstacle | None
-    ) -> Answer:
+    def request(start: FloatArray, goal: FloatArray, seen: Mapping[str, Any], cloud: Obstacle | None) -> Answer:
         around = Surroundings(scenario.scene, trackers, moving, People())
         around.update({name: seen[name] for name in trackers}, {name: seen[name] for name in moving}, 0.0)
         scene = around.scene.moved({name: thing.pose for name, thing in around.objects.items()})
@@ -233,9 +212,7 @@ def cell_of(
         result = planned(asked(scenario, _with_cloud(scene, cloud), start, goal))
         own = scenario.motion
         trajectory = timed(result, scenario, RateLimits.of(robot, own.velocity, own.acceleration, own.jerk))
-        clearance = (
-            "" if result.report is None else f", at least {1e3 * result.report.clearance.min:.0f} mm away"
-        )
+        clearance = "" if result.report is None else f", at least {1e3 * result.report.clearance.min:.0f} mm away"
         return Answer(trajectory, f"proven free of contact{clearance}; {describe_timing(trajectory)}")
 
     return Cell(robot, trackers, moving, plan, request, shielded=options.shield)

@@ -88,9 +88,7 @@ class FittingTable:
                 break
             left_out.insert(0, self.columns[count - 1].heading.replace("-\n", "").replace("\n", " "))
         if left_out:
-            table.caption = (
-                f"{table.caption or ''}; not shown, as the terminal is narrow: {', '.join(left_out)}"
-            )
+            table.caption = f"{table.caption or ''}; not shown, as the terminal is narrow: {', '.join(left_out)}"
         yield table
 
 

@@ -111,11 +111,7 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
 
 
 def certificate_of(
-    result: PlanResult,
-    setup: SafeSetup,
-    scenario: Scenario,
-    file: str,
-    trajectory: Trajectory | None = None,
+    result: PlanResult, setup: SafeSetup, scenario: Scenario, file: str, trajectory: Trajectory | None = None
 ) -> dict[str, Any]:
     """Return the certificate of a solved plan, and of its trajectory, for `file`: names in it are relative to that."""
     assert result.path is not None

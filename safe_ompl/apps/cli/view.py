@@ -128,9 +128,7 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     robot = scenario.build_robot()
     start = scenario.start_configuration(robot)
     if options.planners == _NONE:  # also a start in collision can be looked at
-        return ViewerContent(
-            robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name
-        )
+        return ViewerContent(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
     setup = setup_scenario(scenario, robot)
     results = []
     for planner in options.planners:
@@ -158,7 +156,5 @@ def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent
         raise InputError(f"either results or trajectories, not both: {', '.join(files)}")
     for file, thing in zip(files, loaded, strict=True):
         if not isinstance(thing, TimedMotion | PlanResult):
-            raise InputError(
-                f"must be a result, a certificate or a trajectory, not a {type(thing).__name__}", file
-            )
+            raise InputError(f"must be a result, a certificate or a trajectory, not a {type(thing).__name__}", file)
     return ViewerContent.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)

@@ -15,13 +15,7 @@ if TYPE_CHECKING:
     from safe_ompl.apps.exchange.mcap_log import McapLog, read_log
     from safe_ompl.apps.exchange.received import Frames, in_metres
     from safe_ompl.apps.exchange.recordings import PeopleSource, read_joint_log, read_people
-    from safe_ompl.apps.exchange.ros_node import (
-        NodeSetup,
-        RosNode,
-        TrajectoryAction,
-        received_text,
-        ros_context,
-    )
+    from safe_ompl.apps.exchange.ros_node import NodeSetup, RosNode, TrajectoryAction, received_text, ros_context
 
 __all__ = [
     "Answer",

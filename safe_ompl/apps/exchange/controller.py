@@ -182,9 +182,7 @@ class LiveController:
         if self._joints is None or abs(time - self._joints.time) > self.options.joints_late:
             raise InputError("comes without joint states of its time: the robot's own points are not known")
         around = None if self._pilot is None else self._pilot.surroundings
-        self._cloud = CloudView.seen(
-            points, self.options.cloud_radius, self.cell.robot, self._joints.q, around
-        )
+        self._cloud = CloudView.seen(points, self.options.cloud_radius, self.cell.robot, self._joints.q, around)
 
     def go_to(self, names: Sequence[str], position: Sequence[float]) -> None:
         """Take a goal: the robot stops if it moves, and goes there. Without joints it stops, and stays."""
@@ -223,9 +221,7 @@ class LiveController:
         except SafeOmplError as error:
             return Answer(None, str(error))
         assert answer.trajectory is not None
-        away = (
-            np.inf if self._joints is None else self._apart(answer.trajectory.at(0.0).q, self._joints.q).max()
-        )
+        away = np.inf if self._joints is None else self._apart(answer.trajectory.at(0.0).q, self._joints.q).max()
         if self._moves() or away > self.options.tolerance:
             return Answer(None, "the robot has moved meanwhile")
         return answer

@@ -107,9 +107,7 @@ class McapLog:
     def _places(self, tick: Mapping[str, Any]) -> dict[str, Any]:
         """Return where the parts of the robot and the objects that move are."""
         places = self._body.placements(np.array(tick["q"]))
-        found = {
-            scene_markers.body_frame(name): place for name, place in zip(self._parts, places, strict=False)
-        }
+        found = {scene_markers.body_frame(name): place for name, place in zip(self._parts, places, strict=False)}
         for name, place in tick["objects"].items():
             pose = Pose(tuple(place["position"]), tuple(place["quaternion_xyzw"]))
             found[scene_markers.obstacle_frame(name)] = pose.se3

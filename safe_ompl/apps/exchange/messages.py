@@ -111,9 +111,7 @@ def joint_state(time: int, names: Sequence[str], q: ArrayLike, qd: ArrayLike) ->
     return {"header": header(time), "name": list(names), "position": q, "velocity": qd}
 
 
-def joint_trajectory(
-    time: int, names: Sequence[str], times: Iterable[float], **rows: Sequence[ArrayLike]
-) -> Message:
+def joint_trajectory(time: int, names: Sequence[str], times: Iterable[float], **rows: Sequence[ArrayLike]) -> Message:
     """Return a `trajectory_msgs/JointTrajectory` that begins at a time [ns].
 
     Its points are `times` after that [s]; rows are positions, velocities and accelerations, each (K, n).

@@ -53,9 +53,7 @@ def stamp_of(header: Any) -> float:
     return float(time)
 
 
-def people_of_markers(
-    message: Any, skeleton: Skeleton, frames: Frames
-) -> tuple[float, dict[str, FloatArray]]:
+def people_of_markers(message: Any, skeleton: Skeleton, frames: Frames) -> tuple[float, dict[str, FloatArray]]:
     """Return the time [s] of a `MarkerArray` and the key points (J, 3) of its people [m]; NaN: not seen.
 
     The namespace is the person. The text is the name of the key point; without a text the id is its number. Raises
@@ -89,9 +87,7 @@ def people_of_markers(
 def person_of_poses(message: Any, skeleton: Skeleton, frames: Frames) -> tuple[float, FloatArray]:
     """Return the time [s] of a `PoseArray` and the key points (J, 3) that its poses are [m]; errors as for markers."""
     if len(message.poses) != len(skeleton.points):
-        raise InputError(
-            f"{skeleton.name} has {len(skeleton.points)} key points, got {len(message.poses)}", "poses"
-        )
+        raise InputError(f"{skeleton.name} has {len(skeleton.points)} key points, got {len(message.poses)}", "poses")
     frame = frames.place(message.header)
     return stamp_of(message.header), np.array([_keypoint(pose.position, frame) for pose in message.poses])
 
@@ -130,11 +126,7 @@ def proposal_of(message: Any, robot: Robot) -> tuple[Motion | FloatArray, float 
 
 def cloud_of(message: Any, radius: float, frames: Frames) -> tuple[float, FloatArray]:
     """Return the time [s] of a `PointCloud2` and its finite points (M, 3) in the world [m]; errors as `PointCloud`."""
-    points = (
-        PointCloud.from_message(message, radius).centres
-        if message.width * message.height
-        else np.zeros((0, 3))
-    )
+    points = PointCloud.from_message(message, radius).centres if message.width * message.height else np.zeros((0, 3))
     return stamp_of(message.header), placed(frames.place(message.header), points)
 
 
@@ -142,7 +134,5 @@ def _keypoint(place: Any, frame: pin.SE3) -> FloatArray:
     """Return where a key point of a frame is in the world (3,); NaN: not seen."""
     given = np.array([place.x, place.y, place.z], dtype=float)
     if not np.isfinite(given).all() and not np.isnan(given).all():
-        raise InputError(
-            f"must be finite, or all NaN where it is not seen, got {given.tolist()}", "key point"
-        )
+        raise InputError(f"must be finite, or all NaN where it is not seen, got {given.tolist()}", "key point")
     return np.asarray(placed(frame, given[None])[0])

@@ -156,9 +156,7 @@ def read_people(file: str | Path, source: PeopleSource) -> Recording:
 
 def _skeleton(names: Sequence[str]) -> Skeleton:
     if not all(names):
-        raise InputError(
-            f"{len(names)} key points without names: say which skeleton with --skeleton", "skeleton"
-        )
+        raise InputError(f"{len(names)} key points without names: say which skeleton with --skeleton", "skeleton")
     return ALL_KEYPOINTS if tuple(names) == ALL_KEYPOINTS.points else in_metres(skeleton_of(names))
 
 
@@ -176,8 +174,7 @@ def _posed(found: Sequence[tuple[int, Any]]) -> tuple[list[int], FloatArray, lis
 def _marked(found: Sequence[tuple[int, Any]], who: str | None) -> tuple[list[int], FloatArray, list[str]]:
     """Return times, key points (T, J, 3) and their names, those of our body in its own order, from a MarkerArray."""
     shown = [
-        (time, [marker for marker in message.markers if marker.action not in DELETIONS])
-        for time, message in found
+        (time, [marker for marker in message.markers if marker.action not in DELETIONS]) for time, message in found
     ]
     _one_frame([marker.header.frame_id for _, markers in shown for marker in markers])
     people = sorted({marker.ns for _, markers in shown for marker in markers})

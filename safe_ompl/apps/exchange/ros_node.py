@@ -85,9 +85,7 @@ def received_text(node: Any, topic: str, seconds: float) -> str:
     """
     rclpy = import_module("rclpy")
     found: list[bytes] = []
-    subscription = node.create_subscription(
-        message_class(TEXT), topic, found.append, _quality(latched=True), raw=True
-    )
+    subscription = node.create_subscription(message_class(TEXT), topic, found.append, _quality(latched=True), raw=True)
     end = monotonic() + seconds
     while not found and monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
@@ -128,8 +126,7 @@ class TrajectoryAction:
             self._kind = import_module("control_msgs.action").FollowJointTrajectory
         except (ImportError, AttributeError) as error:
             raise InputError(
-                f"needs control_msgs ({error}): install ros-$ROS_DISTRO-control-msgs, and source that ROS 2",
-                "--follow",
+                f"needs control_msgs ({error}): install ros-$ROS_DISTRO-control-msgs, and source that ROS 2", "--follow"
             ) from None
         self._node, self.name = node, name
         self._goal: Any = None  # that the server follows
@@ -204,9 +201,7 @@ class RosNode:
             self._subscribe(POSE, f"obstacles/{name}", partial(self._object, name))
         self._subscribe(CLOUD, "cloud", self._cloud)
         clock = import_module("rclpy.clock")
-        steady = clock.Clock(
-            clock_type=clock.ClockType.STEADY_TIME
-        )  # ticks go on if the time of ROS stands still
+        steady = clock.Clock(clock_type=clock.ClockType.STEADY_TIME)  # ticks go on if the time of ROS stands still
         node.create_timer(controller.options.replanning.tick, self._tick, clock=steady)
         node.create_timer(_CHECK, self._look_for_others, clock=steady)
         self._still(scene_markers.obstacle_markers(0, setup.scene, ()))
@@ -217,10 +212,7 @@ class RosNode:
         executor.add_node(self._node)
         stopped = Event()
         # An exception of a signal could come inside compiled code or a callback, and be lost there.
-        before = {
-            number: signal.signal(number, lambda *_: stopped.set())
-            for number in (signal.SIGINT, signal.SIGTERM)
-        }
+        before = {number: signal.signal(number, lambda *_: stopped.set()) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             ready()
             while not stopped.is_set():
@@ -233,16 +225,12 @@ class RosNode:
 
     # -------------------------------------------------------------------------------------------------- messages
 
-    def _publisher(
-        self, kind: str, topic: str, *, latched: bool = False
-    ) -> Callable[[Mapping[str, Any]], None]:
+    def _publisher(self, kind: str, topic: str, *, latched: bool = False) -> Callable[[Mapping[str, Any]], None]:
         """Return what publishes plain data as messages of a type."""
         publisher = self._node.create_publisher(message_class(kind), topic, _quality(latched=latched))
         return lambda content: publisher.publish(messages.encoded(kind, content))
 
-    def _subscribe(
-        self, kind: str, topic: str, take: Callable[[Any], None], *, reliable: bool = False
-    ) -> None:
+    def _subscribe(self, kind: str, topic: str, take: Callable[[Any], None], *, reliable: bool = False) -> None:
         """Give the messages of a topic to `take`; a bad one is reported, and the node goes on."""
 
         def received(data: bytes) -> None:
@@ -258,16 +246,11 @@ class RosNode:
         """Log a line, at most once in some seconds."""
         now = self._node.get_clock().now().nanoseconds / messages.SECOND
         if abs(now - self._said.get(what, -np.inf)) > _AGAIN:
-            self._said = {
-                what: now,
-                **{said: time for said, time in self._said.items() if abs(now - time) <= _AGAIN},
-            }
+            self._said = {what: now, **{said: time for said, time in self._said.items() if abs(now - time) <= _AGAIN}}
             self._node.get_logger().warning(what)
 
     def _joints(self, message: Any) -> None:
-        self._controller.see_joints(
-            stamp_of(message.header), message.name, message.position, message.velocity
-        )
+        self._controller.see_joints(stamp_of(message.header), message.name, message.position, message.velocity)
 
     def _goal(self, message: Any) -> None:
         self._controller.go_to(message.name, message.position)
@@ -297,9 +280,7 @@ class RosNode:
         self._controller.see_object(time, name, pose)
 
     def _cloud(self, message: Any) -> None:
-        self._controller.see_cloud(
-            *cloud_of(message, self._controller.options.cloud_radius, self._setup.frames)
-        )
+        self._controller.see_cloud(*cloud_of(message, self._controller.options.cloud_radius, self._setup.frames))
 
     # ----------------------------------------------------------------------------------------------------- ticks
 

@@ -48,9 +48,7 @@ class Sightings:
         """
         time = stamp - self._error
         if time > now:
-            raise InputError(
-                f"{name!r} was measured {stamp - now:.3f} s in the future: the clocks differ", "stamp"
-            )
+            raise InputError(f"{name!r} was measured {stamp - now:.3f} s in the future: the clocks differ", "stamp")
         if name in self._newest and time <= self._newest[name][0]:
             return False
         self._newest[name] = time, value
@@ -65,9 +63,7 @@ class Sightings:
         for name in self._names:
             age = now - self._newest[name][0] if name in self._newest else np.inf
             if age > self._lost_after:
-                raise InputError(
-                    "was not seen yet" if np.isinf(age) else f"was not seen for {age:.2f} s", name
-                )
+                raise InputError("was not seen yet" if np.isinf(age) else f"was not seen for {age:.2f} s", name)
         return {name: value for name, (_, value) in self._newest.items()}
 
     def due(self, now: float) -> tuple[float, dict[str, Any]] | None:

@@ -60,22 +60,14 @@ class Separations:
         self._points = [corners(link.geometry) for link in self._links]
         self._movers = [joints_below(robot, int(link.parentJoint)) for link in self._links]
         self._obstacles = [
-            (
-                f"{schema.OBSTACLE}{name}",
-                obstacle.name,
-                shape,
-                coal.Transform3s(place.rotation, place.translation),
-            )
+            (f"{schema.OBSTACLE}{name}", obstacle.name, shape, coal.Transform3s(place.rotation, place.translation))
             for obstacle in scene
             for name, shape, place in obstacle.geometries()
         ]
-        self._own = [
-            (int(pair.first), int(pair.second)) for pair in robot.shared.collision_model.collisionPairs
-        ]
+        self._own = [(int(pair.first), int(pair.second)) for pair in robot.shared.collision_model.collisionPairs]
         self._axes = robot.shared.chain.axes
         self._required = [
-            [claims.required(plain_name(link.name), name) for _, name, _, _ in self._obstacles]
-            for link in self._links
+            [claims.required(plain_name(link.name), name) for _, name, _, _ in self._obstacles] for link in self._links
         ]
         moving = [link.name for link in self._links if link.parentJoint != 0]
         self.names = [(self._links[a].name, self._links[b].name) for a, b in self._own]
@@ -98,9 +90,7 @@ class Separations:
             apart = self.distance(links[a].geometry, poses[a], links[b].geometry, poses[b])
             only_a = [i for i in self._movers[a] if i not in self._movers[b]]
             only_b = [i for i in self._movers[b] if i not in self._movers[a]]
-            approach = sum(radii[a][i] * steps[i] for i in only_a) + sum(
-                radii[b][i] * steps[i] for i in only_b
-            )
+            approach = sum(radii[a][i] * steps[i] for i in only_a) + sum(radii[b][i] * steps[i] for i in only_b)
             yield (links[a].name, links[b].name), apart, float(approach), 0.0
         for k, link in enumerate(links):
             if link.parentJoint == 0:
@@ -171,9 +161,7 @@ def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
         return np.array(shape.vertices(), dtype=float).reshape(-1, 3), 0.0
     shape.computeLocalAABB()
     low, high = np.ravel(shape.aabb_local.min_), np.ravel(shape.aabb_local.max_)
-    return np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    ), 0.0
+    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]), 0.0
 
 
 _ABOVE = 1e-8  # [m/s] what speeds may be above their limit
@@ -230,9 +218,7 @@ class PlainSpeeds:
                 waiting += [(first, middle), (middle, last)]
         return None
 
-    def _bounds(
-        self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
-    ) -> tuple[float, float]:
+    def _bounds(self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]) -> tuple[float, float]:
         """Return the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
         self._budget.spend()
         robot = self._robot
@@ -263,9 +249,7 @@ class PlainSpeeds:
         x, y, z = turning
         across = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # p @ across is turning × p
         velocity = body.points @ (place.rotation.T @ across) + (place.translation @ across + drift)
-        return sqrt(float((velocity * velocity).sum(axis=1).max())) + body.pad * sqrt(
-            float(turning @ turning)
-        )
+        return sqrt(float((velocity * velocity).sum(axis=1).max())) + body.pad * sqrt(float(turning @ turning))
 
 
 def bend_bound(

@@ -56,11 +56,7 @@ class PlainDanger:
         return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), limit, tube)
 
     def exceeded_along(
-        self,
-        place: Callable[[float], FloatArray],
-        steps: FloatArray,
-        limit: float,
-        tube: FloatArray | float = 0.0,
+        self, place: Callable[[float], FloatArray], steps: FloatArray, limit: float, tube: FloatArray | float = 0.0
     ) -> tuple[float, float] | None:
         """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`.
 
@@ -86,9 +82,7 @@ class PlainDanger:
         start, end = (keypoints[robot.segments[:, side], None] for side in (0, 1))  # (L, 1, 3)
         link = end - start
         length = _norm(link)  # (L, 1)
-        along = np.clip(
-            np.einsum("lmi,lni->lm", points - start, link) / np.maximum(length**2, _TINY), 0.0, 1.0
-        )
+        along = np.clip(np.einsum("lmi,lni->lm", points - start, link) / np.maximum(length**2, _TINY), 0.0, 1.0)
         distance = _norm(points - start - along[..., None] * link)  # (L, M)
         ends = np.maximum(_norm(points - start) + _norm(points - end), _TINY)
         share = np.minimum(length / ends, 1 - 1e-15)
@@ -105,9 +99,7 @@ class PlainDanger:
         robot = self._robot
         pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
         joints = list(self._data.oMi)[1:]
-        axes = np.array(
-            [joint.rotation @ axis for joint, axis in zip(joints, robot.shared.chain.axes, strict=True)]
-        )
+        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, robot.shared.chain.axes, strict=True)])
         arms = keypoints[:, None] - np.array([joint.translation for joint in joints])  # (K, n, 3)
         across = arms - (arms * axes).sum(axis=2)[..., None] * axes
         radii = np.where(robot.joint_prismatic, 1.0, _norm(across)) * robot.joint_keypoint_support
@@ -145,9 +137,7 @@ class PlainMovingDanger:
         self._still = PlainDanger(robot, scene, claim)
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
         self._start, self._end = robot.segments.T
-        self._carriers = [
-            int(np.flatnonzero(row).max(initial=-1)) + 1 for row in robot.joint_keypoint_support
-        ]
+        self._carriers = [int(np.flatnonzero(row).max(initial=-1)) + 1 for row in robot.joint_keypoint_support]
         self._gamma = claim.gamma
 
     def exceeded(self, motion: PlainMotion) -> float | None:
@@ -173,9 +163,7 @@ class PlainMovingDanger:
                 waiting += [(first, middle, finer, points), (middle, last, finer, points)]
         return None
 
-    def _above(
-        self, interval: _Interval, rates: tuple[float, float], points: IntArray, parts: int
-    ) -> IntArray:
+    def _above(self, interval: _Interval, rates: tuple[float, float], points: IntArray, parts: int) -> IntArray:
         """Return those of some danger points whose danger is not proven to keep to the bound; all or none of a sum."""
         claim, still = self._claim, self._still
         levels, pushes = self._bounds(interval, still.points[points], parts)
@@ -207,9 +195,7 @@ class PlainMovingDanger:
             most = np.minimum(most, phi * away / near)
             curved = most * (2 * V * V / near**2 + A / near)
             field = np.minimum(most, phi + h * np.abs(rate) + h * h * curved / 2)
-            spread = (
-                self._gamma * self._isotropic(interval, u, w, away, length, parts) if self._gamma else 0.0
-            )
+            spread = self._gamma * self._isotropic(interval, u, w, away, length, parts) if self._gamma else 0.0
             exact = rate + spread + (1 + self._gamma) * h * curved
             swift = np.minimum((1 + self._gamma) * most * V / near, exact)
         if self._claim.weighting == "length":
@@ -220,13 +206,7 @@ class PlainMovingDanger:
         return np.where(reached, np.inf, level), np.where(reached, np.inf, push)
 
     def _isotropic(
-        self,
-        interval: _Interval,
-        u: FloatArray,
-        w: FloatArray,
-        away: FloatArray,
-        length: FloatArray,
-        parts: int,
+        self, interval: _Interval, u: FloatArray, w: FloatArray, away: FloatArray, length: FloatArray, parts: int
     ) -> FloatArray:
         """Return a bound (L, M) of ∫‖x′‖/‖ρ‖² dt, with chords of ‖x′‖ over parts of the links."""
         t = np.linspace(0.0, 1.0, parts + 1)

@@ -21,9 +21,7 @@ from safe_ompl.common import BoolArray, CertificateError, FloatArray
 from safe_ompl.robot import Robot
 
 _SAME = 1e-9  # [rad] places that differ by less are the same
-_SMOOTH = (
-    1e-6  # [rad/s, rad/s²] jumps of velocities, and of accelerations where the jerk is limited, that are none
-)
+_SMOOTH = 1e-6  # [rad/s, rad/s²] jumps of velocities, and of accelerations where the jerk is limited, that are none
 _STEEP = (1e-8, 1e-6, 1e-3)  # [rad, s] jumps of places, velocities and accelerations as rates, at most
 _ABOVE = (1e-8, 1e-7, 1e-4)  # [rad, s] what velocities, accelerations and jerks may be above their limits
 _ROUNDING = 1e-9  # relative, of reach and, for grid points, of the shorter piece beside
@@ -43,9 +41,7 @@ class PlainPiece:
 
     def at(self, sigma: float) -> FloatArray:
         """Return the configuration (n,) at an arc length from its start."""
-        q: FloatArray = (
-            self.start + sigma * self.first + sigma**2 / 2 * self.second + sigma**3 / 6 * self.third
-        )
+        q: FloatArray = self.start + sigma * self.first + sigma**2 / 2 * self.second + sigma**3 / 6 * self.third
         return q
 
     def slope(self, sigma: float) -> FloatArray:
@@ -192,19 +188,14 @@ class PlainMotion:
             low, high = piece.box()
             for i in np.flatnonzero(~robot.continuous):
                 if low[i] < robot.lower[i] - 1e-9 or high[i] > robot.upper[i] + 1e-9:
-                    raise CertificateError(
-                        f"trajectory: piece {k} leaves the limits of joint {robot.joint_names[i]!r}"
-                    )
+                    raise CertificateError(f"trajectory: piece {k} leaves the limits of joint {robot.joint_names[i]!r}")
 
     def _check_grid(self) -> list[int]:
         """Return the piece of each cell; cells must be in order, and none in two pieces."""
         edges = self.edges
         if len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] != 0:
             raise CertificateError("trajectory: its grid points are not in order")
-        if (
-            abs(edges[-1] - self.starts[-1]) > 1e3 * _ROUNDING * self.pieces[-1].length
-            or not (self.squares >= 0).all()
-        ):
+        if abs(edges[-1] - self.starts[-1]) > 1e3 * _ROUNDING * self.pieces[-1].length or not (self.squares >= 0).all():
             raise CertificateError("trajectory: its grid points do not cover the curve")
         for k, (before, after) in enumerate(pairwise(self.pieces), 1):
             away = abs(edges[self._grid_point(self.starts[k])] - self.starts[k])

@@ -50,10 +50,7 @@ def check_polynomials(
     _check_limits(robot, pieces, allowed)
     _check_rates(claim, robot, pieces)
     tube = 0.0 if claims.tube is None else claims.tube
-    widths = [
-        row + tube + _ROUNDING * np.abs(piece[0]).max(axis=0)
-        for row, piece in zip(allowed, pieces, strict=True)
-    ]
+    widths = [row + tube + _ROUNDING * np.abs(piece[0]).max(axis=0) for row, piece in zip(allowed, pieces, strict=True)]
     _check_danger_and_tool(claims, robot, scene, pieces, widths, separations.budget)
     parts = distances = 0
     speeds = {
@@ -92,10 +89,7 @@ def _derivatives(coefficients: FloatArray, span: Fraction) -> list[FloatArray]:
     """Return the control points (d − k + 1, n), at least one, of the k-th derivative by time, for k = 0 … 3."""
     degree, powers = len(coefficients) - 1, [list(map(Fraction, row)) for row in coefficients.tolist()]
     rows = [
-        [
-            sum(Fraction(comb(i, k), comb(degree, k)) * c[k] for k in range(i + 1))
-            for c in zip(*powers, strict=True)
-        ]
+        [sum(Fraction(comb(i, k), comb(degree, k)) * c[k] for k in range(i + 1)) for c in zip(*powers, strict=True)]
         for i in range(degree + 1)
     ]
     found = []
@@ -149,9 +143,7 @@ def _check_limits(robot: Robot, pieces: list[list[FloatArray]], allowed: FloatAr
         for points, limit in ((piece[0], high), (-piece[0], -low)):
             joint = _above(points, limit - width)
             if joint is not None:
-                raise CertificateError(
-                    f"motion: piece {k} leaves the limits of joint {robot.joint_names[joint]!r}"
-                )
+                raise CertificateError(f"motion: piece {k} leaves the limits of joint {robot.joint_names[joint]!r}")
 
 
 def _check_rates(claim: PolynomialMotion, robot: Robot, pieces: list[list[FloatArray]]) -> None:
@@ -175,9 +167,7 @@ def _check_rates(claim: PolynomialMotion, robot: Robot, pieces: list[list[FloatA
                 joint = _above(points, most[k])
                 if joint is not None:
                     name = robot.joint_names[joint]
-                    raise CertificateError(
-                        f"motion: {kinds[order]} of joint {name!r} above its limit in piece {k}"
-                    )
+                    raise CertificateError(f"motion: {kinds[order]} of joint {name!r} above its limit in piece {k}")
         if order < 3 and limits[order + 1] is not None:
             for k in np.flatnonzero((jumps[order] > _ABOVE[order]).any(axis=1)).tolist():
                 raise CertificateError(f"motion: the {kinds[order]} jumps where piece {k} begins")

@@ -18,14 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
-from safe_ompl.certificates.verifier.bodies import (
-    GJK,
-    Budget,
-    PlainSpeeds,
-    PlainTool,
-    Separations,
-    plain_name,
-)
+from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainSpeeds, PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger, PlainMovingDanger
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray
@@ -59,9 +52,7 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
         at = PlainMovingDanger(robot, scene, claim.danger, budget).exceeded(motion)
         if at is not None:
             bound = claim.danger.bound
-            raise CertificateError(
-                f"trajectory: the danger in motion is not below {bound:.4f} near {at:.6f} rad"
-            )
+            raise CertificateError(f"trajectory: the danger in motion is not below {bound:.4f} near {at:.6f} rad")
     stops, required = claim.stops, Required(scene)
     if stops is not None:
         if stops.brakes.shape != sizes.shape:
@@ -191,9 +182,7 @@ def _check_free(motion: PlainMotion, separations: Separations, required: Require
             cells = np.searchsorted(edges, [start + first + _ROUNDING, start + last - _ROUNDING]) - 1
             low, high = (min(max(int(cell), 0), len(edges) - 2) for cell in cells)
             near = set()
-            for pair, distance, approach, kept in separations.examined(
-                piece.at(middle), piece.steps(half), pairs
-            ):
+            for pair, distance, approach, kept in separations.examined(piece.at(middle), piece.steps(half), pairs):
                 wanted = kept + required.of(pair[1], low, high)
                 if distance - GJK > approach + wanted:
                     continue

@@ -113,9 +113,7 @@ def verify(
         with np.errstate(over="raise"):  # what is too large to be compared holds nowhere
             found = _verified(claims, robot, scene, own, budget)
         if claims.digest != schema.digest(content):
-            raise CertificateError(
-                "every interval holds, but the file is not as it was written: its digest differs"
-            )
+            raise CertificateError("every interval holds, but the file is not as it was written: its digest differs")
         return found
     except formats.MALFORMED as error:
         if isinstance(error, InputError):
@@ -123,9 +121,7 @@ def verify(
         raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
 
 
-def _verified(
-    claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, ...], budget: Budget
-) -> Verified:
+def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, ...], budget: Budget) -> Verified:
     path = claims.path
     if claims.motion is None:
         _check_limits(robot, path)
@@ -168,13 +164,9 @@ def _verified(
 
 def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
     if claims.joint_names != tuple(robot.joint_names):
-        raise CertificateError(
-            f"joint order: it has {list(claims.joint_names)}, the robot {list(robot.joint_names)}"
-        )
+        raise CertificateError(f"joint order: it has {list(claims.joint_names)}, the robot {list(robot.joint_names)}")
     if claims.robot.hash != robot_hash(robot):
-        raise CertificateError(
-            f"the robot has changed: {robot.name!r} is not the one that it was written for"
-        )
+        raise CertificateError(f"the robot has changed: {robot.name!r} is not the one that it was written for")
     lacking = links_without_collision(robot)
     if list(claims.robot.links_without_collision) != lacking:
         raise CertificateError(
@@ -212,12 +204,7 @@ def _check_cover(edge: int, intervals: tuple[Interval, ...]) -> None:
 
 
 def _check_interval(
-    name: str,
-    interval: Interval,
-    start: FloatArray,
-    delta: FloatArray,
-    separations: Separations,
-    claims: Certificate,
+    name: str, interval: Interval, start: FloatArray, delta: FloatArray, separations: Separations, claims: Certificate
 ) -> None:
     pairs, tube = claims.pairs, 0.0 if claims.tube is None else claims.tube
     centre, half = interval.centre, interval.half_length
@@ -225,9 +212,7 @@ def _check_interval(
     if len(interval.margins) != len(pairs):
         raise CertificateError(f"{name}: {len(interval.margins)} margins for {len(pairs)} pairs")
     margins = dict(zip(pairs, interval.margins.tolist(), strict=True))
-    for pair, distance, approach, required in separations.examined(
-        start + centre * delta, half * np.abs(delta) + tube
-    ):
+    for pair, distance, approach, required in separations.examined(start + centre * delta, half * np.abs(delta) + tube):
         if not margins[pair] >= approach + required:
             raise CertificateError(
                 f"{name}: the margin of {_between(pair)} is {1e3 * margins[pair]:.3f} mm, "
@@ -235,8 +220,7 @@ def _check_interval(
             )
         if not distance - GJK > margins[pair]:
             raise CertificateError(
-                f"{name}: {_between(pair)} are {1e3 * distance:.3f} mm apart, "
-                f"{1e3 * margins[pair]:.3f} mm are claimed"
+                f"{name}: {_between(pair)} are {1e3 * distance:.3f} mm apart, {1e3 * margins[pair]:.3f} mm are claimed"
             )
 
 
@@ -244,9 +228,7 @@ def _between(pair: tuple[str, str]) -> str:
     return f"{plain_name(pair[0])!r} and {plain_name(pair[1])!r}"
 
 
-def _check_danger_and_tool(
-    claims: Certificate, robot: Robot, scene: Scene, ends: FloatArray, budget: Budget
-) -> None:
+def _check_danger_and_tool(claims: Certificate, robot: Robot, scene: Scene, ends: FloatArray, budget: Budget) -> None:
     danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
     tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
     tube = 0.0 if claims.tube is None else claims.tube
@@ -261,9 +243,7 @@ def _check_danger_and_tool(
                 raise CertificateError(f"edge {k}: {words}")
         lost = None if tool is None else tool.exceeded(start, delta, tube)
         if lost is not None:
-            raise CertificateError(
-                f"edge {k}: the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of it"
-            )
+            raise CertificateError(f"edge {k}: the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of it")
 
 
 _SAME = 1e-9  # relative: numbers that are computed from a robot, and differ by less, agree
@@ -287,9 +267,7 @@ class Terms:
         timed, motion = claims.trajectory, claims.motion
         self._compare("danger", claims.danger, self.danger)
         if motion is not None and self.motion is not None:
-            said = {
-                name: limit for name, limit in self.motion.items() if getattr(motion, name, None) is not None
-            }
+            said = {name: limit for name, limit in self.motion.items() if getattr(motion, name, None) is not None}
             self._compare("motion", motion if said else None, said)
         if timed is None:
             return
@@ -306,13 +284,9 @@ class Terms:
         if claim is None or asked is None:
             return
         if not asked:
-            raise CertificateError(
-                f"{what}: it is claimed, but there is nothing in the scenario that it is about"
-            )
+            raise CertificateError(f"{what}: it is claimed, but there is nothing in the scenario that it is about")
         for name, value in asked.items():
-            if hasattr(claim, name) and not _agree(
-                getattr(claim, name), value, _SAME if name in _COMPUTED else 0.0
-            ):
+            if hasattr(claim, name) and not _agree(getattr(claim, name), value, _SAME if name in _COMPUTED else 0.0):
                 mine, asked_for = (_shown(item) for item in (getattr(claim, name), value))
                 raise CertificateError(f"{what}: {name} is {mine} in its claim, {asked_for} is asked for")
 

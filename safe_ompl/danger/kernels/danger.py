@@ -11,15 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
-from safe_ompl.danger.kernels.field import (
-    Block,
-    Skeleton,
-    add_pull,
-    ceilings,
-    new_block,
-    potential,
-    potentials,
-)
+from safe_ompl.danger.kernels.field import Block, Skeleton, add_pull, ceilings, new_block, potential, potentials
 from safe_ompl.danger.kernels.groups import (
     MAXIMUM,
     MEAN,
@@ -253,9 +245,7 @@ def dangers(
     have none.
     """
     out = np.empty(len(values))
-    _each_danger(
-        tables, values, points, aggregate, _room(tables, points.charges, points.balls), gradients, out
-    )
+    _each_danger(tables, values, points, aggregate, _room(tables, points.charges, points.balls), gradients, out)
     return out
 
 
@@ -425,12 +415,7 @@ def chords(
     for k in range(L):
         half, weight = speed[k] * h / 2, lengths[k]
         for m in range(M):
-            u1, u2, d1, d2 = (
-                first.fields[k, m],
-                last.fields[k, m],
-                first.distances[k, m],
-                last.distances[k, m],
-            )
+            u1, u2, d1, d2 = (first.fields[k, m], last.fields[k, m], first.distances[k, m], last.distances[k, m])
             left, right = d1 - half, d2 - half
             if left > 0 and right > 0:
                 level = max(u1 * (d1 / left), u2 * (d2 / right))

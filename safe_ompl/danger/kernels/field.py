@@ -209,9 +209,7 @@ def _log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: Floa
 
 
 @part
-def _restore_digits(
-    places: FloatArray, start: int, end: int, length: float, block: Block, number: int
-) -> None:
+def _restore_digits(places: FloatArray, start: int, end: int, length: float, block: Block, number: int) -> None:
     """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
     ratios, points = block.theta, block.points
     u, v = block.mantissa[:3], block.power[:3]
@@ -356,9 +354,7 @@ def _space_slope(skeleton: Skeleton, points: FloatArray, m: int, out: FloatArray
 
 
 @compiled
-def link_fields(
-    places: FloatArray, links: IntArray, points: FloatArray, by_length: bool, summed: bool
-) -> FloatArray:
+def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool, summed: bool) -> FloatArray:
     """Return the field of each link (B, L, M), or their sum (B, 1, M), which is CDF(p)."""
     rows, block = 1 if summed else len(links), new_block(places.shape[1])
     out = np.empty((len(places), rows, points.shape[2]))

@@ -212,13 +212,7 @@ def _allowed(aggregate: Aggregate, base: float, sure: float) -> float:
 
 @part
 def total_level(
-    skeleton: Skeleton,
-    points: Points,
-    aggregate: Aggregate,
-    base: float,
-    room: Room,
-    forces: FloatArray,
-    sloped: bool,
+    skeleton: Skeleton, points: Points, aggregate: Aggregate, base: float, room: Room, forces: FloatArray, sloped: bool
 ) -> float:
     """Return the mean or the softmax of the levels of points in balls, no more than the tolerance off.
 

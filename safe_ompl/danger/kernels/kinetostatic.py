@@ -116,13 +116,7 @@ def _turn(z: complex, w: complex) -> float:
 
 @part
 def link_parts(
-    u: FloatArray,
-    v: FloatArray,
-    w: FloatArray,
-    va: FloatArray,
-    vb: FloatArray,
-    D: FloatArray,
-    isotropic: bool,
+    u: FloatArray, v: FloatArray, w: FloatArray, va: FloatArray, vb: FloatArray, D: FloatArray, isotropic: bool
 ) -> tuple[float, float, float]:
     """Return φ, φ̇ and I (0 unless wanted) of one link, u = p − a and v = p − b; +inf on the link."""
     d1, d2 = sqrt(dot(u, u)), sqrt(dot(v, v))
@@ -139,12 +133,7 @@ def link_parts(
 
 @compiled
 def link_terms(
-    keypoints: FloatArray,
-    velocities: FloatArray,
-    links: IntArray,
-    points: FloatArray,
-    by_length: bool,
-    isotropic: bool,
+    keypoints: FloatArray, velocities: FloatArray, links: IntArray, points: FloatArray, by_length: bool, isotropic: bool
 ) -> FloatArray:
     """Return φ, φ̇ and I summed over the links (L, 2), (3, B, M); points (1 or B, M, 3)."""
     B, M = len(keypoints), points.shape[1]

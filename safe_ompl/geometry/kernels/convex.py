@@ -152,9 +152,7 @@ _OVERLAP = 1e-9  # of cells, so that a direction on their border may be looked u
 
 
 @part
-def place_bodies(
-    bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool
-) -> None:
+def place_bodies(bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool) -> None:
     """Write the poses of the bodies that joints with these frames carry, or of those that none does."""
     for g in range(len(bodies)):
         joint = bodies[g].joint - 1
@@ -236,14 +234,7 @@ def begin_axis(axis: FloatArray, u: float, v: float, w: float, x: float, y: floa
 
 @part
 def distance_bounds(
-    shapes: Shapes,
-    poses: Records,
-    a: int,
-    b: int,
-    axis: FloatArray,
-    simplex: FloatArray,
-    enough: float,
-    least: float,
+    shapes: Shapes, poses: Records, a: int, b: int, axis: FloatArray, simplex: FloatArray, enough: float, least: float
 ) -> tuple[float, float, int]:
     """Return a lower and an upper bound of the distance [m] of bodies a and b; −∞ as the upper one if they overlap.
 

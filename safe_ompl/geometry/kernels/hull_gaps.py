@@ -202,9 +202,7 @@ def gaps(
 
 
 @compiled
-def separating_axes(
-    hulls: Hulls, frames: CellFrames, sets: Sets, far: float
-) -> tuple[FloatArray, FloatArray]:
+def separating_axes(hulls: Hulls, frames: CellFrames, sets: Sets, far: float) -> tuple[FloatArray, FloatArray]:
     """Return directions (G, S, 3) from sets to bodies, and bounds (G, S) of how far apart they are along these [m].
 
     The robot is in the middle of the first cell; sets and bodies are without radii, growth and pads. Bounds of more
@@ -230,9 +228,7 @@ def separating_axes(
 
 
 @compiled
-def chords_ahead(
-    hulls: Hulls, frames: CellFrames, axes: FloatArray, apart: FloatArray, bends: FloatArray
-) -> BoolArray:
+def chords_ahead(hulls: Hulls, frames: CellFrames, axes: FloatArray, apart: FloatArray, bends: FloatArray) -> BoolArray:
     """Return which bodies (G, S) are apart from sets and come no nearer to them along `separating_axes`.
 
     The robot goes from the first cell to the second. A vertex that is start ≥ 0 ahead of the foremost one and then
@@ -264,14 +260,7 @@ def chords_ahead(
 
 @compiled
 def cell_gaps(
-    at: IntArray,
-    borne: Borne,
-    cells: CellFrames,
-    hulls: Hulls,
-    sets: Sets,
-    left: float,
-    far: float,
-    close: float,
+    at: IntArray, borne: Borne, cells: CellFrames, hulls: Hulls, sets: Sets, left: float, far: float, close: float
 ) -> FloatArray:
     """Return for each of the cells (W,) the least that is left at the instant of the measurement [m]; as `gaps`.
 

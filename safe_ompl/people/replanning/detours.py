@@ -43,9 +43,7 @@ class _Edge:
     free: bool | None = None  # of what stands still: proven once, for ever
     full: float | None = None  # how long it takes with nobody near, at least [s]
     time: float = 0.0  # how long beside people [s]; inf: it is barred
-    until: float = (
-        -np.inf
-    )  # when that ends to hold [s]: before that nobody can be near enough to slow it down
+    until: float = -np.inf  # when that ends to hold [s]: before that nobody can be near enough to slow it down
 
 
 class Detours:
@@ -252,9 +250,7 @@ class Detours:
                     heapq.heappush(queue, (cost + float(ahead[other]), other))
         return None
 
-    def search(
-        self, command: Command, around: Around, now: float, units: int
-    ) -> tuple[GuardedPath, float] | None:
+    def search(self, command: Command, around: Around, now: float, units: int) -> tuple[GuardedPath, float] | None:
         """Return a quicker path to the goal that leaves the command's path where its stop ends; None if none is found.
 
         It begins with the rest of the command's path up to there, so that the robot can change over at any time before

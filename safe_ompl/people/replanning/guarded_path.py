@@ -318,12 +318,7 @@ class GuardedPath:
         return StopMotion(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
 
     def margin(
-        self,
-        motion: StopMotion,
-        around: Around,
-        *,
-        exact: bool = False,
-        receding: BoolArray | None = None,
+        self, motion: StopMotion, around: Around, *, exact: bool = False, receding: BoolArray | None = None
     ) -> MotionMargin:
         """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
 

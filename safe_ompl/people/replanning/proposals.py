@@ -54,9 +54,7 @@ class Positions:
     start: float | None
 
     @classmethod
-    def of(
-        cls, motion: Any, rate: float | None, start: float | None, robot: Robot, limits: RateLimits
-    ) -> Positions:
+    def of(cls, motion: Any, rate: float | None, start: float | None, robot: Robot, limits: RateLimits) -> Positions:
         """Return those of a chunk or a motion; see `Shield.propose`."""
         if start is not None:
             start = number("start", start)
@@ -180,11 +178,7 @@ class Velocity:
         down = max(float((np.abs(target) / pushes).max()), _SHORTEST)
         up = max(up, _SHORTEST) if up > 0 else 0.0
         still, q, pieces = np.zeros_like(target), state.q, []
-        for slope, last, span in (
-            (state.qd, target, up),
-            (target, target, self.held - up),
-            (target, still, down),
-        ):
+        for slope, last, span in ((state.qd, target, up), (target, target, self.held - up), (target, still, down)):
             if span > 0:
                 pieces.append(Piece(q, slope, (last - slope) / span, still, span))
                 q = q + span * (slope + last) / 2

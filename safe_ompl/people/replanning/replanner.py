@@ -176,10 +176,7 @@ class Guard:
                 self._margin = margin
                 return None
             rule = self._margin.rule if reason and not violated else ""
-            if (
-                rule not in ("", SEPARATION)
-                and path.margin(motion, around._replace(contact=None)).margin >= 0
-            ):
+            if rule not in ("", SEPARATION) and path.margin(motion, around._replace(contact=None)).margin >= 0:
                 rule = SEPARATION
             return Command(time, measured, path, motion, doing, margin, reason, rule)
 
@@ -312,9 +309,7 @@ class Replanner(Guard):
                 raise InputError("the robot still moves: start when it stands or is done")
             away = self.robot.difference(last.at(np.inf).q, path.curve.at(np.zeros(1)).q[0])
             if np.abs(away).max() > _SAME:
-                raise InputError(
-                    f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands"
-                )
+                raise InputError(f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands")
         for k, piece in enumerate(trajectory.curve.pieces):
             if not piece.is_free(self.prover):
                 where = f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on"

@@ -25,13 +25,7 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.geometry.kernels import CellFrames, chords_ahead, separating_axes
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning.guarded_path import (
-    GuardedPath,
-    PathLimits,
-    RobotBodies,
-    StopMotion,
-    line,
-)
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, StopMotion, line
 
 # Who may be at the robot so soon [s] is retreated from; if that fails only from the nearest.
 _SOON = (0.2, 0.12)

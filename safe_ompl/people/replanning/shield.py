@@ -108,9 +108,7 @@ class Shield(Guard):
             raise InputError("the robot still moves: start when it stands or is done")
         here = self.robot.configuration(q)
         for i in np.flatnonzero(~self.robot.within_limits(here)):
-            raise InputError(
-                f"joint {self.robot.joint_names[i]!r} = {here[i]:g} is outside its limits", "start"
-            )
+            raise InputError(f"joint {self.robot.joint_names[i]!r} = {here[i]:g} is outside its limits", "start")
         still = np.zeros(self.robot.n)
         piece = Piece(here, still, still, still, 1.0)
         self._rest = rest = self._path([piece])

@@ -20,14 +20,7 @@ if TYPE_CHECKING:
         limb_solids,
         part_solids,
     )
-    from safe_ompl.people.simulation.simulation import (
-        Contact,
-        ContactMonitor,
-        Faults,
-        Nearest,
-        Simulation,
-        Summary,
-    )
+    from safe_ompl.people.simulation.simulation import Contact, ContactMonitor, Faults, Nearest, Simulation, Summary
 
 __all__ = [
     "ALL_KEYPOINTS",

@@ -12,15 +12,7 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, whole_number
 from safe_ompl.geometry import STANDING, Limb, Pose, Shape, placed
-from safe_ompl.people import (
-    Recording,
-    Skeleton,
-    Surroundings,
-    TrackedBody,
-    Tracker,
-    who_is_where,
-    without_glitches,
-)
+from safe_ompl.people import Recording, Skeleton, Surroundings, TrackedBody, Tracker, who_is_where, without_glitches
 from safe_ompl.scene import People
 
 _FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
@@ -170,10 +162,7 @@ class World:
     """
 
     def __init__(
-        self,
-        people: Mapping[str, PersonMover],
-        objects: Mapping[str, ObjectMover],
-        surroundings: Surroundings,
+        self, people: Mapping[str, PersonMover], objects: Mapping[str, ObjectMover], surroundings: Surroundings
     ) -> None:
         self.people, self.objects = dict(people), dict(objects)
         self._surroundings = surroundings
@@ -218,9 +207,7 @@ class World:
 
     def tick(self, time: float) -> dict[str, Any]:
         """Return key points of the people and poses of the objects at a time [s], as plain data."""
-        return who_is_where(
-            self.keypoints(time), {name: mover.at(time) for name, mover in self.objects.items()}
-        )
+        return who_is_where(self.keypoints(time), {name: mover.at(time) for name, mover in self.objects.items()})
 
     def _body(self, name: str) -> TrackedBody:
         return self.people[name].tracker.body

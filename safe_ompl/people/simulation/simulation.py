@@ -88,9 +88,7 @@ class ContactMonitor:
             for solid in solids:
                 there = coal.Transform3s(solid.placement.rotation, solid.placement.translation)
                 self._result.clear()  # or it keeps the smallest of all that it ever saw
-                distance = coal.distance(
-                    part.geometry, where, solid.geometry, there, self._request, self._result
-                )
+                distance = coal.distance(part.geometry, where, solid.geometry, there, self._request, self._result)
                 if distance < found.distance:
                     found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
         return found

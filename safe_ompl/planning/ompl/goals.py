@@ -11,16 +11,7 @@ from ompl import base as ob
 from safe_ompl.common import FloatArray, InputError, PlanningError, instance, positive, whole_number
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.robot import (
-    METRES_PER_RADIAN,
-    GoalRegion,
-    Place,
-    RegionPlace,
-    Robot,
-    approach,
-    place_of,
-    tip_reach,
-)
+from safe_ompl.robot import METRES_PER_RADIAN, GoalRegion, Place, RegionPlace, Robot, approach, place_of, tip_reach
 
 TOLERANCE = 0.01  # [m]
 _PRECISION = 0.01  # of the tolerance: a solution is this near to the place
@@ -88,9 +79,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._field = field
         self._bridge = StateBridge(si.getStateSpace())
         if self._bridge.n != robot.n:
-            raise InputError(
-                f"the space has {self._bridge.n} coordinates, but {robot.name!r} {robot.n} joints"
-            )
+            raise InputError(f"the space has {self._bridge.n} coordinates, but {robot.name!r} {robot.n} joints")
         self._scratch = ScratchState(self._bridge)
         self._reach = tip_reach(self.place.robot)
         self._check_reach()
@@ -236,13 +225,7 @@ class RegionGoal(WorkspaceGoal):
     """
 
     def __init__(
-        self,
-        si: Any,
-        robot: Robot,
-        region: GoalRegion,
-        *,
-        tolerance: float = REGION_TOLERANCE,
-        **options: Any,
+        self, si: Any, robot: Robot, region: GoalRegion, *, tolerance: float = REGION_TOLERANCE, **options: Any
     ) -> None:
         instance("region", region, GoalRegion)
         self.region = region

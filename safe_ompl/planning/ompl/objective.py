@@ -56,9 +56,7 @@ class Motion(NamedTuple):
         q = bridge.read(start)
         return cls(q, bridge.difference(q, bridge.view(end)))
 
-    def integral(
-        self, density: Callable[[FloatArray], FloatArray], tolerance: float, refinements: int
-    ) -> float:
+    def integral(self, density: Callable[[FloatArray], FloatArray], tolerance: float, refinements: int) -> float:
         """Return the integral over the length of a density, which has values (B,) at configurations (B, n).
 
         By the trapezoidal rule, whose step is halved until the relative error is below the tolerance, but at most

@@ -125,9 +125,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         """Set what motions must keep to; with a checker also another scene of the same robot; errors as the class."""
         borrowed = constraints.borrowed()
         separation, limits = borrowed.separation, borrowed.limits
-        self._motion = MotionProver(
-            checker or self.checker, self._floor, separation=separation, limits=limits
-        )
+        self._motion = MotionProver(checker or self.checker, self._floor, separation=separation, limits=limits)
         self._constraints = borrowed
 
     def adds_nothing(self, other: Any) -> bool:

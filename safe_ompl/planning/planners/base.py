@@ -14,12 +14,7 @@ from ompl import geometric as og
 from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, warn_once, whole_number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.paths import danger_objection
-from safe_ompl.planning.planners.parameters import (
-    Parameter,
-    camel_case,
-    describe,
-    parameters_of,
-)
+from safe_ompl.planning.planners.parameters import Parameter, camel_case, describe, parameters_of
 from safe_ompl.planning.planners.parts.problem import PlanningProblem
 from safe_ompl.planning.planners.parts.roadmap import Roadmap
 from safe_ompl.planning.planners.parts.tree import PlannerGraph, Trees, TwoTrees

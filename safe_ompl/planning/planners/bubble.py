@@ -147,9 +147,7 @@ class BubblePlanner(SafePlanner):
             self._take_goals(ptc)
             self._decay.fade()
             if self._margin.is_unknown:
-                self._margin.begin_between(
-                    [tree.nodes()[0] for tree in (self._volumes.start, self._volumes.goal)]
-                )
+                self._margin.begin_between([tree.nodes()[0] for tree in (self._volumes.start, self._volumes.goal)])
             for current_goal in self._headings(other):
                 path = self._expand(tree, other, current_goal, ptc)
                 if path is not None:
@@ -164,9 +162,7 @@ class BubblePlanner(SafePlanner):
         progress = _Progress()
         while len(tree.open) and not ptc():
             x = tree.take(int(self._f(tree, goal).argmin()))
-            bubble = Bubble.around(
-                x.q, self._checker, self.shape, 0.0 if x.parent == ROOT else self.least_clearance
-            )
+            bubble = Bubble.around(x.q, self._checker, self.shape, 0.0 if x.parent == ROOT else self.least_clearance)
             if bubble is None:
                 return None
             if not x.penalty and x.parent != ROOT and self._is_narrow(bubble):

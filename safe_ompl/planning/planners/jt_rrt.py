@@ -90,9 +90,7 @@ class SafeJTRRT(SafePlanner):
         kept_in="_step.largest",
     )
     goal_bias = Parameter(
-        0.05,
-        "p_g: share of the extensions that go towards the goal. More is faster, less is safer.",
-        at_most=1,
+        0.05, "p_g: share of the extensions that go towards the goal. More is faster, less is safer.", at_most=1
     )
     null_space_gain = Parameter(
         1.0,
@@ -231,9 +229,7 @@ class Approach(Trees):
     `untried` nodes that may be chosen and are not ranked yet, and `arrived` is the first node at the goal.
     """
 
-    def __init__(
-        self, bridge: StateBridge, cost: StateCost, counts: Counts, goal: WorkspaceGoal | None
-    ) -> None:
+    def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts, goal: WorkspaceGoal | None) -> None:
         super().__init__(bridge, cost, counts)
         self.aim(goal)
 

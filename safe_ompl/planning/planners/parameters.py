@@ -101,9 +101,7 @@ class Parameter(Generic[T]):
             kind += f" >= {self.at_least:g}" if self.above is None else f" > {self.above:g}"
             kind += "" if self.at_most is None else f", <= {self.at_most:g}"
         unit = f" [{self.unit}]" if self.unit else ""
-        words = textwrap.fill(
-            " ".join(self.doc.split()), _WIDTH, initial_indent="    ", subsequent_indent="    "
-        )
+        words = textwrap.fill(" ".join(self.doc.split()), _WIDTH, initial_indent="    ", subsequent_indent="    ")
         return f"{self.name} : {kind}, default {self.default!r}{unit}\n{words}"
 
     def _methods(self) -> tuple[Any, Any]:

@@ -280,9 +280,7 @@ class PaperSafeBubble(SafePlanner):
 
     alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
     beta = Parameter(0.0, "Weight β of the diversity.")
-    shape = Parameter(
-        "paper", "The paper's diamond (9), or the largest cube in it.", choices=("paper", "paper_cube")
-    )
+    shape = Parameter("paper", "The paper's diamond (9), or the largest cube in it.", choices=("paper", "paper_cube"))
     iterations = Parameter(0, "k_max: how many turns the trees take; 0: until time is up.")
 
     def _make_parts(self) -> None:

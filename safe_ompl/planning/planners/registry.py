@@ -16,12 +16,7 @@ from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.bubble import BubblePlanner
 from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planning.planners.parameters import camel_case, snake_case
-from safe_ompl.planning.planners.printed import (
-    PaperSafeBubble,
-    PaperSafeJTRRT,
-    PaperSafePRM,
-    PaperSafeRRTConnect,
-)
+from safe_ompl.planning.planners.printed import PaperSafeBubble, PaperSafeJTRRT, PaperSafePRM, PaperSafeRRTConnect
 from safe_ompl.planning.planners.prm import SafePRM
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 
@@ -50,17 +45,7 @@ _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
 _PYTHON = {**_OURS, **_AS_PRINTED}
 
 # Bound in OMPL's Python wheel, and safe to run with callbacks in Python.
-_OMPL = (
-    "RRTConnect",
-    "RRT",
-    "RRTstar",
-    "InformedRRTstar",
-    "SORRTstar",
-    "BITstar",
-    "KPIECE1",
-    "BKPIECE1",
-    "LBKPIECE1",
-)
+_OMPL = ("RRTConnect", "RRT", "RRTstar", "InformedRRTstar", "SORRTstar", "BITstar", "KPIECE1", "BKPIECE1", "LBKPIECE1")
 
 _REFUSED = {
     "PRM": "it waits for itself for ever where objective or checker are Python's; take SafePRM",
@@ -160,9 +145,7 @@ def nodes_of(planner: Any) -> int:
     """Return how many nodes a planner kept."""
     if isinstance(planner, SafePlanner):
         return planner.counts.nodes
-    if isinstance(
-        planner, og.BITstar
-    ):  # reading its graph leaks it, and the robot with it: count its samples
+    if isinstance(planner, og.BITstar):  # reading its graph leaks it, and the robot with it: count its samples
         return int(planner.numBatches() * planner.getSamplesPerBatch())
     return int(planner_data(planner).numVertices())
 

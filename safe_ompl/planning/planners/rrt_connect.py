@@ -10,12 +10,7 @@ from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.parameters import Parameter
 from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
 from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
-from safe_ompl.planning.planners.parts.problem import (
-    AdaptiveThreshold,
-    DangerDecay,
-    DangerWeight,
-    SafeSelection,
-)
+from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerDecay, DangerWeight, SafeSelection
 from safe_ompl.planning.planners.parts.tree import Tree, TreeSchedule
 
 
@@ -98,8 +93,7 @@ class SafeRRTConnect(SafePlanner):
         kept_in="_margin.largest",
     )
     iterations = Parameter(
-        0,
-        "K: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up.",
+        0, "K: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up."
     )
 
     def _make_parts(self) -> None:
@@ -126,9 +120,7 @@ class SafeRRTConnect(SafePlanner):
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
             if outcome is Extension.TRAPPED and self._short_steps.is_due(tree, old):
-                nearer = self._short_steps.nearer(
-                    tree.configurations[old], q_rand, self.getRange(), self._rng
-                )
+                nearer = self._short_steps.nearer(tree.configurations[old], q_rand, self.getRange(), self._rng)
                 outcome, new = self._extend(tree, old, nearer)
             if outcome is not Extension.TRAPPED:
                 q_new = tree.configurations[new]

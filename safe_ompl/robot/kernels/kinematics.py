@@ -32,9 +32,7 @@ KEYPOINT = np.dtype([("offset", np.float64, (3,)), ("joint", np.int64)], align=T
 
 
 @part
-def place_joints(
-    joints: Any, values: FloatArray, rotation: FloatArray, origin: FloatArray, axis: FloatArray
-) -> None:
+def place_joints(joints: Any, values: FloatArray, rotation: FloatArray, origin: FloatArray, axis: FloatArray) -> None:
     """Write R (m, 3, 3), o (m, 3) and z (m, 3) of the joints at `values: (m,)`.
 
     With exp(q [a]×) = cos·1 + sin·[a]× + (1 − cos)·aaᵀ. Numbers in place of small arrays take half the time.
@@ -59,15 +57,9 @@ def place_joints(
                 origin[i, x] += along * q
                 rotation[i, x, 0], rotation[i, x, 1], rotation[i, x, 2] = r0, r1, r2
             else:
-                rotation[i, x, 0] = (
-                    r0 * (d * a0 * a0 + c) + r1 * (d * a1 * a0 + s * a2) + r2 * (d * a2 * a0 - s * a1)
-                )
-                rotation[i, x, 1] = (
-                    r0 * (d * a0 * a1 - s * a2) + r1 * (d * a1 * a1 + c) + r2 * (d * a2 * a1 + s * a0)
-                )
-                rotation[i, x, 2] = (
-                    r0 * (d * a0 * a2 + s * a1) + r1 * (d * a1 * a2 - s * a0) + r2 * (d * a2 * a2 + c)
-                )
+                rotation[i, x, 0] = r0 * (d * a0 * a0 + c) + r1 * (d * a1 * a0 + s * a2) + r2 * (d * a2 * a0 - s * a1)
+                rotation[i, x, 1] = r0 * (d * a0 * a1 - s * a2) + r1 * (d * a1 * a1 + c) + r2 * (d * a2 * a1 + s * a0)
+                rotation[i, x, 2] = r0 * (d * a0 * a2 + s * a1) + r1 * (d * a1 * a2 - s * a0) + r2 * (d * a2 * a2 + c)
 
 
 @part
@@ -81,9 +73,7 @@ def place_keypoints(keys: Any, rotation: FloatArray, origin: FloatArray, places:
                 places[k, x] = key.offset[x]
             else:
                 frame = rotation[carrier]
-                along = (
-                    frame[x, 0] * key.offset[0] + frame[x, 1] * key.offset[1] + frame[x, 2] * key.offset[2]
-                )
+                along = frame[x, 0] * key.offset[0] + frame[x, 1] * key.offset[1] + frame[x, 2] * key.offset[2]
                 places[k, x] = origin[carrier, x] + along
 
 
@@ -117,11 +107,7 @@ def pull(
         out[i] = 0.0
         for x in range(3):
             y, z = (x + 1) % 3, (x + 2) % 3
-            moved = (
-                force[x]
-                if joints[i].slides
-                else torque[x] - (origin[i, y] * force[z] - origin[i, z] * force[y])
-            )
+            moved = force[x] if joints[i].slides else torque[x] - (origin[i, y] * force[z] - origin[i, z] * force[y])
             out[i] += axis[i, x] * moved
         if parent >= 0:
             for x in range(6):
@@ -247,9 +233,7 @@ def _within(values: FloatArray, bounds: FloatArray) -> bool:
 
 
 @compiled
-def lay_edge(
-    start: FloatArray, end: FloatArray, coupling: FloatArray, limits: FloatArray, edge: FloatArray
-) -> bool:
+def lay_edge(start: FloatArray, end: FloatArray, coupling: FloatArray, limits: FloatArray, edge: FloatArray) -> bool:
     """Write start and way (2, m) of the model's joints on the straight motion between `start` and `end: (n,)`.
 
     Nothing is written, and False returned, where an end is not within the `limits: (2, n)`. `coupling: (m, 4)` says of
@@ -313,9 +297,7 @@ def descend(
 
 
 @part
-def move_joints(
-    joints: Any, rates: FloatArray, origin: FloatArray, axis: FloatArray, twists: FloatArray
-) -> None:
+def move_joints(joints: Any, rates: FloatArray, origin: FloatArray, axis: FloatArray, twists: FloatArray) -> None:
     """Write angular velocities, and velocities at the origin of the world, (m, 6), at `rates: (m,)`."""
     for i in range(len(joints)):
         parent = joints[i].parent - 1
@@ -342,9 +324,7 @@ def move_keypoints(keys: Any, twists: FloatArray, places: FloatArray, velocities
 
 
 @compiled
-def pull_back_motion(
-    joints: Any, keys: Any, values: FloatArray, rates: FloatArray, forces: FloatArray
-) -> FloatArray:
+def pull_back_motion(joints: Any, keys: Any, values: FloatArray, rates: FloatArray, forces: FloatArray) -> FloatArray:
     """Return gradients by values and by rates of the joints, (2, B, m), from those by key points, forces (2, B, K, 3).
 
     While joint i turns, what it carries turns: a key point and its velocity relative to the parent of i, and the
@@ -372,9 +352,7 @@ def pull_back_motion(
                 twist = twists[parent] if parent >= 0 else still
                 for x in range(3):
                     y, z = (x + 1) % 3, (x + 2) % 3
-                    arm[x] = (
-                        velocities[k, x] - twist[3 + x] - (twist[y] * places[k, z] - twist[z] * places[k, y])
-                    )
+                    arm[x] = velocities[k, x] - twist[3 + x] - (twist[y] * places[k, z] - twist[z] * places[k, y])
                     if joints[i].slides:
                         swing[x] = axis[i, x]
                     else:

@@ -19,13 +19,7 @@ if TYPE_CHECKING:
         mobile_ranges,
     )
     from safe_ompl.robot.loading.collision import CollisionSource, links_lacking_shapes
-    from safe_ompl.robot.loading.packages import (
-        EXAMPLES,
-        ExampleRobot,
-        PackageFolders,
-        find_example,
-        robots_folder,
-    )
+    from safe_ompl.robot.loading.packages import EXAMPLES, ExampleRobot, PackageFolders, find_example, robots_folder
     from safe_ompl.robot.loading.reduction import joints_without_range, resting_value
     from safe_ompl.robot.loading.sources import UrdfBlueprint
     from safe_ompl.robot.loading.srdf import SrdfFile, disabled_links, srdf_text

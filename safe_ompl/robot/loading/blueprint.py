@@ -67,9 +67,7 @@ class Attachment:
         read = document.mapping("attached", data)
         link = document.text("link", document.require(read, "link"))
         body = Obstacle.from_mapping({key: value for key, value in read.items() if key not in _KEYS}, folder)
-        return cls(
-            body.name, body.shape, link, body.pose, read.get("touch_links", ()), read.get("danger", False)
-        )
+        return cls(body.name, body.shape, link, body.pose, read.get("touch_links", ()), read.get("danger", False))
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
@@ -173,9 +171,7 @@ def as_pose(value: Pose | pin.SE3 | Mapping[str, Any] | Sequence[float] | None, 
     if isinstance(value, Pose):
         return value
     if isinstance(value, pin.SE3):
-        return Pose(
-            tuple(value.translation.tolist()), tuple(pin.Quaternion(value.rotation).coeffs().tolist())
-        )
+        return Pose(tuple(value.translation.tolist()), tuple(pin.Quaternion(value.rotation).coeffs().tolist()))
     with document.within(key):
         if isinstance(value, Mapping):
             document.check_keys(value, ("position", "quaternion_xyzw", "rpy", "yaw"))
@@ -332,9 +328,7 @@ class Combined(Blueprint):
                     {name.removeprefix(f"{prefix}_"): limit for name, limit in own.items()}
                 )
         if rest:
-            raise UnknownNameError(
-                "prefix of the joint with limits", next(iter(rest)), self.robots, self.name
-            )
+            raise UnknownNameError("prefix of the joint with limits", next(iter(rest)), self.robots, self.name)
         return replace(self, robots=robots)
 
 
@@ -342,9 +336,7 @@ def mobile_ranges(value: Any) -> tuple[tuple[float, float], tuple[float, float]]
     """Return the limits of a mobile base in x and y [m], or raise InputError if they are not two intervals."""
     intervals = document.sequence("mobile_base", value)
     if len(intervals) != 2:
-        raise InputError(
-            f"must be the limits in x and in y, ((x0, x1), (y0, y1)), not {value!r}", "mobile_base"
-        )
+        raise InputError(f"must be the limits in x and in y, ((x0, x1), (y0, y1)), not {value!r}", "mobile_base")
     x, y = (document.interval("mobile_base", interval) for interval in intervals)
     return x, y
 

@@ -61,9 +61,7 @@ def check_collides(geometry: pin.GeometryModel, collision: str, source: str) -> 
         remedy = "it has no visual ones either; to plan without any, give collision='optional' (--collision optional)"
         if collision == "required":
             remedy = "its visual shapes are taken with collision='visual' (--collision visual)"
-        raise InputError(
-            f"no moving link has a collision shape, so that nothing could ever touch: {remedy}", source
-        )
+        raise InputError(f"no moving link has a collision shape, so that nothing could ever touch: {remedy}", source)
 
 
 def links_of(model: pin.Model, geometry: pin.GeometryModel | None) -> frozenset[str]:
@@ -159,9 +157,7 @@ def select_self_pairs(
     if names:
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         named = ", ".join(names[:_NAMED])
-        warn_once(
-            _log, f"{robot}: not checked, as in contact in over {_ALWAYS:.0%} of samples: {named}{more}"
-        )
+        warn_once(_log, f"{robot}: not checked, as in contact in over {_ALWAYS:.0%} of samples: {named}{more}")
         if more:
             _log.info("%s: always in contact: %s", robot, ", ".join(names))
 
@@ -188,9 +184,7 @@ def sample_configurations(
     return rows
 
 
-def _adjacent(
-    model: pin.Model, geometry: pin.GeometryModel, pair: pin.CollisionPair, carriers: Container[int]
-) -> bool:
+def _adjacent(model: pin.Model, geometry: pin.GeometryModel, pair: pin.CollisionPair, carriers: Container[int]) -> bool:
     """Return whether a single joint, and no third body, is between the two links of a pair."""
     a, b = (geometry.geometryObjects[k] for k in (pair.first, pair.second))
     below, above = (a, b) if model.parents[a.parentJoint] == b.parentJoint else (b, a)
@@ -208,9 +202,7 @@ def adjacent_pairs(model: pin.Model, geometry: pin.GeometryModel) -> list[pin.Co
     return [pair for pair in _pairs(geometry) if _adjacent(model, geometry, pair, carriers)]
 
 
-def remembered_contacts(
-    model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray
-) -> list[pin.CollisionPair]:
+def remembered_contacts(model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray) -> list[pin.CollisionPair]:
     """Return what `always_in_contact` does, from the cache on disk if the same was asked for before."""
     pairs = _pairs(geometry)
     if not pairs:
@@ -220,9 +212,7 @@ def remembered_contacts(
     if isinstance(known, list) and all(isinstance(k, int) and 0 <= k < len(pairs) for k in known):
         # Distances differ in the eleventh decimal between a process in which these bodies were asked about before they
         # were copied and one in which they were not. They must not depend on what an earlier run has kept.
-        pin.computeCollisions(
-            model, model.createData(), geometry, pin.GeometryData(geometry), samples[0], False
-        )
+        pin.computeCollisions(model, model.createData(), geometry, pin.GeometryData(geometry), samples[0], False)
         return [pairs[k] for k in known]
     found = always_in_contact(model, geometry, samples)
     numbers = {(pair.first, pair.second): k for k, pair in enumerate(pairs)}
@@ -230,9 +220,7 @@ def remembered_contacts(
     return found
 
 
-def always_in_contact(
-    model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray
-) -> list[pin.CollisionPair]:
+def always_in_contact(model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray) -> list[pin.CollisionPair]:
     """Return the pairs in contact in more than 95 % of the samples (S, nq).
 
     A pair is looked at until it has been free in 5 % of the samples, which for most is soon.
@@ -295,8 +283,7 @@ def _pairs(geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
 def _drop(geometry: pin.GeometryModel, pairs: list[pin.CollisionPair]) -> list[str]:
     """Remove pairs of `geometry`; return their names."""
     names = [
-        f"{geometry.geometryObjects[pair.first].name}–{geometry.geometryObjects[pair.second].name}"
-        for pair in pairs
+        f"{geometry.geometryObjects[pair.first].name}–{geometry.geometryObjects[pair.second].name}" for pair in pairs
     ]
     for pair in pairs:
         geometry.removeCollisionPair(pair)

@@ -37,10 +37,7 @@ class PackageFolders:
         """Yield the folders of a package, the nearest first."""
         yield from self._by_name.get(package, ())
         shares = (prefix / "share" for prefix in _variable("AMENT_PREFIX_PATH"))
-        for folder in (
-            *_variable("ROS_PACKAGE_PATH"),
-            *shares,
-        ):  # workspaces name folders of packages as these
+        for folder in (*_variable("ROS_PACKAGE_PATH"), *shares):  # workspaces name folders of packages as these
             for place in (folder / package, folder):
                 if _package_name(place / _MANIFEST) == package:
                     yield place
@@ -112,9 +109,7 @@ EXAMPLES: dict[str, ExampleRobot] = {
     ),
     "ur3": ExampleRobot("ur_description/urdf/ur3_joint_limited_robot.urdf", None, "tool0"),
     "ur5": ExampleRobot(
-        "ur_description/urdf/ur5_joint_limited_robot.urdf",
-        "ur_description/srdf/ur5_joint_limited_robot.srdf",
-        "tool0",
+        "ur_description/urdf/ur5_joint_limited_robot.urdf", "ur_description/srdf/ur5_joint_limited_robot.srdf", "tool0"
     ),
     "ur10": ExampleRobot("ur_description/urdf/ur10_joint_limited_robot.urdf", None, "tool0"),
     "xarm7": ExampleRobot("xarm_description/urdf/xarm7.urdf", "xarm_description/srdf/xarm7.srdf", "link_eef"),

@@ -99,9 +99,7 @@ class RobotParts:
         model, parent = pin.Model(), 0
         for name, slide, limits in zip(BASE_JOINTS, _SLIDES, ranges, strict=False):
             low, high = (np.array([limit]) for limit in limits)
-            parent = model.addJoint(
-                parent, slide(), pin.SE3.Identity(), name, _NO_LIMIT, _NO_LIMIT, low, high
-            )
+            parent = model.addJoint(parent, slide(), pin.SE3.Identity(), name, _NO_LIMIT, _NO_LIMIT, low, high)
             model.addJointFrame(parent)
         yaw = model.addJoint(parent, pin.JointModelRUBZ(), pin.SE3.Identity(), BASE_JOINTS[2])
         model.addJointFrame(yaw)
@@ -129,8 +127,7 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
     model = pin.Model()
     model.name = name
     grafts = {
-        prefix: Graft.of(model, parts.model, 0, pin.SE3.Identity(), f"{prefix}_")
-        for prefix, parts in robots.items()
+        prefix: Graft.of(model, parts.model, 0, pin.SE3.Identity(), f"{prefix}_") for prefix, parts in robots.items()
     }
     bodies = _joined([grafts[p].geometry(parts.collision_model) for p, parts in robots.items()])
     _add_pairs_between(bodies, [len(parts.collision_model.geometryObjects) for parts in robots.values()])

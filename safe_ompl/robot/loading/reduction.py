@@ -61,9 +61,7 @@ def joints_and_posture(
         posture = choice.semantics("locked_state", source).state(locked_state)
     if tip is None and group is None:
         if locked_state is not None:
-            raise InputError(
-                "locked_state is the posture of joints that are held: give a tip or a group", source
-            )
+            raise InputError("locked_state is the posture of joints that are held: give a tip or a group", source)
         return dict(locked)
     moving = _moving(full, mimics, choice, source)
     free = [name for name in names if name in moving]
@@ -79,9 +77,7 @@ def joints_and_posture(
     return held
 
 
-def _moving(
-    full: pin.Model, mimics: Mapping[str, Mimic], choice: JointChoice, source: str
-) -> Collection[str]:
+def _moving(full: pin.Model, mimics: Mapping[str, Mimic], choice: JointChoice, source: str) -> Collection[str]:
     """Return the joints of the group or, without a group, those that move the tip."""
     if choice.group is not None:
         return choice.semantics("group", source).group_joints(choice.group, full)
@@ -91,9 +87,7 @@ def _moving(
     return above | {mimic.primary for name, mimic in mimics.items() if name in above}
 
 
-def _report(
-    full: pin.Model, names: list[str], held: Mapping[str, float], moving: Collection[str], text: str
-) -> None:
+def _report(full: pin.Model, names: list[str], held: Mapping[str, float], moving: Collection[str], text: str) -> None:
     """Say in a warning which joints are held at zero; of a gripper beyond the joints that move, at a lower level."""
     supports = {name: full.supports[full.getJointId(name)] for name in names}
     # All that move are below these.
@@ -165,9 +159,7 @@ def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float
     if joint.nq == 1:
         low, high = _range(full, joint)
         if not low - 1e-9 <= found <= high + 1e-9:
-            raise InputError(
-                f"locked joint {name!r}: {found:g} is outside its limits [{low:g}, {high:g}]", source
-            )
+            raise InputError(f"locked joint {name!r}: {found:g} is outside its limits [{low:g}, {high:g}]", source)
     return found
 
 
@@ -193,9 +185,7 @@ def reduce_model(
     for name, value in held.items():
         joint = full.joints[full.getJointId(name)]
         if joint.nv == 1:
-            reference[joint.idx_q : joint.idx_q + joint.nq] = (
-                value if joint.nq == 1 else (np.cos(value), np.sin(value))
-            )
+            reference[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
     ids = [full.getJointId(name) for name in held]
     # Pinocchio 4.1 looks frames up by name alone, and refuses where a joint and a link share one.
     distinct = full.copy()
@@ -218,11 +208,7 @@ def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) 
     The joints in `stiff` are held as their limits are one value.
     """
     if model.njoints < 2:
-        why = (
-            f": the limits of {', '.join(sorted(stiff))} leave no range; limits= gives others"
-            if stiff
-            else ""
-        )
+        why = f": the limits of {', '.join(sorted(stiff))} leave no range; limits= gives others" if stiff else ""
         raise InputError(f"no joint is free to move{why}", source)
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         if joint.nv != 1 or joint.shortname().startswith(("JointModelH", "JointModelMimic")):
@@ -243,9 +229,7 @@ def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: st
     for name, mimic in mimics.items():
         first, own = _coordinate(model, mimic.primary), single[name]
         if first is None:
-            raise InputError(
-                f"joint {name!r} mimics {mimic.primary!r}, which is continuous: lock one of them", source
-            )
+            raise InputError(f"joint {name!r} mimics {mimic.primary!r}, which is continuous: lock one of them", source)
         if own is None:
             continue  # it is continuous
         low, high = sorted((float(end) - mimic.offset) / mimic.multiplier for end in (lower[own], upper[own]))
@@ -275,8 +259,6 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
     limits = np.array([_range(model, joint) if joint.nq == 1 else (-np.pi, np.pi) for joint in joints])
     for name, (low, high) in zip(list(model.names)[1:], limits, strict=True):
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
-            raise InputError(
-                f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source
-            )
+            raise InputError(f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source)
     lower, upper = np.ascontiguousarray(limits.T)
     return lower, upper

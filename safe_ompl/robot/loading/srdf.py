@@ -75,9 +75,7 @@ class SrdfFile:
     def group_tip(self, name: str, full: pin.Model) -> str | None:
         """Return the last link of a group that is one chain, else the link that carries its end effector, or None."""
         chains = self._group(name).findall("chain")
-        carriers = [
-            link for link, group in self.end_effectors() if group == name and full.existBodyName(link)
-        ]
+        carriers = [link for link, group in self.end_effectors() if group == name and full.existBodyName(link)]
         if len(chains) == 1:
             return chains[0].get("tip_link")
         return carriers[0] if carriers else None

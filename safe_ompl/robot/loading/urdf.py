@@ -159,9 +159,7 @@ def _check_shape(element: ElementTree.Element, where: str, source: str) -> None:
         values = _finite_numbers(shape, attribute, count, f"{where}: {shape.tag}", source)
         if min(values) <= 0:
             given = shape.get(attribute)
-            raise InputError(
-                f"{where}: the {attribute} of its {shape.tag} is {given!r}; it must be > 0", source
-            )
+            raise InputError(f"{where}: the {attribute} of its {shape.tag} is {given!r}; it must be > 0", source)
 
 
 def _check_origin(element: ElementTree.Element, where: str, source: str) -> None:
@@ -239,10 +237,7 @@ class UrdfFile:
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        package_dirs: Sequence[str | Path] = (),
-        xacro_args: Mapping[str, str] | None = None,
+        self, path: str | Path, package_dirs: Sequence[str | Path] = (), xacro_args: Mapping[str, str] | None = None
     ) -> None:
         self.path = existing_file(path, "URDF")
         given = [Path(folder) for folder in package_dirs]
@@ -268,9 +263,7 @@ class UrdfFile:
         except (ValueError, RuntimeError) as error:
             raise InputError(f"not a valid URDF ({_first_line(error)})", str(self.path)) from None
 
-    def build_geometry(
-        self, model: pin.Model, kind: pin.GeometryType, *, queried: bool = True
-    ) -> pin.GeometryModel:
+    def build_geometry(self, model: pin.Model, kind: pin.GeometryType, *, queried: bool = True) -> pin.GeometryModel:
         """Return the collision or visual geometry of `model`; the trees of meshes that are not `queried` are simple.
 
         Raises InputError if a mesh is missing or cannot be read, a shape has an impossible size or is of an unknown

@@ -154,8 +154,7 @@ class SpeedBoard:
         cursor = np.zeros((1, 2, 3))
         self.cursor = view.add_line_segments(f"{name}_cursor", cursor, _CURSOR, thickness=0.006 * width)
         self.labels = [
-            view.add_label(f"{name}_told_{k}", "", anchor="bottom-center", font_screen_scale=0.9)
-            for k in range(_LINES)
+            view.add_label(f"{name}_told_{k}", "", anchor="bottom-center", font_screen_scale=0.9) for k in range(_LINES)
         ]
         self.at(0.0)
 
@@ -192,9 +191,7 @@ _DETAIL = 0.002  # [m]; what is smaller is not sent to the browser
 class RobotFigure:
     """A robot in a view, which can be posed; translucent with an opacity below 1."""
 
-    def __init__(
-        self, view: Any, name: str, body: RobotBody, colour: Colour, opacity: float | None = None
-    ) -> None:
+    def __init__(self, view: Any, name: str, body: RobotBody, colour: Colour, opacity: float | None = None) -> None:
         self._body = body
         shadows = {"cast_shadow": opacity is None, "receive_shadow": opacity is None}
         look = {"color": rgb(colour), "opacity": opacity, **shadows}
@@ -226,11 +223,7 @@ def _add_meshes(view: Any, name: str, things: Sequence[ColouredSurface]) -> list
     """Add surfaces, each as a node whose name ends in its number, and return their nodes."""
     return [
         view.add_mesh_simple(
-            f"{name}{k}",
-            thing.surface.vertices,
-            thing.surface.faces,
-            color=rgb(thing.colour),
-            side="double",
+            f"{name}{k}", thing.surface.vertices, thing.surface.faces, color=rgb(thing.colour), side="double"
         )
         for k, thing in enumerate(things)
     ]
@@ -297,13 +290,7 @@ class PathView:
     """A path, or with an empty name a standing robot, with its scene; `samples: (SAMPLES, n)` are equally far apart."""
 
     def __init__(
-        self,
-        view: Any,
-        number: int,
-        content: ViewerContent,
-        name: str,
-        body: RobotBody,
-        colour: Colour | None,
+        self, view: Any, number: int, content: ViewerContent, name: str, body: RobotBody, colour: Colour | None
     ) -> None:
         self.name, self._view, self._content = name, view, content
         self.node = node = f"/path_{number + 1}"
@@ -351,9 +338,7 @@ class PathView:
         field = self._content.danger_field
         if field is not None:
             lines.append(f"danger {field.value(q):.3f}")
-        lines += [
-            f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)
-        ]
+        lines += [f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)]
         if self.motion is not None and share is not None:
             lines.append(self.motion.remark(share * self._content.playing_time))
         if self._content.proof is not None and share is not None:

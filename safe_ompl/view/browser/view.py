@@ -164,9 +164,7 @@ class BrowserView:
             centre[2] = landmarks[:, 2].max() + 0.65 * width * BOARD_SHAPE
             for path_view in self.path_views:
                 path_view.add_board(centre, width, np.array([back[0], back[1], 0.0]))
-            corners = [
-                centre + 0.5 * width * (x * right + z * BOARD_SHAPE * up) for x in (-1, 1) for z in (-1, 1)
-            ]
+            corners = [centre + 0.5 * width * (x * right + z * BOARD_SHAPE * up) for x in (-1, 1) for z in (-1, 1)]
             landmarks = np.vstack([landmarks, *corners])
         step = _APART * float(np.ptp(landmarks @ right)) * right
         places = [step * (k - 0.5 * (len(paths) - 1)) for k in range(len(paths))]

@@ -226,14 +226,10 @@ def save_picture(image: Image, file: str | Path) -> None:
     except ImportError as missing:
         raise SafeOmplError("pictures need Matplotlib: pip install 'safe-ompl[plots]'") from missing
     with files.replacing(file, binary=True) as stream:
-        imsave(
-            stream, image, format=kind, pil_kwargs={"compress_level": _COMPRESSION} if kind == "png" else None
-        )
+        imsave(stream, image, format=kind, pil_kwargs={"compress_level": _COMPRESSION} if kind == "png" else None)
 
 
-def _panels(
-    images: Sequence[Image], titles: Sequence[str], subtitles: Sequence[str], caption: str = ""
-) -> Any:
+def _panels(images: Sequence[Image], titles: Sequence[str], subtitles: Sequence[str], caption: str = "") -> Any:
     """Return one picture of Pillow: equal panels with a title and a subtitle above each, and a line below all."""
     columns, (height, width) = grid_columns(len(images)), images[0].shape[:2]
     rows = -(-len(images) // columns)
@@ -301,9 +297,7 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
         pages[0].save(stream, ending[1:], **options)
 
 
-def _frames(
-    content: ViewerContent, paths: Mapping[str, FloatArray], times: FloatArray
-) -> Iterator[list[Image]]:
+def _frames(content: ViewerContent, paths: Mapping[str, FloatArray], times: FloatArray) -> Iterator[list[Image]]:
     """Yield the pictures of all paths (F, n) at each of the times (F,) [s], with the same camera and light."""
     movers, styles = content.movers, planner_styles(paths)
     drawn = DrawnScene(content.robot, content.scene_at_start, list(paths.values()))

@@ -91,8 +91,7 @@ class Renderer:
         numbers = np.arange(groups.size, dtype=np.int32).reshape(fine.shape)
         first = numbers.copy()
         corners = [
-            (slice(i, None, _SUBPIXELS), slice(j, None, _SUBPIXELS))
-            for i, j in np.ndindex(_SUBPIXELS, _SUBPIXELS)
+            (slice(i, None, _SUBPIXELS), slice(j, None, _SUBPIXELS)) for i, j in np.ndindex(_SUBPIXELS, _SUBPIXELS)
         ]
         for k, one in enumerate(corners):
             for other in reversed(corners[:k]):
@@ -117,13 +116,7 @@ class Renderer:
         return [np.asarray(np.einsum("pk,pkc->pc", shares, each[corners])) for each in values]
 
     def _shaded(
-        self,
-        solid: Surface,
-        faces: _Numbers,
-        pixels: IntArray,
-        light: _Light,
-        paint: FloatArray,
-        glossy: FloatArray,
+        self, solid: Surface, faces: _Numbers, pixels: IntArray, light: _Light, paint: FloatArray, glossy: FloatArray
     ) -> FloatArray:
         """Return the colours (P, 3) of triangles where pixels see them."""
         places, normals = self._interpolated(solid, faces, pixels, solid.vertices, solid.normals)

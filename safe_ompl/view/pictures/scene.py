@@ -38,9 +38,7 @@ class DrawnScene:
         self.robot = robot
         self.samples = [resampled(robot, path) for path in paths]  # (S, n) each, at equal steps
         coarse = RobotBody(robot, coarse=True)
-        self._actors = np.vstack(
-            [coarse.posed(q).vertices for s in self.samples for q in s[:: _PATH_SAMPLES // 6]]
-        )
+        self._actors = np.vstack([coarse.posed(q).vertices for s in self.samples for q in s[:: _PATH_SAMPLES // 6]])
         # The robot at start and goal of all paths, coarsely
         self.ends = Surface.merged(coarse.posed(q) for s in self.samples for q in (s[0], s[-1]))
         # Diagonal of the box around the robot's motion [m]
@@ -98,9 +96,7 @@ class DrawnScene:
         """Return a column under a robot whose base neither stands on the floor nor on an obstacle."""
         centre, radius, bottom = self.body.footprint()
         gap = bottom - self.floor
-        if gap < 0.03 * self.size or any(
-            _carries(thing, centre, bottom, gap) for thing in self.surroundings()
-        ):
+        if gap < 0.03 * self.size or any(_carries(thing, centre, bottom, gap) for thing in self.surroundings()):
             return []
         vertices, faces = surfaces.revolved_triangles(surfaces.cylinder_profile(radius, gap, np.inf), 64)
         place = np.array([centre[0], centre[1], self.floor + gap / 2])

@@ -115,9 +115,7 @@ def _distinct_rows(rows: FloatArray) -> tuple[IntArray, IntArray]:
     spans = rows.max(axis=0, initial=0.0) - low + 1.0
     if spans.prod() < 2.0**62:  # a row is one whole number, which is sorted several times faster
         places = np.cumprod([1, *spans[:-1].astype(np.int64)])
-        _, first, index = np.unique(
-            (rows - low).astype(np.int64) @ places, return_index=True, return_inverse=True
-        )
+        _, first, index = np.unique((rows - low).astype(np.int64) @ places, return_index=True, return_inverse=True)
         return first, index
     _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return first, index.ravel()  # NumPy 2.0 gives it another shape
@@ -137,11 +135,7 @@ def tessellate(geometry: Any) -> Triangles:
     if kind == "Box":
         return surfaces.box_triangles(2.0 * geometry.halfSide)
     if kind.startswith(("BVHModel", "Convex")):
-        shape = (
-            ("tri_indices", "num_tris", "vertices")
-            if kind[0] == "B"
-            else ("polygons", "num_polygons", "points")
-        )
+        shape = ("tri_indices", "num_tris", "vertices") if kind[0] == "B" else ("polygons", "num_polygons", "points")
         triangle, count, points = (getattr(geometry, name) for name in shape)
         corners = map(itemgetter(0, 1, 2), map(triangle, range(count)))
         faces = np.fromiter(chain.from_iterable(corners), dtype=np.intp, count=3 * count)

@@ -105,11 +105,7 @@ _JOINTS = ("#0b62b4", "#b87a00", "#00876a", "#7d2f91", "#c8452b", "#596675", "#6
 
 
 def plot_motion(
-    trajectory: Trajectory,
-    file: str | Path | None,
-    *,
-    danger: MotionDanger | None = None,
-    title: str | None = None,
+    trajectory: Trajectory, file: str | Path | None, *, danger: MotionDanger | None = None, title: str | None = None
 ) -> Any:
     """Draw a trajectory, against time.
 
@@ -141,11 +137,7 @@ def plot_motion(
 
 
 def _draw_speeds(
-    axes: Any,
-    times: FloatArray,
-    speeds: FloatArray,
-    bounds: Mapping[str, FloatArray],
-    binding: Sequence[str | None],
+    axes: Any, times: FloatArray, speeds: FloatArray, bounds: Mapping[str, FloatArray], binding: Sequence[str | None]
 ) -> int:
     """Draw ṡ (T,) in the colour of what binds, thinly the caps (T,) near it; return how many things bind."""
     names = list(dict.fromkeys([*bounds, *filter(None, binding), ACCELERATION]))
@@ -177,9 +169,7 @@ def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) ->
 
 def _name_joints(figure: Any, axes: Any, names: Sequence[str]) -> None:
     """Say below a figure which joint has which colour."""
-    lines = [
-        axes.plot([], [], color=_JOINTS[k % len(_JOINTS)], label=name)[0] for k, name in enumerate(names)
-    ]
+    lines = [axes.plot([], [], color=_JOINTS[k % len(_JOINTS)], label=name)[0] for k, name in enumerate(names)]
     figure.legend(handles=lines, loc="outside lower center", ncols=4, fontsize=8)
 
 
@@ -256,10 +246,7 @@ def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None
     middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
     shares = [(around - middle) / np.where(half > 0, half, 1.0)]
     if limits is not None:
-        shares += [
-            motion.derivative(times, order) / getattr(limits, _KINDS[order])
-            for order in range(1, len(_KINDS))
-        ]
+        shares += [motion.derivative(times, order) / getattr(limits, _KINDS[order]) for order in range(1, len(_KINDS))]
     with Page(file, 7.5, 2.0 + 2.0 * len(shares) + 2.2) as page:
         every = page.figure.subplots(len(shares) + 1, 1, sharex=True)
         for axes, values, kind in zip(every, shares, _KINDS, strict=False):
@@ -289,9 +276,7 @@ def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionPr
         axes.plot(times, found, color=colour, linewidth=2.0, label=label)
         if kept.any():
             least_kept = np.where(kept > 0.0, kept, np.nan)
-            axes.plot(
-                times, least_kept, color=colour, linewidth=1.4, linestyle=":", label=f"{label}, required"
-            )
+            axes.plot(times, least_kept, color=colour, linewidth=1.4, linestyle=":", label=f"{label}, required")
         top, bottom = max(top, found.max(), kept.max()), min(bottom, found.min())
     draw_limit(axes, 0.0)
     axes.set(ylabel="distance [mm]", ylim=(1.15 * bottom, 1.15 * top))

@@ -32,9 +32,7 @@ def plot_profiles(
         for name, style in planner_styles(data).items():
             runs = data[name]
             line = runs.mean(axis=0) if len(runs) else np.empty(0)
-            axes.plot(
-                natural(len(line)), line, label=name if len(runs) else f"{name} (no runs)", **_line(style)
-            )
+            axes.plot(natural(len(line)), line, label=name if len(runs) else f"{name} (no runs)", **_line(style))
         axes.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
@@ -102,9 +100,7 @@ def plot_clearance_danger(
     for name in {**across, **up}:
         counts = [len(table[name]) if name in table else None for table in (across, up)]
         if counts[0] != counts[1]:
-            raise InputError(
-                f"{name} has {counts[0]} clearances but {counts[1]} dangers; give one pair per run"
-            )
+            raise InputError(f"{name} has {counts[0]} clearances but {counts[1]} dangers; give one pair per run")
     with Page(file, _box_width(across), 4.6) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(across).items():

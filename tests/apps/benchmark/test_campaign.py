@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import InputError, Obstacle, PlanningError, Pose, Scenario, Scene, Sphere, UnknownNameError
-from safe_ompl.apps.benchmark import (
-    Campaign,
-    Summary,
-    check_named_planner,
-    default_planners,
-    failure,
-    summarize,
-)
+from safe_ompl.apps.benchmark import Campaign, Summary, check_named_planner, default_planners, failure, summarize
 from safe_ompl.apps.benchmark.campaign import BAND
 from safe_ompl.apps.benchmark.runs import Run
 from safe_ompl.planning import SafeSetup, setup_scenario
@@ -131,10 +124,7 @@ def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scen
 
 def test_summaries(results):
     summaries = summarize([*results, failure("Timeout", "RRTConnect", 99, results[0].joint_names)])
-    assert [(s.planner, s.runs, s.solved) for s in summaries] == [
-        ("RRTConnect", 6, 5),
-        ("SafeRRTConnect", 5, 5),
-    ]
+    assert [(s.planner, s.runs, s.solved) for s in summaries] == [("RRTConnect", 6, 5), ("SafeRRTConnect", 5, 5)]
     mine = [result for result in results if result.planner == "SafeRRTConnect"]
     summary = summaries[1]
     lengths = [result.report.length for result in mine if result.report]

@@ -35,11 +35,7 @@ def results():
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
     found = [setup.plan(name, seed=seed) for seed in (3, 4) for name in ("SafePRM", "RRTConnect")]
     names = setup.robot.joint_names
-    return [
-        *found,
-        failure("Error: odd; very\nodd", "SafePRM", 5, names),
-        failure("Timeout", "RRT", 3, names),
-    ]
+    return [*found, failure("Error: odd; very\nodd", "SafePRM", 5, names), failure("Timeout", "RRT", 3, names)]
 
 
 def test_results_reach_the_database(results, tmp_path):
@@ -90,9 +86,7 @@ def test_results_reach_the_database(results, tmp_path):
 
 def test_progress_reaches_the_database(tmp_path):
     samples = [(0.1, 3.0), (0.2, 2.5), (0.2, 2.25)]
-    planner = PlannerRuns(
-        "Fast", {}, [{"time": 0.3}, {"time": 0.1}], ("best cost",), [samples, [(0.05, 1.0)]]
-    )
+    planner = PlannerRuns("Fast", {}, [{"time": 0.3}, {"time": 0.1}], ("best cost",), [samples, [(0.05, 1.0)]])
     Experiment("curves", [planner], run_count=2).save(tmp_path / "runs.log")
     save_database([tmp_path / "runs.log"], tmp_path / "runs.db")
     found = [(row["runid"], row["time"], row["best_cost"]) for row in rows(tmp_path / "runs.db", "progress")]

@@ -59,18 +59,13 @@ def motion(middle=MIDDLE, degree=3):
 
 
 def table(file, columns):
-    lines = [
-        ",".join(columns),
-        *(",".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist()),
-    ]
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist())]
     file.write_text("\n".join(lines) + "\n")
 
 
 def test_a_motion_is_proven_or_what_is_not_is_said(call, tmp_path, setup):
     save(motion(), "free.json")
-    status, out, _ = call(
-        "check", "free.json", "--scenario", "own.yaml", "--widest-tube", "--json", "found.json"
-    )
+    status, out, _ = call("check", "free.json", "--scenario", "own.yaml", "--widest-tube", "--json", "found.json")
     assert status == 0
     assert "proven       joint limits, collision" in out
     found = json.loads((tmp_path / "found.json").read_text())
@@ -78,8 +73,7 @@ def test_a_motion_is_proven_or_what_is_not_is_said(call, tmp_path, setup):
     assert found["proven"]
     assert not found["violations"]
     tubes = {
-        share: call("check", "free.json", "--scenario", "own.yaml", "--tube", share * width)
-        for share in (0.99, 1.1)
+        share: call("check", "free.json", "--scenario", "own.yaml", "--tube", share * width) for share in (0.99, 1.1)
     }
     assert [tubes[share][0] for share in tubes] == [0, 1]
     assert "clearance" in tubes[1.1][1]
@@ -111,9 +105,7 @@ def test_limits_are_the_scenarios_and_the_options(call):
 
 @pytest.mark.parametrize("degree", [1, 3, 5])
 @pytest.mark.parametrize("out", ["out.json", "out.csv", "out.npz", "out.yaml"])
-def test_a_repair_is_written_in_the_form_that_is_asked_for_and_proven_as_it_is_read(
-    call, tmp_path, setup, degree, out
-):
+def test_a_repair_is_written_in_the_form_that_is_asked_for_and_proven_as_it_is_read(call, tmp_path, setup, degree, out):
     save(motion(TOUCHING, degree), "touching.json")
     status, _, err = call("check", "touching.json", "--scenario", "own.yaml", "--repair", out)
     assert status == 0
@@ -188,9 +180,7 @@ def test_a_page_shows_the_motion(call, tmp_path):
     pytest.importorskip("viser")
     save(motion(TOUCHING), "touching.json")
     assert call("check", "touching.json", "--scenario", "own.yaml", "--html", "page.html")[0] == 1
-    assert (
-        "collision: " in (tmp_path / "page.html").read_text() or (tmp_path / "page.html").stat().st_size > 1e5
-    )
+    assert "collision: " in (tmp_path / "page.html").read_text() or (tmp_path / "page.html").stat().st_size > 1e5
 
 
 PEOPLE = {"who": ["ball"], "speed": 1.0, "reaction_time": 0.1}
@@ -203,10 +193,7 @@ def beside_people(tmp_path, call):
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario(people=PEOPLE, motion=accelerations)))
     for name, seconds in (("slow", 4.0), ("fast", 1.6)):
         rest = np.zeros((2, 3))
-        save(
-            Motion.hermite([0.0, seconds], [START, START + 0.6 * (MIDDLE - START)], rest, names=NAMES),
-            f"{name}.json",
-        )
+        save(Motion.hermite([0.0, seconds], [START, START + 0.6 * (MIDDLE - START)], rest, names=NAMES), f"{name}.json")
 
 
 @pytest.mark.usefixtures("beside_people")
@@ -214,9 +201,7 @@ def test_stops_beside_the_scenarios_people_are_proven(call, tmp_path):
     status, out, _ = call("check", "slow.json", "--scenario", "own.yaml")
     assert status == 0
     assert "velocity, acceleration, collision, stops beside people" in out
-    status, out, _ = call(
-        "check", "fast.json", "--scenario", "own.yaml", "--no-people", "--json", "found.json"
-    )
+    status, out, _ = call("check", "fast.json", "--scenario", "own.yaml", "--no-people", "--json", "found.json")
     assert status == 0
     assert "not looked at: --no-people" in out
     assert json.loads((tmp_path / "found.json").read_text())["claims"] == ["joint limits", "collision"]
@@ -269,9 +254,7 @@ WAY = np.array([START, 0.5 * (START + MIDDLE), 0.4 * START + 0.6 * MIDDLE])
     ("columns", "header", "options"),
     [(WAY, NAMES, ()), (np.c_[T / 100, WAY], ("time", *NAMES), ()), (WAY, (), ("--joints", ",".join(NAMES)))],
 )
-def test_way_points_are_timed_beside_people_within_limits_and_verified(
-    call, tmp_path, setup, columns, header, options
-):
+def test_way_points_are_timed_beside_people_within_limits_and_verified(call, tmp_path, setup, columns, header, options):
     """What is written stops in time between its points, too, for which it may take a little longer."""
     lines = [",".join(header)] * bool(header) + [",".join(map(repr, row)) for row in columns.tolist()]
     (tmp_path / "way.csv").write_text("\n".join(lines))
@@ -305,16 +288,7 @@ def test_way_points_are_timed_beside_people_within_limits_and_verified(
 )
 def test_a_bad_way_point_is_named_and_nothing_is_written(call, tmp_path, setup, way, said):
     save(Motion.through(way, names=NAMES), "way.json")
-    command = (
-        "check",
-        "way.json",
-        "--scenario",
-        "own.yaml",
-        "--trajectory",
-        "out.csv",
-        "--certificate",
-        "proof.json",
-    )
+    command = ("check", "way.json", "--scenario", "own.yaml", "--trajectory", "out.csv", "--certificate", "proof.json")
     status, _, err = call(*command)
     assert status == 1
     assert f"safe-ompl: way.json: {said}" in err
@@ -372,9 +346,7 @@ def test_two_files_are_compared_at_equal_times(call, tmp_path):
     for name in ("same", "late"):
         status, out, _ = call("tube", "--commanded", "asked.csv", "--measured", f"{name}.csv")
         assert status == 0
-        largest[name] = float(
-            next(line for line in out.splitlines() if line.startswith("joint2")).split()[-1]
-        )
+        largest[name] = float(next(line for line in out.splitlines() if line.startswith("joint2")).split()[-1])
     fastest = np.abs(motion().derivative(fine)[:, 1]).max()
     assert largest["same"] < 5e-4
     assert 1.5 * 0.01 * fastest <= largest["late"] <= 1.5 * 0.01 * fastest + 5e-4
@@ -382,9 +354,7 @@ def test_two_files_are_compared_at_equal_times(call, tmp_path):
 
 def _columns(file):
     header, *rows = file.read_text().split()
-    return dict(
-        zip(header.split(","), np.array([row.split(",") for row in rows], dtype=float).T, strict=True)
-    )
+    return dict(zip(header.split(","), np.array([row.split(",") for row in rows], dtype=float).T, strict=True))
 
 
 # --------------------------------------------------------------------------------------------------- bad input
@@ -395,8 +365,7 @@ def points(change):
     content = {
         "joint_names": list(NAMES),
         "points": [
-            {"positions": q.tolist(), "time_from_start": t}
-            for t, q in zip(T, (START, MIDDLE, END), strict=True)
+            {"positions": q.tolist(), "time_from_start": t} for t, q in zip(T, (START, MIDDLE, END), strict=True)
         ],
     }
     change(content)
@@ -412,10 +381,7 @@ def put(key, value, point=1):
     [
         (put("time_from_start", 5.0), "times: must increase"),
         (put("time_from_start", 0.0), "times: must increase"),
-        (
-            put("positions", [0.0, float("nan"), 0.0]),
-            "points[1].positions: must be a finite number, got nan",
-        ),
+        (put("positions", [0.0, float("nan"), 0.0]), "points[1].positions: must be a finite number, got nan"),
         (put("positions", [0.0, 0.0]), "points[1].positions: must be 3 numbers, got 2"),
         (put("positions", ["a", 0.0, 0.0]), "points[1].positions: "),
         (put("positions", [90.0, 0.0, 0.0]), "joint 'joint1' moves to 90 rad"),
@@ -453,9 +419,7 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
     (tmp_path / "text.csv").write_text("time,joint1,joint2,joint3\n0,a,b,c\n")
     refused(call, tmp_path, "text.csv", "text.csv:2: must be numbers")
     (tmp_path / "mesh.stl").write_text("solid")
-    refused(
-        call, tmp_path, "mesh.stl", "must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy"
-    )
+    refused(call, tmp_path, "mesh.stl", "must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy")
     (tmp_path / "zip.npz").write_text("no archive")
     refused(call, tmp_path, "zip.npz", "is no archive of arrays")
     (tmp_path / "list.yaml").write_text("- 1\n- 2\n")
@@ -468,10 +432,7 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (
-            ("--repair", "out.npy"),
-            "--repair: 'out.npy' must end in .csv or .tsv or .txt or .npz or .json or .yaml",
-        ),
+        (("--repair", "out.npy"), "--repair: 'out.npy' must end in .csv or .tsv or .txt or .npz or .json or .yaml"),
         (("--repair", "no/out.csv"), "--repair: cannot write 'no/out.csv' (No such file or directory)"),
         (
             ("--repair", "a.json", "--json", "a.json"),
@@ -484,14 +445,8 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
         (("--tube", "elbow=0.1"), "--tube: unknown joint 'elbow'; known: joint1, joint2, joint3"),
         (("--tube", "joint1=0.1,joint1=0.2"), "argument --tube: 'joint1' is given twice"),
         (("--max-velocity", "3"), "--max-velocity: free.json: is for samples in time, without velocities"),
-        (
-            ("--retime", "--repair", "out.json"),
-            "--repair: is for a motion with its own times: leave out --retime",
-        ),
-        (
-            ("--retime", "--widest-tube"),
-            "--widest-tube: is for a motion with its own times: leave out --retime",
-        ),
+        (("--retime", "--repair", "out.json"), "--repair: is for a motion with its own times: leave out --retime"),
+        (("--retime", "--widest-tube"), "--widest-tube: is for a motion with its own times: leave out --retime"),
         (("--rate", "50"), "--rate: is for a path in time: give --trajectory FILE, too"),
         (("--scenario", "nowhere"), "unknown scenario file or name 'nowhere'"),
     ],
@@ -516,16 +471,8 @@ def test_a_path_has_no_rates(call):
     [
         ("time,joint1_commanded", ("log.csv",), "log.csv: joint1_measured: missing"),
         ("joint1_commanded,joint1_measured", ("log.csv",), "log.csv: time: missing"),
-        (
-            "time,joint1",
-            ("log.csv",),
-            "log.csv: columns: must be <joint>_commanded and <joint>_measured, got none",
-        ),
-        (
-            "time,joint1",
-            ("log.json",),
-            "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz",
-        ),
+        ("time,joint1", ("log.csv",), "log.csv: columns: must be <joint>_commanded and <joint>_measured, got none"),
+        ("time,joint1", ("log.json",), "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz"),
         ("time,joint1", (), "give logs, or both --commanded and --measured"),
         ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),
         ("time,joint1_commanded,joint1_measured", ("log.csv", "--factor", "0.5"), "factor must be"),

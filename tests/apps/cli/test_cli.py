@@ -183,9 +183,7 @@ def test_plan_not_solved_is_status_1_and_null(run):
 
 
 def test_plan_hands_parameters_to_the_planner(run):
-    safe, bold = (
-        strict(run("plan", "test.yaml", "--json", "-", "--param", f"alpha={alpha}")[1]) for alpha in (5, 0)
-    )
+    safe, bold = (strict(run("plan", "test.yaml", "--json", "-", "--param", f"alpha={alpha}")[1]) for alpha in (5, 0))
     assert safe["counts"]["field_configurations"] > bold["counts"]["field_configurations"]
 
 
@@ -355,9 +353,7 @@ def test_the_table_of_planners_keeps_their_names(run, monkeypatch, width, shown)
 
 def test_compare_without_solution_is_status_1(run, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
-    status, out, _ = run(
-        "compare", "test.yaml", "--planners", "SafeRRTConnect", "--runs", 2, "--time", "1e-9"
-    )
+    status, out, _ = run("compare", "test.yaml", "--planners", "SafeRRTConnect", "--runs", 2, "--time", "1e-9")
     assert status == 1
     assert "0/2" in out
 
@@ -552,10 +548,7 @@ BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "no points": (["plan", "test.yaml", "--timed", "--rate", "0"], ["--rate", "a positive number, not '0'"]),
     "a place nowhere": (["live", *DRIVE, "--place", "1,2,nan,0"], ["--place", "finite", "'1,2,nan,0'"]),
     "answers that are late": (["live", *DRIVE, "--late", "nan"], ["--late", "[0, 1]", "'nan'"]),
-    "slower than not at all": (
-        ["live", *DRIVE, "--faster", "-1"],
-        ["--faster", "a positive number, not '-1'"],
-    ),
+    "slower than not at all": (["live", *DRIVE, "--faster", "-1"], ["--faster", "a positive number, not '-1'"]),
     "unwritable lines": (["mbm", "problems.json", *ARM, "--json", "no/x"], ["--json", "'no/x'"]),
 }
 
@@ -582,15 +575,10 @@ def test_threads_may_log_after_each_other(capsys):
         thread.start()
         thread.join(10.0)
         assert not thread.is_alive()
-    assert capsys.readouterr().err.splitlines() == [
-        "safe-ompl: warning: held back",
-        "safe-ompl: warning: of a thread",
-    ]
+    assert capsys.readouterr().err.splitlines() == ["safe-ompl: warning: held back", "safe-ompl: warning: of a thread"]
 
 
-@pytest.mark.parametrize(
-    "command", [("plan",), ("compare", "--runs", "1", "--planners", "SafeRRTConnect,SafePRM")]
-)
+@pytest.mark.parametrize("command", [("plan",), ("compare", "--runs", "1", "--planners", "SafeRRTConnect,SafePRM")])
 def test_where_nothing_is_dangerous_danger_is_zero(run, folder, monkeypatch, command):
     monkeypatch.setattr("safe_ompl.apps.cli.output.missing_extra", lambda extra: "not now")
     (folder / "harmless.yaml").write_text(SCENARIO.replace(", weight: 1", ""))
@@ -612,11 +600,7 @@ BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
     "bad danger parameter": ("time: 2.0", "danger: {aggregate: sum}", ["aggregate", "'sum'", "max"]),
     "unknown planner": ("time: 2.0", "planners: {Fly: {}}", ["planners", "'Fly'"]),
     "unknown parameter": ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", ["'alfa'"]),
-    "missing mesh": (
-        "box: {size: [0.1, 0.1, 0.3]}",
-        "mesh: {file: no.stl}",
-        ["obstacles[1]", "'post'", "no.stl"],
-    ),
+    "missing mesh": ("box: {size: [0.1, 0.1, 0.3]}", "mesh: {file: no.stl}", ["obstacles[1]", "'post'", "no.stl"]),
 }
 
 
@@ -657,14 +641,8 @@ OUTPUTS: dict[str, tuple[list[str], str]] = {
     "an SRDF": (["srdf", "arm.urdf", "-o", "arm.srdf"], "--output: 'arm.srdf' is there already"),
     "a page": (["view", "test.yaml", "--html", "old.html"], "--html: 'old.html' is there already"),
     "reach": (["people", "calibrate", "a.npz", "--level", "0.9", "-o", "old.yaml"], "'old.yaml' is there"),
-    "a report": (
-        ["compare", "test.yaml", "--out", "old"],
-        "--out: the folder 'old' holds report.json already",
-    ),
-    "a drive": (
-        ["live", "test.yaml", "--movers", "1", "--out", "old"],
-        "'old' holds ticks.jsonl already",
-    ),
+    "a report": (["compare", "test.yaml", "--out", "old"], "--out: the folder 'old' holds report.json already"),
+    "a drive": (["live", "test.yaml", "--movers", "1", "--out", "old"], "'old' holds ticks.jsonl already"),
 }
 
 
@@ -695,9 +673,7 @@ def test_a_full_disk_is_named(run):
 
 def test_pictures_without_the_extra_are_refused_with_advice(run, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
-    assert_refused(
-        run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]"
-    )
+    assert_refused(run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]")
 
 
 def test_one_file_for_two_results(tmp_path, capsys):

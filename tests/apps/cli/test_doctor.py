@@ -29,9 +29,7 @@ def test_the_doctor_tells_what_is_missing_or_fails(capsys, monkeypatch):
     def breaks():
         raise ValueError("no\nsuch kernel")
 
-    monkeypatch.setattr(
-        doctor, "requirements", lambda: iter([doctor.Requirement("no-such-package", ">=2", "")])
-    )
+    monkeypatch.setattr(doctor, "requirements", lambda: iter([doctor.Requirement("no-such-package", ">=2", "")]))
     monkeypatch.setattr(doctor, "compile_all", lambda: None)
     monkeypatch.setattr(doctor, "ALL_JOBS", (f"{__name__}:job",))
     monkeypatch.setitem(globals(), "job", breaks)
@@ -70,11 +68,7 @@ def test_completion_is_for_the_program(shell, capsys):
 
 def test_the_package_is_a_program():
     run = subprocess.run(
-        [sys.executable, "-m", "safe_ompl", "--version"],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
+        [sys.executable, "-m", "safe_ompl", "--version"], capture_output=True, text=True, check=True, timeout=60
     )
     assert run.stdout.strip() == f"safe-ompl {safe_ompl.__version__}"
 

@@ -56,15 +56,9 @@ def test_a_scenario_says_it_and_options_say_it_instead(call, tmp_path):
     ("options", "why"),
     [
         (["--moving", "person"], "must have the form NAME=SPEED[,NAME=SPEED…], not 'person'"),
-        (
-            ["--moving", "person=-1", "--moving-time", "1"],
-            "must be a speed >= 0 [m/s] for 'person', not '-1'",
-        ),
+        (["--moving", "person=-1", "--moving-time", "1"], "must be a speed >= 0 [m/s] for 'person', not '-1'"),
         (["--moving", "person=1,person=2"], "'person' is given twice"),
-        (
-            ["--moving", "persn=1", "--moving-time", "1"],
-            "--moving: unknown obstacle 'persn'; did you mean 'person'? ",
-        ),
+        (["--moving", "persn=1", "--moving-time", "1"], "--moving: unknown obstacle 'persn'; did you mean 'person'? "),
         (["--moving", "person=1"], "--moving: needs how long they move: give --moving-time SECONDS, too"),
         (["--moving-time", "1"], "--moving-time: needs the obstacles that move: give --moving, too"),
         (["--moving", "person=9", "--moving-time", "9"], "'person' may move 81000 mm, and come to"),

@@ -58,9 +58,7 @@ def test_a_new_scenario_can_be_planned(urdf, tmp_path, capsys):
 
 def test_a_link_without_shapes_is_named_by_every_command(tmp_path, capfd):
     text = (Path(__file__).parents[3] / "examples" / "arm.urdf").read_text()
-    file, scenario, result, proof = (
-        tmp_path / f"arm.{kind}" for kind in ("urdf", "yaml", "json", "proof.json")
-    )
+    file, scenario, result, proof = (tmp_path / f"arm.{kind}" for kind in ("urdf", "yaml", "json", "proof.json"))
     file.write_text(re.sub(r'(<link name="upper_arm">).*?(</link>)', r"\1\2", text, flags=re.DOTALL))
 
     def said(*arguments):
@@ -71,9 +69,7 @@ def test_a_link_without_shapes_is_named_by_every_command(tmp_path, capfd):
         return out
 
     said("new", file, "-o", scenario)
-    assert "no collision geometry: upper_arm" in said(
-        "plan", scenario, "--json", result, "--certificate", proof
-    )
+    assert "no collision geometry: upper_arm" in said("plan", scenario, "--json", result, "--certificate", proof)
     assert json.loads(result.read_text())["links_without_collision"] == ["upper_arm"]
     for against in ((), (scenario,)):
         assert "not covered: links without collision geometry: upper_arm" in said("verify", proof, *against)
@@ -209,9 +205,7 @@ def test_the_srdf_says_which_arm(butler, capsys, monkeypatch):
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(butler.parent))
     assert main(["new", "butler.urdf", "-o", "srdf.yaml", "--srdf", "butler.srdf"]) == 0
     assert "4 joints of the group 'right_arm', tip 'right_d'" in capsys.readouterr().err
-    assert (
-        main(["new", "butler.urdf", "-o", "left.yaml", "--srdf", "butler.srdf", "--group", "left_arm"]) == 0
-    )
+    assert main(["new", "butler.urdf", "-o", "left.yaml", "--srdf", "butler.srdf", "--group", "left_arm"]) == 0
     spec = Scenario.load("left.yaml").robot
     assert (spec.group, spec.tip) == ("left_arm", "left_c")
     assert spec.build().joint_names == ("left_1", "left_2", "left_3")
@@ -270,9 +264,7 @@ def test_arguments_of_xacro_go_to_the_scenario(tmp_path, capsys, monkeypatch, da
     pytest.importorskip("xacro")
     monkeypatch.chdir(tmp_path)
     text = (data_folder / "gripper_arm.urdf").read_text()
-    head = (
-        'name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="name" default=""/>'
-    )
+    head = 'name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="name" default=""/>'
     Path("arm.urdf.xacro").write_text(text.replace('name="gripper_arm">', head))
     words = ["--xacro-arg", "name:=left"]
     assert main(["new", "arm.urdf.xacro", "-o", "mine.yaml", *words]) == 0
@@ -294,18 +286,7 @@ def test_a_drive_can_be_looked_at_here_and_elsewhere(butler, capsys, monkeypatch
     assert main(["new", "butler.urdf", "-o", "mine.yaml", *folder]) == 0
     text = Path("mine.yaml").read_text()
     Path("mine.yaml").write_text(re.sub(r"  package_dirs: .*\n", "", text))  # as if made on another machine
-    drive = [
-        "live",
-        "mine.yaml",
-        "--movers",
-        "1",
-        "--seconds",
-        "0.2",
-        "--out",
-        "drive",
-        "--html",
-        "drive.html",
-    ]
+    drive = ["live", "mine.yaml", "--movers", "1", "--seconds", "0.2", "--out", "drive", "--html", "drive.html"]
     assert main(drive) == 2
     assert "palm.obj' not found" in " ".join(capsys.readouterr().err.split())
     monkeypatch.setattr("safe_ompl.io.problems.SMALL", 10)

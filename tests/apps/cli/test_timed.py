@@ -39,8 +39,7 @@ def test_scenarios_hold_limits_and_people(beside_her, scenario_file):
 
 
 @pytest.mark.parametrize(
-    ("key", "name", "value"),
-    [("motion", "acceleration", 0), ("people", "speed", -1), ("people", "who", ["nobody"])],
+    ("key", "name", "value"), [("motion", "acceleration", 0), ("people", "speed", -1), ("people", "who", ["nobody"])]
 )
 def test_wrong_values_in_a_scenario_are_named(scenario_file, tmp_path, key, name, value):
     document = yaml.safe_load(scenario_file.read_text())
@@ -92,9 +91,7 @@ def test_points_that_are_not_proven_are_not_written(scenario_file, tmp_path, cap
 
     def sampled(trajectory, rate):  # as they were once
         times = original(trajectory, rate)[0]
-        return times, dict(
-            zip(("positions", "velocities", "accelerations"), trajectory.at(times), strict=True)
-        )
+        return times, dict(zip(("positions", "velocities", "accelerations"), trajectory.at(times), strict=True))
 
     monkeypatch.setattr(Trajectory, "points", sampled)
     assert main(["plan", str(scenario_file), "--time", "5", "--trajectory", str(file)]) == 1

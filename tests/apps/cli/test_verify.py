@@ -59,9 +59,7 @@ def test_it_says_what_it_is_about_and_what_is_not_claimed(call, written):
     assert third == "proof.json: not claimed: clearance, moving obstacles, tool"
 
 
-def test_without_a_scenario_robot_and_scene_are_the_files_own_which_it_says(
-    call, written, tmp_path, monkeypatch
-):
+def test_without_a_scenario_robot_and_scene_are_the_files_own_which_it_says(call, written, tmp_path, monkeypatch):
     shutil.copy(written / "proof.json", tmp_path / "proof.json")
     here = call("verify", "proof.json")
     shutil.rmtree(written)
@@ -123,11 +121,7 @@ def test_the_robot_is_the_scenarios_whatever_the_file_says(call, thinner):
 
 def test_a_robot_that_the_file_names_is_not_taken_instead_of_the_scenarios(call, thinner):
     def claim(content):
-        content["source"]["robot"] = {
-            "urdf": "robots/thinner.urdf",
-            "srdf": "robots/planar3.srdf",
-            "tip": "tip",
-        }
+        content["source"]["robot"] = {"urdf": "robots/thinner.urdf", "srdf": "robots/planar3.srdf", "tip": "tip"}
 
     assert call("verify", changed("thin.json", claim), "planar3.yaml")[0] == 1
 
@@ -207,11 +201,7 @@ def test_a_timed_path_agrees_with_its_scenario(call, beside):
         ("reaction_time: 0.1", "reaction_time: 0.2", "stops: reaction_time is 0.1"),
         ("who: [person]", "who: [bin]", r"stops: who is ('person',) in its claim, ['bin'] is asked for"),
         ("people: {who: [person], speed: 0.4, reaction_time: 0.1}", "", "stops: it is claimed, but"),
-        (
-            "tool_speed: 3.0",
-            "tool_speed: 2.5",
-            "motion in time: tool_speed is 3.0 in its claim, 2.5 is asked for",
-        ),
+        ("tool_speed: 3.0", "tool_speed: 2.5", "motion in time: tool_speed is 3.0 in its claim, 2.5 is asked for"),
         ("acceleration: 4.0", "acceleration: 3.0", "motion in time: acceleration is [4.0, 4.0] in its claim"),
     ],
 )

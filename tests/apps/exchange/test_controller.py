@@ -51,9 +51,7 @@ class AtOnce(Executor):
         return done
 
 
-OPTIONS = argparse.Namespace(
-    people=None, skeleton=None, noise=0.0, time=None, seed=0, simplify=False, shield=False
-)
+OPTIONS = argparse.Namespace(people=None, skeleton=None, noise=0.0, time=None, seed=0, simplify=False, shield=False)
 
 
 def panda(shield=False):
@@ -202,11 +200,7 @@ def goes_on(drive):
 
 @pytest.mark.parametrize(
     ("fault", "why"),
-    [
-        ("people", "'operator' was not seen for"),
-        ("joints", "no joint states for"),
-        ("deaf", "from where it should be"),
-    ],
+    [("people", "'operator' was not seen for"), ("joints", "no joint states for"), ("deaf", "from where it should be")],
 )
 def test_what_is_lost_stops_the_robot_until_it_is_back(cell, fault, why):
     drive = moving(cell)
@@ -250,25 +244,13 @@ def test_measurements_that_are_late_or_out_of_order_change_nothing(cell):
     [
         (lambda c, t: c.see_joints(t, c.cell.robot.joint_names, [np.nan] * 7), "position: must be finite"),
         (lambda c, t: c.see_joints(t, c.cell.robot.joint_names[:6], [0.0] * 6), "name: panda_joint7 missing"),
-        (
-            lambda c, t: c.see_joints(t, c.cell.robot.joint_names, [0.0] * 3),
-            "position: must be as many as the 7",
-        ),
-        (
-            lambda c, t: c.see_joints(t + 1, c.cell.robot.joint_names, [0.0] * 7),
-            "stamp: is 1.000 s in the future",
-        ),
-        (
-            lambda c, t: c.see_people(t + 1, {"operator": BODY}),
-            "stamp: 'operator' was measured 1.000 s in the future",
-        ),
+        (lambda c, t: c.see_joints(t, c.cell.robot.joint_names, [0.0] * 3), "position: must be as many as the 7"),
+        (lambda c, t: c.see_joints(t + 1, c.cell.robot.joint_names, [0.0] * 7), "stamp: is 1.000 s in the future"),
+        (lambda c, t: c.see_people(t + 1, {"operator": BODY}), "stamp: 'operator' was measured 1.000 s in the future"),
         (lambda c, t: c.see_people(t, {"operator": BODY[:5]}), r"must have shape \(17, 3\)"),
         (lambda c, t: c.see_people(t, {"operator": BODY * [1, np.nan, 1]}), "must be finite, or NaN where"),
         (lambda c, t: c.see_object(t, "cart", Pose()), "unknown object 'cart'"),
-        (
-            lambda c, t: c.go_to(c.cell.robot.joint_names, [9.0] * 7),
-            "position: is out of the limits of 'panda_joint1'",
-        ),
+        (lambda c, t: c.go_to(c.cell.robot.joint_names, [9.0] * 7), "position: is out of the limits of 'panda_joint1'"),
         (lambda c, t: c.go_to(["a"], [9.0]), "missing, but needed"),
         (lambda c, t: c.see_cloud(t - 9, np.zeros((4, 3))), "comes without joint states of its time"),
     ],
@@ -300,9 +282,7 @@ def test_an_answer_that_comes_too_late_is_not_sent(cell):
     drive = moving(cell)
     told, calls = drive.controller.command, count()
     begin = drive.time
-    drive.controller._clock = lambda: (
-        begin + 0.06 * next(calls)
-    )  # each answer takes 60 ms, and 50 are allowed
+    drive.controller._clock = lambda: begin + 0.06 * next(calls)  # each answer takes 60 ms, and 50 are allowed
     assert drive.controller.tick()["reason"] == "the answer came 10 ms too late"
     assert not drive.controller.driving
     assert drive.controller.command is told
@@ -357,9 +337,7 @@ def test_a_new_goal_on_the_way(cell):
 
 
 def test_a_goal_that_cannot_be_reached(drive):
-    checker = CollisionChecker(
-        drive.robot, Scenario.load(find_scenario("panda_shelf")).scene.without("operator")
-    )
+    checker = CollisionChecker(drive.robot, Scenario.load(find_scenario("panda_shelf")).scene.without("operator"))
     rng = np.random.default_rng(0)
     drawn = (rng.uniform(drive.robot.lower, drive.robot.upper) for _ in range(100))
     drive.go(next(q for q in drawn if checker.in_collision(q)).tolist())

@@ -62,10 +62,7 @@ def contents(log, topic):
 
 
 def test_topics_and_their_types(log, recorded):
-    found = {
-        topic: (rows[0][0].name, rows[0][0].encoding, rows[0][1].message_encoding)
-        for topic, rows in log.items()
-    }
+    found = {topic: (rows[0][0].name, rows[0][0].encoding, rows[0][1].message_encoding) for topic, rows in log.items()}
     assert found == {
         "/tick": ("safe_ompl.Tick", "jsonschema", "json"),
         "/joint_states": ("sensor_msgs/msg/JointState", "ros2msg", "cdr"),
@@ -106,11 +103,7 @@ def test_joints_commands_and_diagnostics_are_those_of_the_ticks(log, recorded):
     header, ticks = recorded
     assert contents(log, "/tick") == ticks
     rows = zip(
-        ticks,
-        contents(log, "/joint_states"),
-        contents(log, "/command"),
-        contents(log, "/diagnostics"),
-        strict=True,
+        ticks, contents(log, "/joint_states"), contents(log, "/command"), contents(log, "/diagnostics"), strict=True
     )
     for tick, joints, command, diagnostics in rows:
         assert joints.name == command.joint_names == header["joint_names"]
@@ -270,17 +263,7 @@ def test_other_logs_hold_no_ticks(tmp_path):
 
 
 def test_the_option_is_checked_first(tmp_path, capsys, monkeypatch):
-    words = [
-        "live",
-        "panda_shelf",
-        "--people",
-        "random",
-        "--seconds",
-        "0.1",
-        "--out",
-        str(tmp_path),
-        "--mcap",
-    ]
+    words = ["live", "panda_shelf", "--people", "random", "--seconds", "0.1", "--out", str(tmp_path), "--mcap"]
     assert main([*words, "log.txt"]) == 2
     assert "--mcap: 'log.txt' must end in .mcap" in capsys.readouterr().err
     assert main([*words, str(tmp_path / "no" / "log.mcap")]) == 2

@@ -7,14 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from safe_ompl.apps.exchange.received import (
-    Frames,
-    cloud_of,
-    people_of_markers,
-    person_of_poses,
-    pose_of,
-    stamp_of,
-)
+from safe_ompl.apps.exchange.received import Frames, cloud_of, people_of_markers, person_of_poses, pose_of, stamp_of
 from safe_ompl.apps.exchange.sightings import CloudView, Sightings
 from safe_ompl.common import InputError
 from safe_ompl.geometry import Pose
@@ -52,14 +45,7 @@ def point(x, y, z):
 
 def marker(text="", number=0, frame="camera", place=(1.0, 0.0, 0.0), action=0, **stamp):
     pose = {"position": point(*place)}
-    return {
-        "header": header(frame, **stamp),
-        "ns": "anna",
-        "id": number,
-        "text": text,
-        "action": action,
-        "pose": pose,
-    }
+    return {"header": header(frame, **stamp), "ns": "anna", "id": number, "text": text, "action": action, "pose": pose}
 
 
 def test_frames_are_the_world_fixed_links_and_those_of_the_scenario(frames):
@@ -117,9 +103,7 @@ def test_poses_and_an_object(frames):
     _, place = pose_of(message(header=header(), pose=pose), frames)
     np.testing.assert_allclose(place.position, [1.0, 1.0, 2.0])
     with pytest.raises(InputError, match="quaternion"):
-        pose_of(
-            message(header=header(), pose={**pose, "orientation": {**point(0.0, 0.0, 0.0), "w": 0.0}}), frames
-        )
+        pose_of(message(header=header(), pose={**pose, "orientation": {**point(0.0, 0.0, 0.0), "w": 0.0}}), frames)
 
 
 def test_a_cloud(frames):

@@ -54,10 +54,7 @@ def filled(kind, content):
 
 
 def poses(points, frame="camera", time=0.0):
-    return {
-        "header": messages.header(round(1e9 * time), frame),
-        "poses": [messages.pose(point) for point in points],
-    }
+    return {"header": messages.header(round(1e9 * time), frame), "poses": [messages.pose(point) for point in points]}
 
 
 def walking(time):
@@ -81,10 +78,7 @@ def test_people_of_a_bag(tmp_path, plugin):
 def test_who_is_not_seen(tmp_path):
     hidden = walking(0.3)
     hidden[4] = np.nan
-    rows = [
-        ("/a", messages.POSES, 1 + t, poses(hidden if t == 0.3 else walking(t)))
-        for t in (0.0, 0.1, 0.2, 0.3, 0.4)
-    ]
+    rows = [("/a", messages.POSES, 1 + t, poses(hidden if t == 0.3 else walking(t))) for t in (0.0, 0.1, 0.2, 0.3, 0.4)]
     rows += [("/a", messages.POSES, 1 + t, poses(walking(t))) for t in (0.9, 1.0, 1.1)]
     found = read_people(write_bag(tmp_path / "bag", rows), PeopleSource(skeleton="coco17")).frames
     assert len(found) == 12
@@ -111,9 +105,7 @@ def test_people_by_name_with_named_key_points(tmp_path):
     folder = write_bag(tmp_path / "bag", rows)
     found = read_people(folder, PeopleSource(who="bert"))
     assert found.skeleton.points == tuple(STANDING)
-    np.testing.assert_allclose(
-        found.frames[2], np.array(list(body.values())) + np.array([0.2, 0.0, 0.0]), atol=1e-6
-    )
+    np.testing.assert_allclose(found.frames[2], np.array(list(body.values())) + np.array([0.2, 0.0, 0.0]), atol=1e-6)
     for source, message in (
         (PeopleSource(), "has the people anna, bert: say who with --clip"),
         (PeopleSource(who="carl"), "unknown person 'carl'"),
@@ -159,15 +151,12 @@ def test_a_recorded_person_beside_the_robot(tmp_path, capsys):
     body = np.array(list(STANDING.values())) * 1.75
     content = [
         messages.people_markers(
-            round(1e9 * t),
-            "map",
-            {"anna": dict(zip(STANDING, body + np.array([0.5 * t, 0, 0]), strict=True))},
+            round(1e9 * t), "map", {"anna": dict(zip(STANDING, body + np.array([0.5 * t, 0, 0]), strict=True))}
         )
         for t in times
     ]
     folder = write_bag(
-        tmp_path / "bag",
-        [("/people", messages.MARKERS, t, each) for t, each in zip(times, content, strict=True)],
+        tmp_path / "bag", [("/people", messages.MARKERS, t, each) for t, each in zip(times, content, strict=True)]
     )
     words = ["live", "panda_shelf", "--people", str(folder), "--place", "0.9,0,0,3.1", "--seconds", "0.3"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0
@@ -193,9 +182,7 @@ def test_the_tube_of_a_controllers_state(tmp_path, capsys):
     folder = write_bag(tmp_path / "bag", rows, StoragePlugin.MCAP)
     commanded, measured = read_joint_log(folder)
     assert commanded.joint_names == measured.joint_names == JOINTS
-    np.testing.assert_allclose(
-        commanded.at(np.array([1.0])) - measured.at(np.array([1.0])), [[0.01, 0.002]], atol=1e-9
-    )
+    np.testing.assert_allclose(commanded.at(np.array([1.0])) - measured.at(np.array([1.0])), [[0.01, 0.002]], atol=1e-9)
     assert main(["tube", str(folder)]) == 0
     assert "--tube shoulder=0.0151,elbow=0.003" in capsys.readouterr().out
 
@@ -206,28 +193,16 @@ def test_commands_replace_each_other_from_where_they_begin(tmp_path):
         begin = 0.1 * k
         points = [begin, begin + 0.1, begin + 0.2]
         rows_of = [asked(t) + (9.0 if i == 2 and k < 9 else 0.0) for i, t in enumerate(points)]
-        content = messages.joint_trajectory(
-            round(1e9 * (50 + begin)), JOINTS, [0.0, 0.1, 0.2], positions=rows_of
-        )
+        content = messages.joint_trajectory(round(1e9 * (50 + begin)), JOINTS, [0.0, 0.1, 0.2], positions=rows_of)
         rows.append(("/command", messages.JOINT_TRAJECTORY, begin, content))
     for t in np.arange(0, 1, 0.02):
         names = ("gripper", "elbow", "shoulder")
         q = [0.0, *asked(t)[::-1]]
         rows.append(
-            (
-                "/joint_states",
-                messages.JOINT_STATE,
-                t,
-                messages.joint_state(round(1e9 * (50 + t)), names, q, []),
-            )
+            ("/joint_states", messages.JOINT_STATE, t, messages.joint_state(round(1e9 * (50 + t)), names, q, []))
         )
         rows.append(
-            (
-                "/joint_states",
-                messages.JOINT_STATE,
-                t,
-                messages.joint_state(round(1e9 * (50 + t)), ["wheel"], [t], []),
-            )
+            ("/joint_states", messages.JOINT_STATE, t, messages.joint_state(round(1e9 * (50 + t)), ["wheel"], [t], []))
         )
     commanded, measured = read_joint_log(write_bag(tmp_path / "bag", rows))
     np.testing.assert_allclose(commanded.times, np.arange(12) * 0.1, atol=1e-6)
@@ -250,11 +225,7 @@ def test_commands_replace_each_other_from_where_they_begin(tmp_path):
             ("/c", "/m"),
             "joints: shoulder missing at 0.000 s|two times",
         ),
-        (
-            [("/c", 0.0, JOINTS, [0]), ("/m", 0.0, JOINTS, [0, 1])],
-            ("/c", "/m"),
-            "/c: has 2 joints, but 1 positions",
-        ),
+        ([("/c", 0.0, JOINTS, [0]), ("/m", 0.0, JOINTS, [0, 1])], ("/c", "/m"), "/c: has 2 joints, but 1 positions"),
         (
             [("/c", 0.0, JOINTS, [0, 1]), ("/c", 0.1, JOINTS, [0, np.nan]), ("/m", 0.0, JOINTS, [0, 1])],
             ("/c", "/m"),
@@ -264,10 +235,7 @@ def test_commands_replace_each_other_from_where_they_begin(tmp_path):
     ],
 )
 def test_joints_that_cannot_be_read(tmp_path, rows, topics, message):
-    given = [
-        (topic, messages.JOINT_STATE, 1 + t, messages.joint_state(0, names, q, []))
-        for topic, t, names, q in rows
-    ]
+    given = [(topic, messages.JOINT_STATE, 1 + t, messages.joint_state(0, names, q, [])) for topic, t, names, q in rows]
     folder = write_bag(tmp_path / "bag", given or [("/joint_states", messages.JOINT_STATE, 0.0, {})])
     with pytest.raises(InputError, match=message):
         read_joint_log(folder, *topics)
@@ -278,18 +246,7 @@ def test_topics_are_for_recordings(tmp_path, capsys):
     assert main(["tube", str(tmp_path / "log.csv"), "--measured-topic", "/x"]) == 2
     assert "are for recordings, not for" in capsys.readouterr().err
     assert (
-        main(
-            [
-                "live",
-                "panda_shelf",
-                "--people",
-                str(tmp_path / "log.csv"),
-                "--topic",
-                "/x",
-                "--out",
-                str(tmp_path),
-            ]
-        )
+        main(["live", "panda_shelf", "--people", str(tmp_path / "log.csv"), "--topic", "/x", "--out", str(tmp_path)])
         == 2
     )
     assert "--topic: is for bags, not for" in capsys.readouterr().err

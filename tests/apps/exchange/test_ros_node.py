@@ -83,9 +83,7 @@ class World:
         self.clock.publish(clock)
         self.move(self.now)
         if not self.mute:
-            message = JointState(
-                name=NAMES[::-1], position=self.q[::-1].tolist(), velocity=self.qd[::-1].tolist()
-            )
+            message = JointState(name=NAMES[::-1], position=self.q[::-1].tolist(), velocity=self.qd[::-1].tolist())
             message.header.stamp.sec, message.header.stamp.nanosec = self.stamp()
             self.joints.publish(message)
 
@@ -253,18 +251,14 @@ def test_bad_messages_are_reported_and_the_robot_arrives(world, folder):
     nan = Pose()
     nan.position.x = float("nan")
     reported(
-        "people: key point: must be finite, or all NaN where it is not seen, got [nan, 0.0, 0.0]",
-        people(pose=nan),
+        "people: key point: must be finite, or all NaN where it is not seen, got [nan, 0.0, 0.0]", people(pose=nan)
     )
     reported("people: stamp: is missing, but needed", people(late=None))
     reported("people: stamp: 'operator' was measured 5.", people(late=-5.0))
     reported("people: frame_id: unknown frame 'camera'; known: ", people(frame="camera"))
     reported("people: operator: unknown key point of standing 'tail'", people(text="tail"))
     reported("joint_states: position: must be finite", lambda: joints(position=[float("nan")] * 7))
-    reported(
-        "joint_states: name: panda_joint1, panda_joint2, ",
-        lambda: joints(name=[f"a{name}" for name in NAMES]),
-    )
+    reported("joint_states: name: panda_joint1, panda_joint2, ", lambda: joints(name=[f"a{name}" for name in NAMES]))
     over = JointState(name=NAMES, position=[99.0] * 7)
     reported("goal: position: is out of the limits of 'panda_joint1': 99", lambda: world.goal.publish(over))
     reported(
@@ -339,9 +333,7 @@ def test_behind_a_shield_the_robot_follows_what_is_proposed(world, folder):
         try:
             world.wait(lambda: "ready" in (folder / "shield.log").read_text(), "ready", FIRST)
             world.hears("standing: nothing was proposed")
-            turning = JointTrajectory(
-                joint_names=NAMES, points=[JointTrajectoryPoint(velocities=[-0.3] + 6 * [0.0])]
-            )
+            turning = JointTrajectory(joint_names=NAMES, points=[JointTrajectoryPoint(velocities=[-0.3] + 6 * [0.0])])
             before, goal = world.q, world.q + np.array([-0.3, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0])
             world.wait(lambda: proposals.publish(turning) or world.q[0] < before[0] - 0.05, "no motion")
             world.wait(lambda: not world.qd.any(), "no stop after the last velocity")
@@ -361,9 +353,7 @@ def test_behind_a_shield_the_robot_follows_what_is_proposed(world, folder):
 def test_the_robot_of_a_topic(world, folder):
     text = (Path(__file__).parents[2] / "data" / "gripper_arm.urdf").read_text()
     scenario = folder / "arm.yaml"
-    scenario.write_text(
-        f"robot: {{urdf: {folder / 'none.urdf'}}}\nstart: [0.0]\ngoal: {{configuration: [0.0]}}\n"
-    )
+    scenario.write_text(f"robot: {{urdf: {folder / 'none.urdf'}}}\nstart: [0.0]\ngoal: {{configuration: [0.0]}}\n")
     (folder / "none.urdf").write_text("<robot name='none'/>")
     quality = rclpy.qos.QoSProfile(depth=1, durability=rclpy.qos.DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = world.node.create_publisher(String, "/robot_description", quality)
@@ -371,13 +361,7 @@ def test_the_robot_of_a_topic(world, folder):
         publisher.publish(String(data=described))
         with (folder / "described.log").open("w") as log:
             node = start_node(
-                str(scenario),
-                "--robot-description",
-                "/robot_description",
-                "--ros-args",
-                "-r",
-                "__ns:=/b",
-                log=log,
+                str(scenario), "--robot-description", "/robot_description", "--ros-args", "-r", "__ns:=/b", log=log
             )
             assert node.wait(PATIENCE) == 2
         error = (folder / "described.log").read_text().strip()
@@ -397,9 +381,7 @@ STATE = {"q": [0.5] * 7, "state": "braking", "reason": "why", "distance": 0.5, "
         (
             messages.JOINT_TRAJECTORY,
             JointTrajectory,
-            messages.joint_trajectory(
-                7, NAMES, [0.0, 0.25], positions=[START, GOAL], velocities=[START, GOAL]
-            ),
+            messages.joint_trajectory(7, NAMES, [0.0, 0.25], positions=[START, GOAL], velocities=[START, GOAL]),
         ),
         (messages.MARKERS, MarkerArray, messages.people_markers(9, "map", {"anna": {"head": [1, 2, 3]}})),
         (messages.DIAGNOSTICS, DiagnosticArray, messages.diagnostics(9, "panda", STATE)),
@@ -408,9 +390,7 @@ STATE = {"q": [0.5] * 7, "state": "braking", "reason": "why", "distance": 0.5, "
 def test_bytes_are_those_of_ros(kind, cls, content):
     data = messages.encoded(kind, content)
     message = deserialize_message(data, cls)
-    back = serialize_message(message)[
-        : len(data)
-    ]  # bytes after and between fields are whatever was there before
+    back = serialize_message(message)[: len(data)]  # bytes after and between fields are whatever was there before
     assert deserialize_message(back, cls) == message
     assert repr(messages.decoded(kind, back)) == repr(messages.decoded(kind, data))
     assert message != cls()
@@ -439,9 +419,7 @@ class Done:
 
 def test_whole_trajectories_are_sent_to_an_action(monkeypatch):
     monkeypatch.setitem(sys.modules, "control_msgs", None)
-    with pytest.raises(
-        InputError, match=r"--follow: needs control_msgs \(.*\): install ros-\$ROS_DISTRO-control"
-    ):
+    with pytest.raises(InputError, match=r"--follow: needs control_msgs \(.*\): install ros-\$ROS_DISTRO-control"):
         TrajectoryAction(None, "/arm")
 
     said, sent, cancelled = [], [], []

@@ -11,9 +11,7 @@ from safe_ompl.paths.measures import Curve, divided, refined, with_way_points
 
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
 # between two points is arcosh(1 + distance²/(2 y₁ y₂)) (Poincaré).
-HYPERBOLIC = Density(
-    lambda Q: 1 / Q[:, 1] - 1, lambda Q: np.stack([np.zeros(len(Q)), -1 / Q[:, 1] ** 2], axis=1)
-)
+HYPERBOLIC = Density(lambda Q: 1 / Q[:, 1] - 1, lambda Q: np.stack([np.zeros(len(Q)), -1 / Q[:, 1] ** 2], axis=1))
 
 
 class Fixed:
@@ -119,9 +117,7 @@ def test_it_solves_what_the_whole_matrix_solves(rng, count, n):
     whole += max(0.0, 1.0 - np.linalg.eigvalsh(whole).min()) * np.eye(count * n)
     blocks = np.array([whole[k * n : (k + 1) * n, k * n : (k + 1) * n] for k in range(count)])
     right = rng.normal(size=count * n)
-    np.testing.assert_allclose(
-        solved(factored(blocks, beside), right), np.linalg.solve(whole, right), atol=1e-10
-    )
+    np.testing.assert_allclose(solved(factored(blocks, beside), right), np.linalg.solve(whole, right), atol=1e-10)
 
 
 # -------------------------------------------------------------------------------------------- rounds of the descent

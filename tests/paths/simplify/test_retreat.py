@@ -21,10 +21,7 @@ def setup(panda):
     """Return a problem with a can between the fingers, its axis across the hand."""
     tip = panda.tip_pose(GRASP)
     across = tip.rotation @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
-    pose = Pose(
-        tuple(tip.translation + 0.01 * tip.rotation[:, 2]),
-        tuple(pin.Quaternion(across).normalized().coeffs()),
-    )
+    pose = Pose(tuple(tip.translation + 0.01 * tip.rotation[:, 2]), tuple(pin.Quaternion(across).normalized().coeffs()))
     handler = ou.getOutputHandler()
     ou.noOutputHandler()
     setup = SafeSetup(panda, Scene((Obstacle("can", Cylinder(0.025, 0.12), pose, weight=1.0),), spacing=0.04))
@@ -56,9 +53,7 @@ def test_the_way_out_of_a_grasp(setup, panda, nearness):
 
 
 def test_far_from_obstacles_there_is_nothing_to_leave(setup, panda, nearness):
-    np.testing.assert_array_equal(
-        retreat(START, nearness, setup.field, FeasibleSet(panda), lambda: False), [START]
-    )
+    np.testing.assert_array_equal(retreat(START, nearness, setup.field, FeasibleSet(panda), lambda: False), [START])
 
 
 def test_where_no_way_leads_out_there_is_none(setup, nearness):
@@ -96,9 +91,7 @@ def test_where_no_joint_changes_what_is_near_there_is_no_way_out():
     stretched, field = np.zeros(2), DangerField(robot, [[1.3, 0.0, 0.0]])
     assert nearness.near(stretched[None])
     assert not field.gradient(stretched).any()
-    np.testing.assert_array_equal(
-        retreat(stretched, nearness, field, FeasibleSet(robot), lambda: False), [stretched]
-    )
+    np.testing.assert_array_equal(retreat(stretched, nearness, field, FeasibleSet(robot), lambda: False), [stretched])
 
 
 def test_a_path_back_to_where_it_began_does_not_depart(setup):

@@ -145,9 +145,7 @@ def test_paths_begun_together_become_what_each_becomes_alone(shelf):
     for run in together:
         run.improve()
     for run, path in zip(together, paths, strict=True):
-        np.testing.assert_array_equal(
-            run.best, Simplifier(checker, field, clearance=0.3).simplify(path, never)
-        )
+        np.testing.assert_array_equal(run.best, Simplifier(checker, field, clearance=0.3).simplify(path, never))
 
 
 # ------------------------------------------------------------------------------------------------- continuous joints

@@ -46,9 +46,7 @@ def simplified(setup, raw):
     found = []
     for path in raw:
         steps = []
-        better = simplify(
-            setup, path, time=20.0, on_better=lambda p, cost, steps=steps: steps.append((p, cost))
-        )
+        better = simplify(setup, path, time=20.0, on_better=lambda p, cost, steps=steps: steps.append((p, cost)))
         found.append((path, better, steps))
     return found
 
@@ -88,9 +86,7 @@ def test_every_path_on_the_way_is_proven_cheaper_than_the_given_one_and_short_en
 def test_without_nearness_the_cost_falls_at_every_step(setup, raw):
     for path in raw:
         costs = []
-        simplify(
-            setup, path, time=20.0, clearance=0.0, exponent=1.0, on_better=lambda p, c, to=costs: to.append(c)
-        )
+        simplify(setup, path, time=20.0, clearance=0.0, exponent=1.0, on_better=lambda p, c, to=costs: to.append(c))
         assert (np.diff(costs) <= 1e-9).all()
 
 
@@ -150,9 +146,7 @@ def test_interrupted_the_best_path_so_far_stands(setup, raw, after):
 def test_the_length_factor(setup, raw):
     for factor in (1.0, 3.0):
         steps = []
-        simplify(
-            setup, raw[1], time=20.0, length_factor=factor, on_better=lambda p, c, to=steps: to.append(p)
-        )
+        simplify(setup, raw[1], time=20.0, length_factor=factor, on_better=lambda p, c, to=steps: to.append(p))
         assert max(map(length, steps)) <= factor * length(raw[1]) + 1e-9
 
 

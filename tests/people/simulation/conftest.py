@@ -7,11 +7,7 @@ from safe_ompl.people import TrackedBody, find_skeleton
 from safe_ompl.people.replanning import ReplanningOptions
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
-WAYS = [
-    [-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785],
-    [0.0, -0.4, 0, -2.0, 0, 2.0, 0.785],
-    [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785],
-]
+WAYS = [[-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785], [0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785]]
 ONLY = ("head", "torso", "shoulders", "right_upper_arm", "right_forearm", "right_hand")
 
 

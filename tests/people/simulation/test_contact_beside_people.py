@@ -70,14 +70,10 @@ def test_touches_are_borne_and_there_are_some(panda, table, to_and_fro):
     assert max(touch.speed for touch in found) > 0.05
 
 
-def test_what_contact_allows_is_only_asked_near_people_and_once_for_each_cell(
-    panda, table, to_and_fro, monkeypatch
-):
+def test_what_contact_allows_is_only_asked_near_people_and_once_for_each_cell(panda, table, to_and_fro, monkeypatch):
     replanner, tracker = replanner_beside(panda, table, TrackedBody(1.75, ARM), contact=True)
     cells_asked, speeds = [], replanner.contact.speeds
-    monkeypatch.setattr(
-        replanner.contact, "speeds", lambda Q, *rest: cells_asked.append(len(Q)) or speeds(Q, *rest)
-    )
+    monkeypatch.setattr(replanner.contact, "speeds", lambda Q, *rest: cells_asked.append(len(Q)) or speeds(Q, *rest))
     replanner.start(to_and_fro(replanner)[0])
     replanner.update({"anna": keypoints(np.array([4.0, 0.0, -0.9]), tracker.skeleton)}, {}, 0.0)
     command = replanner.command(0.02)
@@ -89,9 +85,7 @@ def test_what_contact_allows_is_only_asked_near_people_and_once_for_each_cell(
     slow = path.slowed(0.5 * np.sqrt(path.squares), path.brakes)
     np.testing.assert_array_equal(slow.squares, 0.25 * path.squares)
     cells = replanner._last.motion.cells
-    for ours, theirs in zip(
-        slow._borne(replanner.contact, cells), path._borne(replanner.contact, cells), strict=True
-    ):
+    for ours, theirs in zip(slow._borne(replanner.contact, cells), path._borne(replanner.contact, cells), strict=True):
         np.testing.assert_array_equal(ours[cells], theirs[cells])
     fresh = dataclasses.replace(path)._borne(replanner.contact, cells)
     np.testing.assert_array_equal(fresh[0][cells], slow._borne(replanner.contact, cells)[0][cells])

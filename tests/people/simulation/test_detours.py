@@ -71,9 +71,7 @@ def roadmap(replanner_for, to_and_fro, panda):
 
 
 def around(replanner, seen):
-    replanner.update(
-        *seen, replanner.surroundings.time + 1 if np.isfinite(replanner.surroundings.time) else 0.0
-    )
+    replanner.update(*seen, replanner.surroundings.time + 1 if np.isfinite(replanner.surroundings.time) else 0.0)
     return Around(replanner.surroundings.sets, 0.02)
 
 
@@ -146,9 +144,7 @@ def test_other_ways_keep_caps_of_tool_speed(replanner_for, to_and_fro, panda):
     reached = []
     for limit in (1.0, 10.0):
         replanner = replanner_for("ball", ball=0.1)
-        commands = driven(
-            replanner, slowed(replanner, to_and_fro, panda, tool_speed=limit), lambda t: BARRED, 25.0
-        )
+        commands = driven(replanner, slowed(replanner, to_and_fro, panda, tool_speed=limit), lambda t: BARRED, 25.0)
         assert commands[-1].doing is Doing.DONE
         assert len({id(command.path) for command in commands}) > 1
         reached.append(fastest(panda, commands, lambda q: panda.tip_pose(q).translation[None]))
@@ -164,9 +160,7 @@ def test_a_path_under_a_cap_of_link_speed_keeps_it_everywhere(panda, to_and_fro,
         step = 1e-5 * np.sqrt(square)
         moved = panda.keypoints(place.q[0] + step * place.slope[0]) - panda.keypoints(place.q[0])
         assert np.linalg.norm(moved, axis=1).max() <= 0.7 * 1e-5 * 1.001
-    assert (
-        path.squares.min() < GuardedPath.along(path.bodies, way.curve, PathLimits(way.limits)).squares.min()
-    )
+    assert path.squares.min() < GuardedPath.along(path.bodies, way.curve, PathLimits(way.limits)).squares.min()
 
 
 def test_other_limits_make_other_times_but_no_other_proofs(roadmap):
@@ -211,9 +205,7 @@ def test_a_new_trajectory_brings_its_limits(replanner_for, to_and_fro, panda):
     assert replanner.detours.limits.tool_speed == 1.0
 
 
-def test_no_other_way_is_taken_where_a_cap_holds_on_its_own_curve_only(
-    replanner_for, to_and_fro, panda, caplog
-):
+def test_no_other_way_is_taken_where_a_cap_holds_on_its_own_curve_only(replanner_for, to_and_fro, panda, caplog):
     replanner = replanner_for("ball", ball=0.1)
     slow = slowed(replanner, to_and_fro, panda, tool_speed=0.5)
     unknown = replace(slow, caps=tuple(replace(cap, limit=None) for cap in slow.caps))
@@ -248,9 +240,7 @@ def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro):
 def test_paths_are_cut_and_joined_as_they_were(panda):
     limits = RateLimits.of(panda, acceleration=10.0)
     bodies = RobotBodies(panda)
-    points = np.array(
-        [[0, 0, 0, -2.0, 0, 2, 0.7], [0.5, 0, 0, -2.0, 0, 2, 0.7], [0.5, 0.4, 0, -2.0, 0, 2, 0.7]]
-    )
+    points = np.array([[0, 0, 0, -2.0, 0, 2, 0.7], [0.5, 0, 0, -2.0, 0, 2, 0.7], [0.5, 0.4, 0, -2.0, 0, 2, 0.7]])
     path = GuardedPath.of(bodies, time_path(points, panda, limits))
     part = path.from_to(0.55, 0.8)
     np.testing.assert_allclose(

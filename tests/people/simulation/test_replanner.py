@@ -8,15 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import (
-    InputError,
-    People,
-    Pose,
-    RateLimits,
-    Replanner,
-    UnknownNameError,
-    time_path,
-)
+from safe_ompl import InputError, People, Pose, RateLimits, Replanner, UnknownNameError, time_path
 from safe_ompl.geometry import STANDING
 from safe_ompl.people.replanning import Doing, ReplanningOptions
 from safe_ompl.people.simulation import limb_solids
@@ -49,17 +41,13 @@ class World:
             for geometry, place in solids:
                 there = coal.Transform3s(place.rotation, place.translation)
                 result = coal.DistanceResult()
-                distance = coal.distance(
-                    part.geometry, where, geometry, there, coal.DistanceRequest(), result
-                )
+                distance = coal.distance(part.geometry, where, geometry, there, coal.DistanceRequest(), result)
                 if distance < best:
                     best, way = distance, result.getNearestPoint1() - result.getNearestPoint2()
         return best, way / max(np.linalg.norm(way), 1e-12)
 
 
-def attack(
-    replanner, trajectory, begin, place, measure, solids, speed, latency=0.02, step=0.005, think=False
-):
+def attack(replanner, trajectory, begin, place, measure, solids, speed, latency=0.02, step=0.005, think=False):
     """Let a body stand, and from an instant on run at the nearest link; return the least distance in motion."""
     world, place = World(replanner.robot), np.array(place, dtype=float)
     replanner.start(trajectory)
@@ -120,9 +108,7 @@ def test_a_ball_never_touches_a_robot_on_other_ways_under_caps(replanner_for, to
 def test_a_ball_that_is_faster_than_promised_can_win(replanner_for, to_and_fro):
     replanner = replanner_for("ball", ball=0.2)
     ways = to_and_fro(replanner)[0]
-    least = [
-        ball_attack(replanner_for("ball", ball=0.2), ways, t, (0.8, 0.2, 0.5), 4.0) for t in (0.3, 0.5, 0.7)
-    ]
+    least = [ball_attack(replanner_for("ball", ball=0.2), ways, t, (0.8, 0.2, 0.5), 4.0) for t in (0.3, 0.5, 0.7)]
     assert min(least) <= 0
 
 
@@ -232,9 +218,7 @@ def test_clearance_is_left(replanner_for, to_and_fro):
     distances = []
     for clearance in (0.0, 0.3):
         replanner = replanner_for("ball", ball=0.0, people=People(clearance=clearance))
-        commands = drive(
-            replanner, to_and_fro(replanner)[0], lambda t: ({}, {"ball": Pose((0.85, 0.0, 0.5))}), 3.0
-        )
+        commands = drive(replanner, to_and_fro(replanner)[0], lambda t: ({}, {"ball": Pose((0.85, 0.0, 0.5))}), 3.0)
         distances.append(commands[-1].doing)
     assert distances == [Doing.DONE, Doing.STANDING]
 

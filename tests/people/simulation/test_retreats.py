@@ -75,11 +75,7 @@ def test_what_is_touched_already_or_passed_a_corner_does_not_recede(panda, bodie
     path = GuardedPath.along(bodies, out, limits)
     inside = panda.tip_pose(q).translation - 0.02 * np.eye(3)[2]
     motion = path.motion_from(0.0, 0.0, 1.0, 0.1)
-    assert (
-        not Receding(path, motion.places[0], balls([inside]))
-        .along(motion)[bodies.links.index("panda_hand")]
-        .any()
-    )
+    assert not Receding(path, motion.places[0], balls([inside])).along(motion)[bodies.links.index("panda_hand")].any()
     both = path.then(GuardedPath.along(bodies, back, limits))
     corner = both.motion_from(path.length - 0.01, 0.0, 1.0, 0.3)
     assert corner.places[0] < path.length < corner.places[-1]

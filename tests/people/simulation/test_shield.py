@@ -8,16 +8,7 @@ import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
 
-from safe_ompl import (
-    CollisionChecker,
-    InputError,
-    Motion,
-    MotionProver,
-    People,
-    Pose,
-    RateLimits,
-    Shield,
-)
+from safe_ompl import CollisionChecker, InputError, Motion, MotionProver, People, Pose, RateLimits, Shield
 from safe_ompl.collision import Separation
 from safe_ompl.people.replanning import Doing, PathLimits, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor
@@ -110,9 +101,7 @@ def test_a_spline_is_driven_in_its_own_timing_to_its_end(shield_for):
 @pytest.mark.parametrize("rate", [50.0, 1000.0])
 def test_a_motion_begins_when_it_should(shield_for, rate):
     times = np.arange(int(2 * rate)) / rate
-    commands, states = drive(
-        shield_for(), once(Motion.hermite(times, swing(times)), 0.52), lambda t: FAR, 2.0
-    )
+    commands, states = drive(shield_for(), once(Motion.hermite(times, swing(times)), 0.52), lambda t: FAR, 2.0)
     np.testing.assert_allclose(states[:, 0], swing(np.arange(200) * 0.01 - 0.5), atol=1e-3)
     assert max(command.delay for command in commands) < 1e-9
 
@@ -140,9 +129,7 @@ def wild(seed):
     def propose(shield, time, here):
         kind, way = rng.integers(7), rng.normal(size=7)
         if kind < 3:
-            bends = np.cumsum(
-                np.cumsum(rng.normal(scale=[0.002, 0.01, 0.05][kind], size=(10, 7)), axis=0), axis=0
-            )
+            bends = np.cumsum(np.cumsum(rng.normal(scale=[0.002, 0.01, 0.05][kind], size=(10, 7)), axis=0), axis=0)
             shield.propose(here + bends, RATE * rng.uniform(0.5, 3.0))
         elif kind == 3:
             shield.propose_velocity(way)
@@ -244,8 +231,7 @@ def test_a_chunk_that_cannot_be_used_ends_in_the_proven_stop(shield_for, kind):
 
 
 @pytest.mark.parametrize(
-    ("way", "reason"),
-    [(np.eye(7)[3], "joint 'panda_joint4' leaves its limits"), (np.eye(7)[1], "panda_.* and table")],
+    ("way", "reason"), [(np.eye(7)[3], "joint 'panda_joint4' leaves its limits"), (np.eye(7)[1], "panda_.* and table")]
 )
 def test_it_stops_on_the_path_before_what_stands_still(shield_for, panda, table, way, reason):
     shield, checker = shield_for(), CollisionChecker(panda, table.without("ball"))
@@ -297,9 +283,7 @@ def test_a_shield_that_is_silent_for_some_ticks_ends_in_the_stop_and_touches_nob
             state, towards = command.at(t), np.array([0.3, 0.0, 0.6]) - place
             near = np.linalg.norm(towards)
             # It runs at the robot as fast as it may while the shield is silent, and else goes away.
-            place = place + 0.016 * (
-                towards / near if silent and near > 0.02 else (near < 0.8) * -towards / near
-            )
+            place = place + 0.016 * (towards / near if silent and near > 0.02 else (near < 0.8) * -towards / near)
             moving = bool(np.abs(state.qd).max() > 1e-9)
             moved, stood = moved + moving, stood + (not moving and t > command.standstill)
             solids = [Solid("ball", "", coal.Sphere(0.1), pin.SE3(np.eye(3), place))]

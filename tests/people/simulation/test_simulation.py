@@ -254,9 +254,7 @@ def test_the_command_refuses_in_one_line(clips, tmp_path, capsys, change, messag
 
 
 def test_the_recorded_person_stands_where_the_scenario_has_somebody(clips, tmp_path):
-    assert (
-        main(["live", "panda_shelf", "--people", str(clips), "--seconds", "0.1", "--out", str(tmp_path)]) == 0
-    )
+    assert main(["live", "panda_shelf", "--people", str(clips), "--seconds", "0.1", "--out", str(tmp_path)]) == 0
     _, ticks = read_ticks(tmp_path / "ticks.jsonl")
     hips = ticks[0]["people"]["operator"]
     middle = 0.5 * (np.array(hips["left_hip"]) + np.array(hips["right_hip"]))

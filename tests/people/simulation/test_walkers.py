@@ -53,9 +53,7 @@ def test_limbs_keep_their_lengths():
     arm = [index(f"left_{name}") for name in ("shoulder", "elbow", "wrist", "hand")]
     standing = 1.6 * np.linalg.norm(np.diff(np.array(list(STANDING.values()))[arm], axis=0), axis=1)
     for k in range(100):  # at its steps; in between it goes straight on
-        np.testing.assert_allclose(
-            np.linalg.norm(np.diff(one.at(0.02 * k)[arm], axis=0), axis=1), standing, rtol=1e-6
-        )
+        np.testing.assert_allclose(np.linalg.norm(np.diff(one.at(0.02 * k)[arm], axis=0), axis=1), standing, rtol=1e-6)
 
 
 def test_a_seed_is_one_walk_and_the_past_may_be_asked_for():

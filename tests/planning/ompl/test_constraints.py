@@ -20,12 +20,7 @@ from safe_ompl.common import UnknownNameError
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle, Pose, Sphere
 from safe_ompl.paths import ConfigurationCheck
-from safe_ompl.planning.ompl import (
-    SampledValidity,
-    ScratchState,
-    StateBridge,
-    joint_space,
-)
+from safe_ompl.planning.ompl import SampledValidity, ScratchState, StateBridge, joint_space
 from safe_ompl.scene import Scene
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])

@@ -56,10 +56,7 @@ def test_beside_people_it_takes_longer_and_the_heuristic_stays_below(made, edge)
     a, b = map(state, edge)
     assert beside.motionCost(a, b).value() >= alone.motionCost(a, b).value()
     assert beside.motionCostHeuristic(a, b).value() <= beside.motionCost(a, b).value()
-    assert (
-        beside.motionCost(*map(state, EDGES[1])).value()
-        > 1.5 * alone.motionCost(*map(state, EDGES[1])).value()
-    )
+    assert beside.motionCost(*map(state, EDGES[1])).value() > 1.5 * alone.motionCost(*map(state, EDGES[1])).value()
 
 
 def test_the_integral_is_as_exact_as_it_says(made, panda):

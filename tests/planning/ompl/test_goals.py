@@ -202,9 +202,7 @@ def test_out_of_reach_planners_stop_in_time(setup, ticks, planner, status):
 
 @pytest.mark.parametrize("position", [[2.0, 0.0, 0.5], [0.0, 0.0, -1.2], [0.4, 550.0, 0.3]])
 def test_a_place_beyond_the_proven_reach_is_refused_at_once(setup, position):
-    with pytest.raises(
-        InputError, match=r"out of reach: it is .* m from .* never more than 1.24 m from there"
-    ):
+    with pytest.raises(InputError, match=r"out of reach: it is .* m from .* never more than 1.24 m from there"):
         setup.setWorkspaceGoal(position)
 
 
@@ -227,8 +225,7 @@ def test_planners_say_how_near_the_tip_came(setup, caplog):
     assert not setup.plan("SafeRRTConnect", time=0.3)
     (said,) = [record.message for record in caplog.records if "inverse kinematics" in record.message]
     tries, off, turn = re.match(
-        r"(\d+) searches .* found no valid .* within (\d+) mm and ([0-9.]+) deg of the goal at best; its reach",
-        said,
+        r"(\d+) searches .* found no valid .* within (\d+) mm and ([0-9.]+) deg of the goal at best; its reach", said
     ).groups()
     assert int(tries) >= 16
     centre, radius = tip_reach(setup.robot)
@@ -240,9 +237,7 @@ def test_planners_say_that_every_configuration_at_the_place_is_refused(setup, ca
     setup.setWorkspaceGoal([0.5, 0.0, 0.55])  # inside the ball
     assert not setup.plan("SafeRRTConnect", time=0.3)
     (said,) = [record.message for record in caplog.records if "inverse kinematics" in record.message]
-    assert re.search(
-        r"\d+ brought the tip .* all are refused; the last one is in collision: .* touches 'ball'", said
-    )
+    assert re.search(r"\d+ brought the tip .* all are refused; the last one is in collision: .* touches 'ball'", said)
 
 
 def test_nothing_is_said_of_a_place_that_is_reached(setup, caplog):
@@ -302,8 +297,6 @@ for position in ([0.35, -0.45, 0.35], [1.1, 0.0, 0.5]):
     for planner in ("SafeRRTConnect", "SafeJTRRT", "RRTConnect", "RRT"):
         setup.plan(planner, time=0.2)
 """
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
-    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
     assert run.returncode == 0, run.stderr
     assert "leaked" not in run.stderr

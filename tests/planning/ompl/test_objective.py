@@ -8,15 +8,7 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl import (
-    DangerField,
-    DangerObjective,
-    InputError,
-    Pose,
-    Scenario,
-    Scene,
-    make_planner,
-)
+from safe_ompl import DangerField, DangerObjective, InputError, Pose, Scenario, Scene, make_planner
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import ScratchState, StateBridge, StateCost, joint_space
 from safe_ompl.scene import find_scenario
@@ -82,9 +74,7 @@ def test_a_motion_that_is_asked_for_again_costs_no_evaluation_until_the_points_m
     field = DangerField.of_scene(robot, scene)
     objective = DangerObjective(si, field)
     first, second = ScratchState(bridge), ScratchState(bridge)
-    ends = [
-        scratch.set(q) for scratch, q in zip((first, second), rng.uniform(-1, 1, (2, bridge.n)), strict=True)
-    ]
+    ends = [scratch.set(q) for scratch, q in zip((first, second), rng.uniform(-1, 1, (2, bridge.n)), strict=True)]
     cost = objective.motionCost(*ends).value()
     before = field.counts.field_configurations
     assert objective.motionCost(*reversed(ends)).value() == cost
@@ -99,9 +89,7 @@ def test_danger_points_that_depend_on_the_configuration_are_integrated_too(setti
     si, field, bridge = setting
     objective = DangerObjective(si, DangerField(field.robot, lambda q: points))
     first, second = ScratchState(bridge), ScratchState(bridge)
-    ends = [
-        scratch.set(q) for scratch, q in zip((first, second), rng.uniform(-1, 1, (2, bridge.n)), strict=True)
-    ]
+    ends = [scratch.set(q) for scratch, q in zip((first, second), rng.uniform(-1, 1, (2, bridge.n)), strict=True)]
     expected = DangerObjective(si, field).motionCost(*ends).value()
     assert objective.motionCost(*ends).value() == pytest.approx(expected, rel=0.01)
 
@@ -113,9 +101,7 @@ def test_ompl_sums_it_over_a_path(setting, rng):
     for q in corners:
         path.append(scratch.set(q))
     first, second = ScratchState(bridge), ScratchState(bridge)
-    expected = sum(
-        objective.motionCost(first.set(q1), second.set(q2)).value() for q1, q2 in pairwise(corners)
-    )
+    expected = sum(objective.motionCost(first.set(q1), second.set(q2)).value() for q1, q2 in pairwise(corners))
     assert path.cost(objective).value() == pytest.approx(expected)
 
 
@@ -160,9 +146,7 @@ def test_no_configuration_is_less_dangerous_than_the_proven_minimum(setting, rng
     assert 0.3 * dangers.min() < field.minimum <= dangers.min()
 
 
-@pytest.mark.parametrize(
-    "options", [{"weighting": "length"}, {"aggregate": "mean"}, {"aggregate": "softmax"}]
-)
+@pytest.mark.parametrize("options", [{"weighting": "length"}, {"aggregate": "mean"}, {"aggregate": "softmax"}])
 def test_the_minimum_holds_for_other_fields_too(ur5, points, rng, options):
     field = DangerField(ur5, points, **options)
     assert 0 < field.minimum <= field.values(rng.uniform(ur5.lower, ur5.upper, (1000, 6))).min()

@@ -12,10 +12,7 @@ from safe_ompl import Box, GoalRegion, InputError, Obstacle, Pose, RegionGoal, S
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 SHELF = GoalRegion(Pose((0.4, -0.4, 0.35)), x=(-0.1, 0.1), y=(-0.1, 0.1), z=(0.0, 0.1))
 RING = GoalRegion(  # about a pole, the hand downwards but for 0.3 rad
-    Pose.from_rpy((0.45, -0.35, 0.3), (np.pi, 0.0, 0.0)),
-    radius=(0.08, 0.12),
-    roll=(-0.3, 0.3),
-    pitch=(-0.3, 0.3),
+    Pose.from_rpy((0.45, -0.35, 0.3), (np.pi, 0.0, 0.0)), radius=(0.08, 0.12), roll=(-0.3, 0.3), pitch=(-0.3, 0.3)
 )
 REGIONS = [pytest.param(SHELF, id="shelf"), pytest.param(RING, id="ring")]
 

@@ -191,9 +191,7 @@ class OtherBuffer:
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
 @pytest.mark.parametrize("elsewhere", [False, True])
-def test_without_the_buffer_states_are_read_all_the_same(
-    robot_named, rng, monkeypatch, caplog, name, elsewhere
-):
+def test_without_the_buffer_states_are_read_all_the_same(robot_named, rng, monkeypatch, caplog, name, elsewhere):
     robot = robot_named(name)
     space = joint_space(robot)
     usual, other = StateBridge(space), np.zeros(robot.n)

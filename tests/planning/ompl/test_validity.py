@@ -44,11 +44,7 @@ def test_valid_is_free_of_collision(setting, plain_check, clutter, rng):
 
 def free_configuration(setting, rng):
     robot = setting.checker.robot
-    return next(
-        q
-        for q in rng.uniform(robot.lower, robot.upper, (500, robot.n))
-        if not setting.checker.in_collision(q)
-    )
+    return next(q for q in rng.uniform(robot.lower, robot.upper, (500, robot.n)) if not setting.checker.in_collision(q))
 
 
 def test_not_a_number_is_never_valid(setting, rng):

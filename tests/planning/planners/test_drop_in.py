@@ -88,9 +88,7 @@ def test_a_point_that_keeps_clear_of_a_disc(kind):
         found = []
         for seed in range(15):
             setup = point_setup()
-            objective = StateCosts(
-                setup.getSpaceInformation(), lambda state: 1 / max(disc_clearance(state), 1e-3)
-            )
+            objective = StateCosts(setup.getSpaceInformation(), lambda state: 1 / max(disc_clearance(state), 1e-3))
             if danger:
                 setup.setOptimizationObjective(objective)
             planner = kind(setup.getSpaceInformation(), alpha=5.0)
@@ -119,9 +117,7 @@ def chain_is_free(points):
     walls = [((0.35, 0.12), (1.0, 0.4)), ((0.35, -0.12), (1.0, -0.4))]
     links = list(pairwise(points.tolist()))
     for k, link in enumerate(links):
-        if any(crosses(link, wall) for wall in walls) or any(
-            crosses(link, other) for other in links[k + 2 :]
-        ):
+        if any(crosses(link, wall) for wall in walls) or any(crosses(link, other) for other in links[k + 2 :]):
             return False
     return True
 

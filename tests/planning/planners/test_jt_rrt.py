@@ -108,9 +108,7 @@ def test_with_nothing_in_the_way_the_tip_goes_straight(panda, far_ball):
 
 
 def test_steps_are_no_longer_than_asked(setup, ur5):
-    path = setup.plan(
-        "SafeJTRRT", parameters={"goal_bias": 1.0, "step": 0.07, "range": 0.2, "slide": 0.0}
-    ).path
+    path = setup.plan("SafeJTRRT", parameters={"goal_bias": 1.0, "step": 0.07, "range": 0.2, "slide": 0.0}).path
     lengths = [np.linalg.norm(b - a) for a, b in pairwise(path)]
     assert max(lengths) <= 0.2 + 1e-9
     assert sum(length <= 0.07 + 1e-9 for length in lengths) > 5
@@ -141,8 +139,7 @@ def test_null_space_motion_makes_the_way_safer(panda, far_ball):
     setup = panda_setup(panda, far_ball)
     only_goal = {"goal_bias": 1.0}
     safe, plain = (
-        setup.plan("SafeJTRRT", parameters={**only_goal, "null_space_gain": k1}).report.danger
-        for k1 in (1.0, 0.0)
+        setup.plan("SafeJTRRT", parameters={**only_goal, "null_space_gain": k1}).report.danger for k1 in (1.0, 0.0)
     )
     assert safe.mean < plain.mean
     assert safe.profile[-1] < 0.98 * plain.profile[-1]
@@ -171,10 +168,7 @@ def test_the_classical_step_follows_the_transpose(setup, ur5):
     path = setup.plan("ClassicJTRRT", parameters={"goal_bias": 1.0, "step": 0.05}).path
     place = setup.getGoal().place
     straight = [
-        (b - a)
-        @ (pull := place.jacobian(a).T @ place.error(a))
-        / np.linalg.norm(b - a)
-        / np.linalg.norm(pull)
+        (b - a) @ (pull := place.jacobian(a).T @ place.error(a)) / np.linalg.norm(b - a) / np.linalg.norm(pull)
         for a, b in pairwise(path)
         if np.linalg.norm(b - a) <= 0.05 + 1e-9
     ]
@@ -185,10 +179,7 @@ def test_the_classical_step_follows_the_transpose(setup, ur5):
 def test_no_node_is_as_dangerous_as_the_threshold(setup):
     """With danger out of the choice of nodes, so that only the threshold can keep the arm from it."""
     plain = {"alpha": 0.0, "null_space_gain": 0.0, "transpose": True}
-    peak = max(
-        setup.field.values(setup.plan("SafeJTRRT", seed=seed, parameters=plain).path).max()
-        for seed in range(5)
-    )
+    peak = max(setup.field.values(setup.plan("SafeJTRRT", seed=seed, parameters=plain).path).max() for seed in range(5))
     threshold = 0.5 * (setup.field.value(START) + peak)
     assert peak > 1.05 * threshold
     for seed in range(5):

@@ -258,9 +258,7 @@ def test_the_metric_of_the_link_ends_is_equation_11(robot_named, rng, name):
     metric = LinkMetric(robot)
     places = metric.places(Q)
     expected = [
-        sum(
-            np.linalg.norm(a - b) ** 2 for a, b in zip(robot.keypoints(q), robot.keypoints(Q[3]), strict=True)
-        )
+        sum(np.linalg.norm(a - b) ** 2 for a, b in zip(robot.keypoints(q), robot.keypoints(Q[3]), strict=True))
         for q in Q
     ]
     np.testing.assert_allclose(metric.distances(places, places[3]), expected, atol=1e-12)

@@ -95,8 +95,7 @@ def test_booleans_are_taken(si, name, key, value):
 
 
 @pytest.mark.parametrize(
-    ("text", "value"),
-    [("yes", True), ("On", True), ("true", True), ("no", False), ("OFF", False), ("false", False)],
+    ("text", "value"), [("yes", True), ("On", True), ("true", True), ("no", False), ("OFF", False), ("false", False)]
 )
 def test_the_command_line_reads_booleans(text, value):
     assert parameter(f"transpose={text}") == ("transpose", value)

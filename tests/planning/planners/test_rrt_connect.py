@@ -6,15 +6,7 @@ from functools import partial
 
 import numpy as np
 from ompl import tools as ot
-from plane import (
-    EXACT,
-    TIMEOUT,
-    HotSpot,
-    PlaneProblem,
-    SlopedHotSpot,
-    Stop,
-    wall_with_a_gap,
-)
+from plane import EXACT, TIMEOUT, HotSpot, PlaneProblem, SlopedHotSpot, Stop, wall_with_a_gap
 
 from safe_ompl import SafeRRTConnect, SafeSetup, Scenario
 from safe_ompl.planning import setup_scenario
@@ -36,11 +28,7 @@ def test_small_steps_heed_the_termination_condition():
 def test_clear_keeps_the_parameters():
     task = Problem(alpha=0.25, range=0.3, nearest_fraction=0.5)
     task.planner.clear()
-    assert (task.planner.getAlpha(), task.planner.getRange(), task.planner.getNearestFraction()) == (
-        0.25,
-        0.3,
-        0.5,
-    )
+    assert (task.planner.getAlpha(), task.planner.getRange(), task.planner.getNearestFraction()) == (0.25, 0.3, 0.5)
 
 
 def test_another_objective_is_noticed():
@@ -114,8 +102,7 @@ def avoidable_danger(setup, seed, **options):
 def test_the_threshold_keeps_the_peak_of_the_danger_low():
     setup = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
     with_it, without = (
-        np.mean([avoidable_danger(setup, seed, threshold_rise=rise) for seed in range(5)])
-        for rise in (0.05, 0.0)
+        np.mean([avoidable_danger(setup, seed, threshold_rise=rise) for seed in range(5)]) for rise in (0.05, 0.0)
     )
     assert with_it < 0.5 * without
 

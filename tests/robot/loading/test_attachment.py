@@ -35,9 +35,7 @@ def test_an_object_is_checked_against_all_links_but_those_rigidly_connected(pand
 
 
 def test_links_that_it_may_touch(panda):
-    robot = panda.with_attached(
-        "rod", Cylinder(0.03, 0.3), "panda_hand", touch_links=("panda_link6", "panda_link5")
-    )
+    robot = panda.with_attached("rod", Cylinder(0.03, 0.3), "panda_hand", touch_links=("panda_link6", "panda_link5"))
     pairs = {pair for pair in CollisionChecker(robot, Scene()).pair_names if "rod" in pair}
     assert pairs == {(f"panda_link{k}", "rod") for k in range(5)}
 

@@ -40,11 +40,7 @@ def build(data_folder, tmp_path):
 
 @pytest.mark.parametrize(
     ("group", "joints", "tip"),
-    [
-        ("left_arm", LEFT, "left_hand"),
-        ("right_arm", RIGHT, "right_hand"),
-        ("both", LEFT + RIGHT, "right_hand"),
-    ],
+    [("left_arm", LEFT, "left_hand"), ("right_arm", RIGHT, "right_hand"), ("both", LEFT + RIGHT, "right_hand")],
 )
 def test_a_group_chooses_the_joints(build, group, joints, tip):
     robot = build(group=group)
@@ -65,9 +61,7 @@ def test_the_other_arm_is_held_and_a_warning_says_where(build, caplog):
     with caplog.at_level(logging.WARNING):
         robot = build(tip="left_hand")
     assert robot.joint_names == ("lift", *LEFT)
-    assert (
-        "held, as not moving 'left_hand': right_shoulder = 0, right_slide = 0, right_turn = 0" in caplog.text
-    )
+    assert "held, as not moving 'left_hand': right_shoulder = 0, right_slide = 0, right_turn = 0" in caplog.text
 
 
 def test_a_state_is_the_posture_of_what_is_held(build, caplog):

@@ -40,9 +40,7 @@ WALL = Scene((Obstacle("wall", Box((0.02, 0.5, 0.5)), Pose((0.6, 0.0, 0.0))),))
 
 
 def test_a_robot_of_visuals_alone_is_refused(file):
-    with pytest.raises(
-        InputError, match=r"arm.urdf: no moving link has a collision shape.*collision='visual'"
-    ):
+    with pytest.raises(InputError, match=r"arm.urdf: no moving link has a collision shape.*collision='visual'"):
         Robot.from_urdf(arm(file, VISUAL, VISUAL))
 
 
@@ -125,9 +123,7 @@ def test_unknown_choice(file):
 
 
 def test_a_capsule_is_read_with_all_other_shapes_of_its_link(file):
-    capsule = collision(
-        '<capsule radius="0.05" length="0.3"/>', '<origin xyz="0.2 0 0" rpy="0 1.5707963 0"/>'
-    )
+    capsule = collision('<capsule radius="0.05" length="0.3"/>', '<origin xyz="0.2 0 0" rpy="0 1.5707963 0"/>')
     robot = Robot.from_urdf(arm(file, COLLISION, COLLISION + capsule))
     bodies = {body.name: body.geometry for body in robot.collision_model.geometryObjects}
     assert set(bodies) == {"upper_0", "lower_0", "lower_1"}
@@ -154,19 +150,13 @@ def test_what_the_parser_drops_for_other_reasons_is_refused(file):
     ("element", "message"),
     [
         (collision('<sphere radius="-0.1"/>'), "the radius of its sphere is '-0.1'; it must be > 0"),
-        (
-            collision('<cylinder radius="0.1" length="0"/>'),
-            "the length of its cylinder is '0'; it must be > 0",
-        ),
+        (collision('<cylinder radius="0.1" length="0"/>'), "the length of its cylinder is '0'; it must be > 0"),
         (collision('<capsule radius="0" length="0.1"/>'), "the radius of its capsule is '0'"),
         (collision('<box size="0.1 0 0.1"/>'), "the size of its box is '0.1 0 0.1'"),
         (collision('<box size="0.1 nan 0.1"/>'), "box: size='0.1 nan 0.1' must be 3 finite numbers"),
         (collision('<box size="0.1 0.1"/>'), "box: size='0.1 0.1' must be 3 finite numbers"),
         (collision("<sphere/>"), "sphere: radius='' must be a finite number"),
-        (
-            collision('<ellipsoid radii="1 1 1"/>'),
-            "<ellipsoid> cannot be read; use box, sphere, cylinder, capsule",
-        ),
+        (collision('<ellipsoid radii="1 1 1"/>'), "<ellipsoid> cannot be read; use box, sphere, cylinder, capsule"),
         (collision('<mesh filename="a.obj" scale="1 0 1"/>'), "the scale '1 0 1' makes the mesh flat"),
         (collision(BOX, '<origin xyz="nan 0 0"/>'), "origin: xyz='nan 0 0' must be 3 finite numbers"),
         (collision(BOX, '<origin rpy="0 inf 0"/>'), "origin: rpy='0 inf 0' must be"),

@@ -96,9 +96,7 @@ def test_motions_with_a_base_pose(panda, clutter, plain_check, rng):
 def test_pictures_have_the_base_where_it_is(panda):
     placed = panda.with_base(BASE)
     first, old = (robot.visual_model.geometryObjects[0] for robot in (placed, panda))
-    np.testing.assert_allclose(
-        first.placement.homogeneous, (BASE.se3 * old.placement).homogeneous, atol=1e-12
-    )
+    np.testing.assert_allclose(first.placement.homogeneous, (BASE.se3 * old.placement).homogeneous, atol=1e-12)
 
 
 # ---------------------------------------------------------------------------------------------------- mobile base
@@ -134,8 +132,7 @@ def test_bodies_of_the_base_move_and_are_checked(mobile):
 
 def test_motions_on_a_mobile_base(mobile, plain_check, rng):
     posts = tuple(
-        Obstacle(f"post_{k}", Sphere(0.15), Pose((1.2 * np.cos(k), 0.7 + 1.2 * np.sin(k), 0.5)))
-        for k in range(5)
+        Obstacle(f"post_{k}", Sphere(0.15), Pose((1.2 * np.cos(k), 0.7 + 1.2 * np.sin(k), 0.5))) for k in range(5)
     )
     assert_no_free_motion_collides(mobile, Scene(posts), plain_check, rng, 200, 10)
 
@@ -152,9 +149,7 @@ def test_limits_of_the_base_and_of_the_arm(mobile):
 def test_a_mobile_base_somewhere_else(mobile):
     other = Robot.from_example("ur5", base=BASE, mobile_base=ROOM)
     q = np.linspace(-0.4, 0.4, other.n)
-    np.testing.assert_allclose(
-        other.tip_pose(q).homogeneous, (BASE.se3 * mobile.tip_pose(q)).homogeneous, atol=1e-12
-    )
+    np.testing.assert_allclose(other.tip_pose(q).homogeneous, (BASE.se3 * mobile.tip_pose(q)).homogeneous, atol=1e-12)
     assert robot_hash(pickle.loads(pickle.dumps(other))) == robot_hash(other)
 
 
@@ -200,9 +195,7 @@ def test_the_other_tip(panda, ur5):
 
 def test_pairs_of_each_and_all_between(cell, panda, ur5):
     bodies = list(cell.collision_model.geometryObjects)
-    pairs = {
-        frozenset((bodies[p.first].name, bodies[p.second].name)) for p in cell.collision_model.collisionPairs
-    }
+    pairs = {frozenset((bodies[p.first].name, bodies[p.second].name)) for p in cell.collision_model.collisionPairs}
     expected = set()
     for prefix, robot in (("left", panda), ("right", ur5)):
         names = [part.name for part in robot.collision_model.geometryObjects]
@@ -212,11 +205,7 @@ def test_pairs_of_each_and_all_between(cell, panda, ur5):
         }
     for a in bodies:
         for b in bodies:
-            if (
-                a.name.startswith("left_")
-                and b.name.startswith("right_")
-                and (a.parentJoint or b.parentJoint)
-            ):
+            if a.name.startswith("left_") and b.name.startswith("right_") and (a.parentJoint or b.parentJoint):
                 expected.add(frozenset((a.name, b.name)))
     assert pairs == expected
     still = {body.name for body in bodies if body.parentJoint == 0}
@@ -241,15 +230,11 @@ def test_cells_travel_and_keep_what_is_held(cell, panda):
     assert [item.name for item in robot.attached] == ["left_rod"]
     assert robot_hash(pickle.loads(pickle.dumps(robot))) == robot_hash(robot)
     assert [item.name for item in robot.without_attached("left_rod").attached] == []
-    more = cell.with_attached("ball", Sphere(0.05), "right_tool0").with_limits(
-        {"right_elbow_joint": (0.0, 1.0)}
-    )
+    more = cell.with_attached("ball", Sphere(0.05), "right_tool0").with_limits({"right_elbow_joint": (0.0, 1.0)})
     assert more.upper[list(more.joint_names).index("right_elbow_joint")] == 1.0
     assert ("left_panda_link3", "ball") in CollisionChecker(more, Scene()).pair_names
     assert "left_panda_joint1" in repr(more)
-    with pytest.raises(
-        UnknownNameError, match="unknown prefix of the joint with limits 'elbow_joint'; known: left"
-    ):
+    with pytest.raises(UnknownNameError, match="unknown prefix of the joint with limits 'elbow_joint'; known: left"):
         cell.with_limits({"elbow_joint": (0.0, 1.0)})
 
 

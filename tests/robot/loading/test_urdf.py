@@ -18,10 +18,7 @@ XACRO = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
         (XACRO.format('<xacro:include filename="a"/>'), "<xacro:include>"),
         ('<robot name="x"><xacro:macro name="m"/></robot>', "xacro's tags"),
         ('<robot name="x"><link name="${prefix}base"/></robot>', r"\$\{prefix\}"),
-        (
-            '<robot name="x"><link name="b"><visual><origin xyz="$(arg x) 0 0"/></visual></link></robot>',
-            r"\$\(arg x\)",
-        ),
+        ('<robot name="x"><link name="b"><visual><origin xyz="$(arg x) 0 0"/></visual></link></robot>', r"\$\(arg x\)"),
     ],
 )
 @pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.xacro", "arm.urdf"])
@@ -63,9 +60,7 @@ def test_xacro_is_expanded(macros, data_folder, tmp_path):
     assert RobotSpec.from_mapping(spec.to_mapping(scenario), scenario) == spec
     carried = carried_robot(robot)
     assert "xacro:" not in carried["recipe"]["urdf"]["text"]
-    hashes = {
-        robot_hash(one) for one in (plain, robot, built_robot(carried), pickle.loads(pickle.dumps(robot)))
-    }
+    hashes = {robot_hash(one) for one in (plain, robot, built_robot(carried), pickle.loads(pickle.dumps(robot)))}
     assert len(hashes) == 1
 
 
@@ -81,16 +76,8 @@ def test_what_others_sent_is_never_expanded(macros):
     ("text", "arguments", "message"),
     [
         (XACRO.format('<link name="${size}"/>'), {}, "xacro cannot expand it.*size"),
-        (
-            XACRO.format('<xacro:include filename="$(find none)/a"/>'),
-            {},
-            "package 'none' not found.*package dir",
-        ),
-        (
-            XACRO.format('<link name="base"/>'),
-            {"prefix": "a"},
-            "no xacro that could take the arguments prefix",
-        ),
+        (XACRO.format('<xacro:include filename="$(find none)/a"/>'), {}, "package 'none' not found.*package dir"),
+        (XACRO.format('<link name="base"/>'), {"prefix": "a"}, "no xacro that could take the arguments prefix"),
     ],
 )
 def test_what_xacro_cannot_expand_is_one_line(tmp_path, text, arguments, message):

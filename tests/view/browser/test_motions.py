@@ -49,9 +49,7 @@ def recording(ur5, tmp_path_factory):
     lines = [{**known, **carried, "people": {"anna": {"height": 1.75, "limbs": []}}, "objects": {"box": 0.5}}]
     near = {"distance": 0.3, "link": "wrist", "who": "anna", "limb": "right_hand", "reason": "she is near"}
     for k in range(10):
-        anna = {
-            name: (1.75 * np.array(p) + [1.2 + 0.1 * k, 0.0, -0.8]).tolist() for name, p in STANDING.items()
-        }
+        anna = {name: (1.75 * np.array(p) + [1.2 + 0.1 * k, 0.0, -0.8]).tolist() for name, p in STANDING.items()}
         box = {"position": [0.0, 0.8, 0.1 * k], "quaternion_xyzw": [0, 0, 0, 1]}
         lines.append(
             {
@@ -89,9 +87,7 @@ def test_no_sample_is_faster_than_its_bounds(motion):
     assert "separation" in motion.bounds
     for values in motion.bounds.values():
         assert (motion.speeds <= values * (1 + 1e-9)).all()
-    assert motion.remark(motion.duration / 2).endswith(
-        str(motion.binding[motion.sample(motion.duration / 2)] or "")
-    )
+    assert motion.remark(motion.duration / 2).endswith(str(motion.binding[motion.sample(motion.duration / 2)] or ""))
 
 
 def test_motions_that_make_no_sense_are_refused(setup, motion):
@@ -167,10 +163,7 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
     for lines, said in [
         ([], "a JSON object in every line"),
         (["{"], "line 1: malformed JSON"),
-        (
-            [json.dumps({"format": "something"}), *ticks],
-            "header.format: must be 'safe-ompl ticks', got 'something'",
-        ),
+        ([json.dumps({"format": "something"}), *ticks], "header.format: must be 'safe-ompl ticks', got 'something'"),
         ([first, ticks[0]], "two ticks at least"),
         ([first, *ticks[:2], "{}"], "time"),
     ]:
@@ -204,9 +197,7 @@ def test_in_the_animation_of_a_recording_people_and_things_move(recording, tmp_p
 
     def render(_, things):
         people = [t for t in things if t.colour == SHIRT]
-        drawn.append(
-            (np.vstack([t.surface.vertices for t in people]).mean(axis=0) if people else None, things)
-        )
+        drawn.append((np.vstack([t.surface.vertices for t in people]).mean(axis=0) if people else None, things))
         return np.zeros((8, 8, 3))
 
     monkeypatch.setattr("safe_ompl.view.pictures.rasteriser.Renderer.render", render)
@@ -217,7 +208,5 @@ def test_in_the_animation_of_a_recording_people_and_things_move(recording, tmp_p
     np.testing.assert_allclose(places[4] - places[0], [0.4, 0.0, 0.0], atol=1e-6)
     assert places[9] is None, "the person is not seen any more, and stands nowhere"
     assert len({len(things) for _, things in drawn[:9]}) == 1, "nobody is drawn twice"
-    boxes = [
-        box.pose.position[2] for t in (0.0, 0.4) for box in content.movers.obstacles_at(t, content.scene)[1:]
-    ]
+    boxes = [box.pose.position[2] for t in (0.0, 0.4) for box in content.movers.obstacles_at(t, content.scene)[1:]]
     np.testing.assert_allclose(boxes, [0.0, 0.4], atol=1e-9)

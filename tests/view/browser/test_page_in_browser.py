@@ -47,15 +47,9 @@ def browser():
 def page(browser, tmp_path_factory, data_folder, request):
     robot = Robot.from_urdf(data_folder / "gripper_arm.urdf")
     middle = 0.5 * (robot.lower + robot.upper)
-    path = np.array(
-        [middle - 0.25 * (robot.upper - robot.lower), middle + 0.25 * (robot.upper - robot.lower)]
-    )
+    path = np.array([middle - 0.25 * (robot.upper - robot.lower), middle + 0.25 * (robot.upper - robot.lower)])
     scene = Scene((Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.6, 0.0, 0.3)), weight=1.0),))
-    content = (
-        ViewerContent(robot, scene, {"SafePRM": path})
-        if request.param == "path"
-        else drive(robot, scene, path)
-    )
+    content = ViewerContent(robot, scene, {"SafePRM": path}) if request.param == "path" else drive(robot, scene, path)
     file = tmp_path_factory.mktemp("page") / "view.html"
     save_page(content, file)
     browser.get_log("performance")  # of the page before
@@ -73,10 +67,7 @@ def drive(robot, scene, path):
     states = ("moving",) * 6 + ("braking",) * 2 + ("standing",)
     motion = TimedMotion(robot, scene, times, path[0] + shares * (path[1] - path[0]), np.ones(9), {}, states)
     body = {name: 1.75 * np.array(point) + [1.2, 0.0, -0.5] for name, point in STANDING.items()}
-    walk = [
-        {"anna": {name: np.add(p, [0.0, 0.2 * k, 0.0]).tolist() for name, p in body.items()}}
-        for k in range(9)
-    ]
+    walk = [{"anna": {name: np.add(p, [0.0, 0.2 * k, 0.0]).tolist() for name, p in body.items()}} for k in range(9)]
     movers = Movers(times, {"anna": 1.75}, walk, [{}] * 9)
     return ViewerContent(robot, scene, danger=None, motions={"live": motion}, movers=movers)
 

@@ -113,9 +113,7 @@ def view(result):
     pytest.importorskip("viser")
     from safe_ompl.view.browser.view import BrowserView
 
-    view = BrowserView(
-        ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765
-    )
+    view = BrowserView(ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765)
     yield view
     view.stop()
 

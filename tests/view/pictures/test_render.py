@@ -15,14 +15,7 @@ from safe_ompl.view.pictures.camera import Camera, in_picture
 from safe_ompl.view.pictures.path import moments
 from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, nearest_triangles, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
-from safe_ompl.view.pictures.surface import (
-    ColouredSurface,
-    RobotBody,
-    Surface,
-    obstacle_surfaces,
-    tessellate,
-    tube,
-)
+from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces, tessellate, tube
 
 SMALL = (96, 72)
 ARM = """
@@ -189,16 +182,12 @@ def test_development_keeps_order_and_range():
 def test_a_z_buffer_does_not_care_which_way_triangles_turn(turned):
     points = np.random.default_rng(0).uniform(-5, 45, (60, 3))
     faces = np.arange(60).reshape(20, 3)
-    nearness, owner = nearest_triangles(
-        points, np.ascontiguousarray(faces[:, ::-1] if turned else faces), 40, 30
-    )
+    nearness, owner = nearest_triangles(points, np.ascontiguousarray(faces[:, ::-1] if turned else faces), 40, 30)
     y, x = np.mgrid[:30, :40]
     best = np.full((30, 40), -np.inf)
     nearest = np.full((30, 40), -1)
     for k, (a, b, c) in enumerate(points[faces]):
-        shares = np.linalg.solve(
-            [*np.column_stack([a, b, c])[:2], np.ones(3)], [x.ravel(), y.ravel(), np.ones(1200)]
-        )
+        shares = np.linalg.solve([*np.column_stack([a, b, c])[:2], np.ones(3)], [x.ravel(), y.ravel(), np.ones(1200)])
         z = (shares * np.array([a[2], b[2], c[2]])[:, None]).sum(axis=0)
         z[(shares < 0).any(axis=0)] = -np.inf
         z = z.reshape(30, 40)
@@ -211,9 +200,7 @@ def test_a_z_buffer_does_not_care_which_way_triangles_turn(turned):
 def test_what_is_behind_the_camera_is_not_drawn():
     camera = Camera.framing(np.eye(3), 0.3, 0.5, SMALL)
     behind = _ball(0.3, tuple(camera.eye + (camera.eye - camera.target)))
-    assert (
-        nearest_triangles(in_picture(camera, behind.vertices, SMALL), behind.faces, *SMALL)[1] == -1
-    ).all()
+    assert (nearest_triangles(in_picture(camera, behind.vertices, SMALL), behind.faces, *SMALL)[1] == -1).all()
 
 
 def test_the_empty_floor_has_its_value_everywhere():

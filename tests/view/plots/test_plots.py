@@ -14,14 +14,7 @@ from safe_ompl import DangerField, InputError, RateLimits, SafeOmplError, SafeSe
 from safe_ompl.geometry import Box, Obstacle, Person, Pose
 from safe_ompl.io import ACCELERATION
 from safe_ompl.view.pictures.path import _clearances
-from safe_ompl.view.plots import (
-    plot_bands,
-    plot_clearance_danger,
-    plot_motion,
-    plot_plan,
-    plot_profiles,
-    plot_times,
-)
+from safe_ompl.view.plots import plot_bands, plot_clearance_danger, plot_motion, plot_plan, plot_profiles, plot_times
 from safe_ompl.view.style import planner_styles
 
 PROFILES = {
@@ -36,15 +29,7 @@ PROFILES = {
 
 def test_safe_planners_are_strong_and_solid_and_no_two_look_alike():
     safe = ["SafeRRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner"]
-    names = [
-        *safe,
-        "RRTConnect",
-        "ClassicRRTConnect",
-        "ClassicPRM",
-        "ClassicJTRRT",
-        "ClassicBubble",
-        "BITstar",
-    ]
+    names = [*safe, "RRTConnect", "ClassicRRTConnect", "ClassicPRM", "ClassicJTRRT", "ClassicBubble", "BITstar"]
     names += ["PaperSafePRM", "PaperPRM"]
     styles = planner_styles(names)
     assert [name for name in names if styles[name].strong] == [*safe, "PaperSafePRM"]

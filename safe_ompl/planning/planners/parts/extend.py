@@ -13,12 +13,7 @@ import numpy as np
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import StateBridge
 from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
-from safe_ompl.planning.planners.parts.problem import (
-    AdaptiveThreshold,
-    DangerWeight,
-    FixedThreshold,
-    PlanningProblem,
-)
+from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, FixedThreshold, PlanningProblem
 from safe_ompl.planning.planners.parts.steps import ADVANCED, MISSED, RARE, REACHED, Look, StepKernel
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 from safe_ompl.robot import plain
@@ -78,10 +73,7 @@ class TangentialDescent:
         return self.share > 0 and self._danger.weight > 0 and self._danger.cost.has_gradients
 
     def moved(
-        self,
-        step: FloatArray,
-        reach: float,
-        gradient: Callable[[], FloatArray] | None = None,
+        self, step: FloatArray, reach: float, gradient: Callable[[], FloatArray] | None = None
     ) -> FloatArray | None:
         """Return the first row of `step: (2, n)` moved down the danger's gradient there, at right angles to the second.
 
@@ -116,9 +108,7 @@ class SafeStep:
         self._kernel = StepKernel(self.problem)
         self._is_free = (self.fixed or self.margin).motion_is_free
 
-    def extend(
-        self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
-    ) -> tuple[Extension, int]:
+    def extend(self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float) -> tuple[Extension, int]:
         """Add a node at most `step` [rad] from node `old` towards `target: (n,)`; return outcome and node.
 
         Where the step with descent is not free the straight one is tried. Targets within a step are neither moved nor
@@ -166,9 +156,7 @@ class SafeStep:
                 return None
         return Look(danger, slope, share, ceiling, trees.blocked, trees.dangerous)
 
-    def _composed(
-        self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
-    ) -> tuple[Extension, int]:
+    def _composed(self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float) -> tuple[Extension, int]:
         """Do so with whatever says what is free and dangerous, in the order of `take_step`."""
         q_old = tree.configurations[old]
         length, moved_to = steered(self.problem.bridge, q_old, target, step)
@@ -256,9 +244,7 @@ class ElasticBand:
             band += [*self.bent(band[-1], path[at], step, ptc, margin), path[at]]
         return np.array(band)
 
-    def bent(
-        self, start: FloatArray, end: FloatArray, step: float, ptc: Any, margin: float = 0.0
-    ) -> list[FloatArray]:
+    def bent(self, start: FloatArray, end: FloatArray, step: float, ptc: Any, margin: float = 0.0) -> list[FloatArray]:
         """Return way points between two configurations (n,): the middle, moved sideways, and those of the halves.
 
         Motions no longer than twice the range `step` stay straight, and so do those whose halves would not be free, or
@@ -268,9 +254,7 @@ class ElasticBand:
         length = sqrt(delta @ delta)
         if not self._descent.acts or length <= 2 * step or ptc():
             return []
-        middle = self._descent.moved(
-            np.array([start + delta / 2, delta / length]), self._descent.share * step
-        )
+        middle = self._descent.moved(np.array([start + delta / 2, delta / length]), self._descent.share * step)
         is_free = self._problem.motion_is_free
         if middle is None or not (is_free(start, middle, margin) and is_free(middle, end, margin)):
             return []

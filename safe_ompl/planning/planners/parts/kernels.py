@@ -258,11 +258,7 @@ def _divide(tree: BoxTree, leaf: int, rows: FloatArray) -> None:
     tree.used[CELLS] += 1
     tree.cells[less, LESS], tree.cells[less, MORE], tree.cells[less, ABOVE] = leaf, -1, whole
     more = _new_leaf(tree, whole)
-    tree.cells[whole, LESS], tree.cells[whole, MORE], tree.cells[whole, BY] = (
-        less,
-        tree.leaves[more, CELL],
-        by,
-    )
+    tree.cells[whole, LESS], tree.cells[whole, MORE], tree.cells[whole, BY] = (less, tree.leaves[more, CELL], by)
     tree.cuts[whole] = value
     tree.leaves[leaf, COUNT] = 0
     for k in range(SIZE):

@@ -178,9 +178,7 @@ class StepKernel:
             known = self._known[margin > 0] = required, bounds, tables
         return None if known[2] is None else Proofs(motion.checker, done, known[2])
 
-    def take(
-        self, tree: Tree, old: int, target: FloatArray, step: float, proofs: Proofs, look: Look
-    ) -> Taken | None:
+    def take(self, tree: Tree, old: int, target: FloatArray, step: float, proofs: Proofs, look: Look) -> Taken | None:
         """Take a step [rad] from a node towards a target (n,); None where it is not decided."""
         checker = proofs.checker
         q, backwards = tree.configurations[old], not tree.from_start

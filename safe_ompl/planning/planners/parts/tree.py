@@ -133,9 +133,7 @@ class Tree:
                 self._costs[node] = value
         return self._gradients[node]
 
-    def add(
-        self, q: FloatArray, parent: int = ROOT, cost: float = np.nan, gradient: FloatArray | None = None
-    ) -> int:
+    def add(self, q: FloatArray, parent: int = ROOT, cost: float = np.nan, gradient: FloatArray | None = None) -> int:
         """Append the configuration `q: (n,)`, with what is known of its cost, and return its index."""
         if self._size == len(self._rows):
             self._grow()

@@ -98,9 +98,7 @@ class VolumeTree:
     def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
         self.from_start, self._metric, self._diverse = from_start, metric, diverse
         vector, number = (float, (bridge.n,)), (float, ())
-        self.closed = Rows(
-            center=vector, weights=vector, parent=(np.intp, ()), path_length=number, alive=(bool, ())
-        )
+        self.closed = Rows(center=vector, weights=vector, parent=(np.intp, ()), path_length=number, alive=(bool, ()))
         self.open = Rows(
             q=vector, parent=(np.intp, ()), path_length=number, cost=number, diversity=number, penalty=number
         )
@@ -182,9 +180,7 @@ def volume_trees(bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> 
     return TwoTrees(*(VolumeTree(bridge, metric, from_start=side, diverse=diverse) for side in (True, False)))
 
 
-def intersect(
-    problem: PlanningProblem, shape: str, tree: VolumeTree, new: int, other: VolumeTree
-) -> FloatArray | None:
+def intersect(problem: PlanningProblem, shape: str, tree: VolumeTree, new: int, other: VolumeTree) -> FloatArray | None:
     """INTERSECT: return the path (N, n) through a new bubble and the one of the other tree that it overlaps most.
 
     The motion validator may know more than bubbles do: what it refuses is cut off the trees.
@@ -209,12 +205,7 @@ def intersect(
 
 
 def _path(
-    problem: PlanningProblem,
-    first: VolumeTree,
-    there: int,
-    meeting: FloatArray,
-    second: VolumeTree,
-    back: int,
+    problem: PlanningProblem, first: VolumeTree, there: int, meeting: FloatArray, second: VolumeTree, back: int
 ) -> FloatArray | None:
     """PATH: the two branches, from start to goal, joined at a point of both bubbles; None if a motion is refused."""
     out, home = first.branch(there), second.branch(back)[::-1]

@@ -38,9 +38,7 @@ def test_vertices_danger_edges_and_marks(setup, name):
         np.testing.assert_array_equal(graph.configurations[graph.goals], path[-1:])
     assert len(graph.edges)
     some = np.linspace(0, len(graph.edges) - 1, 50).astype(int)
-    for (start, end), length in zip(
-        graph.configurations[graph.edges[some]], graph.lengths[some], strict=True
-    ):
+    for (start, end), length in zip(graph.configurations[graph.edges[some]], graph.lengths[some], strict=True):
         assert setup.report([start, end]).certified
         assert length == pytest.approx(setup.report([start, end]).length)
 

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from safe_ompl.common import Counts
-from safe_ompl.planning.planners.parts.problem import (
-    AdaptiveThreshold,
-    DangerDecay,
-    DangerWeight,
-    FixedThreshold,
-)
+from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerDecay, DangerWeight, FixedThreshold
 from safe_ompl.planning.planners.parts.tree import Trees
 
 

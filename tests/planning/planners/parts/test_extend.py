@@ -16,12 +16,7 @@ from safe_ompl.planning.planners.parts.extend import (
     TangentialDescent,
     straight_extension,
 )
-from safe_ompl.planning.planners.parts.problem import (
-    AdaptiveThreshold,
-    DangerWeight,
-    FixedThreshold,
-    PlanningProblem,
-)
+from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, FixedThreshold, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 from safe_ompl.scene import find_scenario
 
@@ -74,9 +69,7 @@ def test_a_straight_extension_advances_reaches_its_target_or_is_trapped():
     assert extend(0, np.array([0.8, 0.0]), 0.5) == (Extension.ADVANCED, 1)
     assert extend(1, np.array([-0.2, 0.1]), 0.5) == (Extension.REACHED, 2)
     assert extend(2, np.array([0.8, 0.1]), 0.5) == (Extension.TRAPPED, 2)
-    np.testing.assert_allclose(
-        trees.start.configurations, [(-0.8, 0.0), (-0.3, 0.0), (-0.2, 0.1)], atol=1e-12
-    )
+    np.testing.assert_allclose(trees.start.configurations, [(-0.8, 0.0), (-0.3, 0.0), (-0.2, 0.1)], atol=1e-12)
     assert trees.start.parents.tolist() == [-1, 0, 1]
 
 

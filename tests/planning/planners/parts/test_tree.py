@@ -171,9 +171,7 @@ def test_a_tree_that_has_caught_up_gives_way(bridge, schedule):
 
 @pytest.mark.parametrize("name", ["SafeRRTConnect", "ClassicRRTConnect", "PaperSafeRRTConnect"])
 def test_the_tree_outside_grows_less_while_the_other_is_walled_in(name):
-    task = PlaneProblem(
-        lambda si: make_planner(name, si, {"range": 0.25, "iterations": 900}), walled_in, SlopedHotSpot
-    )
+    task = PlaneProblem(lambda si: make_planner(name, si, {"range": 0.25, "iterations": 900}), walled_in, SlopedHotSpot)
     assert task.solve(60.0) == TIMEOUT
     outside = len(task.planner.plannerGraph().configurations)
     if name == "PaperSafeRRTConnect":  # whose trees alternate

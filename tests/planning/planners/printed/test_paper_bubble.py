@@ -125,9 +125,7 @@ def test_consecutive_configurations_share_a_bubble():
 
 
 def test_cubes_within_the_papers_bubble_are_the_only_other_shape(arm):
-    result = arm.plan(
-        "PaperSafeBubble", time=30.0, parameters={"shape": "paper_cube", "alpha": 0.1, "beta": 20.0}
-    )
+    result = arm.plan("PaperSafeBubble", time=30.0, parameters={"shape": "paper_cube", "alpha": 0.1, "beta": 20.0})
     assert result
     assert result.report.certified
 
