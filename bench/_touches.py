@@ -22,11 +22,11 @@ MOST = 10.0  # [m] no gap is wider
 
 
 class Bearable:
-    """What limbs bear [m/s], by the formulas: F/√(μK), and where they are clamped (F/2)/√(m_R K)."""
+    """What limbs bear [m/s], by the formulas: F/√(m_H K), and where they are clamped (F/2)/√(m_R K)."""
 
     def __init__(self, robot: Robot, people: People) -> None:
         moving = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:])
-        self._clamping = moving / 2 + people.load if people.robot_mass is None else people.robot_mass
+        self._clamping = moving / 2
         self._people = people
 
     def speeds(self, limb: str) -> tuple[float, float]:
@@ -34,9 +34,7 @@ class Bearable:
         if not self._people.contact:
             return 0.0, 0.0
         force, mass, stiffness = self._people.region_of(limb)
-        robot = self._people.robot_mass
-        reduced = mass if robot is None else robot * mass / (robot + mass)
-        return force / sqrt(1e3 * stiffness * reduced), force / 2 / sqrt(1e3 * stiffness * self._clamping)
+        return force / sqrt(1e3 * stiffness * mass), force / 2 / sqrt(1e3 * stiffness * self._clamping)
 
 
 def thickness(limb: str, height: float) -> float:

@@ -94,7 +94,7 @@ SCENE = Scene(
 )
 ROD = Attachment("rod", Box((0.1, 0.02, 0.02)), "tip", Pose((0.05, 0.0, 0.0)))
 PEOPLE = People(who=("person",), speed=0.3, reaction_time=0.05)
-CONTACT = replace(PEOPLE, speed=1.0, contact=True, regions={"head": BodyRegion(350, 4.4, 150)}, robot_mass=5.0)
+CONTACT = replace(PEOPLE, speed=1.0, contact=True, regions={"head": BodyRegion(350, 4.4, 150)})
 
 
 @dataclass(frozen=True)

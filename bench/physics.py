@@ -164,7 +164,7 @@ class Hit:
     def __init__(self, body: ServoRobot, touch: Touch, limb_velocity: FloatArray, people: People) -> None:
         held = people.region_of(touch.limb)
         self.region, self._held = REGIONS[held], held
-        self.speed = touch.speed / max(contact_speed(held, people.robot_mass or np.inf), 1e-9)
+        self.speed = touch.speed / max(contact_speed(held, np.inf), 1e-9)
         part = BodyPart(touch.point, touch.normal, held.mass, 1e3 * held.stiffness)
         self._robots = [body.meeting(part, velocity) for velocity in (np.zeros(3), limb_velocity)]
         self._left = round(1.5 * np.pi * np.sqrt(part.mass / part.stiffness) / STEP)
@@ -296,11 +296,10 @@ def drives(
     return (*row, *(f"{value:.2f}" for value in judged)), regions
 
 
-def hit(name: str, region: str, servo: Servo, people: People) -> tuple[object, ...]:
+def hit(name: str, region: str, servo: Servo) -> tuple[object, ...]:
     """Return the row of a robot that turns about its first joint, and hits a region of a body with its last link."""
     robot, part = Robot.from_example(name), CONTACT_TABLE[region]
-    mass = people.robot_mass or np.inf
-    allowed, at_contact = contact_speed(part, mass), np.array(STRETCHED[name])
+    allowed, at_contact = contact_speed(part, np.inf), np.array(STRETCHED[name])
     turn, still = np.eye(robot.n)[0], np.zeros(robot.n)
     curve = BlendedCurve([Piece(at_contact, turn, still, still, 1e-3)], [])
     rate = allowed / float(BodySpeeds(robot).bounds(curve, curve.cells(1e-3))[:, :-1].max())
@@ -314,8 +313,7 @@ def hit(name: str, region: str, servo: Servo, people: People) -> tuple[object, .
     touching = 1.0 - body(at_contact, 1.0).distance_to_part()
     driven = body(at_contact - BEFORE * turn, touching)
     ramp, forces = 2 * rate / ROBOTS[name][0], []
-    reduced = 1 / (1 / part.mass + 1 / mass)
-    lasts = 1.5 * np.pi * np.sqrt(reduced / (1e3 * part.stiffness))
+    lasts = 1.5 * np.pi * np.sqrt(part.mass / (1e3 * part.stiffness))
     for t in np.arange(0.0, ramp + (BEFORE + LONGER) / rate + lasts, STEP):
         gone = rate * (t * t / (2 * ramp) if t < ramp else t - ramp / 2)
         driven.step(at_contact + (gone - BEFORE) * turn, rate * min(t / ramp, 1.0) * turn)
@@ -342,7 +340,7 @@ def in_drives(options: argparse.Namespace, report: Report) -> int:
 
 def live(options: argparse.Namespace, report: Report) -> None:
     """Drive beside people where contact is allowed."""
-    found = [drives(name, options, (), Servo(), _people(options)) for name in ROBOTS]
+    found = [drives(name, options, (), Servo(), People(contact=True)) for name in ROBOTS]
     report.table(LIVE, [row for row, _ in found])
     hits = [row for _, rows in found for row in rows]
     if hits:
@@ -352,12 +350,8 @@ def live(options: argparse.Namespace, report: Report) -> None:
 def contact(options: argparse.Namespace, report: Report) -> None:
     """Hit regions of a body."""
     regions = [region for region, part in CONTACT_TABLE.items() if part.force]
-    rows = [hit(name, region, Servo(), _people(options)) for name in ROBOTS for region in regions]
+    rows = [hit(name, region, Servo()) for name in ROBOTS for region in regions]
     report.table(CONTACT, rows)
-
-
-def _people(options: argparse.Namespace) -> People:
-    return People(contact=True, robot_mass=options.robot_mass)
 
 
 PARTS = {"motions": in_motions, "drives": in_drives, "live": live, "contact": contact}
@@ -368,4 +362,3 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--motions", type=int, default=50, metavar="N", help="of each robot")
     parser.add_argument("--drives", type=int, default=10, metavar="N", help="of each robot")
     parser.add_argument("--seconds", type=float, default=12.0, help="of each drive")
-    parser.add_argument("--robot-mass", type=float, metavar="KG", help="in a contact; default: as `People` has it")

@@ -201,9 +201,9 @@ CASES = (
     ("panda_shelf", People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3})),
     ("ur5_handover", People(speed=0.8, reaction_time=0.05)),
     ("panda_shelf", People(contact=True)),
-    ("panda_shelf", People(reaction_time=0.12, contact=True, robot_mass=30.0)),
+    ("panda_shelf", People(reaction_time=0.12, contact=True)),
     ("ur5_handover", People(contact=True)),
-    ("ur5_handover", People(speed=1.0, contact=True, load=3.0)),
+    ("ur5_handover", People(speed=1.0, contact=True)),
 )
 
 

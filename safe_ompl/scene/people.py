@@ -73,17 +73,8 @@ class People(document.Section):
     contact : bool
         Whether the robot may touch people at speeds at which contact stays below the limits of the body region. That is
         its own speed; the person's is not counted. Where a limb may be clamped half of the force counts.
-    contact_relative : bool
-        Whether the bound of the limb's speed is subtracted from these speeds.
     regions : mapping of str to 3 float, optional
         Regions whose force [N], mass [kg] and stiffness [N/mm] replace those of `CONTACT_TABLE`.
-    source : str, optional
-        Where the figures of `regions` come from; shown with them.
-    robot_mass : float, optional
-        Effective mass of the robot in a contact [kg]; default: infinite, because position servos push on. Where a limb
-        is clamped, half of its moving links' mass, and the load.
-    load : float
-        Mass of what the robot carries [kg].
     reach : path, optional
         Reach file (YAML) of `safe-ompl people calibrate`, which says beside people who move how far limbs go.
 
@@ -99,26 +90,17 @@ class People(document.Section):
     reaction_time: float = 0.1
     clearance: float = 0.0
     contact: bool = False
-    contact_relative: bool = False
     regions: Mapping[str, BodyRegion] = field(default_factory=dict)
-    source: str | None = None
-    robot_mass: float | None = None
     reach: Path | None = None
-    load: float = 0.0
 
     def __post_init__(self) -> None:
-        numbers = ("speed", "reaction_time", "clearance", "load")
+        numbers = ("speed", "reaction_time", "clearance")
         values: dict[str, Any] = {key: document.number(key, getattr(self, key), at_least=0.0) for key in numbers}
-        for key in ("contact", "contact_relative"):
-            values[key] = document.flag(key, getattr(self, key))
-        if self.source is not None:
-            values["source"] = document.text("source", self.source)
+        values["contact"] = document.flag("contact", self.contact)
         if self.who is not None:
             values["who"] = tuple(document.text("who", name) for name in document.sequence("who", self.who))
             if not values["who"]:
                 raise InputError("name one obstacle at least, or leave it out", "who")
-        if self.robot_mass is not None:
-            values["robot_mass"] = document.number("robot_mass", self.robot_mass, above=0.0)
         if self.reach is not None:
             values["reach"] = document.file("reach", self.reach, (".yaml", ".yml"))
         values["speeds"] = document.numbers_by_name("speeds", self.speeds, LIMBS, at_least=0.0)
@@ -159,12 +141,10 @@ class People(document.Section):
         """What is assumed of contact, with the source of the figures; empty where it is not allowed."""
         if not self.contact:
             return ""
-        sources = [self.source or "given without a source"] if self.regions else []
+        sources = ["yours"] if self.regions else []
         if len(self.regions) < len(CONTACT_TABLE):
             sources.append(CONTACT_SOURCE)
-        persons = "is subtracted" if self.contact_relative else "is not counted"
-        weight = "infinitely heavy" if self.robot_mass is None else f"{self.robot_mass:g} kg heavy"
-        own = f"speeds of contact are the robot's own, as if it were {weight}, the person's {persons}"
+        own = "speeds of contact are the robot's own, as if it were infinitely heavy, the person's is not counted"
         return f"{own}; figures: {'; '.join(sources)}"
 
     def speed_of(self, limb: str) -> float:

@@ -5,16 +5,14 @@ In a *transient* contact the limb yields. A point of the robot that touches it m
 counts as infinitely heavy, μ = m_H. Then F is proven whatever its motors do: let a mass m behind a spring K be pushed
 by a point whose speed is ẋ ≤ v, and let c ≥ 0 be the compression. In the frame that moves with v the energy ½Kc² + ½m(v
 − ẏ)² changes by Kc(ẋ − v) ≤ 0, and it is ½mv² where the mass is at rest first, so Kc ≤ v√(mK). A finite mass
-(`People.robot_mass`) assumes that the motors let go, but a position servo pushes on while the limb yields. What counts
-is the speed of the robot where it touches; that of the person is not counted, unless `People.contact_relative`
-subtracts it.
+would assume that the motors let go, but a position servo pushes on while the limb yields. What counts is the speed of
+the robot where it touches; that of the person is not counted.
 
 A limb is *clamped* if it touches a body of the robot and, on its other side, a partner: an obstacle, a part of the
 robot that stands still, or a link that moves otherwise. It cannot yield: half of the force counts, and μ = m_R. There
-the robot must stop or yield by itself when it touches, and m_R is half of its links' mass and the load, the public
-choice, unless `People.robot_mass` is given: an infinite one would forbid nearly all contacts. What counts is how fast
-the gap closes. Two points of rigid bodies g and h, with velocity fields V_g and V_h, approach each other by (V_g(p) −
-V_h(p))·n, because V_h changes no distance. So they approach by no more than
+the robot must stop or yield by itself when it touches, and m_R is half of its links' mass, the public choice. What
+counts is how fast the gap closes. Two points of rigid bodies g and h, with velocity fields V_g and V_h, approach each
+other by (V_g(p) − V_h(p))·n, because V_h changes no distance. So they approach by no more than
 
     w_gh = Σ_j R̄_gj |q′_j| + Σ_i R̄_hi |q′_i|    per arc length,
 
@@ -69,24 +67,19 @@ def contact_speed(region: BodyRegion, mass: float, *, clamped: bool = False) -> 
     return float(force / np.sqrt(reduced * 1e3 * region.stiffness))
 
 
-def robot_mass(robot: Robot, people: People, *, clamped: bool = False) -> float:
-    """Return the effective mass of the robot in a contact [kg]: that given, or infinite.
-
-    Where it clamps a limb it is that given, or half of its links' mass and the load.
-    """
-    if people.robot_mass is not None or not clamped:
-        return people.robot_mass or np.inf
+def robot_mass(robot: Robot, *, clamped: bool = False) -> float:
+    """Return the effective mass of the robot in a contact [kg]: infinite; half of its links' where it clamps a limb."""
+    if not clamped:
+        return np.inf
     mass = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:]) / 2
     if mass <= 0:
-        raise InputError("the URDF knows no masses: give the effective mass of the robot [kg]", "people.robot_mass")
-    return float(mass) + people.load
+        raise InputError("needs the masses of the robot's links, and the URDF knows none", "people.contact")
+    return float(mass)
 
 
 def limb_contact_speed(robot: Robot, people: People, limb: str, *, clamped: bool = False) -> float:
     """Return the speed [m/s] with which a point of the robot may touch a limb; see `contact_speed`."""
-    mass = robot_mass(robot, people, clamped=clamped)
-    speed = contact_speed(people.region_of(limb), mass, clamped=clamped)
-    return max(0.0, speed - people.speed_of(limb)) if people.contact_relative else speed
+    return contact_speed(people.region_of(limb), robot_mass(robot, clamped=clamped), clamped=clamped)
 
 
 def limb_thickness(limb: str, height: float) -> float:

@@ -1,7 +1,5 @@
 """When limbs arrive at the robot: bounds that hold, and are exact where they decide, against coal's distances."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -39,9 +37,8 @@ def test_no_limb_arrives_earlier_and_the_first_is_exact(robot_named, name, rng):
     for _ in range(6):
         speeds = {limb: float(rng.uniform(0, 2)) for limb in rng.choice(limbs.names, 5, replace=False)}
         speeds[str(rng.choice(limbs.names))] = 0.0
-        contact = bool(rng.integers(2))
+        contact = bool(rng.integers(2)) and name != "slider"  # whose links have no masses
         people = People(speeds=speeds, reaction_time=0.1, clearance=rng.uniform(0, 0.1), contact=contact)
-        people = replace(people, robot_mass=10.0)
         distances = PeopleDistances(robot, SCENE, people)
         curve, cells = random_curve(robot, rng)
         bounds = BodySpeeds(robot).bounds(curve, cells)

@@ -7,11 +7,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError, People, Scenario
+from safe_ompl import People, Scenario
 from safe_ompl.collision import fresh_data
 from safe_ompl.scene import BodyRegion, find_scenario
 from safe_ompl.scene.people import CONTACT_TABLE
-from safe_ompl.trajectories import BodySpeeds, ContactLimits, RateLimits, contact_speed, robot_mass, time_path
+from safe_ompl.trajectories import BodySpeeds, ContactLimits, RateLimits, contact_speed, time_path
 from safe_ompl.trajectories.contact import limb_contact_speed, limb_thickness
 
 LIMBS = (("anna", "right_hand"), ("anna", "torso"), ("anna", "head"), ("box", ""))
@@ -124,8 +124,8 @@ def test_no_gap_in_which_a_hand_fits_closes_faster_than_it_bears(robot_named, na
 
 def test_far_from_everything_a_hand_is_not_clamped_and_beside_movers_always(panda, shelf):
     still = shelf.scene.without("operator")
-    # Against an infinitely heavy robot a trunk bears no more free than clamped.
-    arguments = panda, still, People(contact=True, robot_mass=20.0), LIMBS, {"anna": 1.75}
+    # A heavy trunk bears no more free than clamped.
+    arguments = panda, still, People(contact=True, regions={"chest": (280, 4, 25)}), LIMBS, {"anna": 1.75}
     path = [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, -0.4, 0, -2.0, 0, 2.0, 0.785]]
     found = cells_of(panda, path)
     most, free = speeds_of(ContactLimits(*arguments), panda, *found)
@@ -170,7 +170,7 @@ def slow_where_gaps_are_narrow(limits, robot, still, cells, bodies, Q):
 def test_gaps_are_as_narrow_as_coal_measures_for_limbs_of_all_widths(panda, shelf):
     still = shelf.scene.without("operator")
     curve, cells, speeds = cells_of(panda, [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, 0.5, 0, -2.0, 0, 2.0, 0.785]])
-    limits = ContactLimits(panda, still, People(contact=True, robot_mass=20.0), LIMBS, {"anna": 1.75})
+    limits = ContactLimits(panda, still, People(contact=True, regions={"chest": (280, 4, 25)}), LIMBS, {"anna": 1.75})
     assert len(set(limits.thickness[limits.bears > 0])) > 1
     most, free = speeds_of(limits, panda, curve, cells, speeds)
     moving = [k for k, body in enumerate(panda.collision_model.geometryObjects) if body.parentJoint]
@@ -184,7 +184,7 @@ def test_any_limb_may_fit_beside_what_has_no_end(panda):
     part = "ground", coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0), pin.SE3.Identity()
     ground = SimpleNamespace(geometries=lambda: [part])
     found = cells_of(panda, [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, 0.5, 0, -2.0, 0, 2.0, 0.785]])
-    arguments = People(contact=True, robot_mass=20.0), LIMBS, {"anna": 1.75}
+    arguments = People(contact=True), LIMBS, {"anna": 1.75}
     most, _ = speeds_of(ContactLimits(panda, [ground], *arguments), panda, *found)
     near, _ = speeds_of(ContactLimits(panda, [], *arguments), panda, *found)
     assert np.isfinite(most).all()
@@ -196,9 +196,7 @@ def test_speeds_that_are_borne(panda):
     hand = BodyRegion(280, 0.6, 75)
     assert contact_speed(hand, 9.4) == pytest.approx(280 / np.sqrt(0.564 * 75e3))
     assert contact_speed(hand, 9.4, clamped=True) == pytest.approx(140 / np.sqrt(9.4 * 75e3))
-    relative = People(contact=True, contact_relative=True, speed=1.0, speeds={"left_hand": 0.3})
-    assert limb_contact_speed(panda, relative, "left_hand") == pytest.approx(contact_speed(hand, np.inf) - 0.3)
-    assert limb_contact_speed(panda, relative, "torso") == 0
+    assert limb_contact_speed(panda, People(contact=True), "left_hand") == contact_speed(hand, np.inf)
     assert limb_thickness("right_hand", 2.0) == pytest.approx(0.096)
     assert limb_thickness("torso", 1.75) == limb_thickness("left_flank", 1.75) > 0.5
     assert limb_thickness("", 1.75) == np.inf
@@ -221,18 +219,8 @@ def test_nothing_that_pushes_no_faster_presses_harder_than_a_region_bears():
         assert region.force / 2 < force[1:].max() <= 1.02 * region.force
 
 
-def test_mass_and_source_are_the_users(panda):
-    empty, loaded = (robot_mass(panda, People(load=load), clamped=True) for load in (0.0, 2.0))
-    assert loaded == pytest.approx(empty + 2.0)
-    assert robot_mass(panda, People(load=2.0)) == np.inf
-    for clamped in (False, True):
-        assert robot_mass(panda, People(load=2.0, robot_mass=5.0), clamped=clamped) == 5.0
-    said = People(contact=True, regions={"hand": (100, 0.6, 75)}, source="our tests of 2026").contact_sentence
-    assert "our tests of 2026" in said
+def test_the_default_figures_say_where_they_are_from():
+    said = People(contact=True, regions={"hand": (100, 0.6, 75)}).contact_sentence
     assert "as if it were infinitely heavy, the person's is not counted" in said
-    assert "as if it were 5 kg heavy" in People(contact=True, robot_mass=5.0).contact_sentence
-    assert "no compliance" in said  # of the other regions
+    assert "no compliance" in said
     assert People().contact_sentence == ""
-    for key, value in (("load", -1.0), ("contact_relative", "no"), ("source", 3)):
-        with pytest.raises(InputError, match=f"^{key}"):
-            People(**{key: value})

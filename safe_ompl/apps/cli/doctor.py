@@ -220,7 +220,7 @@ def ask_for_simplification() -> None:
     setup.setConfigurations([-1.0, 0.0], [1.0, 0.0])
     result = setup.plan("SafeRRTConnect", seed=0, simplify=True)
     result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=People(speed=1.6))
-    contact = People(speed=1.6, contact=True, robot_mass=20.0)
+    contact = People(speed=1.6, contact=True)
     result.timed(RateLimits.of(robot, acceleration=10.0), people=contact)
 
 

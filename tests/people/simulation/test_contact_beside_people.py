@@ -11,7 +11,7 @@ from safe_ompl.people import TrackedBody, find_skeleton
 from safe_ompl.people.replanning import Doing
 from safe_ompl.people.replanning.replanner import contact_limits
 from safe_ompl.people.simulation import ContactMonitor, limb_solids
-from safe_ompl.trajectories import contact_speed, robot_mass
+from safe_ompl.trajectories import contact_speed
 
 ARM = ("right_upper_arm", "right_forearm", "right_hand", "left_forearm", "left_hand")
 SPEED = 1.6
@@ -61,9 +61,8 @@ def test_touches_are_borne_and_there_are_some(panda, table, to_and_fro):
         replanner, tracker = replanner_beside(panda, table, TrackedBody(1.75, ARM), contact=True)
         trajectory = to_and_fro(replanner)[0]
         touches, commands = run_at(replanner, trajectory, tracker, begin, (1.25, shoulder, -0.9))
-        mass = robot_mass(panda, replanner.people)
         for touch in touches:
-            assert touch.speed <= contact_speed(replanner.people.region_of(touch.limb), mass) * (1 + 1e-6)
+            assert touch.speed <= contact_speed(replanner.people.region_of(touch.limb), np.inf) * (1 + 1e-6)
         found += touches
         assert {command.rule for command in commands} <= {"", "separation", "contact", "clamping"}
     assert len(found) > 10
