@@ -8,7 +8,16 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.common import cache, documents, files, formats, polynomials
-    from safe_ompl.common.compilation import caller, clock, compile_together, compiled, maker, part
+    from safe_ompl.common.compilation import (
+        caller,
+        clock,
+        compile_together,
+        compiled,
+        ctrl_c_as_such,
+        maker,
+        part,
+        until_ctrl_c,
+    )
     from safe_ompl.common.documents import within
     from safe_ompl.common.errors import (
         CertificateError,
@@ -68,6 +77,7 @@ __all__ = [
     "compiled",
     "configuration",
     "configurations",
+    "ctrl_c_as_such",
     "documents",
     "files",
     "finite_array",
@@ -89,6 +99,7 @@ __all__ = [
     "seed",
     "shaped_configuration",
     "shown",
+    "until_ctrl_c",
     "warn_once",
     "whole_number",
     "within",

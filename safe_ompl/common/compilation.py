@@ -18,7 +18,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from pkgutil import resolve_name
@@ -227,6 +227,24 @@ def compile_together(kernels: Sequence[Any], jobs: Sequence[str]) -> None:
         finally:
             process.kill()
             os.close(queue)
+
+
+@contextmanager
+def ctrl_c_as_such() -> Iterator[None]:
+    """Raise KeyboardInterrupt where Numba makes a SystemError of a Ctrl-C that comes while it looks a kernel up."""
+    try:
+        yield
+    except SystemError as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        raise
+
+
+@contextmanager
+def until_ctrl_c() -> Iterator[None]:
+    """End a block at Ctrl-C without an exception: what it has found so far stands."""
+    with suppress(KeyboardInterrupt), ctrl_c_as_such():
+        yield
 
 
 def _load_whole(cache: Any) -> None:

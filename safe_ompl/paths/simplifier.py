@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import FloatArray, InputError, StaleSceneError, clock, finite_array, number
+from safe_ompl.common import FloatArray, InputError, StaleSceneError, clock, finite_array, number, until_ctrl_c
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import STEP, WEIGHT, ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
 from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
@@ -212,7 +211,7 @@ class Simplifier:
         if not callable(stop):
             stop = timed(number("time", stop, above=0.0))
         run = self.begin(path, stop, on_better, goal, proven=proven)
-        with suppress(KeyboardInterrupt):
+        with until_ctrl_c():
             run.improve()
         return run.best
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from threading import current_thread, main_thread
 from types import FrameType, TracebackType
@@ -15,7 +14,7 @@ import numpy as np
 from ompl import base as ob
 
 import safe_ompl.trajectories as trajectories
-from safe_ompl.common import FloatArray, clock, positive
+from safe_ompl.common import FloatArray, clock, positive, until_ctrl_c
 from safe_ompl.paths import Simplifier, Stop, timed, unrolled
 from safe_ompl.planning.result import Improvement
 
@@ -130,7 +129,7 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
             found.times.append(clock() - begin)
             found.paths.append(path)
 
-    with suppress(KeyboardInterrupt):  # the best path so far stands
+    with until_ctrl_c():  # the best path so far stands
         while not over():
             if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
                 refinement, stale = refinement + 1, 0
@@ -177,7 +176,7 @@ class FastestPath:
     def search(self, search: Search, seconds: float, stop: Stop | None = None) -> None:
         """Look until the time is up; parameters as `optimise`. Ctrl-C ends it early."""
         over, start = timed(seconds, stop), 0
-        with suppress(KeyboardInterrupt):  # the best path so far stands
+        with until_ctrl_c():  # the best path so far stands
             while not over():
                 found = []
                 for k in range(start, start + _STARTS):
@@ -191,7 +190,7 @@ class FastestPath:
 
     def shorten(self, path: FloatArray, over: Stop) -> FloatArray:
         """Return a path that is driven in less time, or the given one."""
-        with suppress(KeyboardInterrupt):
+        with until_ctrl_c():
             self._make_faster(self._simplified(path, over)[1], over)
         return self.paths[-1]
 

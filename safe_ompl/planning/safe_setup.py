@@ -14,7 +14,7 @@ from ompl import base as ob
 
 import safe_ompl.motions as motions
 import safe_ompl.trajectories as trajectories
-from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError, clock, positive
+from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError, clock, ctrl_c_as_such, positive
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.danger import DangerLimit
 from safe_ompl.paths import PathReport, Simplifier, Stop, timed
@@ -97,6 +97,7 @@ class SafeSetup(ProblemSetup):
         elif isinstance(self.getGoal(), ob.GoalSampleableRegion):
             self.setPlanner(SafeRRTConnect(self.getSpaceInformation()))
 
+    @ctrl_c_as_such()
     def solve(self, time: float | ob.PlannerTerminationCondition = 1.0) -> ob.PlannerStatus:
         """Plan with the planner that is set, `SafeRRTConnect` if none is, as OMPL's `solve`; may be interrupted.
 
@@ -126,6 +127,7 @@ class SafeSetup(ProblemSetup):
                 self.getPlanner().clear()
             raise
 
+    @ctrl_c_as_such()
     def plan(
         self,
         planner: str | Any = "SafeRRTConnect",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import json
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from safe_ompl import CertifiedMotionValidator, CollisionFreeValidity, DangerObj
 from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.paths import Simplifier
+from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.planning.optimise import Interrupts
 from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_names
@@ -193,8 +196,19 @@ def test_an_exception_of_a_callback_arrives_unchanged(planner):
 # --------------------------------------------------------------------- while a path that is found is made better
 
 
-@pytest.fixture
-def ctrl_c_while_simplifying(monkeypatch):
+def lost_in_a_kernel():
+    """Raise what Numba makes of a Ctrl-C that comes while it looks a kernel up."""
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt as error:
+        raise SystemError("returned a result with an exception set") from error
+
+
+PRESSED = partial(signal.raise_signal, signal.SIGINT), lost_in_a_kernel
+
+
+@pytest.fixture(params=PRESSED, ids=["plain", "kernel"])
+def ctrl_c_while_simplifying(request, monkeypatch):
     """Press Ctrl-C, once, in the middle of a simplification; return what was said later to who asked about stopping."""
     begin, pressed, said = Simplifier.begin, [], list[bool]()
 
@@ -202,7 +216,7 @@ def ctrl_c_while_simplifying(monkeypatch):
         def asked():
             if not pressed:
                 pressed.append(True)
-                signal.raise_signal(signal.SIGINT)
+                request.param()
             said.append(stop())
             return said[-1]
 
@@ -226,10 +240,11 @@ def test_ctrl_c_leaves_the_best_path_so_far(ctrl_c_while_simplifying, options):
     assert not setup.plan(time=20.0, seed=0, simplify=0.1).interrupted
 
 
-def test_ctrl_c_before_there_is_a_path_leaves_nothing():
+@pytest.mark.parametrize("press", PRESSED, ids=["plain", "kernel"])
+def test_ctrl_c_before_there_is_a_path_leaves_nothing(press):
     class Endless(SafeRRTConnect):
         def _search(self, ptc):
-            signal.raise_signal(signal.SIGINT)
+            press()
             while not ptc():
                 pass
 
@@ -265,3 +280,60 @@ def test_in_a_thread_ctrl_c_is_not_looked_for():
     thread.start()
     thread.join()
     assert handlers == [before]
+
+
+@pytest.fixture
+def ctrl_c_at(monkeypatch):
+    """Return a function that has Ctrl-C pressed at the k-th call of a method."""
+
+    def press(kind, name, k):
+        method, calls = getattr(kind, name), itertools.count(1)
+
+        def pressed(*arguments, **options):
+            if next(calls) == k:
+                signal.raise_signal(signal.SIGINT)
+            return method(*arguments, **options)
+
+        monkeypatch.setattr(kind, name, pressed)
+
+    return press
+
+
+def test_compare_keeps_what_was_done_before_ctrl_c(ctrl_c_at, tmp_path, capfd):
+    command = ["compare", "planar3", "--planners", "SafeRRTConnect,RRTConnect", "--no-simplify", "--out", str(tmp_path)]
+    ctrl_c_at(SafeSetup, "plan", 4)
+    assert main([*command, "--runs", "9"]) == 130
+    out, err = capfd.readouterr()
+    assert "2/2" in out
+    assert "1/1" in out
+    assert err.startswith("safe-ompl: interrupted: this is what was done by then\n")
+    assert len(json.loads((tmp_path / "report.json").read_text())["runs"]) == 3
+    ctrl_c_at(SafeSetup, "plan", 1)
+    assert main([*command, "--force"]) == 130
+    assert capfd.readouterr().err == "safe-ompl: interrupted\n"
+
+
+def test_live_writes_its_summary_at_ctrl_c(ctrl_c_at, tmp_path, capfd):
+    ctrl_c_at(Replanner, "think", 5)
+    command = ["live", "panda_shelf", "--people", "random:1", "--out", str(tmp_path)]
+    assert main(command) == 130
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["seconds"] == pytest.approx(0.2)
+    assert summary["model_obeyed"] == 1.0
+    assert len((tmp_path / "ticks.jsonl").read_text().splitlines()) == 1 + 4
+    assert "0.2 s: 0 tasks" in capfd.readouterr().out
+
+
+def test_ctrl_c_while_the_program_is_imported_is_no_traceback():
+    program = """
+import signal, sys
+class Pressed:
+    def find_spec(self, name, *rest):
+        if name == "numba.core":
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Pressed())
+from safe_ompl.__main__ import main
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "safe-ompl: interrupted\n")

@@ -68,7 +68,9 @@ def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path,
     name, robot = campaign.scenario.name, setup.robot
     with output.progress_bar(output.error_console()) as progress:
         runs = campaign.results(setup, processes)
-        results = list(progress.track(runs, total=len(campaign), description=f"planning {name}"))
+        results: list[PlanResult] = []
+        tracked = progress.track(runs, total=len(campaign), description=f"planning {name}")
+        status = output.each_until_ctrl_c(tracked, results.append)
     summaries, planned = summarize(results), _as_planned(results, setup)
     report: dict[str, Any] = {
         "scenario": name,
@@ -97,7 +99,7 @@ def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path,
             draw_comparison(setup, summaries, folder)
     console.print(f"report{'' if advice else ' and pictures'} in {folder}")
     console.print(f"see them move: safe-ompl view {campaign.scenario.file or name}")
-    return 0 if all(summary.solved for summary in summaries) else 1
+    return status or int(not all(summary.solved for summary in summaries))
 
 
 def _as_planned(results: Sequence[PlanResult], setup: SafeSetup) -> list[Summary]:

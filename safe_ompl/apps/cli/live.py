@@ -161,10 +161,14 @@ def _drive(
 
             logs.append(stack.enter_context(closing(McapLog(options.mcap, header, replanner.robot, around))))
         bar = stack.enter_context(output.progress_bar(output.error_console()))
-        ticks, number = simulation.ticks(options.seconds), round(options.seconds / options.tick)
-        for tick in bar.track(ticks, total=number, description="live"):
+        ticks = stack.enter_context(closing(simulation.ticks(options.seconds)))
+        number = round(options.seconds / options.tick)
+
+        def write(tick: dict[str, Any]) -> None:
             for log in logs:
                 log.write(tick)
+
+        status = output.each_until_ctrl_c(bar.track(ticks, total=number, description="live"), write)
     summary = simulation.summary
     output.write_json(str(folder / "summary.json"), summary.as_dict())
     output.console().print(describe(summary))
@@ -176,7 +180,7 @@ def _drive(
     else:
         save_page(read_recording(folder / "ticks.jsonl", setup.robot), options.html)
         output.error_console().print(f"view in {options.html}")
-    return 0
+    return status
 
 
 def timed_way(way: FloatArray, robot: Robot, motion: MotionProver, scenario: Scenario) -> Trajectory:

@@ -69,12 +69,15 @@ class Mbm:
         console = output.error_console()
         results: dict[str, list[PlanResult]] = {}
         with output.opened(self.options.json) as stream, output.progress_bar(console, hidden=to_terminal) as progress:
-            for family, k in progress.track(self.chosen, description=self.file.path.name):
-                line, result = self._solve(family, k)
+
+            def solve(problem: tuple[str, int]) -> None:
+                line, result = self._solve(*problem)
                 print(json_line(line), file=stream, flush=True)
-                results.setdefault(family, []).append(result)
+                results.setdefault(problem[0], []).append(result)
+
+            status = output.each_until_ctrl_c(progress.track(self.chosen, description=self.file.path.name), solve)
         console.print(tables.families_table(results))
-        return 0 if all(result for of_family in results.values() for result in of_family) else 1
+        return status or int(not all(result for of_family in results.values() for result in of_family))
 
     def _solve(self, family: str, k: int) -> tuple[dict[str, Any], PlanResult]:
         """Return the k-th problem's line, and its result."""

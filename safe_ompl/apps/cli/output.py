@@ -13,7 +13,7 @@ from errno import EISDIR
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 from ompl import util as ou
 from rich import box
@@ -21,10 +21,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from safe_ompl.common import InputError, files
+from safe_ompl.common import InputError, files, until_ctrl_c
 from safe_ompl.io import strict_json
 from safe_ompl.view import PLOT_ENDINGS
 
+Item = TypeVar("Item")
+
+INTERRUPTED = 130  # exit status
 STANDARD_OUTPUT = "-"
 # Module, and what it is for.
 EXTRAS = {
@@ -145,6 +148,23 @@ def output_file(*endings: str, extra: str | None = None) -> Callable[[str], Outp
         return file
 
     return read
+
+
+def each_until_ctrl_c(items: Iterable[Item], do: Callable[[Item], object]) -> int:
+    """Do something with each item, until they end or Ctrl-C is pressed; return the exit status so far.
+
+    KeyboardInterrupt where nothing was done by then.
+    """
+    done = False
+    with until_ctrl_c():
+        for item in items:
+            do(item)
+            done = True
+        return 0
+    if not done:
+        raise KeyboardInterrupt
+    error_console().print("safe-ompl: interrupted: this is what was done by then")
+    return INTERRUPTED
 
 
 JSON_FILE = output_file(".json", STANDARD_OUTPUT)

@@ -15,13 +15,13 @@ from rich.table import Table
 from safe_ompl.apps.cli import arguments, check, compare, live, mbm, new, output, people, plan, ros, verify, view
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
-from safe_ompl.common import InputError, SafeOmplError
+from safe_ompl.common import InputError, SafeOmplError, ctrl_c_as_such
 from safe_ompl.robot import frame_index
 from safe_ompl.robot.loading import EXAMPLES, ExampleRobot, UrdfFile, links_lacking_shapes, robots_folder
 from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
 
-BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
+BAD_INPUT, BROKEN_PIPE = 2, 141
 
 _FIRST = (
     "first steps: safe-ompl view panda_shelf; for your own robot: safe-ompl new arm.urdf -o scenario.yaml, "
@@ -41,7 +41,7 @@ def main(words: Sequence[str] | None = None) -> int:
         argcomplete.autocomplete(parser)
         options = parser.parse_args((sys.argv[1:] if words is None else words) or ["--help"])
         output.check_outputs(options)
-        with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log:
+        with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log, ctrl_c_as_such():
             job = options.prepare(options)
             log.show()
             return int(job())
@@ -53,12 +53,9 @@ def main(words: Sequence[str] | None = None) -> int:
             said = f"{error.filename}: {error.strerror}"
         console.print(f"safe-ompl: {' '.join(said.split())}")
         return BAD_INPUT
-    except (KeyboardInterrupt, SystemError) as error:
-        # Numba turns a Ctrl-C that comes while it looks a kernel up into a SystemError.
-        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
-            raise
+    except KeyboardInterrupt:
         console.print("safe-ompl: interrupted")
-        return INTERRUPTED
+        return output.INTERRUPTED
 
 
 class _Parser(argparse.ArgumentParser):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -257,7 +257,7 @@ class Simulation:
             pass
         return self.summary
 
-    def ticks(self, seconds: float) -> Iterator[dict[str, Any]]:
+    def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
         """Run for a time [s], and yield ticks as `safe_ompl.io.ticks` describes them."""
         tick = self.replanner.tick
         self.replanner.start(self.trajectories[0])
@@ -265,29 +265,35 @@ class Simulation:
         logged: Command | None = None
         shares: FloatArray = np.zeros(3)
         path = 0
-        for k in range(round(number("seconds", seconds, above=0.0) / tick)):
-            now = k * tick
-            new, reaction = self._answer(now, command)
-            if new is None:
-                continue
-            old, command = command, new
-            self._count(old, command)
-            share, nearest = self._observe(now, old, command)
-            shares += share * tick
-            current = self._in_force(now, now, old, command)
-            new_path = logged is None or current.path is not logged.path
-            path, logged = path + new_path, current
-            line = {
-                **current.tick_at(now, tick),
-                **self.world.tick(now),
-                **nearest._asdict(),
-                "obeyed": bool(share[0] == 1.0),
-                "path": path,
-                "task": self.summary.tasks,
-                "reaction": reaction,
-            }
-            yield {**line, "ahead": _way_points(current)} if new_path else line
-        self._conclude(seconds, shares)
+        over = 0.0
+        try:
+            for k in range(round(number("seconds", seconds, above=0.0) / tick)):
+                now = k * tick
+                new, reaction = self._answer(now, command)
+                if new is None:
+                    continue
+                old, command = command, new
+                self._count(old, command)
+                share, nearest = self._observe(now, old, command)
+                shares += share * tick
+                over = now + tick
+                current = self._in_force(now, now, old, command)
+                new_path = logged is None or current.path is not logged.path
+                path, logged = path + new_path, current
+                line = {
+                    **current.tick_at(now, tick),
+                    **self.world.tick(now),
+                    **nearest._asdict(),
+                    "obeyed": bool(share[0] == 1.0),
+                    "path": path,
+                    "task": self.summary.tasks,
+                    "reaction": reaction,
+                }
+                yield {**line, "ahead": _way_points(current)} if new_path else line
+            over = seconds
+        finally:  # also where Ctrl-C or the caller ends it before its time
+            if over:
+                self._conclude(over, shares)
 
     def _answer(self, now: float, command: Command | None) -> tuple[Command | None, float | None]:
         """Return the command that answers a measurement, and how long that took [s]; if late, the last command."""
