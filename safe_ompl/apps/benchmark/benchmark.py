@@ -1,41 +1,81 @@
-"""The benchmark of planners on one problem: `ot.Benchmark` for planners in Python, with safety measured."""
+"""The benchmark of planners on one problem, called like `ot.Benchmark`, and its log for Planner Arena."""
 
 from __future__ import annotations
 
+import io
 import os
+import platform
+import re
 import socket
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field
 from datetime import datetime
+from importlib.metadata import version
 from os import PathLike
 from time import perf_counter
-from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 from ompl import base as ob
 from ompl import tools as ot
-from ompl import util as ou
 
-from safe_ompl.apps.benchmark.log import Experiment, PlannerRuns, save_database
-from safe_ompl.apps.benchmark.measures import Entry, Events, Measured, MeasuredRuns, RunLimits, Value
-from safe_ompl.apps.benchmark.runs import Run, do_tasks, rounds
-from safe_ompl.common import InputError
-from safe_ompl.planning import SafeSetup
+from safe_ompl.apps.benchmark.campaign import Value, run_measures
+from safe_ompl.apps.benchmark.runs import Run, results_of, rounds, run_planner
+from safe_ompl.common import InputError, files, whole_number
+from safe_ompl.planning import PlanResult, SafeSetup
+from safe_ompl.planning.planners import check_usable, make_planner
+
+# In the order of ob.PlannerStatus, in its words; its own logs call the last three "Unknown status".
+_STATUSES = (
+    "Unknown status",
+    "Invalid start",
+    "Invalid goal",
+    "Unrecognized goal type",
+    "Timeout",
+    "Approximate solution",
+    "Exact solution",
+    "Crash",
+    "Aborted",
+    "Infeasible",
+)
+
+
+@dataclass
+class PlannerRuns:
+    """All runs of one planner, by a name that differs from all others of the experiment."""
+
+    name: str
+    runs: list[Mapping[str, Value]] = field(default_factory=list)  # Measurements of each run by their names
+
+
+@dataclass
+class Experiment:
+    """The content of a benchmark log."""
+
+    name: str  # Name of the experiment; blanks become underscores, since OMPL's reader stops at them
+    planners: list[PlannerRuns] = field(default_factory=list)  # What was measured
+    setup: str = ""  # What the problem is, in any number of lines
+    time_limit: float = 0.0  # Of a run [s]
+    run_count: int = 0  # How many runs of each planner were asked for
+    seed: int = 0  # Of the first run
+    duration: float = 0.0  # Of the whole experiment [s]
+    begin: datetime = field(default_factory=datetime.now)  # When it began
 
 
 class Benchmark:
     """Runs planners many times on one problem, and writes OMPL's log; called like `ot.Benchmark`.
 
-    `ot.Benchmark` does not record graphs, settings and progress of planners in Python, aborts when a callback raises,
-    and leaves a broken log handler behind. This class does the runs itself. It measures what OMPL measures, under the
-    same names; for a `SafeSetup` also danger, clearance, proof and all counts. A run that raises an exception is a
-    crash, with the message in the column `error`. Ctrl-C ends the benchmark and keeps the runs done so far.
+    `ot.Benchmark` does not record graphs of planners in Python, and aborts when they raise an exception. This class
+    does the runs itself, each as `SafeSetup.plan` does it, and also measures danger, clearance, proof and all counts. A
+    run that raises an exception is a crash, with the message in the column `error`. Ctrl-C ends the benchmark and keeps
+    the runs done so far.
 
     Parameters
     ----------
-    setup : og.SimpleSetup or callable
-        The problem, or a function without arguments that builds it.
+    setup : SafeSetup
+        The problem.
     name : str
         Name of the experiment.
 
@@ -48,20 +88,15 @@ class Benchmark:
     >>> benchmark.saveResultsToFile("shelf.log")                                        # doctest: +SKIP
     """
 
-    def __init__(self, setup: Any, name: str = "") -> None:
-        if not (callable(setup) or hasattr(setup, "getSpaceInformation")):
-            raise InputError(f"setup must be a SimpleSetup or a function that builds one, got {setup!r}")
-        self._given = setup
-        self._setup = setup() if callable(setup) else setup
-        self._entries: list[Entry] = []
-        self._events = Events()
-        self._switch: Callable[[Any], None] | None = None
-        self._parameters: dict[str, Value] = {}
+    def __init__(self, setup: SafeSetup, name: str = "") -> None:
+        if not isinstance(setup, SafeSetup):
+            raise InputError(f"setup must be a SafeSetup, got {setup!r}; ot.Benchmark is for others")
+        self._setup = setup
+        self._sources: dict[str, Any] = {}
         self._experiment = Experiment(name)
-        self._status = SimpleNamespace(running=False, activePlanner="", activeRun=0, progressPercentage=0.0)
 
     def __repr__(self) -> str:
-        return f"Benchmark({self._given!r}, {len(self._entries)} planners)"
+        return f"Benchmark({self._setup!r}, {len(self._sources)} planners)"
 
     def addPlanner(self, planner: Any) -> None:
         """Add a planner, or the name of one of `planner_names()`. By name it is made anew for every run."""
@@ -77,51 +112,19 @@ class Benchmark:
         self._add(allocator)
 
     def _add(self, source: Any) -> None:
-        planner = Entry("", source).planner(self._setup)
-        taken = [entry.name for entry in self._entries]
-        name, k = planner.getName(), 2
-        while name in taken:
-            name, k = f"{planner.getName()} {k}", k + 1
-        self._entries.append(Entry(name, source))
+        own = self._planner(source).getName()
+        name, k = own, 2
+        while name in self._sources:
+            name, k = f"{own} {k}", k + 1
+        self._sources[name] = source
 
-    def clearPlanners(self) -> None:
-        """Remove all planners."""
-        self._entries.clear()
-
-    def addExperimentParameter(self, name: str, type: str, value: str) -> None:
-        """Add a property of the experiment; the type is found in the value."""
-        self._parameters[name] = {"INTEGER": int, "REAL": float}.get(type.upper(), str)(value)
-
-    def getExperimentParameters(self) -> dict[str, str]:
-        """Return the properties of the experiment."""
-        return {name: str(value) for name, value in self._parameters.items()}
-
-    def numExperimentParameters(self) -> int:
-        """Return the number of properties of the experiment."""
-        return len(self._parameters)
-
-    def setExperimentName(self, name: str) -> None:
-        """Set the name of the experiment."""
-        self._experiment.name = name
-
-    def getExperimentName(self) -> str:
-        """Return the name of the experiment."""
-        return self._experiment.name
-
-    def setPlannerSwitchEvent(self, event: Callable[[Any], None]) -> None:
-        """Set a function that gets every planner before its first run, in this process."""
-        self._switch = event
-
-    def setPreRunEvent(self, event: Callable[[Any], None]) -> None:
-        """Set a function that gets the planner before every run."""
-        self._events.before = event
-
-    def setPostRunEvent(self, event: Callable[[Any, dict[str, Any]], None]) -> None:
-        """Set a function that gets planner and measurements after every run, and may change and add measurements.
-
-        Names are words (`run["joint effort"] = 2.5`); OMPL's form (`run["joint effort REAL"] = "2.5"`) works, too.
-        """
-        self._events.after = event
+    def _planner(self, source: Any) -> Any:
+        """Return a planner that was given by its name, by itself, or by a function that makes it."""
+        if isinstance(source, str):
+            return make_planner(source, self._setup.getSpaceInformation())
+        planner = source if isinstance(source, ob.Planner) else source(self._setup.getSpaceInformation())
+        check_usable(planner)
+        return planner
 
     def benchmark(self, request: Any = None, *, seed: int = 0, processes: int | None = None) -> None:
         """Do the runs.
@@ -129,13 +132,12 @@ class Benchmark:
         Parameters
         ----------
         request : ot.Request
-            maxTime, maxMem, runCount, timeBetweenUpdates, displayProgress, saveConsoleOutput, simplify.
+            Its maxTime, runCount, displayProgress and simplify count; the other fields have no effect.
         seed : int
             Seed of the first run of each planner; the next ones count up. Planners that are made anew for every run
             (by name or allocator) do the same in any process.
         processes : int, optional
-            How many runs go on at the same time; times are most accurate with 1. By default one for each processor,
-            or 1 if events are set, since these may change objects of this process.
+            How many runs go on at the same time; times are most accurate with 1. By default one for each processor.
 
         Raises
         ------
@@ -145,105 +147,91 @@ class Benchmark:
         request = request or ot.Request()
         if request.runCount < 1:
             raise InputError(f"runCount must be at least 1, got {request.runCount!r}")
-        tasks = rounds([entry.name for entry in self._entries], request.runCount, seed)
+        runs = rounds(list(self._sources), request.runCount, seed)
         if processes is None:
-            machine = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-            processes = 1 if self._events else machine
-        limits = RunLimits(request.maxTime, request.maxMem, request.timeBetweenUpdates, request.simplify)
-        job = MeasuredRuns(self._setup, {entry.name: entry for entry in self._entries}, limits, self._events)
-        runs = do_tasks(job, tasks, processes)
-        if self._switch is not None:
-            for entry in self._entries:
-                self._switch(entry.planner(self._setup))
-        found: dict[Run, Measured] = {}
-        begin, clock = datetime.now(), perf_counter()
-        self._status.running = True
-        try:
-            with _console_output(request.saveConsoleOutput, self._experiment.name):
-                for run, measured in runs:
-                    found[run] = measured
-                    self._report(request.displayProgress, run, len(found) / len(tasks))
-        finally:
-            self._status.running = False
-            self._experiment = Experiment(
-                self._experiment.name,
-                [_collect(entry.name, tasks, found) for entry in self._entries],
-                self._describe(),
-                request.maxTime,
-                request.maxMem,
-                request.runCount,
-                seed,
-                perf_counter() - clock,
-                begin,
-                self._parameters,
-            )
+            processes = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+        whole_number("processes", processes, at_least=1)
 
-    def _report(self, display: bool, run: Run, share: float) -> None:
-        self._status.activePlanner = run.planner
-        self._status.activeRun += 1
-        self._status.progressPercentage = 100 * share
-        if display:
-            print(f"\r{self._experiment.name}: {share:.0%}", end="\n" if share == 1 else "", file=sys.stderr)
+        def do(run: Run) -> PlanResult:
+            planner = self._planner(self._sources[run.planner])
+            return run_planner(self._setup, run, planner=planner, time=request.maxTime, simplify=request.simplify)
 
-    def _describe(self) -> str:
-        if isinstance(self._setup, SafeSetup):
-            return repr(self._setup)
-        space = self._setup.getStateSpace()  # printing a SimpleSetup would make thousands of queries
-        return f"{space.getName()}, {space.getDimension()} dimensions"
-
-    def getStatus(self) -> SimpleNamespace:
-        """Return the state of the benchmark: running, activePlanner, activeRun, progressPercentage."""
-        return self._status
+        planners = {name: PlannerRuns(name) for name in self._sources}
+        self._experiment = experiment = Experiment(
+            self._experiment.name, list(planners.values()), repr(self._setup), request.maxTime, request.runCount, seed
+        )
+        begin = perf_counter()
+        for k, (run, result) in enumerate(zip(runs, results_of(do, runs, processes), strict=True), 1):
+            crashed = result.status.startswith("Error: ")
+            error = {"error": result.status.removeprefix("Error: ")} if crashed else {}
+            planners[run.planner].runs.append({**run_measures(result), **error})
+            experiment.duration = perf_counter() - begin
+            if request.displayProgress:
+                print(f"\r{experiment.name}: {k / len(runs):.0%}", end="\n" * (k == len(runs)), file=sys.stderr)
 
     def getRecordedExperimentData(self) -> Experiment:
         """Return what was measured so far."""
         return self._experiment
 
-    def saveResultsToFile(self, filename: str | PathLike[str] | None = None) -> bool:
-        """Write the log; by default to NAME_HOST_TIME.log in the current folder."""
-        self._experiment.save(filename or _file_name(self._experiment.name, "log"))
-        return True
-
-    def saveResultsToStream(self) -> bool:
-        """Print the log."""
-        print(self._experiment.text(), end="")
+    def saveResultsToFile(self, filename: str | PathLike[str]) -> bool:
+        """Write the log."""
+        files.write(str(filename), log_text(self._experiment))
         return True
 
     def saveResultsToDatabase(self, log: str | PathLike[str], database: str | PathLike[str]) -> None:
-        """Write the log, and add it to a SQLite database for Planner Arena."""
-        self._experiment.save(log)
-        save_database([log], database)
+        """Write the log, and add it to a SQLite database for Planner Arena, which is made if there is none."""
+        self.saveResultsToFile(log)
+        with redirect_stdout(io.StringIO()):  # OMPL's reader reports every planner
+            ot.readBenchmarkLog(str(database), [str(log)], False)
 
 
-def _collect(planner: str, tasks: list[Run], found: Mapping[Run, Measured]) -> PlannerRuns:
-    """Return the runs of one planner in the order of their seeds."""
-    runs = [found[task] for task in tasks if task.planner == planner and task in found]
-    settings = next((run.settings for run in runs if run.settings), {})
-    names = next((run.progress_names for run in runs if run.progress_names), ())
-    progress = [run.progress for run in runs] if names else []
-    return PlannerRuns(planner, settings, [run.properties for run in runs], names, progress)
+def log_text(experiment: Experiment) -> str:
+    """Return a log in OMPL's format, as Planner Arena and `ot.readBenchmarkLog` read it."""
+    lines = [
+        f"OMPL version {version('ompl')}",
+        f"Experiment {'_'.join(experiment.name.split()) or 'NO_NAME'}",
+        "0 experiment properties",
+        f"Running on {'_'.join(socket.gethostname().split()) or 'UNKNOWN'}",
+        f"Starting at {experiment.begin:%Y-%m-%d %H:%M:%S}",
+        f"<<<|\n{experiment.setup.strip()}\n|>>>",
+        f"<<<|\n{platform.platform()}\n{platform.processor()}\n|>>>",
+        f"{experiment.seed} is the random seed",
+        f"{experiment.time_limit:g} seconds per run",
+        "0 MB per run",
+        f"{experiment.run_count} runs per planner",
+        f"{experiment.duration:g} seconds spent to collect the data",
+        "1 enum type",
+        "|".join(("status", *_STATUSES)),
+        f"{len(experiment.planners)} planners",
+    ]
+    for planner in experiment.planners:
+        names = sorted({name for run in planner.runs for name in run})
+        lines += [planner.name, "0 common properties", f"{len(names)} properties for each run"]
+        lines += [_column(name, [run.get(name) for run in planner.runs]) for name in names]
+        lines.append(f"{len(planner.runs)} runs")
+        lines += ["".join(f"{_text(name, run.get(name))}; " for name in names) for run in planner.runs]
+        lines.append(".")
+    return "\n".join(lines) + "\n"
 
 
-@contextmanager
-def _console_output(save: bool, name: str) -> Iterator[None]:
-    """Send OMPL's messages to a file, or nowhere, and restore the handler afterwards."""
-    handler, level = ou.getOutputHandler(), ou.getLogLevel()
-    file = ou.OutputHandlerFile(_file_name(name, "console")) if save else None
-    if file is None:
-        ou.noOutputHandler()
-    else:
-        ou.useOutputHandler(file)
-        ou.setLogLevel(min(level, ou.LogLevel.LOG_INFO, key=lambda kind: kind.value))
-    try:
-        yield
-    finally:
-        ou.setLogLevel(level)
-        if handler is None:
-            ou.noOutputHandler()
-        else:
-            ou.useOutputHandler(handler)
+def _column(name: str, values: Sequence[Value]) -> str:
+    """Return a property's name and type as the log declares it."""
+    if name == "status":
+        return "status ENUM"
+    known = [value for value in values if value is not None]
+    for kind, word in ((bool | np.bool_, "BOOLEAN"), (int | np.integer, "INTEGER"), (float | int | np.number, "REAL")):
+        if known and all(isinstance(value, kind) for value in known):
+            return f"{name} {word}"
+    return f"{name} {'TEXT' if known else 'REAL'}"
 
 
-def _file_name(name: str, ending: str) -> str:
-    words = "_".join(name.split()) or "ompl"
-    return f"{words}_{socket.gethostname()}_{datetime.now():%Y-%m-%d_%H-%M-%S}.{ending}"
+def _text(name: str, value: Any) -> str:
+    """Return a value as the log writes it: empty for what is not known, one line, no separators."""
+    if value is None:
+        return ""
+    if name == "status":
+        word = "Crash" if value.startswith("Error") else value
+        return str(_STATUSES.index(word) if word in _STATUSES else 0)
+    if isinstance(value, bool | np.bool_):
+        return str(int(value))
+    return re.sub(r"[;,\s]+", " ", value) if isinstance(value, str) else f"{value}"

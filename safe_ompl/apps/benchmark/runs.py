@@ -1,23 +1,19 @@
-"""The run engine: which planner runs with which seed, in this process or in others."""
+"""Runs of planners: one run, many in an order, and in other processes."""
 
 from __future__ import annotations
 
 import logging
 import multiprocessing
 import signal
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from logging.handlers import QueueHandler
 from multiprocessing.connection import Connection, wait
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple
 
 from safe_ompl.common import InputError, pass_on, whole_number
+from safe_ompl.planning import PlanResult, SafeSetup
 
-ATTEMPTS = 2  # of a task whose process does not survive it
-
-TaskT = TypeVar("TaskT")
-Outcome = TypeVar("Outcome")
-_Task = TypeVar("_Task", contravariant=True)
-_Outcome = TypeVar("_Outcome", covariant=True)
+_log = logging.getLogger(__name__)
 
 
 class Run(NamedTuple):
@@ -27,8 +23,8 @@ class Run(NamedTuple):
     seed: int
 
 
-def rounds(planners: Sequence[str], number: int, seed: int = 0, done: Collection[Run] = frozenset()) -> list[Run]:
-    """Return the runs of a comparison but those `done`, in their order: the planners take turns, once with each seed.
+def rounds(planners: Sequence[str], number: int, seed: int = 0) -> list[Run]:
+    """Return the runs of a comparison in their order: the planners take turns, once with each seed.
 
     Raises InputError for no planner, one named twice, or a number of runs below 1.
     """
@@ -38,52 +34,79 @@ def rounds(planners: Sequence[str], number: int, seed: int = 0, done: Collection
         if list(planners).count(name) > 1:
             raise InputError(f"planner {name!r} is named twice")
     number = whole_number("runs", number, at_least=1)
-    runs = (Run(planner, seed + k) for k in range(number) for planner in planners)
-    return [run for run in runs if run not in done]
+    return [Run(planner, seed + k) for k in range(number) for planner in planners]
 
 
-class Job(Protocol[_Task, _Outcome]):
-    """Work that consists of many independent tasks, each with an outcome."""
+def run_planner(
+    setup: SafeSetup,
+    run: Run,
+    *,
+    planner: Any = None,
+    time: float,
+    parameters: Mapping[str, Any] | None = None,
+    simplify: bool | float = False,
+) -> PlanResult:
+    """Do one run, of the planner by its name or as it is given; what goes wrong in it is a result without a path.
 
-    def run(self, task: _Task) -> _Outcome:
-        """Do one task."""
-
-    def crash(self, task: _Task, words: str) -> _Outcome:
-        """Return the outcome of a task whose process died; `words` say how."""
-
-
-def do_tasks(job: Job[TaskT, Outcome], tasks: Sequence[TaskT], processes: int = 1) -> Iterator[tuple[TaskT, Outcome]]:
-    """Do tasks, and yield each with its outcome as they come.
-
-    One process is this one, more are forked. Raises InputError for a number of processes below 1.
+    It does not know of other runs, and its result can be sent to other processes: anything may spread runs out. Only an
+    InputError, which all runs would raise, and Ctrl-C arrive here.
     """
-    processes = whole_number("processes", processes, at_least=1)
-    if processes == 1:
-        return ((task, job.run(task)) for task in tasks)
-    return in_processes(job, tasks, min(processes, len(tasks)))
+    try:
+        options: dict[str, Any] = {"parameters": parameters, "simplify": simplify}
+        result = setup.plan(run.planner if planner is None else planner, time=time, seed=run.seed, **options)
+    except InputError:
+        raise
+    except Exception as error:
+        return _failed(run, str(error), setup.robot.joint_names)
+    if result.interrupted:  # Ctrl-C is for all the runs
+        raise KeyboardInterrupt
+    return result
 
 
-def in_processes(job: Job[TaskT, Outcome], tasks: Sequence[TaskT], number: int) -> Iterator[tuple[TaskT, Outcome]]:
-    """Do tasks in processes that are forked: jobs of any kind are there without being pickled.
+def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) -> PlanResult:
+    """Return the result of a run without a path."""
+    return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
 
-    A task whose process dies is done again in a new one; if that dies, too, the task is a crash; all others finish.
-    An exception that a task raises is raised here, and ends all tasks. Log records of the processes are logged here.
+
+def _failed(run: Run, words: str, joint_names: tuple[str, ...] = ()) -> PlanResult:
+    _log.warning("%s, seed %d: %s", run.planner, run.seed, words)
+    return failure(f"Error: {words}", run.planner, run.seed, joint_names)
+
+
+def results_of(do: Callable[[Run], PlanResult], runs: Sequence[Run], processes: int = 1) -> Iterator[PlanResult]:
+    """Do runs, and yield their results in their order; one process is this one, more are forked.
+
+    A run whose process dies has no path. An InputError ends all. Log records of the processes are logged here.
     """
+    if whole_number("processes", processes, at_least=1) == 1:
+        yield from map(do, runs)
+        return
+    waiting: dict[Run, PlanResult] = {}
+    done = _in_processes(do, runs, min(processes, len(runs)))
+    for run in runs:
+        while run not in waiting:
+            waiting.update([next(done)])
+        yield waiting.pop(run)
+
+
+def _in_processes(
+    do: Callable[[Run], PlanResult], runs: Sequence[Run], number: int
+) -> Iterator[tuple[Run, PlanResult]]:
+    """Do runs in processes that are forked, so that setup and planners need not be pickled; yield them as they come."""
     context = multiprocessing.get_context("fork")
-    left = [(task, 1) for task in reversed(tasks)]
-    working: dict[Connection, tuple[Any, TaskT, int]] = {}
+    left = list(reversed(runs))
+    working: dict[Connection, tuple[Any, Run]] = {}
 
     def start() -> None:
         ours, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(job, theirs, [*working, ours]), daemon=True)
+        process = context.Process(target=_work, args=(do, theirs, [*working, ours]), daemon=True)
         process.start()
         theirs.close()
         give(ours, process)
 
     def give(pipe: Connection, process: Any) -> None:
-        task, attempt = left.pop()
-        working[pipe] = process, task, attempt
-        pipe.send(task)
+        working[pipe] = process, left.pop()
+        pipe.send(working[pipe][1])
 
     try:
         while left or working:
@@ -91,41 +114,28 @@ def in_processes(job: Job[TaskT, Outcome], tasks: Sequence[TaskT], number: int) 
                 start()
             for pipe in wait(list(working)):
                 assert isinstance(pipe, Connection)
-                process, task, attempt = working[pipe]
+                process, run = working[pipe]
                 try:
                     message = pipe.recv()
                 except (EOFError, ConnectionResetError):
-                    del working[pipe]
                     process.join()
-                    if attempt < ATTEMPTS:
-                        left.append((task, attempt + 1))
-                        continue
-                    outcome = job.crash(task, f"the process ended with exit code {process.exitcode}")
-                else:
-                    if isinstance(message, logging.LogRecord):
-                        pass_on(message)
-                        continue
-                    if isinstance(message, _Raised):
-                        raise message.error
-                    del working[pipe]
-                    outcome = message
-                yield task, outcome
+                    message = _failed(run, f"the process ended with exit code {process.exitcode}")
+                if isinstance(message, logging.LogRecord):
+                    pass_on(message)
+                    continue
+                if isinstance(message, Exception):
+                    raise message
+                del working[pipe]
+                yield run, message
                 if left and process.is_alive():
                     give(pipe, process)
                 else:
                     pipe.close()
     finally:
-        for process, _, _ in working.values():
+        for process, _ in working.values():
             process.terminate()
-        for process, _, _ in working.values():
+        for process, _ in working.values():
             process.join()
-
-
-class _Raised:
-    """An exception that a worker sends to the process that started it."""
-
-    def __init__(self, error: Exception) -> None:
-        self.error = error
 
 
 class _LogPipe(QueueHandler):
@@ -140,8 +150,8 @@ class _LogPipe(QueueHandler):
         self._pipe.send(record)
 
 
-def _work(job: Job[Any, Any], pipe: Connection, others: Sequence[Connection]) -> None:
-    """Do the tasks that come through a pipe until it is closed."""
+def _work(do: Callable[[Run], PlanResult], pipe: Connection, others: Sequence[Connection]) -> None:
+    """Do the runs that come through a pipe until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     logger = logging.getLogger("safe_ompl")
     logger.handlers, logger.propagate = [_LogPipe(pipe)], False
@@ -149,11 +159,10 @@ def _work(job: Job[Any, Any], pipe: Connection, others: Sequence[Connection]) ->
         other.close()
     while True:
         try:
-            task = pipe.recv()
+            run = pipe.recv()
         except EOFError:
             return
         try:
-            message = job.run(task)
+            pipe.send(do(run))
         except Exception as error:
-            message = _Raised(error)
-        pipe.send(message)
+            pipe.send(error)

@@ -36,7 +36,7 @@ class _Column(NamedTuple):
     more_is_better: bool = False
 
     def value(self, summary: Summary) -> float:
-        return self.scale * summary.median(self.metric) if self.metric else summary.solved / summary.runs
+        return self.scale * summary.percentile(self.metric) if self.metric else summary.solved / summary.runs
 
     def written(self, summary: Summary) -> str:
         if self.metric:
@@ -69,7 +69,7 @@ _WORK = (_Column("checks", "queries"), _Column("field\nevals", "field_configurat
 
 def _chosen_columns(summaries: Sequence[Summary], more: Sequence[_Column] = ()) -> list[_Column]:
     """Return the columns of a table; what simplification took is one of them if there was any."""
-    simplified = any(summary.median("simplification_time") > 0 for summary in summaries)
+    simplified = any(summary.percentile("simplification_time") > 0 for summary in summaries)
     return [_SOLVED, _TIME_COLUMN, *([_SIMPLIFICATION] if simplified else []), *_PATH, *more]
 
 

@@ -1,48 +1,155 @@
-"""Benchmarks: what OMPL's reader finds in their logs, and that nothing which goes wrong in a run ends them."""
+"""Runs, campaigns and benchmarks: who runs when, what OMPL's reader finds, and that no run ends the others."""
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import os
 import signal
 import sqlite3
-import threading
 
 import numpy as np
 import pytest
-from ompl import base as ob
 from ompl import geometric as og
 from ompl import tools as ot
-from ompl import util as ou
 
-from safe_ompl import Benchmark, InputError, SafeRRTConnect, Scenario
-from safe_ompl.apps.benchmark.measures import planner_settings
-from safe_ompl.apps.benchmark.runs import in_processes
+from safe_ompl import Benchmark, InputError, PlanningError, SafeRRTConnect, SafeSetup, Scenario, UnknownNameError
+from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, summarize
+from safe_ompl.apps.benchmark.runs import results_of
 from safe_ompl.common import warn_once
 from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import is_ours, planner_names
 from safe_ompl.scene import find_scenario
+
+PLANNERS = ("RRTConnect", "SafeRRTConnect")
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return Scenario.load(find_scenario("planar3"))
+
+
+@pytest.fixture(scope="module")
+def setup(scenario):
+    return setup_scenario(scenario)
+
+
+@pytest.fixture(scope="module")
+def results(scenario, setup):
+    return list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(setup))
+
+
+# ------------------------------------------------------------------------------------------------- campaigns
+
+
+def test_planners_take_turns_with_the_same_seeds_in_any_process(scenario, setup, results):
+    assert [(r.planner, r.seed) for r in results] == [(planner, seed) for seed in range(10, 15) for planner in PLANNERS]
+    for result, other in zip(results, Campaign(scenario, PLANNERS, 5, seed=10).results(processes=2), strict=True):
+        np.testing.assert_array_equal(result.path, other.path)
+        np.testing.assert_array_equal(result.path, setup.plan(result.planner, seed=result.seed).path)
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("error", [PlanningError("edge 3 is not proven free"), RuntimeError("no; not\nthis one")])
+def test_what_goes_wrong_in_a_run_is_of_that_run_and_logged_here(
+    scenario, setup, monkeypatch, caplog, processes, error
+):
+    def refuse(self, planner, **options):
+        raise error
+
+    monkeypatch.setattr(SafeSetup, "plan", refuse)
+    failed = list(Campaign(scenario, PLANNERS, runs=1).results(setup, processes))
+    assert [result.status for result in failed] == [f"Error: {error}"] * 2
+    said = sorted(record.getMessage() for record in caplog.records)
+    assert said == [f"{planner}, seed 0: {error}" for planner in PLANNERS]
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_input_that_is_wrong_for_all_runs_ends_them(scenario, setup, monkeypatch, processes):
+    def confused(self, planner, **options):
+        raise UnknownNameError("joint", "knee", self.robot.joint_names)
+
+    monkeypatch.setattr(SafeSetup, "plan", confused)
+    with pytest.raises(UnknownNameError, match=r"'knee'.*joint1"):
+        list(Campaign(scenario, PLANNERS, runs=2).results(setup, processes))
+
+
+def test_a_run_that_kills_its_process_has_no_path_and_the_others_have():
+    def do(run):
+        if run.seed == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return failure("Timeout", *run, ())
+
+    statuses = [result.status for result in results_of(do, [Run("a", seed) for seed in range(4)], 2)]
+    assert statuses == ["Timeout", "Error: the process ended with exit code -9", "Timeout", "Timeout"]
+
+
+def test_what_is_said_once_is_said_once_though_every_process_has_to_say_it(caplog):
+    def do(run):
+        warn_once(logging.getLogger("safe_ompl.talk"), "said by every process")
+        return failure("Timeout", *run, ())
+
+    assert len(list(results_of(do, [Run("a", seed) for seed in range(4)], 2))) == 4
+    assert [record.getMessage() for record in caplog.records] == ["said by every process"]
+
+
+@pytest.mark.parametrize(
+    ("planners", "runs", "processes", "said"),
+    [
+        ((), 1, 1, "at least one"),
+        (("RRT", "RRT"), 1, 1, "twice"),
+        (PLANNERS, 0, 1, "runs"),
+        (PLANNERS, 1.5, 1, "runs"),
+        (("RRTConnect", "Fly"), 1, 1, "'Fly'"),
+        (PLANNERS, 1, 0, "processes"),
+    ],
+)
+def test_bad_campaigns_are_refused_before_any_run(scenario, setup, planners, runs, processes, said):
+    with pytest.raises(InputError, match=said):
+        Campaign(scenario, planners, runs).results(setup, processes)
+
+
+def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scenario):
+    ours = [name for name in planner_names() if is_ours(name)]
+    both = dataclasses.replace(scenario.goal, position=(0.3, 0.0, 0.4))
+    assert default_planners(dataclasses.replace(scenario, goal=both)) == ("RRTConnect", *ours)
+    configurations = dataclasses.replace(scenario.goal, position=None)
+    fitting = [name for name in ours if "JTRRT" not in name]
+    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == ("RRTConnect", *fitting)
+
+
+def test_summaries(results):
+    summaries = summarize([*results, failure("Timeout", "RRTConnect", 99, results[0].joint_names)])
+    assert [(s.planner, s.runs, s.solved) for s in summaries] == [("RRTConnect", 6, 5), ("SafeRRTConnect", 5, 5)]
+    mine, summary = [result for result in results if result.planner == "SafeRRTConnect"], summaries[1]
+    lengths = [result.report.length for result in mine]
+    assert summary.as_dict()["length"] == {
+        "median": pytest.approx(np.median(lengths)),
+        "p15": pytest.approx(np.percentile(lengths, 15)),
+        "p85": pytest.approx(np.percentile(lengths, 85)),
+    }
+    assert summary.profiles.shape == (5, 101)
+    assert summary.typical is mine[int(np.argsort([result.report.danger.mean for result in mine])[2])]
+    assert summary.metrics["queries"].tolist() == [result.counts.queries for result in mine]
+    nothing = Summary.of("RRT", [failure("Timeout", "RRT", 0, ("a",))])
+    assert (nothing.solved, nothing.typical, nothing.profiles.size) == (0, None, 0)
+    assert np.isnan(nothing.percentile("length"))
+
+
+# ------------------------------------------------------------------------------------------- called like OMPL's
 
 
 def request(**values):
-    usual = {"maxTime": 20.0, "runCount": 2, "displayProgress": False, "saveConsoleOutput": False}
-    return ot.Request(**{**usual, "simplify": False, **values})
+    return ot.Request(**{"maxTime": 20.0, "runCount": 2, "displayProgress": False, "simplify": False, **values})
 
 
 def runs_of(benchmark, folder):
     benchmark.saveResultsToDatabase(folder / "b.log", folder / "b.db")
     with sqlite3.connect(folder / "b.db") as connection:
         connection.row_factory = sqlite3.Row
-        query = "SELECT p.name AS planner, p.settings, r.* FROM runs r JOIN plannerConfigs p ON p.id = r.plannerid"
-        return [dict(row) for row in connection.execute(query)]
-
-
-def build():
-    return setup_scenario(Scenario.load(find_scenario("planar3")))
-
-
-@pytest.fixture
-def setup():
-    return build()
+        query = "SELECT p.name AS planner, r.* FROM runs r JOIN plannerConfigs p ON p.id = r.plannerid"
+        words = {row["value"]: row["description"] for row in connection.execute("SELECT * FROM enums")}
+        return [{**dict(row), "status": words[row["status"]]} for row in connection.execute(query)]
 
 
 def test_measurements_reach_the_database(setup, tmp_path):
@@ -50,60 +157,25 @@ def test_measurements_reach_the_database(setup, tmp_path):
     benchmark.addPlanner("SafePRM")
     benchmark.addPlannerAllocator(lambda si: SafeRRTConnect(si, "eager", alpha=2.0))
     benchmark.addPlanner(og.RRTConnect(setup.getSpaceInformation()))
-    benchmark.addExperimentParameter("obstacles", "INTEGER", "4")
+    benchmark.addPlanner("RRTConnect")
     benchmark.benchmark(request(simplify=True), processes=1)
     runs = runs_of(benchmark, tmp_path)
-    assert [run["planner"] for run in runs] == 2 * ["SafePRM"] + 2 * ["eager"] + 2 * ["RRTConnect"]
-    assert "alpha = 2.0" in runs[2]["settings"]
-    assert "range = " in runs[4]["settings"]
+    names = ["SafePRM", "eager", "RRTConnect", "RRTConnect 2"]
+    assert [(run["planner"], run["seed"]) for run in runs] == [(name, seed) for name in names for seed in (0, 1)]
     for run in runs:
-        assert (run["solved"], run["status"], run["certified"], run["correct_solution"]) == (1, 6, 1, 1)
-        assert run["graph_states"] > run["graph_motions"] - run["graph_states"] > -2
+        assert (run["solved"], run["status"], run["certified"]) == (1, "Exact solution", 1)
         assert 0 < run["danger_mean"] < run["danger_max"]
         assert 0 < run["danger_integral"] > run["danger_avoidable"]
         assert 0 < run["clearance_min"] < run["clearance_mean"]
-        assert run["bound_queries"] > 0
         assert run["time"] > 0
-        assert run["memory"] >= 0
-        assert run["simplified_solution_length"] > 0
-    assert [run["seed"] for run in runs] == [0, 1] * 3
-    assert benchmark.getExperimentParameters() == {"obstacles": "4"}
-
-
-def test_a_run_is_what_plan_does_with_the_same_seed_in_any_process(setup, tmp_path):
-    plans = [setup.plan("SafePRM", seed=seed) for seed in (5, 6, 7)]
-    for processes in (1, 2):
-        benchmark = Benchmark(setup, "p")
-        benchmark.addPlanner("SafePRM")
-        benchmark.benchmark(request(runCount=3), seed=5, processes=processes)
-        (planner,) = benchmark.getRecordedExperimentData().planners
-        for run, plan in zip(planner.runs, plans, strict=True):
-            assert run["danger integral"] == plan.report.danger.integral
-            assert run["bound queries"] == plan.counts.bound_queries
-
-
-def test_goals_in_the_workspace_start_anew_in_every_run(tmp_path):
-    setup, place = build(), [0.465, -0.875, 0.0]
-    setup.setWorkspaceGoal(place)
-    plans = [setup.plan("SafeJTRRT", seed=seed) for seed in (5, 6)]
-    benchmark = Benchmark(setup, "place")
-    benchmark.addPlanner("SafeJTRRT")
-    benchmark.benchmark(request(), seed=5, processes=2)
-    for run, plan in zip(runs_of(benchmark, tmp_path), plans, strict=True):
-        assert run["danger_integral"] == plan.report.danger.integral
-
-
-def test_progress_of_planners_that_improve_their_path(setup, tmp_path):
-    benchmark = Benchmark(setup, "anytime")
-    benchmark.addPlanner("RRTstar")
-    benchmark.benchmark(request(runCount=1, timeBetweenUpdates=0.02, maxTime=0.6), processes=1)
+        assert run["simplification_time"] > 0
+        assert run["bound_queries"] > 0
+    first, again = (setup.plan("SafePRM", time=20.0, seed=0, simplify=True) for _ in range(2))
+    assert first.report.length == again.report.length == runs[0]["solution_length"]
     runs_of(benchmark, tmp_path)
     with sqlite3.connect(tmp_path / "b.db") as connection:
-        rows = connection.execute("SELECT best_cost, iterations FROM progress ORDER BY time").fetchall()
-    assert len(rows) > 1  # on an idle machine 30
-    costs, iterations = np.array(rows).T
-    assert (np.diff(costs) <= 0).all()
-    assert (np.diff(iterations) > 0).all()
+        rows = list(connection.execute("SELECT name, timelimit, runcount FROM experiments"))
+    assert rows == [("planar_arm", 20.0, 2)] * 2, "a second log adds to the database"
 
 
 @pytest.mark.parametrize("processes", [1, 2])
@@ -118,159 +190,40 @@ def test_an_exception_is_a_crash_of_its_run_only(tmp_path, processes, setup):
     benchmark.addPlannerAllocator(Doubtful)
     benchmark.benchmark(request(runCount=3), processes=processes)
     runs = runs_of(benchmark, tmp_path)
-    assert [run["status"] for run in runs] == [6, 7, 6]
-    assert [run["error"] for run in runs] == [None, "RuntimeError: no not this one", None]
-
-
-def test_a_run_that_kills_its_process_is_a_crash_of_its_run_only(setup, tmp_path):
-    class Deadly(SafeRRTConnect):
-        def _search(self, ptc):
-            if self.getSeed() == 1:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return super()._search(ptc)
-
-    benchmark = Benchmark(setup, "deadly")
-    benchmark.addPlannerAllocator(Deadly)
-    benchmark.benchmark(request(runCount=4), processes=2)
-    runs = runs_of(benchmark, tmp_path)
-    assert [run["status"] for run in runs] == [6, 7, 6, 6]
-    assert runs[1]["error"] == "the process ended with exit code -9"
-
-
-def test_a_run_whose_process_was_lost_is_done_again(setup, tmp_path):
-    class Unlucky(SafeRRTConnect):
-        def _search(self, ptc):
-            mark = tmp_path / "lost"
-            if self.getSeed() == 1 and not mark.exists():
-                mark.touch()
-                os.kill(os.getpid(), signal.SIGKILL)
-            return super()._search(ptc)
-
-    benchmark = Benchmark(setup, "unlucky")
-    benchmark.addPlannerAllocator(Unlucky)
-    benchmark.benchmark(request(runCount=4), processes=2)
-    assert (tmp_path / "lost").exists()
-    assert [run["status"] for run in runs_of(benchmark, tmp_path)] == [6, 6, 6, 6]
+    assert [run["status"] for run in runs] == ["Exact solution", "Crash", "Exact solution"]
+    assert [run["error"] for run in runs] == [None, "no not this one", None]
+    assert runs[1]["danger_mean"] is None
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_ctrl_c_keeps_what_was_done(setup, tmp_path, processes):
-    handler = ou.getOutputHandler()
-    benchmark = Benchmark(setup, "interrupted")
+def test_ctrl_c_keeps_what_was_done(setup, tmp_path, monkeypatch, processes):
+    benchmark, done = Benchmark(setup, "interrupted"), iter(range(100))
     benchmark.addPlanner("SafeRRTConnect")
-    benchmark.addPlanner("RRTstar")
-    over = threading.Event()
 
-    def press():
-        while benchmark.getStatus().activeRun < 4 and not over.wait(0.02):
-            pass
-        if not over.is_set():
-            os.kill(os.getpid(), signal.SIGINT)
+    def measured(result):
+        if next(done) == 4:
+            raise KeyboardInterrupt
+        return {"status": result.status, "solved": result.solved}
 
-    pressing = threading.Thread(target=press)
-    pressing.start()
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            benchmark.benchmark(request(runCount=1000, maxTime=0.5), processes=processes)
-    finally:
-        over.set()
-        pressing.join()
-    assert ou.getOutputHandler() is handler
-    assert not benchmark.getStatus().running
-    runs = runs_of(benchmark, tmp_path)
-    assert 2 <= len(runs) < 30
+    monkeypatch.setattr("safe_ompl.apps.benchmark.benchmark.run_measures", measured)
+    with pytest.raises(KeyboardInterrupt):
+        benchmark.benchmark(request(runCount=50), processes=processes)
+    assert [run["solved"] for run in runs_of(benchmark, tmp_path)] == [1] * 4
     assert setup.plan("SafeRRTConnect")
 
 
-def test_events(setup, tmp_path):
-    seen: list[str] = []
-
-    def after(planner, run):
-        seen.append("after")
-        run["effort REAL"] = "2.5"
-        run["doubled length"] = 2 * run["solution length"]
-
-    benchmark = Benchmark(setup, "events")
-    benchmark.addPlanner("SafePRM")
-    benchmark.setPlannerSwitchEvent(lambda planner: seen.append(planner.getName()))
-    benchmark.setPreRunEvent(lambda planner: seen.append("before"))
-    benchmark.setPostRunEvent(after)
-    benchmark.benchmark(request(runCount=1))
-    assert seen == ["SafePRM", "before", "after"]
-    (run,) = runs_of(benchmark, tmp_path)
-    assert run["effort"] == 2.5
-    assert run["doubled_length"] == 2 * run["solution_length"]
-
-
-def test_console_output_goes_to_a_file(setup, tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
-    benchmark = Benchmark(setup, "talk")
-    benchmark.addPlanner("RRTConnect")
-    benchmark.benchmark(request(runCount=1, saveConsoleOutput=True), processes=1)
-    (file,) = tmp_path.glob("talk_*.console")
-    assert "RRTConnect" in file.read_text(encoding="utf-8")
-    assert capfd.readouterr().out == ""
-    assert benchmark.saveResultsToFile()
-    assert len(list(tmp_path.glob("talk_*.log"))) == 1
-
-
-def test_any_simple_setup(tmp_path):
-    space = ob.RealVectorStateSpace(2)
-    bounds = ob.RealVectorBounds(2)
-    bounds.setLow(-1)
-    bounds.setHigh(1)
-    space.setBounds(bounds)
-    setup = og.SimpleSetup(space)
-    setup.setStateValidityChecker(lambda state: bool(abs(state[0]) > 0.2 or state[1] > 0.5))
-    start, goal = space.allocState(), space.allocState()
-    start[0:2], goal[0:2] = [-0.8, 0.0], [0.8, 0.0]
-    setup.setStartAndGoalStates(start, goal)
-    benchmark = Benchmark(setup, "point")
-    benchmark.addPlanner("SafeRRTConnect")
-    benchmark.addPlanner("RRT")
-    benchmark.benchmark(request(simplify=True), processes=2)
-    runs = runs_of(benchmark, tmp_path)
-    assert [run["solved"] for run in runs] == [1, 1, 1, 1]
-    assert all(1.6 < run["simplified_solution_length"] < 5 for run in runs)
-
-
-def test_settings_come_back_as_parameters(setup):
-    planner = SafeRRTConnect(setup.getSpaceInformation(), alpha=3.0, slide=0.25)
-    assert planner_settings(planner).items() >= {"alpha": 3.0, "slide": 0.25, "nearest_fraction": 0.3}.items()
-
-
 def test_bad_benchmarks_are_refused(setup):
-    with pytest.raises(InputError, match="setup"):
-        Benchmark("planar3")
+    for given in ("planar3", og.SimpleSetup(setup.getSpaceInformation())):
+        with pytest.raises(InputError, match="must be a SafeSetup"):
+            Benchmark(given)
     benchmark = Benchmark(setup)
     with pytest.raises(InputError, match="planner"):
         benchmark.benchmark(request())
-    with pytest.raises(InputError, match="'Fly'"):
-        benchmark.addPlanner("Fly")
-    with pytest.raises(InputError, match="planner"):
-        benchmark.addPlanner(3)
+    for wrong in ("Fly", 3):
+        with pytest.raises(InputError, match=str(wrong)):
+            benchmark.addPlanner(wrong)
     benchmark.addPlanner("RRT")
     with pytest.raises(InputError, match="processes"):
         benchmark.benchmark(request(), processes=0)
     with pytest.raises(InputError, match="runCount"):
         benchmark.benchmark(request(runCount=0))
-
-
-class Talkative:
-    """A job each of whose processes has the same to say."""
-
-    def run(self, task):
-        warn_once(logging.getLogger("safe_ompl.talk"), "said by every process")
-        logging.getLogger("safe_ompl.talk").warning("task %d", task)
-        return task
-
-    def crash(self, task, words):
-        return None
-
-
-def test_what_is_said_once_is_said_once_though_every_process_has_to_say_it(caplog):
-    done = dict(in_processes(Talkative(), list(range(4)), 2))
-    assert sorted(done) == sorted(done.values()) == list(range(4))
-    said = [record.getMessage() for record in caplog.records]
-    assert said.count("said by every process") == 1
-    assert {f"task {k}" for k in range(4)} <= set(said)
