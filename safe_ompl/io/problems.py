@@ -14,8 +14,8 @@ from safe_ompl.common import documents as document
 from safe_ompl.io.carried_files import carried_files, encoded, packed_files, packed_size, unpack, unpacked_file
 from safe_ompl.io.robot_document import built_robot, carried_robot
 from safe_ompl.io.schema import key, plain, record, sha
-from safe_ompl.robot import Robot
-from safe_ompl.robot.loading import Blueprint, UrdfBlueprint, UrdfFile
+from safe_ompl.robot import Robot, RobotSpec
+from safe_ompl.robot.loading import UrdfFile
 from safe_ompl.scene import Scene
 
 
@@ -141,7 +141,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
     if meshes is False or carried["recipe"] is None:
         return carried
     packed: dict[Path, tuple[str, str]] = {}
-    sources = [pair for pair in _sources(robot.blueprint, carried["recipe"]) if "text" in pair[1]]
+    sources = [pair for pair in _sources(robot.spec, carried["recipe"]) if "text" in pair[1]]
     for tag in ("collision", "visual"):
         files = {path for urdf, _ in sources for path in urdf.mesh_files(tag).values()}
         added = packed_files(files - packed.keys(), None if meshes else SMALL - packed_size(packed))
@@ -174,13 +174,12 @@ def unpacked_robot(data: object, package_dirs: Sequence[Path] = ()) -> Robot:
     return robot
 
 
-def _sources(blueprint: Blueprint, recipe: Mapping[str, Any]) -> Iterator[tuple[UrdfFile, dict[str, str]]]:
+def _sources(spec: RobotSpec, recipe: Mapping[str, Any]) -> Iterator[tuple[UrdfFile, dict[str, str]]]:
     """Yield every URDF of a robot with the place of its text in the recipe."""
-    if isinstance(blueprint, UrdfBlueprint):
-        yield blueprint.file(), recipe["urdf"]
-    elif "robots" in recipe:
+    while "of" in recipe:
+        recipe = recipe["of"]
+    if spec.robots:
         for prefix, part in recipe["robots"].items():
-            yield from _sources(blueprint.robots[prefix], part)  # type: ignore[attr-defined]
-    else:  # accelerations are no part of a recipe
-        below = blueprint.of  # type: ignore[attr-defined]
-        yield from _sources(below, recipe.get("of", recipe))
+            yield from _sources(spec.robots[prefix], part)
+    else:
+        yield spec.resolved().urdf_file(), recipe["urdf"]

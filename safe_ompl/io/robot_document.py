@@ -15,35 +15,21 @@ import io
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from functools import singledispatch
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
-from safe_ompl.common import InputError, UnknownNameError, formats, shown
+from safe_ompl.common import InputError, formats, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.io import schema
 from safe_ompl.io.carried_files import carried_files, encoded, examples_folder, place_meshes, unpack
-from safe_ompl.robot import Robot, robot_hash
-from safe_ompl.robot.loading import (
-    Attached,
-    Attachment,
-    Blueprint,
-    CollisionSource,
-    Combined,
-    OnBase,
-    OnMobileBase,
-    UrdfBlueprint,
-    WithAccelerations,
-    check_prefixes,
-    mobile_ranges,
-    robots_folder,
-)
+from safe_ompl.robot import Robot, RobotSpec, robot_hash
+from safe_ompl.robot.loading import Attachment, CollisionSource, robots_folder
 
 _FILES = ("urdf", "srdf")
-_OF_THE_MACHINE = (*_FILES, "package_dirs", "xacro_args")
+_OPTIONS = ("tip", "locked", "hulls", "name", "limits", "collision", "group", "locked_state")
 _MOST_CHARACTERS = 20_000_000  # of a URDF or an SRDF
 _DEEPEST = 100  # tags in tags, recipes in recipes
 _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
@@ -58,7 +44,7 @@ def carried_robot(robot: Robot) -> dict[str, Any]:
     The recipe is None where it is not plain data: then a verification needs the robot.
     """
     try:
-        steps = recipe(robot.blueprint)
+        steps = recipe(robot.spec)
     except schema.NotPlainError:
         steps = None
     return {
@@ -74,65 +60,50 @@ def links_without_collision(robot: Robot) -> list[str]:
     return sorted(robot.links_without_collision)
 
 
-@singledispatch
-def recipe(blueprint: Blueprint) -> dict[str, Any]:
-    """Return what `RecipeReader.blueprint` reads, or raise NotPlainError if a part is made of Pinocchio's models."""
-    raise schema.NotPlainError(f"a {type(blueprint).__name__} is not plain data")
+def recipe(spec: RobotSpec) -> dict[str, Any]:
+    """Return what `RecipeReader.spec` reads, or raise NotPlainError if a part is made of Pinocchio's models."""
+    spec = spec.resolved()
+    if spec.models is not None:
+        raise schema.NotPlainError("models of Pinocchio's are not plain data")
+    steps: dict[str, Any]
+    if spec.robots:
+        robots = {prefix: recipe(robot) for prefix, robot in spec.robots.items()}
+        steps = {"robots": robots, "name": spec.name or "cell", "tip": spec.tip or next(iter(robots))}
+    else:
+        steps = {file: _carried_text(getattr(spec, file)) for file in _FILES}
+        if "text" in steps["urdf"]:
+            steps["urdf"]["text"] = spec.urdf_file().source(steps["urdf"]["text"])
+        steps |= {name: schema.as_plain(getattr(spec, name)) for name in _OPTIONS}
+        steps["locked"] = steps["locked"] or {}
+    if spec.mobile_base is not None:
+        steps = {"mobile_base": schema.as_plain(spec.mobile_base), "of": steps}
+    if spec.base is not None:
+        steps = {"base": spec.base.to_mapping(), "of": steps}
+    for item in spec.attached:
+        steps = {**_carried_object(item), "of": steps}
+    return steps  # without accelerations: certificates of timed motions claim limits themselves
 
 
-@recipe.register
-def _(blueprint: UrdfBlueprint) -> dict[str, Any]:
-    names = [item.name for item in fields(blueprint) if item.name not in _OF_THE_MACHINE]
-    options = {name: schema.as_plain(getattr(blueprint, name)) for name in names}
-    files = {file: _carried_text(getattr(blueprint, file)) for file in _FILES}
-    urdf = files["urdf"]
-    if urdf is not None and "text" in urdf:
-        urdf["text"] = blueprint.file().source(urdf["text"])
-    return files | options
-
-
-@recipe.register
-def _(blueprint: OnBase) -> dict[str, Any]:
-    return {"base": blueprint.pose.to_mapping(), "of": recipe(blueprint.of)}
-
-
-@recipe.register
-def _(blueprint: OnMobileBase) -> dict[str, Any]:
-    return {"mobile_base": schema.as_plain(blueprint.ranges), "of": recipe(blueprint.of)}
-
-
-@recipe.register
-def _(blueprint: Attached) -> dict[str, Any]:
-    item = blueprint.attachment.to_mapping(None)
-    shape, files = item[blueprint.attachment.shape.kind], {}
+def _carried_object(attachment: Attachment) -> dict[str, Any]:
+    item = attachment.to_mapping(None)
+    shape, files = item[attachment.shape.kind], {}
     if "file" in shape:
         path = Path(shape["file"])
         shape["file"] = f"object{path.suffix}"
         files[shape["file"]] = encoded(path)
-    return {"attached": schema.as_plain(item), "files": files, "of": recipe(blueprint.of)}
+    return {"attached": schema.as_plain(item), "files": files}
 
 
-@recipe.register
-def _(blueprint: WithAccelerations) -> dict[str, Any]:
-    return recipe(blueprint.of)  # certificates of timed motions claim limits themselves
-
-
-@recipe.register
-def _(blueprint: Combined) -> dict[str, Any]:
-    robots = {prefix: recipe(robot) for prefix, robot in blueprint.robots.items()}
-    return {"robots": robots, "name": blueprint.name, "tip": blueprint.tip}
-
-
-def _carried_text(name: str | None) -> dict[str, str] | None:
-    if name is None:
+def _carried_text(path: Path | None) -> Any:
+    if path is None:
         return None
-    path, examples = Path(name), examples_folder()
+    examples = examples_folder()
     if examples is not None and path.is_relative_to(examples):
         return {"example_robot_data": path.relative_to(examples).as_posix()}
     try:
         return {"name": path.name, "text": path.read_text(encoding="utf-8")}
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be carried in a certificate ({error})", name) from None
+        raise InputError(f"cannot be carried in a certificate ({error})", str(path)) from None
 
 
 # ----------------------------------------------------------------------------------------------------- schema
@@ -273,8 +244,8 @@ def built_robot(
     given = urdf is not None or bool(package_dirs)
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
         try:
-            blueprint = RecipeReader(Path(folder), urdf, package_dirs).blueprint(carried.recipe)
-            return _built(blueprint, carried.name, folder, given)
+            spec = RecipeReader(Path(folder), urdf, package_dirs).spec(carried.recipe)
+            return _built(spec, carried.name, folder, given)
         except (*formats.MALFORMED, OSError) as error:
             if isinstance(error, InputError):
                 raise
@@ -282,10 +253,10 @@ def built_robot(
             raise InputError(f"not a recipe of a robot: {why}", "recipe") from None
 
 
-def _built(blueprint: Blueprint, name: str, folder: str, given: bool) -> Robot:
+def _built(spec: RobotSpec, name: str, folder: str, given: bool) -> Robot:
     """Build a robot; if that fails say what may be missing, unless it was given."""
     try:
-        return Robot(blueprint)
+        return Robot(spec)
     except InputError as error:
         if given:
             raise
@@ -297,7 +268,7 @@ def _built(blueprint: Blueprint, name: str, folder: str, given: bool) -> Robot:
 
 @dataclass
 class RecipeReader:
-    """Turns recipes into blueprints.
+    """Turns recipes into specifications of robots.
 
     The files that they carry go to an empty folder. A `urdf` is read instead of the one that is carried; there may only
     be one then.
@@ -309,52 +280,42 @@ class RecipeReader:
     _folders: int = field(default=0, init=False)
     _urdfs: int = field(default=0, init=False)
 
-    def blueprint(self, level: Any, place: str = "recipe") -> Blueprint:
-        """Return the blueprint of a recipe; raise InputError, naming the place in it, if it cannot be used."""
-        builders: dict[type[Any], Any] = {
-            _FromFiles: self._from_files,
-            _OnBase: lambda data: OnBase(self._of(data), Pose.from_mapping(document.mapping("base", data.base))),
-            _OnMobileBase: lambda data: OnMobileBase(self._of(data), mobile_ranges(data.mobile_base)),
-            _Attached: self._attached,
-            _Cell: self._cell,
-        }
+    def spec(self, level: Any, place: str = "recipe") -> RobotSpec:
+        """Return what a recipe says of a robot; raise InputError, naming the place in it, if it cannot be used."""
         with document.within(place):
-            built: Blueprint = builders[type(level)](level)
-            return built
+            if isinstance(level, _FromFiles):
+                return self._from_files(level)
+            if isinstance(level, _Cell):
+                robots = {prefix: self.spec(robot, f"robots.{prefix}") for prefix, robot in level.robots.items()}
+                return RobotSpec(robots=robots, name=level.name, tip=level.tip)
+            of = self.spec(level.of, "of")
+            if isinstance(level, _OnBase):
+                return of.with_base(Pose.from_mapping(document.mapping("base", level.base)))
+            if isinstance(level, _OnMobileBase):
+                return replace(of, mobile_base=level.mobile_base)
+            return replace(of, attached=(*of.attached, self._attachment(level)))
 
-    def _from_files(self, data: _FromFiles) -> Blueprint:
+    def _from_files(self, data: _FromFiles) -> RobotSpec:
         self._urdfs += 1
         if self.urdf is not None and self._urdfs > 1:
             raise InputError("there are several robots: give the folders of their packages instead", "urdf")
         examples = examples_folder()
-        folders = [*self.package_dirs, *([] if examples is None else [examples.parents[1]])]
+        folders = (*self.package_dirs, *([] if examples is None else [examples.parents[1]]))
         urdf = self.urdf or self._file("urdf", data.urdf)
         srdf = None if data.srdf is None else self._file("srdf", data.srdf)
-        options = {item.name: getattr(data, item.name) for item in fields(data) if item.name not in _FILES}
-        if options["collision"] is None:
-            del options["collision"]
-        names = str(urdf), None if srdf is None else str(srdf)
-        return UrdfBlueprint(*names, package_dirs=tuple(map(str, folders)), **options)
+        options = {name: getattr(data, name) for name in _OPTIONS}
+        options["collision"] = data.collision or "required"
+        return RobotSpec(None, urdf, srdf, folders, xacro_args=None, **options)
 
-    def _attached(self, data: _Attached) -> Blueprint:
-        of, folder, files = self._of(data), self._own_folder(), data.files or {}
+    def _attachment(self, data: _Attached) -> Attachment:
+        folder, files = self._own_folder(), data.files or {}
         unpack(files, folder)
         item = document.mapping("attached", data.attached)
         with document.within("attached"):
             for part, value in item.items():
                 if isinstance(value, dict) and "file" in value and value["file"] not in files:
                     raise InputError(f"the file {shown(value['file'])} is not carried", f"{part}.file")
-            return Attached(of, Attachment.from_mapping(item, folder))
-
-    def _cell(self, data: _Cell) -> Blueprint:
-        check_prefixes(data.robots)
-        if data.tip not in data.robots:
-            raise UnknownNameError("robot with the tip", data.tip, data.robots)
-        robots = {prefix: self.blueprint(robot, f"robots.{prefix}") for prefix, robot in data.robots.items()}
-        return Combined(data.name, robots, data.tip)
-
-    def _of(self, data: Any) -> Blueprint:
-        return self.blueprint(data.of, "of")
+            return Attachment.from_mapping(item, folder)
 
     def _own_folder(self) -> Path:
         self._folders += 1

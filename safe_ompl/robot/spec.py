@@ -1,49 +1,111 @@
-"""Specifications of robots: plain data, for scenario files and for other processes."""
+"""What a robot is built from: plain data, for scenario files and for other processes, and the building itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.common import RATE_BOUNDS, InputError, UnknownNameError
+import pinocchio as pin
+
+from safe_ompl.common import RATE_BOUNDS, InputError, UnknownNameError, warn_once
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
-from safe_ompl.robot.loading.blueprint import Attachment, as_pose, attachments, mobile_ranges
-from safe_ompl.robot.loading.collision import CollisionSource, check_source
-from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.arm import default_tip
+from safe_ompl.robot.joint_tables import Mimic, resolved
+from safe_ompl.robot.loading.attachment import Attachment, as_pose, attachments
+from safe_ompl.robot.loading.collision import (
+    CollisionSource,
+    build_collision_geometry,
+    check_collides,
+    check_source,
+    drop_fixed_pairs,
+    links_of,
+    make_convex,
+    sample_configurations,
+    select_self_pairs,
+)
+from safe_ompl.robot.loading.models import Models
+from safe_ompl.robot.loading.packages import find_example, robots_folder
+from safe_ompl.robot.loading.parts import BASE_JOINTS, RobotParts, combined, independent
+from safe_ompl.robot.loading.reduction import (
+    apply_mimic_limits,
+    check_plannable,
+    joint_limits,
+    joints_that_move,
+    joints_without_range,
+    override_limits,
+    reduce_model,
+    report_held,
+    resting_value,
+    with_mimics,
+)
+from safe_ompl.robot.loading.srdf import SrdfFile
+from safe_ompl.robot.loading.urdf import UrdfFile
+
+_log = logging.getLogger(__name__)
+
+_OF_FILES = ("srdf", "package_dirs", "xacro_args")
+_OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "group", "locked_state")
 
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """How to build a robot; see `Robot.from_example` and `Robot.from_urdf` for what is not said here.
+    """How to build a robot: `Robot(spec)` does it. Its fields are the options of `Robot.from_urdf`, too.
 
     Parameters
     ----------
     example : str, optional
         Name of a robot of example-robot-data; give this, `urdf` or `robots`.
-    urdf, srdf, package_dirs, tip, hulls, group, locked_state, collision, xacro_args : optional
-        As for `Robot.from_urdf`.
+    urdf : path-like, optional
+        The URDF. One that holds xacro is expanded by the package xacro (`pip install xacro`).
+    srdf : path-like, optional
+        SRDF whose disabled collision pairs are not checked. Without one, or with one that disables nothing,
+        pairs of adjacent links and pairs that are always in contact are dropped, and the log says which.
+    package_dirs : sequence of path-like
+        Folders that hold the packages of `package://` names; those above the URDF are searched as well.
+    tip : str, optional
+        Frame at the end of the arm. Joints that do not move it are held; a warning says at which posture.
+        Default: that of the example, or the body farthest from the base; where that is a finger, the hand.
     locked : mapping of str to float, optional
-        Joints that are held still [rad or m]. None: those that the example locks by default.
-    base, mobile_base : optional
-        Where the base is in the world: `position` [m], and `quaternion_xyzw`, `rpy` or `yaw`; and limits [m] of one
-        that slides in x and y, and turns.
+        Joints to hold still, with their values [rad or m]. A joint that mimics a locked one is locked with it.
+        None: those that the example locks by default.
+    hulls : bool
+        Replace meshes by their convex hulls (solid and fast). False keeps the meshes, which are hollow.
+    base : Pose, pin.SE3, mapping or position, optional
+        Where the robot's base is in the world: in a document `position` [m] and `quaternion_xyzw`, `rpy` or `yaw`.
+    mobile_base : pair of (float, float), optional
+        Limits ((x0, x1), (y0, y1)) [m] of a base that slides in x and y and turns about z: three joints more,
+        base_x, base_y and base_yaw, before the others. `base` is then the origin of these.
     attached : sequence, optional
         Objects in the gripper: each a shape and a pose as an obstacle of a scene has them, and `link`; `touch_links`
         and `danger` if wanted.
     robots : mapping of str to RobotSpec, optional
         Several robots in one cell, by the prefix of their names; `tip` is the prefix of one of them then.
     name : str, optional
-        Name for reports; of several robots "cell" by default.
+        Name for reports; the URDF's, and of several robots "cell", by default.
+    group, locked_state : str, optional
+        Group of the SRDF whose joints move, the others are held; and state of the SRDF that says at which values
+        joints are held, zero by default.
+    collision : {"required", "visual", "optional"}
+        What collides of links that have visual shapes only. "visual": those shapes. Otherwise nothing, which
+        `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused
+        unless this is "optional".
     accelerations : mapping of str to float, optional
         Acceleration limits by joint [rad/s² or m/s²]: URDFs have none. Those of a scenario's `motion` come first.
+    xacro_args : mapping of str to str, optional
+        Values of xacro's arguments. None refuses xacro, which evaluates expressions of Python.
+    limits : mapping of str to (float, float), optional
+        Joint limits that replace the URDF's [rad or m].
+    models : optional
+        Pinocchio's models instead of files; see `Robot.from_models`.
 
     Raises
     ------
     InputError
-        If not exactly one of `example`, `urdf` and `robots` is given, a file is missing, or a value has the wrong type.
+        If not exactly one of `example`, `urdf` and `robots` is given, or a value has the wrong type.
     """
 
     example: str | None = None
@@ -62,16 +124,19 @@ class RobotSpec:
     locked_state: str | None = None
     collision: CollisionSource = "required"
     accelerations: Mapping[str, float] = field(default_factory=dict)
-    xacro_args: Mapping[str, str] = field(default_factory=dict)
+    xacro_args: Mapping[str, str] | None = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    models: Models | None = None
 
     def __post_init__(self) -> None:
-        if sum((self.example is not None, self.urdf is not None, bool(self.robots))) != 1:
+        sources = (self.example, self.urdf, self.robots or None, self.models)
+        if sum(source is not None for source in sources) != 1:
             raise InputError("give either example or urdf, one of the two (or robots)", "example")
         if self.robots:
             self._check_robots()
         if self.name is not None and self.example is not None:
             raise InputError("an example robot has its own", "name")
-        for key in ("srdf", "package_dirs", "xacro_args"):
+        for key in _OF_FILES:
             if self.example is not None and getattr(self, key):
                 raise InputError("an example robot brings its own; give it with urdf only", key)
         for key in ("example", "tip", "name", "group", "locked_state"):
@@ -79,29 +144,36 @@ class RobotSpec:
                 document.text(key, getattr(self, key))
         document.flag("hulls", self.hulls)
         check_source(self.collision, "collision")
-        folders = document.sequence("package_dirs", self.package_dirs)
+        limits = document.mapping("limits", self.limits)
+        words = None if self.xacro_args is None else document.mapping("xacro_args", self.xacro_args)
         values = {
-            "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml", ".xacro")),
-            "srdf": self.srdf and document.file("srdf", self.srdf, (".srdf", ".xml")),
-            "package_dirs": tuple(Path(folder).resolve() for folder in folders),
+            "urdf": self.urdf and Path(self.urdf).resolve(),
+            "srdf": self.srdf and Path(self.srdf).resolve(),
+            "package_dirs": tuple(Path(f).resolve() for f in document.sequence("package_dirs", self.package_dirs)),
             "locked": None if self.locked is None else document.numbers_by_name("locked", self.locked),
             "base": None if self.base is None else as_pose(self.base, "base"),
-            "mobile_base": None if self.mobile_base is None else mobile_ranges(self.mobile_base),
+            "mobile_base": None if self.mobile_base is None else _ranges(self.mobile_base),
             "attached": tuple(self.attached),
             "accelerations": document.numbers_by_name(
                 "accelerations", self.accelerations, **RATE_BOUNDS["acceleration"]
             ),
-            "xacro_args": {
-                key: _word(key, word) for key, word in document.mapping("xacro_args", self.xacro_args).items()
-            },
+            "xacro_args": words and {key: _word(key, word) for key, word in words.items()},
+            "limits": {name: document.numbers(f"limits.{name}", limit, 2) for name, limit in limits.items()},
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
     def _check_robots(self) -> None:
-        for key in ("srdf", "package_dirs", "xacro_args", "locked", "base", "mobile_base"):
+        if len(self.robots) < 2:
+            raise InputError(f"give two robots or more, not {len(self.robots)}", "robots")
+        for key in _OF_ONE_ROBOT:
             if getattr(self, key):
                 raise InputError("belongs to one of the robots", key)
+        for one in sorted(self.robots):
+            document.text("prefix", one)
+            for other in sorted(self.robots):
+                if other.startswith(f"{one}_"):
+                    raise InputError(f"the prefixes {one!r} and {other!r} cannot be told apart in '{other}_…'")
         if self.tip is not None and self.tip not in self.robots:
             raise UnknownNameError("robot with the tip", self.tip, self.robots, "tip")
 
@@ -111,10 +183,10 @@ class RobotSpec:
         if isinstance(data, str):
             return cls(example=data)
         read = document.mapping("robot", data)
-        document.check_keys(read, [field.name for field in fields(cls)])
-        for key in ("urdf", "srdf"):
+        document.check_keys(read, [field.name for field in fields(cls) if field.name != "models"])
+        for key, endings in (("urdf", (".urdf", ".xml", ".xacro")), ("srdf", (".srdf", ".xml"))):
             if key in read:
-                read[key] = folder / document.text(key, read[key])
+                read[key] = document.file(key, folder / document.text(key, read[key]), endings)
         if "package_dirs" in read:
             names = document.sequence("package_dirs", read["package_dirs"])
             read["package_dirs"] = tuple(folder / document.text("package_dirs", name) for name in names)
@@ -144,41 +216,212 @@ class RobotSpec:
             set_fields["robots"] = {prefix: spec.to_mapping(folder) for prefix, spec in self.robots.items()}
         return set_fields
 
-    @property
-    def reads_urdf(self) -> bool:
-        """Whether the robot, or one of its robots, is read from a URDF that is given."""
-        return self.urdf is not None or any(spec.reads_urdf for spec in self.robots.values())
-
     def with_package_dirs(self, folders: Sequence[Path]) -> RobotSpec:
         """Return the spec with more folders that hold packages, searched first, for each URDF that it names.
 
-        Raises InputError if it names none: the robots of example-robot-data bring their own.
+        Raises InputError for a robot of example-robot-data, which brings its own.
         """
-        if not self.reads_urdf:
+        if self.example is not None:
             raise InputError(f"is for robots from a URDF; {self.example!r} brings its own files", "package-dir")
         if self.urdf is not None:
             return replace(self, package_dirs=(*folders, *self.package_dirs))
-        robots = {k: s.with_package_dirs(folders) if s.reads_urdf else s for k, s in self.robots.items()}
+        robots = {k: s if s.example is not None else s.with_package_dirs(folders) for k, s in self.robots.items()}
         return replace(self, robots=robots)
 
-    def build(self) -> Robot:
-        """Return the robot; raise InputError as `Robot.from_example`, `Robot.from_urdf` and the others do."""
-        robot = self._empty_handed()
-        for item in self.attached:
-            robot = robot.holding(item)
-        return robot.with_accelerations(self.accelerations) if self.accelerations else robot
+    def with_base(self, pose: Pose) -> RobotSpec:
+        """Return the spec of the robot with its base, as it is now, moved by a pose in the world."""
+        return replace(self, base=pose if self.base is None else as_pose(pose.se3 * self.base.se3))
 
-    def _empty_handed(self) -> Robot:
+    def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> RobotSpec:
+        """Return the spec with other limits [rad or m] for the joints named, those of base and cell included."""
+        rest, robots, ranges = dict(limits), dict(self.robots), self.mobile_base
+        if ranges is not None:
+            if BASE_JOINTS[2] in rest:
+                raise InputError(f"joint {BASE_JOINTS[2]!r} is continuous: it has no limits")
+            x, y = (rest.pop(name, old) for name, old in zip(BASE_JOINTS, ranges, strict=False))
+            ranges = _ranges((x, y))
+        for prefix, spec in self.robots.items():
+            own = {name: rest.pop(name) for name in list(rest) if name.startswith(f"{prefix}_")}
+            robots[prefix] = spec.with_limits({name.removeprefix(f"{prefix}_"): own[name] for name in own})
+        if self.robots and rest:
+            raise UnknownNameError("prefix of the joint with limits", next(iter(rest)), self.robots, self.name)
+        return replace(self, mobile_base=ranges, robots=robots, limits={**self.limits, **rest})
+
+    def without_attached(self, name: str) -> RobotSpec:
+        """Return the spec without an object; that of a robot in a cell has its prefix."""
+        robots = {
+            prefix: spec.without_attached(name.removeprefix(f"{prefix}_")) if name.startswith(f"{prefix}_") else spec
+            for prefix, spec in self.robots.items()
+        }
+        return replace(self, robots=robots, attached=tuple(item for item in self.attached if item.name != name))
+
+    def state(self, name: str) -> dict[str, float]:
+        """Return a named state of the SRDF by joint [rad or m], in a cell those of all robots that have one.
+
+        Raises InputError if there is none.
+        """
         if self.robots:
-            parts = {prefix: spec.build() for prefix, spec in self.robots.items()}
-            return Robot.combined(self.name or "cell", parts, tip=self.tip)
-        keys = ("base", "mobile_base", "hulls", "group", "locked_state", "collision")
-        chosen: dict[str, Any] = {key: getattr(self, key) for key in keys}
-        if self.example is not None:
-            return Robot.from_example(self.example, tip=self.tip, locked=self.locked, **chosen)
+            found, refused = dict[str, float](), None
+            for prefix, spec in self.robots.items():
+                try:
+                    found |= {f"{prefix}_{joint}": value for joint, value in spec.state(name).items()}
+                except InputError as error:
+                    refused = error
+            if refused is not None and not found:
+                raise refused
+            return found
+        srdf = self.resolved().srdf
+        if srdf is None:
+            raise InputError(f"no state {name!r}: states come with an SRDF")
+        return SrdfFile(srdf).state(name)
+
+    def resolved(self) -> RobotSpec:
+        """Return the spec with the files and settings of the example that it names, itself if it names none."""
+        if self.example is None:
+            return self
+        example, folder = find_example(self.example), robots_folder()
+        return replace(
+            self,
+            example=None,
+            urdf=folder / example.urdf,
+            srdf=folder / example.srdf if example.srdf else None,
+            package_dirs=(folder.parents[1],),
+            tip=self.tip or (example.tip if self.group is None else None),
+            locked=example.locked if self.locked is None else self.locked,
+            name=self.example,
+        )
+
+    def urdf_file(self) -> UrdfFile:
+        """Read the URDF, which there must be."""
         assert self.urdf is not None
-        files = self.urdf, self.srdf, self.package_dirs
-        return Robot.from_urdf(*files, self.tip, self.locked, name=self.name, xacro_args=self.xacro_args, **chosen)
+        return UrdfFile(self.urdf, self.package_dirs, self.xacro_args)
+
+    # ---------------------------------------------------------------------------------------------- building
+
+    def assemble(self) -> RobotParts:
+        """Build the parts of the robot; errors as `Robot.from_urdf`."""
+        if self.robots:
+            bare = self.joined({prefix: spec.assemble() for prefix, spec in self.robots.items()})
+        elif self.models is not None:
+            bare = self._of_models(self.models)
+        else:
+            bare = self.resolved()._of_urdf()
+        if self.mobile_base is not None:
+            bare = bare.on_mobile_base(self.mobile_base)
+        if self.base is not None:
+            bare = bare.placed(self.base.se3)
+        for item in self.attached:
+            bare = bare.holding(item)
+        return bare.with_accelerations(self.accelerations)
+
+    def joined(self, parts: Mapping[str, RobotParts]) -> RobotParts:
+        """Return the parts of the robots in the cell as those of one."""
+        return combined(self.name or "cell", parts, self.tip or next(iter(self.robots)))
+
+    def _of_urdf(self) -> RobotParts:
+        file = self.urdf_file()
+        source, full = str(file.path), file.build_model()
+        collision_model = build_collision_geometry(file, full, self.collision, hulls=self.hulls)
+        mimics = {name: mimic for name, mimic in file.mimics().items() if full.existJointName(name)}
+
+        def read_visual() -> pin.GeometryModel | None:
+            try:
+                geometry = file.build_geometry(full, pin.GeometryType.VISUAL, queried=False)
+            except InputError as error:
+                warn_once(_log, f"{file.path.name}: drawing its collision bodies ({error})")
+                return None
+            return geometry if len(geometry.geometryObjects) else None
+
+        name = self.name or full.name or file.path.stem
+        parts = self._reduced(name, source, full, collision_model, read_visual, mimics)
+        check_collides(parts.collision_model, self.collision, source)
+        return parts.lacking(full, links_of(full, collision_model), file.links_with("visual"))
+
+    def _of_models(self, models: Models) -> RobotParts:
+        full, name = models.model.copy(), self.name or models.model.name or "robot"
+        bodies, drawn = independent(models.collision_model), models.visual_model
+        parts = self._reduced(name, name, full, bodies, lambda: drawn, models.mimics)
+        return parts.lacking(models.model, *(links_of(models.model, g) for g in (models.collision_model, drawn)))
+
+    def _reduced(
+        self,
+        name: str,
+        source: str,
+        full: pin.Model,
+        bodies: pin.GeometryModel,
+        read_visual: Callable[[], pin.GeometryModel | None],
+        followers: Mapping[str, Mimic],
+    ) -> RobotParts:
+        """Return the parts of the robot with its joints locked, bodies convex and self pairs chosen."""
+        mimics = resolved(followers, source)
+        override_limits(full, self.limits, source)
+        if self.tip is not None and not full.existFrame(self.tip):
+            raise UnknownNameError("tip frame", self.tip, (frame.name for frame in list(full.frames)[1:]), source)
+        held = self._joints_to_hold(full, mimics, source)
+        stiff = joints_without_range(full, set(list(full.names)[1:]) - set(mimics) - set(self.limits) - set(held))
+        if stiff:
+            values = ", ".join(f"{joint} = {value:g}" for joint, value in sorted(stiff.items()))
+            warn_once(_log, f"{name}: held, as their limits leave no range (limits= gives others): {values}")
+        held = with_mimics(full, mimics, {**held, **stiff}, source)
+        model, collision_model = reduce_model(full, bodies, held)
+        check_plannable(model, source, stiff)
+        if self.hulls:
+            make_convex(collision_model)
+        mimics = {joint: mimic for joint, mimic in mimics.items() if model.existJointName(joint)}
+        apply_mimic_limits(model, mimics, source)
+        joint_limits(model, source)
+        drop_fixed_pairs(collision_model)
+        if not len(collision_model.collisionPairs):
+            samples = sample_configurations(model, mimics=mimics)
+            select_self_pairs(model, collision_model, self.srdf, samples, name)
+
+        def visual() -> pin.GeometryModel | None:
+            drawn = read_visual()
+            return None if drawn is None else reduce_model(full, drawn, held)[1]
+
+        tip = self.tip or (self.group and self._semantics("group", source).group_tip(self.group, full))
+        tips = (tip or default_tip(full, model),)
+        return RobotParts(name, source, model, collision_model, visual, tuple(full.names)[1:], tips, mimics, held)
+
+    def _joints_to_hold(self, full: pin.Model, mimics: Mapping[str, Mimic], source: str) -> dict[str, float]:
+        """Return the joints to hold with their values [rad or m]; those that mimic others are no matter here.
+
+        Held are the locked joints, and those that are not in the group or, without a group, do not move the tip, not
+        even through a joint that mimics them: at the values of the locked state, or at zero, which a warning says.
+        """
+        locked, posture = dict(self.locked or {}), dict[str, float]()
+        if self.locked_state is not None:
+            posture = self._semantics("locked_state", source).state(self.locked_state)
+            if self.tip is None and self.group is None:
+                raise InputError("locked_state is the posture of joints that are held: give a tip or a group", source)
+        if self.group is not None:
+            moving = set(self._semantics("group", source).group_joints(self.group, full))
+        elif self.tip is not None:
+            loose = {name: mimic for name, mimic in mimics.items() if name not in locked}
+            moving = joints_that_move(full, self.tip, loose)
+        else:
+            return locked
+        names = [name for name in list(full.names)[1:] if name not in mimics]
+        idle = [name for name in names if name not in moving and name not in locked]
+        unsaid = {name: resting_value(full, name) for name in idle if name not in posture}
+        purpose = f"not in the group {self.group!r}" if self.group is not None else f"not moving {self.tip!r}"
+        report_held(full, unsaid, moving, f"{Path(source).name}: held, as {purpose}")
+        return {**locked, **{name: posture[name] if name in posture else unsaid[name] for name in idle}}
+
+    def _semantics(self, key: str, source: str) -> SrdfFile:
+        """Return the SRDF, which the argument `key` needs; raise InputError if there is none."""
+        if self.srdf is None:
+            raise InputError(f"{key} is a name of an SRDF: give the SRDF", source)
+        return SrdfFile(self.srdf)
+
+
+def _ranges(value: Any) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the limits of a mobile base in x and y [m], or raise InputError if they are not two intervals."""
+    intervals = document.sequence("mobile_base", value)
+    if len(intervals) != 2:
+        raise InputError(f"must be the limits in x and in y, ((x0, x1), (y0, y1)), not {value!r}", "mobile_base")
+    x, y = (document.interval("mobile_base", interval) for interval in intervals)
+    return x, y
 
 
 def _word(key: str, value: Any) -> str:

@@ -295,7 +295,7 @@ class Scenario:
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""
         with document.within(f"{self._source}: robot", ": "):
-            return self.robot.build()
+            return Robot(self.robot)
 
     def start_configuration(self, robot: Robot) -> FloatArray:
         """Return the start as joint values (n,) [rad or m]; errors as `configuration_for`."""

@@ -72,7 +72,7 @@ def test_other_things_than_models(models):
         Robot.from_models(model, model)
 
 
-def arm(shapes, *, bodies=True, pairs=False):
+def arm(shapes, *, pairs=False):
     """Return an arm of turning joints, one for each shape, as people write them by hand."""
     model, geometry, parent = pin.Model(), pin.GeometryModel(), 0
     model.name = "arm"
@@ -81,24 +81,20 @@ def arm(shapes, *, bodies=True, pairs=False):
         kind = pin.JointModelRZ() if k % 2 else pin.JointModelRY()
         place = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.4 * bool(k)]))
         parent = model.addJoint(parent, kind, place, f"joint{k}", limit, limit, -limit, limit)
-        if bodies:
-            model.addBodyFrame(f"link{k}", parent, pin.SE3.Identity(), 0)
+        link = model.addBodyFrame(f"link{k}", parent, pin.SE3.Identity(), model.addJointFrame(parent))
         placement = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))
-        geometry.addGeometryObject(pin.GeometryObject(f"link{k}_0", parent, placement, shape))
+        geometry.addGeometryObject(pin.GeometryObject(f"link{k}_0", parent, link, placement, shape))
     if pairs:
         geometry.addAllCollisionPairs()
     return model, geometry
 
 
 @pytest.mark.parametrize("pairs", [False, True])
-@pytest.mark.parametrize("bodies", [False, True])
-def test_bodies_without_frames_and_models_without_pairs(bodies, pairs):
+def test_models_made_by_hand(pairs):
     shapes = [coal.Capsule(0.05, 0.2), coal.Box(0.1, 0.1, 0.2), coal.Sphere(0.1), coal.Cone(0.1, 0.2)]
-    model, geometry = arm(shapes, bodies=bodies, pairs=pairs)
-    before = model.nframes
+    model, geometry = arm(shapes, pairs=pairs)
     robot = Robot.from_models(model, geometry)
     assert robot.tip == "link3"
-    assert model.nframes == before
     checker = CollisionChecker(robot, Scene())
     assert {("link0", "link1"), ("link0", "link2")} <= set(checker.pair_names)
     assert not checker.in_collision(np.zeros(robot.n))
@@ -106,6 +102,38 @@ def test_bodies_without_frames_and_models_without_pairs(bodies, pairs):
     q = np.array([0.3, -0.4, 0.2])
     expected = robot.tip_pose(np.insert(q, 1, 0.5))
     np.testing.assert_allclose(locked.tip_pose(q).homogeneous, expected.homogeneous, atol=1e-12)
+
+
+def body_without_frame(model, geometry):
+    geometry.addGeometryObject(pin.GeometryObject("tool_0", 1, pin.SE3.Identity(), coal.Sphere(0.1)))
+
+
+def body_on_a_joint_that_there_is_not(model, geometry):
+    geometry.addGeometryObject(pin.GeometryObject("tool_0", 7, pin.SE3.Identity(), coal.Sphere(0.1)))
+
+
+def joint_without_frame(model, geometry):
+    model.addJoint(2, pin.JointModelRX(), pin.SE3.Identity(), "wrist")
+
+
+def link_on_another_joint(model, geometry):
+    model.addBodyFrame("tool", 2, pin.SE3.Identity(), 0)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (body_without_frame, "geometry 'tool_0' is on no link"),
+        (body_on_a_joint_that_there_is_not, "geometry 'tool_0': there is no joint 7 in the model"),
+        (joint_without_frame, r"joint 'wrist' has no frame: call model.addJointFrame\(3\)"),
+        (link_on_another_joint, "frame 'tool' is on another joint than the frame before it"),
+    ],
+)
+def test_what_would_crash_pinocchio_is_named(spoil, message):
+    model, geometry = arm([coal.Sphere(0.1), coal.Sphere(0.1)])
+    spoil(model, geometry)
+    with pytest.raises(InputError, match=message):
+        Robot.from_models(model, geometry)
 
 
 @pytest.mark.parametrize(
@@ -123,10 +151,3 @@ def test_bodies_without_frames_and_models_without_pairs(bodies, pairs):
 def test_shapes_that_are_not_supported_are_named(shape, message):
     with pytest.raises(InputError, match=f"geometry 'link1_0': {message}"):
         Robot.from_models(*arm([coal.Sphere(0.1), shape, coal.Sphere(0.1)]))
-
-
-def test_a_body_on_a_joint_that_there_is_not():
-    model, geometry = arm([coal.Sphere(0.1), coal.Sphere(0.1)])
-    geometry.addGeometryObject(pin.GeometryObject("tool_0", 7, pin.SE3.Identity(), coal.Sphere(0.1)))
-    with pytest.raises(InputError, match="geometry 'tool_0': there is no joint 7 in the model"):
-        Robot.from_models(model, geometry)

@@ -38,13 +38,13 @@ def test_a_robot_on_a_base_with_its_hands_full(data_folder):
         .with_attached("rod", Cylinder(0.02, 0.4), "right_hand", (0.0, 0.0, 0.2), danger=True)
         .with_attached("lid", Box((0.1, 0.1, 0.01)), "right_hand", touch_links=("right_rail",))
     )
-    robot = read(PLACED, data_folder).build()
+    robot = Robot(read(PLACED, data_folder))
     assert robot_hash(robot) == robot_hash(expected)
     assert [item.name for item in robot.attached] == ["rod", "lid"]
 
 
 def test_a_cell_of_two():
-    robot = read(CELL, None).build()
+    robot = Robot(read(CELL, None))
     assert (robot.name, robot.tip, robot.n) == ("twins", "b_tool0", 12)
     assert [item.name for item in robot.attached] == ["b_pen"]
     one, other = (robot.keypoints(np.zeros(12))[robot.segments[k, 1]] for k in (0, 5))
@@ -63,7 +63,6 @@ def test_written_and_read_again(data_folder, text):
     [
         ("{example: ur5, robots: {a: ur5, b: ur5}}", "give either example or urdf, one of the two"),
         ("{robots: {a: ur5, b: {exampel: ur5}}}", r"robots\.b\.exampel: unknown key; did you mean 'example'"),
-        ("{robots: {a: ur5, b: ur5}, base: {position: [0, 0, 1]}}", "base: belongs to one of the robots"),
         ("{robots: {a: ur5, b: ur5}, tip: c}", "tip: unknown robot with the tip 'c'; known: a, b"),
         ("{example: ur5, base: {position: [0, 0]}}", r"base\.position: must be 3 numbers"),
         ("{example: ur5, mobile_base: [[0, 1]]}", "mobile_base: must be the limits in x and in y"),

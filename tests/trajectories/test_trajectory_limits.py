@@ -49,7 +49,7 @@ def absurd(robot):
         f"velocity limit of joint '{joint}'": lambda x: RateLimits.of(robot, {joint: x}),
         "velocity limit of joint": lambda x: RateLimits.of(robot, [x] * robot.n, 1.0),
         "jerk limit": lambda x: RateLimits.of(robot, jerk=1e6 * x),
-        f"acceleration limit of joint '{joint}'": lambda x: robot.with_accelerations({joint: 1e3 * x}),
+        rf"accelerations\.{joint}": lambda x: robot.with_accelerations({joint: 1e3 * x}),
         f"accelerations.{joint}": lambda x: RobotSpec(example="panda", accelerations={joint: 1e3 * x}),
         "velocity": lambda x: MotionLimits(velocity=x),
         r"velocity\[1\]": lambda x: MotionLimits(velocity=[1.0, x]),
@@ -108,10 +108,10 @@ def test_accelerations_of_a_scenario_of_a_cell_and_of_a_certificate(panda, tmp_p
     first = panda.joint_names[0]
     spec = RobotSpec.from_mapping({"example": "panda", "accelerations": {first: 12.0}}, tmp_path)
     assert spec.to_mapping(tmp_path) == {"example": "panda", "accelerations": {first: 12.0}}
-    robot = spec.build()
+    robot = Robot(spec)
     assert robot.accelerations == {first: 12.0}
     assert robot_hash(robot) == robot_hash(panda)
-    assert recipe(robot.blueprint) == recipe(panda.blueprint)
+    assert recipe(robot.spec) == recipe(panda.spec)
     cell = Robot.combined("cell", {"left": robot, "right": panda.with_base((0, 1, 0))})
     assert cell.accelerations == {f"left_{first}": 12.0}
     assert "accelerations" not in RobotSpec("panda").to_mapping(tmp_path)

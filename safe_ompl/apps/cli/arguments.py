@@ -212,7 +212,7 @@ def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> 
 def scenario_robot(options: argparse.Namespace, scenario: Scenario) -> tuple[RobotSpec, Robot]:
     """Return the robot that the options ask for instead of the scenario's, or else the scenario's."""
     spec = given_robot(options, lambda: scenario.robot)
-    return spec, scenario.build_robot() if spec is scenario.robot else spec.build()
+    return spec, scenario.build_robot() if spec is scenario.robot else Robot(spec)
 
 
 def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:

@@ -340,7 +340,7 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
     if options.scenario is not None:
         _, robot = arguments.scenario_robot(options, arguments.load_scenario(options.scenario))
     elif options.robot is not None or options.urdf is not None:
-        robot = arguments.given_robot(options, lambda: None).build()  # type: ignore[arg-type,return-value]
+        robot = Robot(arguments.given_robot(options, lambda: None))  # type: ignore[arg-type,return-value]
     if options.degrees and robot is None:
         raise InputError("needs the robot, which knows the joints that turn: give --scenario", "--degrees")
     found: dict[str, MeasuredTube] = {}

@@ -111,7 +111,7 @@ def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
             raise InputError(words, f"{file.path}: robot")
         return RobotSpec(file.robot)
 
-    robot = arguments.given_robot(options, named).build()
+    robot = Robot(arguments.given_robot(options, named))
     if file.joint_names and set(file.joint_names) != set(robot.joint_names):
         raise InputError(
             f"the problems are for the joints {', '.join(file.joint_names)}, "

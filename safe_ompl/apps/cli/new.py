@@ -105,7 +105,7 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
     still = [name for name in list(full.names)[1:] if name not in mimics and name not in moving]
     locked = {name: posture.get(name, resting_value(full, name)) for name in still} | dict(given.locked or {})
     spec = replace(given, group=group, tip=tip, locked=locked, locked_state=None)
-    robot = spec.build()
+    robot = Robot(spec)
     return replace(spec, tip=robot.tip), robot
 
 

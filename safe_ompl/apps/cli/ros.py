@@ -152,7 +152,7 @@ def _robot(scenario: Scenario, node: Any, options: argparse.Namespace, file: Pat
     file.write_text(text, encoding="utf-8")
     spec = replace(scenario.robot, example=None, urdf=file, package_dirs=tuple(options.package_dir))
     try:
-        return spec.build()
+        return Robot(spec)
     except InputError as error:
         raise InputError(str(error).replace(str(file), "the URDF"), options.robot_description) from None
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, cache, warn_once
 from safe_ompl.geometry import convex_hull
 from safe_ompl.robot.joint_tables import Mimic
-from safe_ompl.robot.loading.urdf import UrdfFile
+from safe_ompl.robot.loading.urdf import UrdfFile, existing_file
 
 _log = logging.getLogger(__name__)
 
@@ -127,7 +127,7 @@ _METHOD = 1  # goes into the cache's key: to be raised whenever another answer m
 
 
 def select_self_pairs(
-    model: pin.Model, geometry: pin.GeometryModel, srdf: str | None, samples: FloatArray, robot: str
+    model: pin.Model, geometry: pin.GeometryModel, srdf: Path | None, samples: FloatArray, robot: str
 ) -> None:
     """Add to `geometry` the pairs of the robot's own bodies that are worth checking.
 
@@ -140,10 +140,10 @@ def select_self_pairs(
     before = len(geometry.collisionPairs)
     if srdf is not None:
         try:
-            text = Path(srdf).read_text(encoding="utf-8")
+            text = existing_file(srdf, "SRDF").read_text(encoding="utf-8")
             pin.removeCollisionPairsFromXML(model, geometry, text, False)
         except (ValueError, RuntimeError) as error:
-            raise InputError(f"not a valid SRDF ({error})", srdf) from None
+            raise InputError(f"not a valid SRDF ({error})", str(srdf)) from None
     removed = before - len(geometry.collisionPairs)
     if removed:
         _log.info("%s: %d self-collision pairs disabled by %s", robot, removed, srdf)

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError
+from safe_ompl.robot.joint_tables import Mimic, Skeleton, frame_index
+from safe_ompl.robot.loading.attachment import Attachment
 from safe_ompl.robot.loading.collision import links_lacking_shapes, warn_of_unchecked
 from safe_ompl.robot.loading.reduction import joint_limits
-from safe_ompl.robot.reach import JointChain, bounding_box
-
-if TYPE_CHECKING:
-    from safe_ompl.robot.loading.blueprint import Attachment
-
-_log = logging.getLogger(__name__)
+from safe_ompl.robot.reach import JointChain, bounding_box, bounding_hull
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)
 _NO_LIMIT = np.full(1, np.inf)
+_COLOR = np.array([0.55, 0.62, 0.7, 1.0])  # of objects in the gripper
 
 
 @dataclass(frozen=True)
@@ -109,6 +104,73 @@ class RobotParts:
         warn_of_unchecked(self.name, [name for name in parts.links_without_collision if name not in before])
         return parts
 
+    def with_accelerations(self, limits: Mapping[str, float]) -> RobotParts:
+        """Return the robot with acceleration limits of planned joints; raise UnknownNameError for any other joint."""
+        planned = [name for name in list(self.model.names)[1:] if name not in self.mimics]
+        for name in limits:
+            if name not in planned:
+                raise UnknownNameError("joint", name, planned, "accelerations")
+        return replace(self, accelerations={**self.accelerations, **limits})
+
+    def holding(self, item: Attachment) -> RobotParts:
+        """Return the robot with an object in its gripper; errors as `Robot.with_attached`."""
+        links = [frame.name for frame in list(self.model.frames)[1:]]
+        for name in (item.link, *item.touch_links):
+            if name not in links:
+                raise UnknownNameError(f"link for {item.name!r}", name, links, self.name)
+        if item.name in (*links, *self.body_links):
+            raise InputError(f"a link or frame is called {item.name!r}: give another name", self.name)
+        frame = frame_index(self.model, item.link)
+        joint, number = self.model.frames[frame].parentJoint, len(self.body_links)
+        bodies = _with_object(self.collision_model, item, self.model, frame)
+        for k, (link, body) in enumerate(zip(self.body_links, self.collision_model.geometryObjects, strict=True)):
+            if body.parentJoint != joint and link not in item.touch_links:
+                for own in range(number, len(bodies.geometryObjects)):
+                    bodies.addCollisionPair(pin.CollisionPair(k, own))
+        model, tips = self.model, self.tips
+        if item.danger:
+            end = pin.SE3(np.eye(3), self._far_end(item, frame))
+            model, tips = model.copy(), (*tips, item.name)
+            model.addFrame(pin.Frame(item.name, joint, frame, end, pin.FrameType.OP_FRAME), False)
+
+        def visual() -> pin.GeometryModel | None:
+            drawn = self.read_visual()
+            return None if drawn is None else _with_object(drawn, item, self.model, frame)
+
+        held = (*self.attached, item)
+        return replace(self, model=model, collision_model=bodies, read_visual=visual, tips=tips, attached=held)
+
+    def _far_end(self, item: Attachment, frame: int) -> FloatArray:
+        """Return the far end of an object, seen from the key point below it, in the frame of their joint [m]."""
+        link = self.model.frames[frame]
+        key = Skeleton.from_model(self.model, self.link_ends, self.tips).nearest(self.model, frame)
+        if key is None or link.parentJoint == 0:
+            raise InputError(f"{item.name!r} has no danger: no joint of the skeleton is below {item.link!r}", self.name)
+        start, place = self.model.frames[key].placement.translation, link.placement * item.pose.se3
+        hulls = [bounding_hull(part.geometry).moved(place * part.placement) for part in item.shape.parts()]
+        points = np.concatenate([hull.points for hull in hulls])
+        way = (points.min(axis=0) + points.max(axis=0)) / 2 - start
+        length = float(np.linalg.norm(way))
+        if length < 1e-6:  # the key point is the middle of the object: any end will do
+            farthest: FloatArray = points[np.linalg.norm(points - start, axis=1).argmax()]
+            return farthest
+        way = way / length
+        end: FloatArray = start + max(float(((hull.points - start) @ way).max()) + hull.radius for hull in hulls) * way
+        return end
+
+    def _prefixed(self, prefix: str) -> RobotParts:
+        """Return the same parts with a prefix before the names that they say of joints, links and frames."""
+        return replace(
+            self,
+            link_ends=tuple(prefix + name for name in self.link_ends),
+            tips=tuple(prefix + name for name in self.tips),
+            mimics={prefix + k: replace(mimic, primary=prefix + mimic.primary) for k, mimic in self.mimics.items()},
+            held={prefix + name: value for name, value in self.held.items()},
+            bare_links=tuple(prefix + name for name in self.bare_links),
+            attached=tuple(replace(item, name=prefix + item.name, link=prefix + item.link) for item in self.attached),
+            accelerations={prefix + name: limit for name, limit in self.accelerations.items()},
+        )
+
     def _on(self, model: pin.Model, joint: int, pose: pin.SE3) -> RobotParts:
         """Return the robot with its base fixed to a joint of `model`, which it is appended to."""
         graft = Graft.of(model, self.model, joint, pose)
@@ -126,45 +188,30 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
     """Return several robots, by the prefixes that their joints, links and frames get, as one; `tip` is a prefix."""
     model = pin.Model()
     model.name = name
-    grafts = {
-        prefix: Graft.of(model, parts.model, 0, pin.SE3.Identity(), f"{prefix}_") for prefix, parts in robots.items()
-    }
-    bodies = _joined([grafts[p].geometry(parts.collision_model) for p, parts in robots.items()])
-    _add_pairs_between(bodies, [len(parts.collision_model.geometryObjects) for parts in robots.values()])
+    grafts = [Graft.of(model, parts.model, 0, pin.SE3.Identity(), f"{prefix}_") for prefix, parts in robots.items()]
+    bodies = _joined(
+        graft.geometry(parts.collision_model) for graft, parts in zip(grafts, robots.values(), strict=True)
+    )
+    _add_pairs_between(bodies, [len(parts.body_links) for parts in robots.values()])
 
     def visual() -> pin.GeometryModel:
-        drawn = {prefix: parts.read_visual() or parts.collision_model for prefix, parts in robots.items()}
-        return _joined([grafts[prefix].geometry(model) for prefix, model in drawn.items()])
+        drawn = [parts.read_visual() or parts.collision_model for parts in robots.values()]
+        return _joined(graft.geometry(geometry) for graft, geometry in zip(grafts, drawn, strict=True))
 
-    def prefixed(names: Callable[[RobotParts], tuple[str, ...]], order: list[str]) -> tuple[str, ...]:
-        return tuple(f"{prefix}_{name}" for prefix in order for name in names(robots[prefix]))
-
-    def by_joint(values: Callable[[RobotParts], Mapping[str, float]]) -> dict[str, float]:
-        return {f"{p}_{joint}": x for p, parts in robots.items() for joint, x in values(parts).items()}
-
-    order = list(robots)
-    return RobotParts(
-        name,
-        name,
-        model,
-        bodies,
-        visual,
-        prefixed(lambda parts: parts.link_ends, order),
-        prefixed(lambda parts: parts.tips, [tip, *(p for p in order if p != tip)]),
-        {
-            f"{p}_{joint}": replace(mimic, primary=f"{p}_{mimic.primary}")
-            for p, parts in robots.items()
-            for joint, mimic in parts.mimics.items()
-        },
-        by_joint(lambda parts: parts.held),
-        prefixed(lambda parts: parts.bare_links, order),
-        tuple(
-            replace(item, name=f"{p}_{item.name}", link=f"{p}_{item.link}")
-            for p, parts in robots.items()
-            for item in parts.attached
-        ),
-        by_joint(lambda parts: parts.accelerations),
-    )
+    members = {prefix: parts._prefixed(f"{prefix}_") for prefix, parts in robots.items()}
+    order = [members[tip], *(parts for prefix, parts in members.items() if prefix != tip)]
+    found = RobotParts(name, name, model, bodies, visual, (), tuple(end for parts in order for end in parts.tips))
+    for parts in members.values():
+        found = replace(
+            found,
+            link_ends=found.link_ends + parts.link_ends,
+            mimics={**found.mimics, **parts.mimics},
+            held={**found.held, **parts.held},
+            bare_links=found.bare_links + parts.bare_links,
+            attached=found.attached + parts.attached,
+            accelerations={**found.accelerations, **parts.accelerations},
+        )
+    return found
 
 
 def independent(geometry: pin.GeometryModel) -> pin.GeometryModel:
@@ -172,6 +219,17 @@ def independent(geometry: pin.GeometryModel) -> pin.GeometryModel:
     copy = geometry.copy()
     for part in copy.geometryObjects:
         part.geometry = part.geometry.clone()
+    return copy
+
+
+def _with_object(geometry: pin.GeometryModel, item: Attachment, model: pin.Model, frame: int) -> pin.GeometryModel:
+    """Return a copy of `geometry` with the parts of an object, named as those of a link."""
+    copy, link = geometry.copy(), model.frames[frame]
+    for k, part in enumerate(item.shape.parts()):
+        place = link.placement * item.pose.se3 * part.placement
+        body = pin.GeometryObject(f"{item.name}_{k}", link.parentJoint, frame, place, part.geometry)
+        body.meshColor = _COLOR
+        copy.addGeometryObject(body)
     return copy
 
 
@@ -250,26 +308,3 @@ def _add_pairs_between(bodies: pin.GeometryModel, sizes: list[int]) -> None:
         for b in range(a + 1, len(owners)):
             if owners[a] != owners[b] and (joints[a] or joints[b]):
                 bodies.addCollisionPair(pin.CollisionPair(a, b))
-
-
-class GuardedCopy:
-    """A copy of one of Pinocchio's models for users: changes of it do not reach the robot, of which things are proven.
-
-    The copy is kept: working memory made from a model (GeometryData, broad-phase managers) points into it, and
-    Pinocchio does not keep it alive. A new copy for each access would crash who makes such memory in one line and
-    uses it in the next. `duplicate` returns a copy that shares nothing with its argument; the name is for the log.
-    """
-
-    def __init__(self, original: Any, duplicate: Callable[[Any], Any], name: str) -> None:
-        self._original, self._duplicate, self._name = original, duplicate, name
-        self._copies = [duplicate(original)]
-
-    def get(self) -> Any:
-        """Return an unchanged copy; warn if the one before was changed."""
-        if self._copies[-1] != self._original:
-            _log.warning(
-                "%s was changed, which does not change the robot: use with_attached, with_limits or from_models",
-                self._name,
-            )
-            self._copies.append(self._duplicate(self._original))
-        return self._copies[-1]

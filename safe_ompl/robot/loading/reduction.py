@@ -4,91 +4,27 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, number, within
+from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.robot.joint_tables import Mimic, frame_index
-from safe_ompl.robot.loading.srdf import SrdfFile
 
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class JointChoice:
-    """What a user says of the joints that are planned for, and of the others; see `Robot.from_urdf`."""
-
-    tip: str | None
-    locked: Mapping[str, float]
-    srdf: str | None = None
-    group: str | None = None
-    locked_state: str | None = None
-
-    def group_tip(self, full: pin.Model, source: str) -> str | None:
-        """Return the tip of the group if it is a chain or carries an end effector; None without a group."""
-        return None if self.group is None else self.semantics("group", source).group_tip(self.group, full)
-
-    def semantics(self, key: str, source: str) -> SrdfFile:
-        """Return the SRDF, which the argument `key` needs; raise InputError if there is none."""
-        if self.srdf is None:
-            raise InputError(f"{key} is a name of an SRDF: give the SRDF", source)
-        return SrdfFile(self.srdf)
-
-
-def joints_and_posture(
-    full: pin.Model, mimics: Mapping[str, Mimic], choice: JointChoice, source: str
-) -> dict[str, float]:
-    """Return all joints to hold with their values [rad or m], except those that mimic others.
-
-    Held are the locked joints, and those that are not in the group or, without a group, do not move the tip, not even
-    through a joint that mimics them. The latter keep the values of the locked state; or those of the locked joints, if
-    these leave no joint free and so can only be meant as a posture; or zero, which a warning says. Chains of `mimics`
-    are resolved.
-
-    Raises InputError if group, state, or a joint does not exist, or there is a state but no joint to hold.
-    """
-    joints = list(full.names)[1:]
-    names = [name for name in joints if name not in mimics]
-    locked, tip, group, locked_state = choice.locked, choice.tip, choice.group, choice.locked_state
-    for name in locked:
-        if name not in joints:
-            raise UnknownNameError("joint to lock", name, joints, source)
-    posture: Mapping[str, float] = {}
-    if locked_state is not None:
-        posture = choice.semantics("locked_state", source).state(locked_state)
-    if tip is None and group is None:
-        if locked_state is not None:
-            raise InputError("locked_state is the posture of joints that are held: give a tip or a group", source)
-        return dict(locked)
-    moving = _moving(full, mimics, choice, source)
-    free = [name for name in names if name in moving]
-    if locked_state is None and free and all(name in locked for name in free):
-        posture, locked = locked, {}
-    loose = {name: mimic for name, mimic in mimics.items() if name not in locked}
-    moving = _moving(full, loose, choice, source)
-    idle = [name for name in names if name not in moving and name not in locked]
-    held = {**locked, **{name: posture.get(name, resting_value(full, name)) for name in idle}}
-    unsaid = [name for name in idle if name not in posture]
-    purpose = f"not in the group {group!r}" if group is not None else f"not moving {tip!r}"
-    _report(full, unsaid, held, moving, f"{Path(source).name}: held, as {purpose}")
-    return held
-
-
-def _moving(full: pin.Model, mimics: Mapping[str, Mimic], choice: JointChoice, source: str) -> Collection[str]:
-    """Return the joints of the group or, without a group, those that move the tip."""
-    if choice.group is not None:
-        return choice.semantics("group", source).group_joints(choice.group, full)
-    assert choice.tip is not None
-    tip = full.frames[frame_index(full, choice.tip)]
-    above = {full.names[j] for j in list(full.supports[tip.parentJoint])[1:]}
+def joints_that_move(full: pin.Model, tip: str, mimics: Mapping[str, Mimic]) -> set[str]:
+    """Return the joints that move the tip, and those that such a joint mimics; chains of `mimics` are resolved."""
+    frame = full.frames[frame_index(full, tip)]
+    above = {full.names[joint] for joint in list(full.supports[frame.parentJoint])[1:]}
     return above | {mimic.primary for name, mimic in mimics.items() if name in above}
 
 
-def _report(full: pin.Model, names: list[str], held: Mapping[str, float], moving: Collection[str], text: str) -> None:
+def report_held(full: pin.Model, held: Mapping[str, float], moving: Collection[str], text: str) -> None:
     """Say in a warning which joints are held at zero; of a gripper beyond the joints that move, at a lower level."""
+    names = list(held)
     supports = {name: full.supports[full.getJointId(name)] for name in names}
     # All that move are below these.
     beyond = {name for name in names if {full.names[j] for j in supports[name]}.issuperset(moving)}
@@ -129,7 +65,8 @@ def with_mimics(
     for name, value in held.items():
         if name not in names:
             raise UnknownNameError("joint to lock", name, names, source)
-        locked[name] = _joint_value(full, name, value, source)
+        _check_value(full, name, value, source)
+        locked[name] = value
     for name, mimic in mimics.items():
         if name not in names or name in held:
             continue
@@ -150,17 +87,14 @@ def joints_without_range(full: pin.Model, names: Iterable[str]) -> dict[str, flo
     return {name: low for name, (low, high) in ranges.items() if low == high}
 
 
-def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float:
-    with within(source, ": "):
-        found = number(f"locked joint {name!r}", value)
+def _check_value(full: pin.Model, name: str, value: float, source: str) -> None:
     joint = full.joints[full.getJointId(name)]
-    if joint.nv > 1 and found != 0:
+    if joint.nv > 1 and value != 0:
         raise InputError(f"locked joint {name!r}: a {joint.shortname()} can be locked at 0 only", source)
     if joint.nq == 1:
         low, high = _range(full, joint)
-        if not low - 1e-9 <= found <= high + 1e-9:
-            raise InputError(f"locked joint {name!r}: {found:g} is outside its limits [{low:g}, {high:g}]", source)
-    return found
+        if not low - 1e-9 <= value <= high + 1e-9:
+            raise InputError(f"locked joint {name!r}: {value:g} is outside its limits [{low:g}, {high:g}]", source)
 
 
 def _range(model: pin.Model, joint: pin.JointModel) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_ompl import Scenario
+from safe_ompl import Robot, Scenario
 from safe_ompl.apps import main
 from safe_ompl.common.errors import warn_once
 
@@ -208,7 +208,7 @@ def test_the_srdf_says_which_arm(butler, capsys, monkeypatch):
     assert main(["new", "butler.urdf", "-o", "left.yaml", "--srdf", "butler.srdf", "--group", "left_arm"]) == 0
     spec = Scenario.load("left.yaml").robot
     assert (spec.group, spec.tip) == ("left_arm", "left_c")
-    assert spec.build().joint_names == ("left_1", "left_2", "left_3")
+    assert Robot(spec).joint_names == ("left_1", "left_2", "left_3")
     assert main(["new", "butler.urdf", "-o", "tip.yaml", "--srdf", "butler.srdf", "--tip", "left_c"]) == 0
     assert Scenario.load("tip.yaml").build_robot().joint_names == ("lift", "left_1", "left_2", "left_3")
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from safe_ompl import InputError
+from safe_ompl import InputError, Robot
 from safe_ompl.apps import main
 from safe_ompl.robot import RobotSpec
 
@@ -72,6 +72,6 @@ def test_specs_keep_what_they_were_given(folder, data_folder):
         collision="visual",
     )
     assert RobotSpec.from_mapping(spec.to_mapping(folder), folder) == spec
-    assert spec.build().joint_names == ("left_shoulder", "left_elbow")
+    assert Robot(spec).joint_names == ("left_shoulder", "left_elbow")
     with pytest.raises(InputError, match="collision: unknown choice of collision shapes 'meshes'; known: required"):
         RobotSpec(example="ur5", collision="meshes")

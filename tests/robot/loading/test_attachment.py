@@ -10,7 +10,7 @@ from safe_ompl import CollisionChecker, InputError, MotionProver, Scene, Unknown
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, PointCloud, Pose, Sphere
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.robot.loading import Attachment
-from safe_ompl.robot.loading.blueprint import as_pose
+from safe_ompl.robot.loading.attachment import as_pose
 
 SHAPES = {"box": Box((0.04, 0.06, 0.3)), "capsule": Capsule(0.03, 0.3)}
 

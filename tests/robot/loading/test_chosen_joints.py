@@ -80,14 +80,6 @@ def test_locks_win_over_the_state(build):
     assert held(robot) == {"lift": 0.2, "right_slide": 0.3, "right_shoulder": 0.4, "right_turn": 0.6}
 
 
-def test_named_states_can_be_the_posture(build):
-    home = build().named("all")
-    assert home["left_elbow"] == 0.3
-    robot = build(tip="left_hand", locked=home)
-    assert robot.joint_names == ("lift", *LEFT)
-    assert held(robot) == {"right_shoulder": 0.4, "right_slide": 0.05, "right_turn": 0.6}
-
-
 def test_named_states_of_several_groups(build):
     assert build().named("home") == {"left_elbow": 0.5, "right_shoulder": -0.4, "right_slide": 0.2}
 

@@ -27,7 +27,7 @@ def test_xacro_is_recognised(tmp_path, text, evidence, name, monkeypatch):
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(InputError, match=f"{evidence}.*`pip install xacro`"):
-        RobotSpec(urdf=path).build()
+        Robot(RobotSpec(urdf=path))
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_xacro_is_expanded(macros, data_folder, tmp_path):
     robot = Robot.from_urdf(macros, tip="hand", xacro_args={"prefix": "left_"})
     scenario = tmp_path / "scenarios"
     spec = RobotSpec(urdf=macros, tip="hand", xacro_args={"prefix": 2})
-    assert [robot.name, spec.build().name] == ["left_arm", "2arm"]
+    assert [robot.name, Robot(spec).name] == ["left_arm", "2arm"]
     assert RobotSpec.from_mapping(spec.to_mapping(scenario), scenario) == spec
     carried = carried_robot(robot)
     assert "xacro:" not in carried["recipe"]["urdf"]["text"]
