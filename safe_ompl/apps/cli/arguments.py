@@ -195,9 +195,9 @@ def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> 
     folders = tuple(options.package_dir)
     with document.within("--", separator=""):
         if options.urdf is not None:
-            srdf = None if options.srdf is None else Path(options.srdf)
-            chosen |= {"locked": locked, "xacro_args": words}
-            return RobotSpec(None, Path(options.urdf), srdf, folders, **chosen)
+            chosen |= {"urdf": options.urdf, "locked": locked, "xacro_args": words}
+            chosen |= {} if options.srdf is None else {"srdf": options.srdf}
+            return RobotSpec.from_mapping({**chosen, "package_dirs": list(map(str, folders))}, Path())
         spec = usual() if options.robot is None else RobotSpec(options.robot)
         if folders:
             spec = spec.with_package_dirs(folders)
