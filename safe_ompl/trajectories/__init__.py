@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.trajectories.body_speeds import BodySpeeds
     from safe_ompl.trajectories.caps import (
         LINK_SPEED,
         TOOL_SPEED,
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
         limb_contact_speed,
         robot_mass,
     )
-    from safe_ompl.trajectories.curve import BlendedCurve, Cells, CurvePoints, Piece, blended, divided_edges
+    from safe_ompl.trajectories.curve import BlendedCurve, BodySpeeds, Cells, CurvePoints, Piece, blended, divided_edges
     from safe_ompl.trajectories.danger import MotionDanger
     from safe_ompl.trajectories.kernels import Boxes, ceilings, drive
     from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits

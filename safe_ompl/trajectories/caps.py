@@ -10,9 +10,8 @@ import numpy as np
 from safe_ompl.common import RATE_BOUNDS, BoolArray, FloatArray, InputError, IntArray, SafeOmplError, number
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
-from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.contact import CLAMPING, CONTACT, SEPARATION
-from safe_ompl.trajectories.curve import BlendedCurve, Cells, Curve, divided_edges
+from safe_ompl.trajectories.curve import BlendedCurve, BodySpeeds, Cells, Curve, divided_edges
 from safe_ompl.trajectories.kernels import stopping_speeds
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
@@ -28,18 +27,7 @@ _SOON = 3.0  # stops take no longer than this times that of constant deceleratio
 
 @dataclass(frozen=True)
 class MotionCaps:
-    """What bounds the speed of trajectories besides the limits of the joints.
-
-    Parameters
-    ----------
-    people, tool_speed, link_speed, danger, max_danger
-        As in `time_path`.
-
-    Raises
-    ------
-    InputError
-        If only one of `danger` and `max_danger` is given, or a speed is absurd.
-    """
+    """What bounds the speed of trajectories besides the limits of the joints; see `PathTimer`."""
 
     people: People | None = None
     tool_speed: float | None = None
@@ -53,36 +41,18 @@ class MotionCaps:
                 "give a danger and the largest that it may reach, or neither",
                 "danger" if self.danger is None else "max_danger",
             )
-        for key, name, kind in (
-            ("tool_speed", "tool speed", "number of m/s"),
-            ("link_speed", "link speed", "number of m/s"),
-            ("max_danger", "max_danger", "number"),
-        ):
-            value = getattr(self, key)
-            if value is not None:
-                bound = {"above": 0.0} if key == "max_danger" else RATE_BOUNDS["speed"]
-                object.__setattr__(self, key, number(name, value, kind=kind, **bound))
-
-    @property
-    def speeds(self) -> tuple[float | None, float | None]:
-        """Largest speeds [m/s] of the tip, and of any point of any link; None: no limit."""
-        return self.tool_speed, self.link_speed
+        for key, name in (("tool_speed", TOOL_SPEED), ("link_speed", LINK_SPEED)):
+            if (value := getattr(self, key)) is not None:
+                object.__setattr__(self, key, number(name, value, kind="number of m/s", **RATE_BOUNDS["speed"]))
+        if self.max_danger is not None:
+            object.__setattr__(self, "max_danger", number("max_danger", self.max_danger, above=0.0))
 
 
 @dataclass(frozen=True)
 class Standstill:
-    """Where the robot may not move at any speed.
+    """Where the robot may not move at any speed: arc length [rad], configuration (n,), and what forbids motion there.
 
-    Attributes
-    ----------
-    arc_length : float
-        Place on the curve [rad].
-    configuration : ndarray, shape (n,)
-        Configuration of the robot there.
-    reason : str
-        What forbids motion, with the numbers, and what would have to change.
-    person, limb, link : str or None
-        Who may come to which link.
+    The reason has the numbers, and what would have to change; beside people, who may come to which link.
     """
 
     arc_length: float
@@ -107,18 +77,10 @@ class StandstillError(SafeOmplError):
 
 
 class PeopleCaps(NamedTuple):
-    """What people allow.
+    """What people allow, in cells as fine as it takes.
 
-    Attributes
-    ----------
-    cells : Cells
-        As fine as it takes.
-    brakes : ndarray, shape (N,)
-        Deceleration along the path that a stop may take in each cell [rad/s²].
-    window : float
-        Over which the plan is averaged [s]; 0: the jerk is not limited.
-    caps : list of SpeedCap
-        Of blends, and of separation, contact and clamping: each in the cells that it bounds.
+    Stops decelerate along the path by `brakes: (N,)` [rad/s²]; the plan is averaged over `window` [s], 0 if the jerk is
+    not limited; `caps` are those of blends, separation, contact and clamping, in the cells that they bound.
     """
 
     cells: Cells
@@ -146,12 +108,8 @@ def people_caps(
     within it costs more than the share `loss` of the time that is left. Where the jerk is limited all this is said of a
     plan, than which the motion is later by the window at most; see `safe_ompl.trajectories.time_law`.
 
-    Raises
-    ------
-    InputError
-        If somebody touches the robot, or is within the clearance, where it starts.
-    StandstillError
-        If there is a cell in which no speed is allowed.
+    An InputError if somebody touches the robot, or is within the clearance, where it starts; a StandstillError if there
+    is a cell in which no speed is allowed.
     """
     people, window = distances.people, 0.0
     for last in (False, True):
@@ -174,7 +132,12 @@ def people_caps(
         limb = np.where(group < 0, -1, first[where, group])
         if not last:
             cells = curve.between(divided_edges(cells.edges, _parts(cells, speeds, left, limb, where, distances, loss)))
-    _check_start(left.distances[0], distances)
+    m = int(left.distances[0].argmin())
+    if left.distances[0, m] <= people.clearance and not people.contact:
+        raise InputError(
+            f"{_named(distances.limbs[m])} is {max(0.0, left.distances[0, m]) * 1e3:.1f} mm from the robot where it "
+            f"starts: it must be more than the clearance of {people.clearance * 1e3:g} mm away"
+        )
     for j in np.flatnonzero(allowed <= 0):
         raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances, window))
     caused = np.where(slow, np.where(clamps[where, limb], CLAMPING, CONTACT), SEPARATION)
@@ -193,8 +156,7 @@ def _first_of_each(times: FloatArray, groups: IntArray) -> tuple[IntArray, Float
 def next_stops(cells: Cells) -> IntArray:
     """Return for each cell (N,) the last one before the robot stops in any case."""
     stops = np.append(cells.stops, len(cells))
-    ends: IntArray = stops[np.searchsorted(stops, np.arange(len(cells)), side="right")] - 1
-    return ends
+    return np.asarray(stops[np.searchsorted(stops, np.arange(len(cells)), side="right")] - 1)
 
 
 def _parts(
@@ -221,8 +183,7 @@ def _parts(
 def bending_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ (N,) with which blends take half of the accelerations; the rest is left for braking."""
     with np.errstate(divide="ignore"):
-        found: FloatArray = np.sqrt((BENDING * limits.acceleration / cells.bends).min(axis=1))
-    return found
+        return np.asarray(np.sqrt((BENDING * limits.acceleration / cells.bends).min(axis=1)))
 
 
 def braking(cells: Cells, limits: RateLimits, speeds: FloatArray) -> FloatArray:
@@ -230,17 +191,7 @@ def braking(cells: Cells, limits: RateLimits, speeds: FloatArray) -> FloatArray:
     rest = limits.acceleration - cells.bends * (speeds * speeds)[:, None]
     slopes = cells.slopes
     with np.errstate(divide="ignore"):
-        brakes: FloatArray = np.where(slopes > 0, rest / slopes, np.inf).min(axis=1)
-    return brakes
-
-
-def _check_start(left: FloatArray, distances: PeopleDistances) -> None:
-    people, m = distances.people, int(left.argmin())
-    if left[m] <= people.clearance and not people.contact:
-        raise InputError(
-            f"{_named(distances.limbs[m])} is {max(0.0, left[m]) * 1e3:.1f} mm from the robot where it starts: it must "
-            f"be more than the clearance of {people.clearance * 1e3:g} mm away"
-        )
+        return np.asarray(np.where(slopes > 0, rest / slopes, np.inf).min(axis=1))
 
 
 def _named(who: tuple[str, str]) -> str:
@@ -277,15 +228,7 @@ def harmless_rates(
 
 
 def speed_caps(speeds: FloatArray, tool_speed: float | None, link_speed: float | None) -> tuple[SpeedCap, ...]:
-    """Return the caps that keep the tip, and all points of all bodies, below a speed [m/s].
-
-    Parameters
-    ----------
-    speeds : ndarray, shape (N, G + 1)
-        From `BodySpeeds`: of the bodies, and of the tip.
-    tool_speed, link_speed : float, optional
-        Limits [m/s], > 0.
-    """
+    """Return the caps that keep the tip, and all points of all bodies, below speeds [m/s]; `speeds` of `BodySpeeds`."""
     caps = []
     for name, limit, bound in ((TOOL_SPEED, tool_speed, speeds[:, -1]), (LINK_SPEED, link_speed, speeds.max(axis=1))):
         if limit is not None:

@@ -1,17 +1,22 @@
-"""The curve of a trajectory: straight lines in joint space, and blends for corners that are proven as the edges are."""
+"""The curve of a trajectory: straight lines in joint space, and blends for corners that are proven as the edges are.
+
+And bounds of how fast the bodies of a robot are along it, proven for whole cells.
+"""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from math import sqrt
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from safe_ompl.collision import MotionProver, Verdict
-from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.robot import Robot
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, compiled
+from safe_ompl.robot import Hull, Robot, bounding_hull, plain
+from safe_ompl.robot.kernels import move_joints, place_joints
 from safe_ompl.trajectories.kernels import Boxes
 from safe_ompl.trajectories.limits import RateLimits
 
@@ -35,18 +40,9 @@ class CurvePoints(NamedTuple):
 
 @dataclass(frozen=True)
 class Cells:
-    """Pieces of a curve, with boxes that hold its derivatives.
+    """Pieces of a curve, with boxes of q′ and q″ that hold over whole cells, and bounds (N, n) of |q‴|, the `swings`.
 
-    Attributes
-    ----------
-    edges : ndarray, shape (N + 1,)
-        Arc lengths where the N cells begin and end.
-    boxes : Boxes
-        Boxes of q′ and q″ over whole cells, (N, n) each.
-    swings : ndarray, shape (N, n)
-        Bounds of |q‴|.
-    stops : ndarray of int
-        Which edges are corners that cannot be driven through: there the robot stops.
+    `edges: (N + 1,)` are where the N cells begin and end; `stops` those of them in which the robot must stop: corners.
     """
 
     edges: FloatArray
@@ -60,26 +56,22 @@ class Cells:
     @property
     def sizes(self) -> FloatArray:
         """Lengths (N,) of the cells."""
-        sizes: FloatArray = self.edges[1:] - self.edges[:-1]
-        return sizes
+        return np.asarray(self.edges[1:] - self.edges[:-1])
 
     @property
     def centres(self) -> FloatArray:
         """Arc lengths (N,) in the middle of the cells."""
-        centres: FloatArray = 0.5 * (self.edges[1:] + self.edges[:-1])
-        return centres
+        return np.asarray(0.5 * (self.edges[1:] + self.edges[:-1]))
 
     @cached_property
     def slopes(self) -> FloatArray:
         """Bounds (N, n) of |q′|."""
-        slopes: FloatArray = np.maximum(np.abs(self.boxes.slope_low), np.abs(self.boxes.slope_high))
-        return slopes
+        return np.asarray(np.maximum(np.abs(self.boxes.slope_low), np.abs(self.boxes.slope_high)))
 
     @cached_property
     def bends(self) -> FloatArray:
         """Bounds (N, n) of |q″|."""
-        bends: FloatArray = np.maximum(np.abs(self.boxes.bend_low), np.abs(self.boxes.bend_high))
-        return bends
+        return np.asarray(np.maximum(np.abs(self.boxes.bend_low), np.abs(self.boxes.bend_high)))
 
 
 class Curve(Protocol):
@@ -100,15 +92,7 @@ def divided_edges(edges: FloatArray, parts: IntArray) -> FloatArray:
 
 
 class Piece(NamedTuple):
-    """A cubic q(σ) = start + σ·slope + σ²/2·bend + σ³/6·swing; a line if bend and swing vanish.
-
-    Attributes
-    ----------
-    start, slope, bend, swing : ndarray, shape (n,)
-        q, q′, q″ and q‴ where it begins.
-    length : float
-        Its arc length.
-    """
+    """A cubic q(σ) = start + σ·slope + σ²/2·bend + σ³/6·swing, (n,) each, of an arc length; a line without bends."""
 
     start: FloatArray
     slope: FloatArray
@@ -138,7 +122,7 @@ class Piece(NamedTuple):
         return motion.check_curve(scaled).verdict is Verdict.FREE
 
     def slope_box(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the box (S, n) of q′ between arc lengths first and last (S,); exact but for rounding."""
+        """Return the box (S, n) of q′ between arc lengths first and last (S,), with what rounding adds."""
         turns = np.divide(-self.bend, self.swing, out=np.zeros_like(self.bend), where=self.swing != 0)
         inside = np.clip(turns, first[:, None], last[:, None])  # where q″ vanishes
         places = first[:, None], last[:, None], inside
@@ -158,25 +142,9 @@ def _box(first: FloatArray, *values: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 class BlendedCurve:
-    """Pieces one after the other.
+    """Pieces one after the other; those of `stops` begin in another direction than the one before ends: corners.
 
     Arc lengths are those of the path whose corners the blends round: on a blend, which is shorter, ‖q′‖ ≤ 1.
-
-    Parameters
-    ----------
-    pieces : sequence of Piece
-        Each begins where the one before ends.
-    stops : sequence of int
-        Pieces that begin in another direction than the one before ends: corners.
-
-    Attributes
-    ----------
-    pieces, stops
-        As given, as tuples.
-    starts : ndarray, shape (number of pieces,)
-        Arc lengths where they begin.
-    length : float
-        [rad]
     """
 
     def __init__(self, pieces: list[Piece], stops: list[int]) -> None:
@@ -189,19 +157,9 @@ class BlendedCurve:
         bent = sum(not piece.straight for piece in self.pieces)
         return f"BlendedCurve({self.length:.3g} rad, {bent} bent pieces, {len(self.stops)} stops)"
 
-    def rest(self, s: float) -> BlendedCurve:
-        """Return the curve from an arc length 0 ≤ s < length on."""
-        k = int(self.piece_at(np.array([s]))[0])
-        first, *others = self.pieces[k:]
-        cut = s - float(self.starts[k])
-        q, slope, bend, _ = (values[0] for values in first.places(np.array([cut])))
-        rest = Piece(q, slope, bend, first.swing, first.length - cut)
-        return BlendedCurve([rest, *others], [stop - k for stop in self.stops if stop > k])
-
     def piece_at(self, s: FloatArray) -> IntArray:
         """Return the piece (S,) at each of the arc lengths `s: (S,)`; the later one where two meet."""
-        found: IntArray = np.searchsorted(self.starts, s, side="right") - 1
-        return found
+        return np.asarray(np.searchsorted(self.starts, s, side="right") - 1)
 
     def at(self, s: FloatArray, pieces: IntArray | None = None) -> CurvePoints:
         """Return the places (S, n) at arc lengths `s: (S,)` in any order; where two pieces meet, of those given."""
@@ -261,31 +219,13 @@ class BlendedCurve:
 def blended(
     path: FloatArray, robot: Robot, tolerance: float, motion: MotionProver | None, limits: RateLimits | None = None
 ) -> BlendedCurve:
-    """Return the path (N, n) with its corners rounded.
+    """Return the path (N, n) with its corners rounded, within a tolerance [rad]; if it is 0 the robot stops in corners.
 
     A blend leaves the edges at a distance l from a corner: over the length 2l its q′ goes from one edge's direction to
-    the other's, by Δ. With constant q″ = Δ/2l, a parabola, it is |Δ|l/4 away from the corner at most. Where the jerk is
-    limited q″ rises to Δ/2l(1 − ρ), stays, and falls, the first and the last of these within the share ρ of 2l each.
-    The largest blend within the tolerance is taken that uses no more than half of either edge and is proven; where none
-    is, the robot stops in the corner.
-
-    Parameters
-    ----------
-    path : ndarray, shape (N, n)
-        Way points.
-    robot : Robot
-        The robot.
-    tolerance : float
-        How far the curve may be from the path [rad]; 0: it stops in every corner.
-    motion : MotionProver, optional
-        What proves blends; without it there are none.
-    limits : RateLimits, optional
-        If they limit the jerk q″ is continuous.
-
-    Raises
-    ------
-    InputError
-        If the path does not move.
+    the other's, by Δ. With constant q″ = Δ/2l, a parabola, it is |Δ|l/4 away from the corner at most. With a limit of
+    the jerk q″ rises to Δ/2l(1 − ρ), stays, and falls, the first and the last of these within the share ρ of 2l each.
+    The largest blend within the tolerance is taken that uses no more than half of either edge and is proven; where
+    none is, or nothing proves it, the robot stops in the corner. An InputError if the path does not move.
     """
     steps = robot.difference(path[:-1], path[1:])
     moves = np.linalg.norm(steps, axis=1) > _SAME
@@ -361,3 +301,100 @@ def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float
         jerk = float((BENDS * limits.jerk / change).min())
     c = push**1.5 / (jerk * length**0.5)
     return float(min(0.5, c * (np.sqrt(c * c + 4) - c) / 2))
+
+
+# ------------------------------------------------------------------------------------ how fast bodies are along it
+
+
+class _Boxes(NamedTuple):
+    """Boxes about G bodies: Pinocchio's number of the joint, corners in its frame (G, 8, 3) and what is added [m]."""
+
+    carriers: IntArray
+    corners: FloatArray
+    pads: FloatArray
+
+
+@compiled
+def box_speeds(joints: Any, boxes: _Boxes, values: FloatArray, rates: FloatArray) -> FloatArray:
+    """Return how fast the points (B, G) of boxes are at most, at `values` and `rates` (B, m) of the joints."""
+    B, m = values.shape
+    found, twists = np.zeros((B, len(boxes.carriers))), np.empty((m, 6))
+    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    for b in range(B):
+        place_joints(joints, values[b], rotation, origin, axis)
+        move_joints(joints, rates[b], origin, axis, twists)
+        for g in range(len(boxes.carriers)):
+            joint = boxes.carriers[g] - 1
+            if joint < 0:
+                continue
+            w, R, o = twists[joint], rotation[joint], origin[joint]
+            most = 0.0
+            for k in range(8):
+                p = boxes.corners[g, k]
+                x = o[0] + R[0, 0] * p[0] + R[0, 1] * p[1] + R[0, 2] * p[2]
+                y = o[1] + R[1, 0] * p[0] + R[1, 1] * p[1] + R[1, 2] * p[2]
+                z = o[2] + R[2, 0] * p[0] + R[2, 1] * p[1] + R[2, 2] * p[2]
+                u, v = w[3] + w[1] * z - w[2] * y, w[4] + w[2] * x - w[0] * z
+                most = max(most, u * u + v * v + (w[5] + w[0] * y - w[1] * x) ** 2)
+            turning = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+            found[b, g] = sqrt(most) + boxes.pads[g] * turning
+    return found
+
+
+class BodySpeeds:
+    """Bounds of the speed of every point of a body of a robot, per unit of arc length, over the cells of a curve.
+
+    At the centre of a cell it is exact for the corners of the body's bounding box, and convex between them. Away from
+    it, it changes no faster than the acceleration allows: with r_j = R̄_j|q′_j|, w_j = |q′_j| where joint j turns and
+    W_j the sum of w over the joints beneath, Σ r_j (2W_j + w_j) + Σ R̄_j |q″_j|; see
+    `safe_ompl.danger.motion_rates.KeypointRates`.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        frame = robot.shared.model.frames[robot.tip_frame]
+        tip = Hull(np.array(frame.placement.translation, dtype=np.float64)[None], 0.0)
+        parts = list(robot.shared.collision_model.geometryObjects)
+        hulls = [bounding_hull(part.geometry, coarse=True).moved(part.placement) for part in parts] + [tip]
+        carriers: IntArray = np.array([*(part.parentJoint for part in parts), frame.parentJoint], dtype=np.intp)
+        corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls])
+        self._boxes = _Boxes(carriers, corners, np.array([hull.radius for hull in hulls]))
+        chain = robot.shared.chain
+        tip_radii = chain.radii(chain.regions(int(frame.parentJoint), tip))[None]
+        self._radii: FloatArray = np.vstack([robot.bounds.joint_radii, tip_radii])
+        self._turned: BoolArray = np.zeros(self._radii.shape, dtype=bool)
+        for row, joint in enumerate(carriers.tolist()):
+            self._turned[row, chain.path_to_root(joint)] = True
+        self._turned &= ~chain.prismatic
+
+    def bounds(self, curve: Curve, cells: Cells) -> FloatArray:
+        """Return the bounds (N, G + 1) [m/rad]: of the G bodies of `collision_model`, and of the tip."""
+        place = curve.at(cells.centres)
+        half = cells.sizes[:, None] / 2
+        values, rates = (plain(self._robot.coupling.values(place.q)), plain(self._robot.coupling.motions(place.slope)))
+        found = box_speeds(self._robot.kinematics.joints, self._boxes, values, rates)
+        return found + half * self.accelerations(cells)
+
+    def accelerations(self, cells: Cells) -> FloatArray:
+        """Return bounds (N, G + 1) of ‖x″‖ of all points of the bodies and of the tip [m/rad²]."""
+        steps, bends = (plain(self._robot.coupling.reach(bound)) for bound in (cells.slopes, cells.bends))
+        return acceleration_bounds(self._radii, self._turned, steps, bends)
+
+
+@compiled
+def acceleration_bounds(radii: FloatArray, turned: BoolArray, steps: FloatArray, bends: FloatArray) -> FloatArray:
+    """Return bounds (N, G) of ‖x″‖ of every point of G bodies along a curve, by arc length; see `BodySpeeds`.
+
+    R̄ of the m joints of the model are `radii: (G, m)`, `turned` says which of them turn each body; `steps` and `bends`,
+    (N, m), are bounds of their |q′| and |q″|.
+    """
+    (N, m), G = steps.shape, len(radii)
+    found = np.zeros((N, G))
+    for k in range(N):
+        for g in range(G):
+            below = 0.0
+            for j in range(m):
+                turn = steps[k, j] if turned[g, j] else 0.0
+                found[k, g] += radii[g, j] * (steps[k, j] * (2 * below + turn) + bends[k, j])
+                below += turn
+    return found

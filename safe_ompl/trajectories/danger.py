@@ -11,8 +11,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.danger.kernels import CellMotions, cell_bounds
 from safe_ompl.robot import plain
-from safe_ompl.trajectories.body_speeds import acceleration_bounds
-from safe_ompl.trajectories.curve import BlendedCurve, Cells, divided_edges
+from safe_ompl.trajectories.curve import BlendedCurve, Cells, acceleration_bounds, divided_edges
 from safe_ompl.trajectories.time_law import TimeLaw
 
 _HALVINGS = 50
@@ -51,18 +50,7 @@ class SpanDanger(NamedTuple):
 
 
 class MovingDanger:
-    """Bounds of the kinetostatic danger of a robot along a curve.
-
-    Parameters
-    ----------
-    field : KinetostaticField
-        The danger; its danger points must be fixed.
-
-    Raises
-    ------
-    InputError
-        If a callable gives the danger points.
-    """
+    """Bounds of the kinetostatic danger of a robot along a curve; an InputError if a callable gives its danger points."""
 
     def __init__(self, field: KinetostaticField) -> None:
         if field.field.points is None:
@@ -73,16 +61,10 @@ class MovingDanger:
         self.field = field
 
     def bounds(self, curve: BlendedCurve, spans: Spans, rates: FloatArray, enough: float = -np.inf) -> SpanDanger:
-        """Return bounds over spans of a curve.
+        """Return bounds over spans of a curve, in which ṡ is at most `rates: (N,)`.
 
-        Parameters
-        ----------
-        curve, spans
-            Which ones.
-        rates : ndarray, shape (N,)
-            ṡ ≥ 0. Where a danger point is proven, by a cheaper and looser bound, to bring no more danger with it
-        enough : float
-            than this, that bound will do. Only where the danger is the maximum over danger points.
+        Where a danger point is proven, by a cheaper and looser bound, to bring no more danger than `enough`, that bound
+        will do, if the danger is the maximum over danger points.
         """
         field = self.field.field
         robot, points = field.robot, field.points
@@ -120,20 +102,12 @@ class MovingDanger:
 
         The bound is convex in ṡ: if it keeps to the limit at rest and at some speed, so it does at all between.
         """
-        still = np.zeros(len(most))
-        if self.field.field.aggregate == "max":
-            weights = self.field.field.weights
-            share = limit if weights is None else limit / weights
-            with np.errstate(divide="ignore", invalid="ignore"):
-                speeds = np.where(bounds.pushes > 0, (share - bounds.levels) / bounds.pushes, np.inf)
-            found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
-        else:
-            found, bad = np.where(self.at(bounds, most) <= limit, most, 0.0), most
-            for _ in range(_HALVINGS):
-                middle = (found + bad) / 2
-                holds = self.at(bounds, middle) <= limit
-                found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
-        return np.where(self.at(bounds, still) <= limit, found, -1.0)
+        found, bad = np.where(self.at(bounds, most) <= limit, most, 0.0), most
+        for _ in range(_HALVINGS):
+            middle = (found + bad) / 2
+            holds = self.at(bounds, middle) <= limit
+            found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
+        return np.where(self.at(bounds, np.zeros(len(most))) <= limit, found, -1.0)
 
 
 # ------------------------------------------------------------------------------------------------- a cap of the speed
@@ -142,26 +116,11 @@ class MovingDanger:
 def danger_cap(
     curve: BlendedCurve, cells: Cells, danger: MovingDanger, limit: float, most: FloatArray
 ) -> tuple[Cells, IntArray, FloatArray]:
-    """Return the speeds with which the danger of the moving robot keeps to a limit.
+    """Return the speeds with which the danger of the moving robot keeps to a limit, where ṡ ≤ `most: (N,)` in any case.
 
     Along a curve the danger is φ + ṡ (φ′ + γI) k₂/k₁. Cells are divided where they bound the speed and are so long that
-    it makes a difference.
-
-    Parameters
-    ----------
-    curve, cells
-        The curve.
-    danger : MovingDanger
-        Of which field.
-    limit : float
-        The largest danger.
-    most : ndarray, shape (N,)
-        ṡ is no larger for other reasons.
-
-    Returns
-    -------
-    Cells as fine as it takes; (N,) the given ones in which they are; (N,) largest ṡ, −1 where the danger at rest is
-    above the limit.
+    it makes a difference. Returned are the cells, the given ones in which they are, and the largest ṡ, −1 where the
+    danger at rest is above the limit.
     """
 
     def capped(spans: Spans, most: FloatArray) -> FloatArray:
@@ -179,13 +138,8 @@ def danger_cap(
         if (parts == 1).all():
             break
         of = np.repeat(np.arange(len(cells)), parts)
-        cells, parents, speeds, new = (
-            curve.between(divided_edges(cells.edges, parts)),
-            parents[of],
-            speeds[of],
-            parts[of] > 1,
-        )
-        exact = exact[of]
+        cells = curve.between(divided_edges(cells.edges, parts))
+        parents, speeds, exact, new = parents[of], speeds[of], exact[of], parts[of] > 1
         divided = np.flatnonzero(new)
         speeds[divided] = capped(Spans.of(cells, divided), most[parents[divided]])
         exact[divided] = most[parents[divided]]
@@ -197,18 +151,9 @@ def danger_cap(
 
 @dataclass(frozen=True)
 class MotionDanger:
-    """The kinetostatic danger along a motion in time.
+    """The kinetostatic danger [k₁/m, or k₁] along a motion: at times (T,) [s], its mean over time, its peak among them.
 
-    Attributes
-    ----------
-    times, values : ndarray, shape (T,)
-        Danger [k₁/m, or k₁] at times [s]: at the edges of the law's cells and between them.
-    mean : float
-        Over time.
-    peak : float
-        The largest of the values.
-    proven_peak : float
-        It is nowhere larger; +inf where it cannot be kept from a danger point.
+    It is nowhere larger than `proven_peak`; +inf where it cannot be kept from a danger point.
     """
 
     times: FloatArray
@@ -217,27 +162,9 @@ class MotionDanger:
     peak: float
     proven_peak: float
 
-    def as_dict(self) -> dict[str, float | None]:
-        """Return mean and peaks by name; None where nothing is proven."""
-        proven = self.proven_peak if np.isfinite(self.proven_peak) else None
-        return {"mean": self.mean, "peak": self.peak, "proven_peak": proven}
-
 
 def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -> MotionDanger:
-    """Return the danger of a robot that follows a law along a curve.
-
-    Parameters
-    ----------
-    curve, law
-        The motion.
-    field : KinetostaticField
-        The danger.
-
-    Raises
-    ------
-    InputError
-        If a callable gives the danger points.
-    """
+    """Return the danger of a robot that follows a law along a curve; an InputError as `MovingDanger`."""
     danger, cells = MovingDanger(field), curve.between(law.edges)
     middles = (law.times[1:] + law.times[:-1]) / 2
     times = np.sort(np.concatenate([law.times, middles]))

@@ -3,9 +3,7 @@
 The stop from (s, ṡ) stays on the path and never brakes harder than it began: from cell j on it decelerates by
 β_k = min(b_j … b_k) in cell k. It must never be in a cell k later than τ_k after it began, or be slow enough there. The
 faster it begins, or the farther on in its cell, the longer such a stop takes, for at the same ṡ it is at a place where
-β is no larger; with b_k alone a fast one, that is out of a weakly braked cell sooner, may be the shorter one.
-
-The latest instant in cell k, of all stops from cell j no faster than V, is
+β is no larger. The latest instant in cell k, of all stops from cell j no faster than V, is
 
     min(T_stop(V), T_jk),    T_jk: the stop from s_j that ends at the end of cell k.
 
@@ -21,9 +19,6 @@ stops: it never is so fast that it could not stop before, V² ≤ 2 Σ β h up t
 With the arc length s(t) and x = ṡ² the joints have q̈ = q′s̈ + q″x. In a cell s̈ = a is constant, so that x is linear in
 s, a = (x_end − x_start)/2h. Over the cell q′ and q″ stay in boxes; p·a + c·x is linear in each of p, c and x, so that
 |q̈| ≤ limit holds throughout if it holds for all corners of the boxes at both ends of the cell.
-
-In cell j the path speed keeps to x = ṡ² ≤ X_j and the path acceleration to |s̈| ≤ b_j. Every stop of the path is reached
-if x ≤ c(s), the ceiling, which falls by 2b_j before it: c(s) = c_(j+1) + 2b_j (s_(j+1) − s).
 """
 
 from __future__ import annotations
@@ -67,22 +62,10 @@ def _latest(first: int, last: int, sizes: FloatArray, weakest: FloatArray) -> fl
 def stopping_speeds(
     sizes: FloatArray, brakes: FloatArray, times: FloatArray, harmless: FloatArray, caps: FloatArray, ends: IntArray
 ) -> tuple[FloatArray, IntArray, IntArray, BoolArray]:
-    """Return the largest ṡ (N,) of each cell, and for which of the M bodies and in which cell it is bounded (−1: none).
+    """Return the largest ṡ (N,) of each cell; for which of M bodies, and in which cell, it is bounded (−1: none).
 
-    Last comes whether (N,) u bounds it, rather than τ.
-
-    Parameters
-    ----------
-    sizes, brakes : (N,)
-        Lengths of the cells and decelerations b > 0.
-    times : (N, M)
-        τ of each cell for each of M bodies that may come [s].
-    harmless : (N, M)
-        u of each.
-    caps : (N,)
-        ṡ is no larger for other reasons.
-    ends : (N,)
-        The cell behind which the robot next stops in any case.
+    Last comes whether (N,) u bounds it, rather than τ: `times` and `harmless`, (N, M) each. Of the cells `brakes` are b,
+    `caps` what ṡ keeps to for other reasons, `ends` the cells behind which the robot next stops in any case.
     """
     N, M = times.shape
     speeds, slow = caps.copy(), np.zeros(N, np.bool_)
@@ -134,18 +117,8 @@ def stopping_speeds(
 def spread(edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatArray, width: float) -> FloatArray:
     """Return the least (N, m) of the values of all cells by whose radius a cell is reached.
 
-    At a distance d a value counts as max(value, d/width), unless the width is infinite.
-
-    Parameters
-    ----------
-    edges : (N + 1,)
-        Ends of the cells.
-    radii : (N,)
-        How far cells reach, not beyond corners in which the robot stops.
-    stops : (K,)
-        Such corners.
-    values : (N, m)
-        Any.
+    Cells do not reach beyond `stops`, corners in which the robot stops. At a distance d a value counts as
+    max(value, d/width), unless the width is infinite.
     """
     N, n = values.shape
     least = values.copy()
@@ -207,21 +180,10 @@ def next_range(
 
 @compiled
 def fastest(sizes: FloatArray, boxes: Boxes, limits: FloatArray, most: FloatArray) -> FloatArray:
-    """Return the largest x = ṡ² (N+1,) at the grid points that ends at rest.
+    """Return the largest x = ṡ² (N+1,) at the grid points that ends at rest, with x ≤ `most: (N+1,)`.
 
     Backward, K_j is the largest x_j ≤ most_j from which some x_(j+1) ≤ K_(j+1) is reached; all smaller ones do as well,
     for the feasible (x_j, x_(j+1)) are a convex set with the origin in it. Forward, each x_(j+1) is the largest one.
-
-    Parameters
-    ----------
-    sizes : (N,)
-        h [rad]
-    boxes : Boxes
-        Of q′ and q″.
-    limits : (n,)
-        Accelerations.
-    most : (N+1,)
-        Bounds of x; zero at the end. The first one is where it begins, if the rest can be driven from there.
     """
     N = len(sizes)
     reach = most.copy()
@@ -253,14 +215,9 @@ _LINE = 1e-9  # relative: nearer to the ceiling than this is on it
 
 @compiled
 def ceilings(sizes: FloatArray, squares: FloatArray, brakes: FloatArray, stops: IntArray) -> FloatArray:
-    """Return c (N + 1,) at the ends of the cells, 0 at the end of the path and where it stops.
+    """Return c (N + 1,) at the ends of cells: from ṡ² ≤ c every stop of the path, at edges `stops`, is reached.
 
-    Parameters
-    ----------
-    sizes, squares, brakes : (N,)
-        Lengths h of the cells, X and b.
-    stops : (K,)
-        Ends of cells where the robot stops in any case.
+    In a cell ṡ² keeps to X, `squares`, and |s̈| to b, `brakes`; before s_(j+1) it is c_(j+1) + 2b_j (s_(j+1) − s).
     """
     N = len(sizes)
     found = np.zeros(N + 1)
@@ -285,23 +242,10 @@ def drive(
     push: float,
     tick: float,
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Return a motion of one tick from (s, ṡ² = x), and the stop after it: cells (W,), s, x and t (W + 1,).
+    """Return a motion of one tick [s] from (s, ṡ² = x), and the stop after it: cells (W,), s, x and t (W + 1,).
 
     In the tick it accelerates by `push`·b, −1 ≤ push ≤ 1, as far as X and the ceiling let it; then by −b until it
     stands. W is 0 if it stands already, and stays so.
-
-    Parameters
-    ----------
-    edges, ceiling : (N + 1,)
-        Ends of the cells, and c there.
-    squares, brakes : (N,)
-        X and b.
-    s, x : float
-        Where it begins, and ṡ².
-    push : float
-        Share of b.
-    tick : float
-        [s]
     """
     N = len(brakes)
     most = 4 * N + 8

@@ -72,19 +72,19 @@ class RateLimits:
         acceleration: LimitByJoint | None = None,
         jerk: LimitByJoint | None = None,
     ) -> RateLimits:
-        """Return the limits of a robot.
+        """Return the limits of a robot; each is one for all joints, a mapping of those of some, or (n,).
 
         Parameters
         ----------
         robot : Robot
             The robot.
         velocity : float, mapping of str to float, or array_like of shape (n,), optional
-            One for all joints, those of some joints, or all. Default: the URDF's.
+            Default: the URDF's.
         acceleration : float, mapping of str to float, or array_like of shape (n,), optional
-            As above. Default: the robot's own (`Robot.with_accelerations`, or its entry in a scenario), and where it
-            has none what reaches the velocity limit in 0.25 s, with a warning: URDFs have no such limits.
+            Default: the robot's own (`Robot.with_accelerations`, or its entry in a scenario), and where it has none
+            what reaches the velocity limit in 0.25 s, with a warning: URDFs have no such limits.
         jerk : float, mapping of str to float, or array_like of shape (n,), optional
-            One for all joints, or those of all. Default: it is not limited.
+            Of all joints. Default: it is not limited.
 
         Raises
         ------
@@ -93,61 +93,50 @@ class RateLimits:
         UnknownNameError
             If there is no such joint.
         """
-        own_velocities = _urdf_velocities(robot)
-        velocities = _chosen(robot, velocity, own_velocities, "velocity")
-        for name, value, in_urdf in zip(robot.joint_names, velocities.tolist(), own_velocities, strict=True):
-            if value == in_urdf and not 0 < value < _UNLIMITED:
+        names, model = robot.joint_names, robot.shared.model
+        planned = [model.joints[model.getJointId(name)].idx_v for name in names]
+        in_urdf: FloatArray = np.array(model.velocityLimit, dtype=np.float64).ravel()[planned]
+        velocities = _chosen(names, velocity, in_urdf, "velocity")
+        for name, value, known in zip(names, velocities.tolist(), in_urdf, strict=True):
+            if value == known and not 0 < value < _UNLIMITED:
                 raise InputError(
                     f"joint {name!r} has no velocity limit in its URDF ({value:g}); give one, as "
                     f"velocity={{{name!r}: 2.0}} [rad/s or m/s]"
                 )
-        default = velocities / _RISE
-        own = robot.accelerations
-        known = _chosen(robot, own, default, "acceleration")
-        accelerations = _chosen(robot, acceleration, known, "acceleration")
-        said = {**own, **(acceleration if isinstance(acceleration, Mapping) else {})}
-        unsaid = [name for name in robot.joint_names if name not in said]
+        default, said = velocities / _RISE, robot.accelerations
+        accelerations = _chosen(names, said, default, "acceleration")
+        if isinstance(acceleration, Mapping):
+            said = {**said, **acceleration}
+        accelerations = _chosen(names, acceleration, accelerations, "acceleration")
+        unsaid = [k for k, name in enumerate(names) if name not in said]
         if unsaid and (acceleration is None or isinstance(acceleration, Mapping)):
-            values = dict(zip(robot.joint_names, default.tolist(), strict=True))
-            joints = "its joints" if len(unsaid) == robot.n else ", ".join(unsaid)
-            taken = sorted(values[name] for name in unsaid)
-            span = " to ".join(f"{a:g}" for a in dict.fromkeys((taken[0], taken[-1])))
+            joints = "its joints" if len(unsaid) == robot.n else ", ".join(names[k] for k in unsaid)
+            span = " to ".join(dict.fromkeys(f"{pick(default[unsaid]):g}" for pick in (np.min, np.max)))
             warn_once(
                 _log,
                 f"{robot.name}: nobody says how fast {joints} may accelerate: taken is what reaches the velocity limit "
                 f"in {_RISE:g} s, {span}; give accelerations",
             )
-        if isinstance(jerk, Mapping):
-            for name in robot.joint_names:
-                if name not in jerk:
-                    raise InputError(f"joint {name!r} has no jerk limit; give those of all joints, or none")
-        jerks = None if jerk is None else _chosen(robot, jerk, np.ones(robot.n), "jerk")
-        return cls(robot.joint_names, velocities, accelerations, jerks)
+        if isinstance(jerk, Mapping) and (missing := [name for name in names if name not in jerk]):
+            raise InputError(f"joint {missing[0]!r} has no jerk limit; give those of all joints, or none")
+        jerks = None if jerk is None else _chosen(names, jerk, np.ones(robot.n), "jerk")
+        return cls(names, velocities, accelerations, jerks)
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """Return velocity and acceleration by joint, and the jerk where it is limited."""
         return {kind: dict(zip(self.joint_names, getattr(self, kind).tolist(), strict=True)) for kind in self.kinds}
 
 
-def _urdf_velocities(robot: Robot) -> FloatArray:
-    model = robot.shared.model
-    planned = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
-    limits: FloatArray = np.array(model.velocityLimit, dtype=np.float64).ravel()[planned]
-    return limits
-
-
-def _chosen(robot: Robot, given: LimitByJoint | None, default: FloatArray, kind: str) -> FloatArray:
+def _chosen(names: tuple[str, ...], given: LimitByJoint | None, default: FloatArray, kind: str) -> FloatArray:
     if given is None:
         return default
     if isinstance(given, Mapping):
         chosen = default.copy()
         for name, value in given.items():
-            if name not in robot.joint_names:
-                raise UnknownNameError("joint", name, robot.joint_names, f"{kind} limits")
-            chosen[robot.joint_names.index(name)] = number(
-                f"{kind} limit of joint {name!r}", value, **RATE_BOUNDS[kind]
-            )
+            if name not in names:
+                raise UnknownNameError("joint", name, names, f"{kind} limits")
+            chosen[names.index(name)] = number(f"{kind} limit of joint {name!r}", value, **RATE_BOUNDS[kind])
         return chosen
     if np.ndim(given) == 0:
-        return np.full(robot.n, number(f"{kind} limit", given, **RATE_BOUNDS[kind]))
-    return finite_array(given, (robot.n,), f"{kind} limits")
+        return np.full(len(names), number(f"{kind} limit", given, **RATE_BOUNDS[kind]))
+    return finite_array(given, (len(names),), f"{kind} limits")

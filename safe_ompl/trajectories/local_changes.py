@@ -11,10 +11,17 @@ import numpy as np
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories.caps import StandstillError
-from safe_ompl.trajectories.estimate import DurationEstimate
+from safe_ompl.trajectories.caps import StandstillError, bending_cap, braking, next_stops
+from safe_ompl.trajectories.curve import Cells, divided_edges
+from safe_ompl.trajectories.kernels import Boxes, stopping_speeds
+from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, velocity_cap
 from safe_ompl.trajectories.timing import CELLS, PathTimer
 
+_STEP = 0.15  # [rad] between samples
+_SHORTEST = 1e-9  # [rad] of edges
+_STRAIGHT, _SHARPEST = 1e-6, 1e-4  # [rad] turns of less are none; no blend is shorter
+_NUDGE = 0.02  # [rad] of the joints, to see where people are farther away
+_NEVER = 1e6  # [s] where nobody comes
 _LARGEST, _SMALLEST = 0.6, 0.01  # [rad] of a change
 _LONGER, _SHORTER = 1.5, 0.9  # what a success and a failure make of its size
 _REMOVALS, _CUTS = 0.1, 0.05  # shares of the changes that take one way point out, or several
@@ -24,17 +31,70 @@ _WIDTHS = (0.4, 1.0, 2.0)  # how many way points beside the moved one move with 
 _LITTLE = 0.05  # and none by less than this share
 
 
-class Change(NamedTuple):
-    """A changed path, and where it is new.
+class DurationEstimate:
+    """The law of `PathTimer` at samples of a path, instead of in cells that are proven: it proves nothing.
 
-    Attributes
-    ----------
-    path : ndarray, shape (N', n)
-    first, last : int
-        The edges between the way points first … last − 1 are new.
-    offset : ndarray, shape (N', n), or None
-        What was added, where no way point was taken out.
+    It takes a tenth of what the coarsest timing takes. Corners count as the blends that the tolerance allows.
     """
+
+    def __init__(self, timer: PathTimer) -> None:
+        self._timer = timer
+
+    @property
+    def complete(self) -> bool:
+        """Whether it accounts for all limits of the timer: joints, and people without contact."""
+        limits, caps = self._timer.limits, self._timer.caps
+        others = limits.jerk, caps.tool_speed, caps.link_speed, caps.danger
+        return all(limit is None for limit in others) and not (caps.people is not None and caps.people.contact)
+
+    def times(self, path: FloatArray) -> FloatArray:
+        """Return how long each edge (N − 1,) of a path (N, n) takes [s]; +inf where nothing allows motion."""
+        steps = np.diff(path, axis=0)
+        lengths = np.maximum(np.linalg.norm(steps, axis=1), _SHORTEST)
+        panels = np.maximum(2, np.ceil(lengths / _STEP)).astype(np.intp)
+        of = np.repeat(np.arange(len(panels)), panels)
+        units, edges = steps / lengths[:, None], divided_edges(np.append(0.0, np.cumsum(lengths)), panels)
+        bends = self._bends(units, lengths, np.diff(edges))
+        boxes = Boxes(units[of], units[of], -bends, bends)
+        cells, limits = (Cells(edges, boxes, np.zeros_like(bends), np.zeros(0, dtype=np.intp)), self._timer.limits)
+        caps = np.minimum(velocity_cap(cells, limits), bending_cap(cells, limits))
+        if self._timer.distances is not None:
+            inside = np.arange(len(of)) - np.repeat(np.cumsum(panels) - panels, panels) + 0.5
+            middles = path[of] + (inside / panels[of])[:, None] * steps[of]
+            left = np.minimum(self._timer.distances.times_at(middles), _NEVER)[:, None]
+            brakes, still = braking(cells, limits, caps), np.zeros_like(left)
+            caps, *_ = stopping_speeds(cells.sizes, brakes, left, still, caps, next_stops(cells))
+        if caps.min() <= 0:
+            return np.full(len(panels), np.inf)
+        law = TimeLaw.through(edges, fastest_law(cells, limits.acceleration, caps))
+        return np.diff(law.times[np.append(0, np.cumsum(panels))])
+
+    def away(self, q: FloatArray) -> FloatArray | None:
+        """Return the direction (n,) in which people need longer to reach the robot at `q: (n,)`, or None."""
+        if self._timer.distances is None:
+            return None
+        times = self._timer.distances.times_at(np.vstack([q, q + _NUDGE * np.eye(len(q))]))
+        gradient: FloatArray = times[1:] - times[0]
+        size = np.linalg.norm(gradient)
+        return gradient / size if np.isfinite(size) and size > 0 else None
+
+    def _bends(self, units: FloatArray, lengths: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Return |q″| (M, n) of the panels: that of the blend where one is, by the formulas of `blended`."""
+        bends = np.zeros((len(sizes), units.shape[1]))
+        middles = np.cumsum(sizes) - sizes / 2
+        corners = np.cumsum(lengths)[:-1]
+        changes = units[1:] - units[:-1]
+        for k, (change, turn) in enumerate(zip(changes, np.linalg.norm(changes, axis=1).tolist(), strict=True)):
+            if turn > _STRAIGHT:
+                reach = max(min(lengths[k], lengths[k + 1]) / 2, _SHORTEST)
+                reach = min(reach, max(4 * self._timer.tolerance / turn, _SHARPEST))
+                near = np.abs(middles - corners[k]) <= max(reach, sizes.max() / 2)
+                bends[near] = np.maximum(bends[near], np.abs(change) / (2 * reach))
+        return bends
+
+
+class Change(NamedTuple):
+    """A changed path, new between the way points `first` and `last`; by an offset, where no way point was taken out."""
 
     path: FloatArray
     first: int
@@ -43,21 +103,12 @@ class Change(NamedTuple):
 
 
 class PathChanges:
-    """Draws changes of paths.
+    """Draws changes of paths within the joint limits of a robot.
 
     Way points are taken out, one or several, or moved and their neighbours with them: in any direction, to the middle
     between their neighbours, or away from people. Most are moved where most of the time is spent. A direction that
     was a success is taken again; where it was none, the opposite one is tried next. Steps grow when they succeed and
     shrink when they fail.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its joint limits are kept.
-    estimate : DurationEstimate
-        Says where people are farther away.
-    rng : numpy.random.Generator
-        Random numbers.
     """
 
     def __init__(self, robot: Robot, estimate: DurationEstimate, rng: np.random.Generator) -> None:
@@ -67,15 +118,7 @@ class PathChanges:
         self._drawn = False  # whether the last offset was a new one
 
     def draw(self, path: FloatArray, times: FloatArray | None) -> Change | None:
-        """Return a change of `path: (N ≥ 3, n)`, None where it leaves the joint limits.
-
-        Parameters
-        ----------
-        path : ndarray, shape (N, n)
-            The path.
-        times : ndarray, shape (N - 1,), optional
-            How long its edges take: where that is most, most changes are.
-        """
+        """Return a change of `path: (N ≥ 3, n)`, most where `times` of edges are long; None if it leaves the limits."""
         if self._next is not None and len(self._next) == len(path):
             offset, self._next, self._drawn = self._next, None, False
             return self._moved(path, offset)
@@ -165,28 +208,12 @@ def faster(
     stop: Callable[[], bool],
     on_better: Callable[[FloatArray, float], None] | None = None,
 ) -> tuple[FloatArray, float]:
-    """Return a path that is driven in less time, and how long it takes [s].
+    """Return a path that is driven in less time, and how long it takes [s]; `on_better` is told every better one.
 
     What is minimised is the duration of the trajectory itself, under all limits and caps of the timer. Changes of the
-    path (`safe_ompl.trajectories.local_changes`) are judged by an estimate of it where there is one
-    (`safe_ompl.trajectories.estimate`), proven if they are better, and after some of them the trajectory is timed: what
-    is not better then is taken back. When nothing more is gained way points come nearer to each other. That finds a
-    local optimum at best, and not always that.
-
-    Parameters
-    ----------
-    path : ndarray, shape (N, n)
-        Proven way points; continuous joints do not jump.
-    timer : PathTimer
-        Limits and caps.
-    motion : MotionProver
-        Proves edges.
-    rng : numpy.random.Generator
-        Random numbers.
-    stop : callable
-        When it returns True, that is the end.
-    on_better : callable, optional
-        Told every better path, and its duration.
+    path (N, n), whose continuous joints do not jump, are judged by an estimate of it where there is one, proven if they
+    are better, and after some of them the trajectory is timed: what is not better then is taken back. When nothing more
+    is gained way points come nearer to each other. That finds a local optimum at best. It ends when `stop()` says so.
     """
     search = _LocalSearch(path, timer, motion, rng)
     if not np.isfinite(search.least):
@@ -201,15 +228,7 @@ def faster(
 
 
 class _LocalSearch:
-    """The path that `faster` changes, and the best one so far.
-
-    Attributes
-    ----------
-    best : ndarray, shape (N, n)
-        The path that takes the least time, and
-    least : float
-        how long it takes [s].
-    """
+    """The path that `faster` changes, and the `best` one so far, which takes the `least` time [s]."""
 
     _path: FloatArray  # the path that is changed,
     _times: FloatArray | None  # how long its edges take, where that is estimated,
@@ -218,7 +237,6 @@ class _LocalSearch:
     def __init__(self, path: FloatArray, timer: PathTimer, motion: MotionProver, rng: np.random.Generator) -> None:
         self._timer, self._motion = timer, motion
         self._estimate = DurationEstimate(timer)
-        self._estimates = DurationEstimate.knows(timer)
         self._changes = PathChanges(timer.robot, self._estimate, rng)
         self.best, self.least, self._stale = path, duration_of(timer, path), 0
         self._take(path)
@@ -287,7 +305,7 @@ class _LocalSearch:
 
     def _judge(self, path: FloatArray) -> tuple[FloatArray | None, float]:
         """Return how long each edge takes, if that is known, and all of them, as far as can be said quickly [s]."""
-        if self._estimates:
+        if self._estimate.complete:
             times = self._estimate.times(path)
             return times, float(times.sum())
         return None, duration_of(self._timer, path, _COARSE)

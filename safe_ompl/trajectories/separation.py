@@ -6,21 +6,20 @@ the largest of all (d − a)/b.
 
 Every distance is a lower bound for the middle of a cell, less what the body moves from there to an end of it. In the
 middle it is bounded by balls, then by a ball and a box, then by planes that separate convex bodies
-(`geometry.kernels.convex`), each only where the one before may let the limb be the first to arrive. coal measures pairs
-of bodies that are not convex, where their hulls do not do.
+(`geometry.kernels.convex`), each only where the one before may let the limb be the first to arrive. Bodies that are not
+convex count as their hulls.
 """
 
 from __future__ import annotations
 
-from functools import partial
 from math import inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import DISTANCE_ERROR, fresh_data
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, PerThread, compiled, part
+from safe_ompl.collision import DISTANCE_ERROR
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import POSE, Shapes, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.people import CalibratedReach, limb_lines
 from safe_ompl.robot import ConvexBodies, Robot, plain
@@ -35,17 +34,10 @@ _ROUNDING = 1e-9  # [m]
 
 
 class SeparationBounds(NamedTuple):
-    """What is left between people and robot in the cells of a curve.
+    """What is left between M limbs and the robot in N cells of a curve; exact, where that matters, to what it moves there.
 
-    Attributes
-    ----------
-    distances : ndarray, shape (N, M)
-        No body of the robot is nearer to limb m in a cell [m]; exact to what it moves in the cell where that matters.
-    times : ndarray, shape (N, M)
-        After that time from when braking begins a limb may be there [s]: when its growth is distance − clearance, less
-        the reaction time.
-    nearest : ndarray of int, shape (N, M)
-        The body of the robot that it comes to first.
+    `distances` [m] and `times` [s], (N, M): no body is nearer to a limb, and none is where a limb may be until then
+    from when braking begins; `nearest` is the body that the limb comes to first.
     """
 
     distances: FloatArray
@@ -58,7 +50,6 @@ class _Limbs(NamedTuple):
 
     bodies: IntArray  # (B,), their shapes
     limbs: IntArray  # (M,)
-    exact: BoolArray  # (G,), which shapes are convex and known exactly
     lines: FloatArray  # (M, L, 2), a [m] and b [m/s] of the lines of the growth
     moves: BoolArray  # (M,), whether a limb moves
     clearance: float  # [m]
@@ -88,27 +79,12 @@ def _reach(limbs: _Limbs, m: int, time: float) -> float:
 @compiled
 def arrivals(
     joints: Any, shapes: Shapes, limbs: _Limbs, values: FloatArray, half: FloatArray, soon: float, short: float
-) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return distances and arrival times (N, M) of limbs, and the body (N, M) that each comes to first.
 
-    Pairs that are not exact do not count there. Bounds of their distances come last, (N, B, M), empty if all are exact.
-    Limbs at rest that are far enough arrive never. A time is exact to what bodies move in a cell if it is less than
-    `soon`, and the least of its cell or less than `short`; else no limb that matters is earlier.
-
-    Parameters
-    ----------
-    joints : (m,)
-        A table (`safe_ompl.robot.kernels.kinematics`).
-    shapes : Shapes
-        G shapes.
-    limbs : _Limbs
-        Bodies and limbs among them.
-    values : (N, m)
-        The joints in the middle of the cells.
-    half : (N, B)
-        How far the bodies get from there [m].
-    soon, short : float
-        [s]
+    The joints have `values: (N, m)` in the middle of cells; bodies get by `half: (N, B)` [m] from there. Limbs at rest
+    that are far enough arrive never. A time is exact to what bodies move in a cell if it is less than `soon`, and the
+    least of its cell or less than `short` [s]; else no limb that matters is earlier.
     """
     N, B, M, m = len(values), len(limbs.bodies), len(limbs.limbs), values.shape[1]
     bodies = shapes.bodies
@@ -117,7 +93,6 @@ def arrivals(
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     distances, times = np.full((N, M), inf), np.full((N, M), inf)
     nearest = np.zeros((N, M), np.intp)
-    rough = np.full((0 if limbs.exact.all() else N, B, M), inf)
     earliest = 0
     for row in range(N):
         place_joints(joints, values[row], rotations, origins, joint_axes)
@@ -146,46 +121,20 @@ def arrivals(
                     found, _, _ = distance_bounds(shapes, poses, A, C, axes[g, limb], simplex, enough, -inf)
                     lower = max(lower, found)
                 lower -= half[row, g] + DISTANCE_ERROR
-                if not (limbs.exact[A] and limbs.exact[C]):
-                    rough[row, g, limb] = lower
-                    continue
                 distances[row, limb] = min(distances[row, limb], lower)
                 time = _arrival(limbs, limb, lower)
                 if time < times[row, limb]:
                     times[row, limb], nearest[row, limb] = time, g
             if times[row, limb] < first and limbs.moves[limb]:
                 first, earliest = times[row, limb], limb
-    return distances, times, nearest, rough
+    return distances, times, nearest
 
 
 class PeopleDistances:
-    """Distances between the bodies of a robot and the limbs of people.
+    """Distances between the bodies of a robot, of `links`, and the M `limbs` of people: pairs of obstacle and limb.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        Where the people are.
-    people : People
-        Who counts, and how fast they are.
-
-    Attributes
-    ----------
-    robot, people
-        As given.
-    limbs : tuple of (str, str)
-        Obstacle and limb of each of the M limbs; the limb is empty where the obstacle is one body.
-    links : tuple of str
-        The link of each body.
-    speeds : ndarray, shape (M,)
-        How fast the limbs may move, at most [m/s].
-    alike : ndarray of int, shape (M,)
-        A number of each limb, from 0 on, that is equal where the limbs bear the same contacts.
-    moving : ndarray of int
-        Which bodies of `collision_model` move.
-    contact : ContactLimits or None
-        With what speeds limbs may be touched; None: contact is not allowed.
+    No limb is faster than `speeds: (M,)` [m/s]; those with an equal number in `alike: (M,)` bear the same contacts.
+    `moving` are the bodies that move; `contact` says with what speeds limbs may be touched, None: not at all.
     """
 
     def __init__(self, robot: Robot, scene: Scene, people: People) -> None:
@@ -194,20 +143,24 @@ class PeopleDistances:
         self.links = tuple(body.name.rsplit("_", 1)[0] for body in bodies)
         moving = [k for k, body in enumerate(bodies) if body.parentJoint != 0]
         self.moving: IntArray = np.array(moving, dtype=np.intp)
-        self._names = people.names(scene)
-        found = [(name, *part) for name in self._names for part in scene[name].geometries()]
-        self._parts = [part for _, part, _, _ in found]
+        names = people.names(scene)
+        found = [(name, *part) for name in names for part in scene[name].geometries()]
         self.limbs = tuple((name, part[len(name) + 1 :]) for name, part, _, _ in found)
         reach = None if people.reach is None else CalibratedReach.load(people.reach)
         self._lines = limb_lines([limb for _, limb in self.limbs], people, reach)
         self.speeds: FloatArray = self._lines[..., 1].max(axis=1)
-        self.move(scene)
+        own = robot.bounds.convex_bodies
+        placed = [pin.GeometryObject(f"person:{part}", 0, place, shape) for _, part, shape, place in found]
+        self._shapes = own.joined(ConvexBodies.of(placed)).shapes
+        limbs = np.arange(len(placed)) + len(own.bodies)
+        times = people.clearance, people.reaction_time
+        self._limbs = _Limbs(self.moving, limbs, self._lines, self.speeds > 0, *times)
         self.contact: ContactLimits | None = None
         self.alike: IntArray = np.zeros(len(self.limbs), dtype=np.intp)
         if people.contact:
-            shapes = {name: scene[name].shape for name in self._names}
+            shapes = {name: scene[name].shape for name in names}
             heights = {name: getattr(shape, "height", np.inf) for name, shape in shapes.items()}
-            still = scene.without(*self._names)
+            still = scene.without(*names)
             self.contact = contact = ContactLimits(robot, still, people, self.limbs, heights)
             borne = np.stack([contact.bears, contact.bears_clamped, contact.thickness])
             self.alike = np.unique(borne, axis=1, return_inverse=True)[1].ravel()
@@ -220,109 +173,28 @@ class PeopleDistances:
         """Return how fast the growth of limbs (K,) is after times (K,) [s], in [m/s]."""
         lines, times = self._lines[limbs], np.clip(times, 0.0, _NEVER)[:, None]
         steepest = (lines[..., 0] + lines[..., 1] * times).argmin(axis=1)
-        found: FloatArray = lines[np.arange(len(limbs)), steepest, 1]
-        return found
-
-    def move(self, scene: Scene) -> None:
-        """Put the people where another scene has them.
-
-        Raises
-        ------
-        InputError
-            If they have other limbs there.
-        UnknownNameError
-            If the scene has no obstacle of such a name.
-        """
-        found = {part[0]: part for name in self._names for part in scene[name].geometries()}
-        if set(found) != set(self._parts):
-            raise InputError(f"the people are not the same: {sorted(set(found) ^ set(self._parts))[0]!r}", "scene")
-        placed = [
-            pin.GeometryObject(f"person:{part}", 0, place, shape)
-            for part, shape, place in map(found.__getitem__, self._parts)
-        ]
-        own = self.robot.bounds.convex_bodies
-        bodies = own.joined(ConvexBodies.of(placed))
-        self._bounded, self._shapes, people = bodies.bounded, bodies.shapes, self.people
-        limbs = np.arange(len(placed)) + len(own.bodies)
-        times = people.clearance, people.reaction_time
-        self._bodies = _Limbs(self.moving, limbs, bodies.exact, self._lines, self.speeds > 0, *times)
-        self._memory = PerThread(partial(_memory, self.robot, placed))
+        return np.asarray(lines[np.arange(len(limbs)), steepest, 1])
 
     def times_at(self, Q: FloatArray) -> FloatArray:
         """Return when the first limb may be at the robot (B,) [s] that stays at `Q: (B, n)`; see `SeparationBounds`."""
-        found: FloatArray = self._bounds(Q, np.zeros((len(Q), len(self.moving))), inf, -inf).times.min(axis=1)
-        return found
+        found = self._bounds(Q, np.zeros((len(Q), len(self.moving))), inf, -inf)
+        return np.asarray(found.times.min(axis=1))
 
     def along(
         self, curve: Curve, cells: Cells, speeds: FloatArray, soon: float, short: float = _SHORT
     ) -> SeparationBounds:
         """Return what is left in the cells of a curve; only what may arrive first is bounded well.
 
-        Parameters
-        ----------
-        curve, cells
-            The curve.
-        speeds : ndarray, shape (N, G)
-            Bounds of the speed of each body in each cell, from `BodySpeeds` [m/rad].
-        soon : float
-            Limbs that need longer than this do not matter, and need not be looked at [s].
-        short : float
-            Limbs that may come so soon are looked at one by one where contact is allowed [s].
+        Bodies are no faster than `speeds: (N, G)` [m/rad], of `BodySpeeds`. Limbs that need longer than `soon` [s] do
+        not matter, and need not be looked at; those that may come within `short` [s] are looked at one by one where
+        contact is allowed.
         """
         half = cells.sizes[:, None] / 2 * speeds[:, self.moving]
         return self._bounds(curve.at(cells.centres).q, half, soon, short if self.people.contact else -inf)
 
     def _bounds(self, Q: FloatArray, half: FloatArray, soon: float, short: float) -> SeparationBounds:
         """Return what is left in cells with centres Q (N, n) from which the moving bodies get by `half: (N, B)` [m]."""
-        shape, half = (len(Q), len(self.limbs)), plain(half)
-        if self._bounded:
-            values, joints = plain(self.robot.coupling.values(Q)), self.robot.kinematics.joints
-            found = arrivals(joints, self._shapes, self._bodies, values, half, soon, short)
-        else:
-            unknown = np.full((len(Q), len(self.moving), shape[1]), -inf)
-            found = np.full(shape, inf), np.full(shape, inf), np.zeros(shape, dtype=np.intp), unknown
-        distances, times, nearest, rough = found
-        if rough.size:
-            first = times[:, self._bodies.moves].min(axis=1, initial=inf)
-            enough = np.minimum(soon, np.minimum(times, np.maximum(first, short)[:, None]))
-            self._measure(Q, half, rough, np.argwhere(self._arrivals(rough) < enough[:, None]))
-            when = self._arrivals(rough)
-            distances = np.minimum(distances, rough.min(axis=1))
-            nearest = np.where(when.min(axis=1) < times, when.argmin(axis=1), nearest)
-            times = np.minimum(times, when.min(axis=1))
+        values, joints = plain(self.robot.coupling.values(Q)), self.robot.kinematics.joints
+        found = arrivals(joints, self._shapes, self._limbs, values, plain(half), soon, short)
+        distances, times, nearest = found
         return SeparationBounds(distances, times, self.moving[nearest])
-
-    def _measure(self, Q: FloatArray, half: FloatArray, rough: FloatArray, chosen: IntArray) -> None:
-        """Replace bounds (N, B, M) by what coal measures, for `chosen: (C, 3)`, cells with a body and a limb each."""
-        (model, data, geometry, places), placed = self._memory.own, -1
-        for row, g, m in chosen.tolist():
-            if row != placed:
-                there = self.robot.pinocchio_configuration(Q[row])
-                pin.updateGeometryPlacements(model, data, geometry, places, there)
-                placed = row
-            pair = int(self.moving[g]) * len(self.limbs) + m
-            distance = pin.computeDistance(geometry, places, pair).min_distance
-            rough[row, g, m] = max(rough[row, g, m], distance - DISTANCE_ERROR - half[row, g])
-
-    def _arrivals(self, distances: FloatArray) -> FloatArray:
-        """Return when limbs at distances (…, M) may reach the robot, as `_arrival` does."""
-        left = (distances - self.people.clearance)[..., None] - self._lines[..., 0]
-        slopes = np.broadcast_to(self._lines[..., 1], left.shape)
-        times = np.divide(left, slopes, out=np.where(left > 0, inf, -inf), where=slopes > 0)
-        found: FloatArray = times.max(axis=-1) - self.people.reaction_time
-        return found
-
-
-def _memory(
-    robot: Robot, placed: list[pin.GeometryObject]
-) -> tuple[pin.Model, pin.Data, pin.GeometryModel, pin.GeometryData]:
-    """Return what coal is asked with; pairs are in the order of bodies, and of limbs within each."""
-    geometry = robot.shared.collision_model.copy()
-    geometry.removeAllCollisionPairs()
-    bodies = range(len(geometry.geometryObjects))
-    limbs = [int(geometry.addGeometryObject(limb)) for limb in placed]
-    for body in bodies:
-        for limb in limbs:
-            geometry.addCollisionPair(pin.CollisionPair(body, limb))
-    model = robot.shared.model
-    return model, model.createData(), geometry, fresh_data(geometry)

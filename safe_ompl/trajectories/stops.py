@@ -24,9 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
-from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.caps import harmless_rates, next_stops
-from safe_ompl.trajectories.curve import Cells, Curve, divided_edges
+from safe_ompl.trajectories.curve import BodySpeeds, Cells, Curve, divided_edges
 from safe_ompl.trajectories.kernels import Boxes, next_range
 from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
@@ -65,18 +64,7 @@ def time_left(
 ) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
     """Return the least τ_km − T_jk (N,) of each cell j, which limb m in which cell k, √x there; and the T of stops.
 
-    Parameters
-    ----------
-    sizes : (N,)
-        h [s]
-    boxes : Boxes
-        Of q′ and q″.
-    limits : (n,)
-        Accelerations.
-    ends : (N,)
-        The cell behind which the motion is next at rest.
-    times, harmless : (N, M)
-        τ [s] and u of each limb.
+    The motion is next at rest behind cells `ends: (N,)`; `times` and `harmless`, (N, M), are τ [s] and u of each limb.
     """
     N, M = times.shape
     left, limb, where, spans = np.full(N, np.inf), np.full(N, -1), np.full(N, -1), np.empty(N)
@@ -104,22 +92,9 @@ def time_left(
 class Stops:
     """How a motion stops from any instant on, and what is left then before people are there; made by `stops_beside`.
 
-    Attributes
-    ----------
-    cells : Cells
-        The motion, as fine as it takes; edges in its own time.
-    accelerations : ndarray, shape (n,)
-        That stops keep to.
-    left : ndarray, shape (N,)
-        By how much sooner all stops that begin in a cell are over than somebody may be there [s]; negative: not proven.
-    limb, where : ndarray of int, shape (N,)
-        The limb that is there first, and the cell in which it would be met.
-    loss : ndarray, shape (N,)
-        How much more might be left, were the cells finer, about [s].
-    separation : SeparationBounds
-        Of all cells.
-    distances : PeopleDistances
-        Between robot and people.
+    The `cells` of the motion, as fine as it takes, have edges in its own time; stops keep to `accelerations: (n,)`. All
+    stops that begin in a cell are over by `left: (N,)` [s] sooner than somebody may be there; negative: not proven. The
+    `limb` that is there first would be met in cell `where`. If cells were finer about `loss` more might be left [s].
     """
 
     cells: Cells
@@ -166,21 +141,13 @@ class Stops:
 def stops_beside(
     curve: Curve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances
 ) -> Stops:
-    """Return how a motion stops beside people, and what is left; see the module.
+    """Return how a motion, which ends at rest, stops beside people, and what is left; see the module.
 
-    Parameters
-    ----------
-    curve : Curve
-        The motion; its parameter is its time [s], and it ends at rest.
-    cells : Cells
-        Of it; `stops` are the edges at which it is at rest. Cells that are too coarse for a proof are divided.
-    bodies, distances
-        Of its robot.
-    limits : RateLimits
-        Of its joints.
+    The parameter of the curve is its time [s]; `stops` of the cells are edges at which it is at rest. Cells that are
+    too coarse for a proof are divided.
     """
     accelerations = limits.acceleration
-    for last in [False] * _ROUNDS + [True]:
+    for rounds_left in reversed(range(_ROUNDS + 1)):
         motion, ends = (cells.sizes, cells.boxes, accelerations), next_stops(cells)
         none = np.empty((len(cells), 0))
         spans = time_left(*motion, ends, none, none)[-1]
@@ -193,7 +160,7 @@ def stops_beside(
         slow = harmless[where, limb] > _NEARLY * entries
         loss = np.where(slow & (left < 0), np.maximum(loss, -2 * left), loss)  # finer cells bound speeds better
         parts = _parts(cells, left, where, loss)
-        if last or (parts == 1).all() or (left + loss < 0).any():  # or finer cells would not help everywhere
+        if not rounds_left or (parts == 1).all() or (left + loss < 0).any():  # finer cells would not help everywhere
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)
         cells = curve.between(divided_edges(cells.edges, parts))
     raise AssertionError
@@ -226,5 +193,4 @@ def _parts(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) ->
         parts[j : k + 1] = np.maximum(parts[j : k + 1], 2)
         parts[[j, k]] = np.maximum(parts[[j, k]], wanted)
     most = np.maximum(cells.sizes / _FINEST, 1.0).astype(np.intp)
-    found: IntArray = np.minimum(parts, most)
-    return found
+    return np.asarray(np.minimum(parts, most))

@@ -46,14 +46,7 @@ _TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9  # of limits, and of reach: what rounding 
 class TimeLaw:
     """Arc length by time: constant s̈ in every cell of a curve.
 
-    Attributes
-    ----------
-    edges : ndarray, shape (N + 1,)
-        Arc lengths of the grid points.
-    squares : ndarray, shape (N + 1,)
-        x = ṡ² there [rad²/s²].
-    times : ndarray, shape (N + 1,)
-        When they are reached [s].
+    Of the grid points (N + 1,): `edges`, arc lengths; `squares`, x = ṡ² [rad²/s²]; `times`, when they are reached [s].
     """
 
     edges: FloatArray
@@ -81,14 +74,9 @@ class TimeLaw:
         sizes = np.diff(self.edges)
         return np.divide(np.diff(self.squares), 2 * sizes, out=np.zeros(len(sizes)), where=sizes > 0)
 
-    def squares_at(self, s: FloatArray) -> FloatArray:
-        """Return ṡ² (S,) at arc lengths `s: (S,)` of the curve."""
-        squares: FloatArray = np.interp(s, self.edges, self.squares)
-        return squares
-
     def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the least and the largest ṡ (C,) between arc lengths `edges: (C + 1,)`, grid points among them."""
-        ends = np.sqrt(self.squares_at(edges))
+        ends = np.sqrt(np.interp(edges, self.edges, self.squares))
         return np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
 
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
@@ -120,35 +108,20 @@ def _spans(edges: FloatArray, squares: FloatArray) -> FloatArray:
     """Return how long the cells (N,) take."""
     speeds = np.sqrt(squares)
     sizes, both = np.diff(edges), speeds[:-1] + speeds[1:]
-    spans: FloatArray = np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0)
-    return spans
+    return np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0)
 
 
 def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ (N,) of each cell that keeps the joints' velocities: min_i limit_i/max|q′_i|."""
     slopes = cells.slopes
     with np.errstate(divide="ignore"):
-        cap: FloatArray = np.where(slopes > 0, limits.velocity / slopes, np.inf).min(axis=1)
-    return cap
+        return np.asarray(np.where(slopes > 0, limits.velocity / slopes, np.inf).min(axis=1))
 
 
-def fastest_law(
-    cells: Cells, acceleration: FloatArray, cap: FloatArray, speed: float = 0.0, push: FloatArray | None = None
-) -> FloatArray:
-    """Return ṡ² (N+1,) of the fastest law within accelerations of the joints and a cap of ṡ.
+def fastest_law(cells: Cells, acceleration: FloatArray, cap: FloatArray, push: FloatArray | None = None) -> FloatArray:
+    """Return ṡ² (N+1,) of the fastest law within accelerations (n,) of the joints and a `cap: (N,)` of ṡ in each cell.
 
-    Parameters
-    ----------
-    cells : Cells
-        The curve.
-    acceleration : ndarray, shape (n,)
-        Limits of the joints.
-    cap : ndarray, shape (N,)
-        Largest ṡ in each cell; no larger than velocities of the joints allow.
-    speed : float
-        ṡ where it begins. If nothing in time slows it down from there, it begins with the largest ṡ that is possible.
-    push : ndarray, shape (N,), optional
-        Largest |s̈| in each cell.
+    The cap is no larger than velocities of the joints allow. |s̈| keeps to `push: (N,)` in each cell, if it is given.
     """
     boxes = cells.boxes
     if push is not None:  # one joint more, whose q′ is 1/push and whose limit is 1
@@ -157,10 +130,8 @@ def fastest_law(
         acceleration = np.append(acceleration, 1.0) * _TIGHTER
     within = cap * cap
     most = np.minimum(np.append(within, 0.0), np.concatenate([[0.0], within]))
-    most[0] = min(within[0], speed * speed)
     most[cells.stops] = 0.0
-    found: FloatArray = fastest(cells.sizes, Boxes(*map(plain, boxes)), acceleration, most)
-    return found
+    return np.asarray(fastest(cells.sizes, Boxes(*map(plain, boxes)), acceleration, most))
 
 
 # ------------------------------------------------------------------------------------------ with a limit of the jerk
@@ -168,14 +139,9 @@ def fastest_law(
 
 @dataclass(frozen=True)
 class SmoothLaw(TimeLaw):
-    """The average of a plan over a window; see the module. `squares` and `times` are those of the average.
+    """The average of a plan over a window w [s]; see the module. `squares` and `times` are those of the average.
 
-    Attributes
-    ----------
-    window : float
-        w [s]
-    plan_squares, arrivals, leaves : ndarray, shape (N + 1,)
-        σ̇² at the grid points, and when the plan reaches and leaves them [s].
+    Of the plan at the grid points (N + 1,): `plan_squares`, σ̇²; `arrivals` and `leaves`, when it comes and goes [s].
     """
 
     window: float
@@ -211,11 +177,6 @@ class SmoothLaw(TimeLaw):
         """When s⃛ jumps [s]: when a cell of the plan enters the window or leaves it; in any order."""
         ends = np.append(self.leaves, self.arrivals)
         return np.append(ends, ends + self.window)
-
-    def squares_at(self, s: FloatArray) -> FloatArray:
-        """Return ṡ² (S,) at arc lengths; as `TimeLaw`."""
-        squares: FloatArray = self.at(self._passed(s))[2] ** 2
-        return squares
 
     def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds of ṡ; as `TimeLaw`, but not exact."""
@@ -263,8 +224,7 @@ class SmoothLaw(TimeLaw):
 
     def _cell(self, t: FloatArray) -> IntArray:
         """Return the cell (T,) of the plan; the one before where it waits."""
-        found: IntArray = np.clip(np.searchsorted(self.leaves, t, side="right") - 1, 0, len(self.edges) - 2)
-        return found
+        return np.asarray(np.clip(np.searchsorted(self.leaves, t, side="right") - 1, 0, len(self.edges) - 2))
 
     def _plan(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return ∫σ, σ, σ̇ and σ̈ (T,) of the plan at times."""
@@ -307,18 +267,10 @@ class SmoothLaw(TimeLaw):
 
 @dataclass(frozen=True)
 class SmoothLimits:
-    """What plans keep to whose average over a window keeps the limits of joints, in every cell; see the module.
+    """What plans keep to whose average over a window [s] keeps the limits of joints, in every cell; see the module.
 
-    Attributes
-    ----------
-    window : float
-        [s]
-    cells : Cells
-        The curve; the boxes of q′ and q″ hold those of all cells within reach, and 0 for q″.
-    caps : ndarray, shape (N,)
-        c: what ṡ keeps to in the cells.
-    pushes, brakes : ndarray, shape (N,)
-        A, which |σ̈| keeps to, and B, by which a stop may decelerate.
+    The boxes of q′ and q″ of its `cells` hold those of all cells within reach, and 0 for q″. ṡ keeps to c of `caps`,
+    |σ̈| to A, `pushes`; by B, `brakes`, a stop may decelerate.
     """
 
     window: float
@@ -366,14 +318,9 @@ class SmoothLimits:
 
 
 def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: FloatArray | None = None) -> float:
-    """Return the window [s] with which a law takes the least time, about.
+    """Return the window [s] with which a law takes the least time, about; of `SmoothLimits`, beside people.
 
-    Parameters
-    ----------
-    cells, limits, caps
-        As of `SmoothLimits.of`.
-    times : ndarray, shape (N, M), optional
-        Beside people, how long a stop may take in each cell [s].
+    There `times: (N, M)` [s] say how long a stop may take in each cell.
     """
     assert limits.jerk is not None
     stops = times is not None

@@ -1,26 +1,38 @@
-"""A timed trajectory: joint values, velocities and accelerations at any time, within limits and caps that it names."""
+"""A timed trajectory: joint values, velocities and accelerations at any time, and the points that are exported.
+
+Receivers join positions and velocities by cubics, and with accelerations by quintics; ROS 2's joint trajectory
+controller does. Samples of a motion that keeps its limits do not do: where its acceleration jumps between two of them a
+cubic has up to 5/3 of it, and a quintic more. So points stand where the acceleration jumps, or the jerk where that is
+limited, as far as that is needed, and evenly between these. What is left is driven slower.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
+from math import perm
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, files, float_array, notebook_html, number, positive
+from safe_ompl.common import FloatArray, InputError, float_array, notebook_html, number, polynomials, positive
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
-from safe_ompl.trajectories.curve import BlendedCurve
+from safe_ompl.trajectories.curve import BlendedCurve, CurvePoints, divided_edges
 from safe_ompl.trajectories.danger import MotionDanger, motion_danger
 from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.points import points_within
 from safe_ompl.trajectories.time_law import SmoothLaw, TimeLaw
 
 RATE = 100.0  # [Hz]
 _INSTANT = 1e-9  # [s] Knots no farther apart are one.
 _BINDS = 1e-6  # relative: how near to its bound the speed must come for a cap to count as reached
+_SLOWER = 1e-3  # relative excess that slower driving takes care of, so that there are fewer points
+_NEAREST = 1e-4  # [s] of two points
+_WHOLE = 0.2  # of an interval: how long the first and the last are at least
+_TICK = 1e-9  # [s] messages have whole nanoseconds
+_ROUNDS = 20  # of driving slower; two in most cases
 
 
 class State(NamedTuple):
@@ -33,16 +45,10 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class SpeedCap:
-    """A bound of the speed along the path, proven over whole cells.
+    """A bound of the speed along the path, proven over whole cells: the largest ṡ in each (N,) [rad/s]; inf: any.
 
-    Attributes
-    ----------
-    name : str
-        "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …
-    speeds : ndarray, shape (N,)
-        Largest ṡ in each cell [rad/s]; +inf where it allows any.
-    limit : float, optional
-        Of caps of the speed of tool or links: what they may reach [m/s].
+    Its name is "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …; caps of the speed of
+    tool or links have a `limit` [m/s].
     """
 
     name: str
@@ -127,16 +133,9 @@ class Trajectory:
         InputError
             If a time is NaN or not a number.
         """
-        times = float_array(time, (None,) if np.ndim(time) else (), "time")
-        if np.isnan(times).any():
-            raise InputError("time must be a number of seconds, got nan")
-        cell, s, rate, push = self.law.at(np.atleast_1d(times))
-        edges = self.law.edges
-        place = self.curve.at(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
-        qd = place.slope * rate[:, None]
-        qdd = place.slope * push[:, None] + place.bend * (rate * rate)[:, None]
-        state = State(place.q, qd, qdd)
-        return state if times.ndim else State(*(values[0] for values in state))
+        _, place, rate, push = self._places(time)
+        state = State(place.q, place.slope * rate, place.slope * push + place.bend * (rate * rate))
+        return state if np.ndim(time) else State(*(values[0] for values in state))
 
     def jerks_at(self, time: float | ArrayLike) -> FloatArray:
         """Return the jerk of the joints, (n,) or (T, n) [rad/s³ or m/s³], at a time or at times (T,) [s].
@@ -148,20 +147,27 @@ class Trajectory:
         """
         if not isinstance(self.law, SmoothLaw):
             raise InputError("the jerk of the trajectory is not limited: give RateLimits a jerk")
-        times = np.atleast_1d(float_array(time, (None,) if np.ndim(time) else (), "time"))
-        cell, s, *rates = self.law.at(times)
-        edges = self.law.edges
-        place = self.curve.at(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
-        rate, push, jerk = (values[:, None] for values in (*rates, self.law.jerks(times)))
+        times, place, rate, push = self._places(time)
+        jerk = self.law.jerks(times)[:, None]
         jerks: FloatArray = place.swing * rate**3 + 3 * place.bend * rate * push + place.slope * jerk
         return jerks if np.ndim(time) else jerks[0]
+
+    def _places(self, time: float | ArrayLike) -> tuple[FloatArray, CurvePoints, FloatArray, FloatArray]:
+        """Return times (T,), the places on the curve then, and ṡ and s̈ (T, 1)."""
+        times = np.atleast_1d(float_array(time, (None,) if np.ndim(time) else (), "time"))
+        if np.isnan(times).any():
+            raise InputError("time must be a number of seconds, got nan")
+        cell, s, rate, push = self.law.at(times)
+        edges = self.law.edges
+        place = self.curve.at(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
+        return times, place, rate[:, None], push[:, None]
 
     def points(self, rate: float = RATE) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Return times (T,) [s], and positions and velocities then, (T, n), as controllers take them.
 
         With a limit of the jerk there are accelerations, too. The cubics, or quintics, through these points keep all
-        limits of the joints, which is proven (`safe_ompl.trajectories.points`). For that points are not quite even, and
-        may be passed a little later than by `at`: by 0.1 % in most cases.
+        limits of the joints, which is proven (`safe_ompl.trajectories.trajectory`). For that points are not quite even,
+        and may be passed a little later than by `at`: by 0.1 % in most cases.
 
         Parameters
         ----------
@@ -220,17 +226,12 @@ class Trajectory:
         law = self.law.stopped(begin, np.array(edges), np.array(squares))
         return Trajectory(self.curve, law, self.limits)
 
-    def speed_bounds(self) -> FloatArray:
-        """Return for each cell (N,) the least of all caps [rad/s]."""
-        bounds: FloatArray = np.min([cap.speeds for cap in self.caps], axis=0)
-        return bounds
-
     def binding(self) -> tuple[str | None, ...]:
         """Return for each cell the name of the cap that its speed reaches, if any; elsewhere accelerations bind."""
         squares = self.law.plan_squares if isinstance(self.law, SmoothLaw) else self.law.squares
         fastest = np.sqrt(np.maximum(squares[1:], squares[:-1]))
         names: list[str | None] = [None] * len(fastest)
-        least = self.speed_bounds() if self.caps else np.full(len(fastest), np.inf)
+        least = np.min([cap.speeds for cap in self.caps], axis=0, initial=np.inf)
         for cap in self.caps:
             for k in np.flatnonzero((cap.speeds <= least) & (fastest >= cap.speeds * (1 - _BINDS))):
                 names[int(k)] = cap.name
@@ -245,8 +246,6 @@ class Trajectory:
             If a callable gives the danger points.
         """
         return motion_danger(self.curve, self.law, field)
-
-    # ---------------------------------------------------------------------------------------------------- export
 
     def as_dict(self, rate: float = RATE) -> dict[str, Any]:
         """Return the trajectory in the shape of ROS's `JointTrajectory`, with duration, limits and caps besides.
@@ -281,9 +280,75 @@ class Trajectory:
         """Return `as_dict` as JSON."""
         return json.dumps(self.as_dict(rate), allow_nan=False)
 
-    def to_csv(self, rate: float = RATE) -> str:
-        """Return a table: time, then position, velocity and, where the jerk is limited, acceleration of every joint."""
-        times, states = self.points(rate)
-        kinds = ("position", "velocity", "acceleration")[: len(states)]
-        header = ["time", *(f"{name}_{kind}" for kind in kinds for name in self.joint_names)]
-        return files.table(header, np.column_stack([times, *states.values()]).tolist())
+
+# ------------------------------------------------------------------------------------- points between which limits hold
+
+
+def points_within(
+    at: Callable[[FloatArray], tuple[FloatArray, ...]],
+    knots: FloatArray,
+    jumps: FloatArray,
+    limits: RateLimits,
+    rate: float,
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Return times (T,) [s] of points, whole nanoseconds, and the states there; they are proven to keep the limits.
+
+    `at` returns positions and velocities, and accelerations for quintics, each (S, n), at times (S,) of the motion. At
+    `knots: (K,)`, its ends among them, its acceleration, or its jerk, jumps by `jumps`, in limits. There are `rate`
+    points in a second at least. An ArithmeticError where rounding is larger than the limits: of points in less than
+    nanoseconds.
+    """
+    fixed = knots[[0, -1]]
+    inside = np.abs(knots - fixed.mean()) < np.ptp(fixed) / 2 - _WHOLE / rate
+    while True:
+        parts = np.ceil(np.diff(fixed) * rate * (1 - 1e-9)).astype(np.intp)
+        places = divided_edges(fixed, np.maximum(parts, 1))
+        times, states = _slower(at, places, 1.0)
+        after = np.clip(np.searchsorted(fixed, knots), 1, len(fixed) - 1)
+        apart = np.minimum(knots - fixed[after - 1], fixed[after] - knots)
+        worth = np.where((apart > _NEAREST) & inside, jumps, 0.0)
+        new = []
+        for k in np.flatnonzero(_excess(times, states, limits) > 1 + _SLOWER):
+            first, last = np.searchsorted(knots, places[k : k + 2])
+            best = first + int(worth[first:last].argmax()) if first < last else first
+            if worth[best] > _SLOWER:
+                new.append(knots[best])
+        if not new:
+            break
+        fixed = np.union1d(fixed, new)
+    factor = 1.0
+    for _ in range(_ROUNDS):
+        excess = float(_excess(times, states, limits).max())
+        if excess <= 1:
+            return times, states
+        factor *= excess + _TICK
+        times, states = _slower(at, places, factor)
+    raise ArithmeticError(f"limits are kept by no points {places[-1]} s")
+
+
+def _slower(
+    at: Callable[[FloatArray], tuple[FloatArray, ...]], places: FloatArray, factor: float
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Return when places (T,) [s] of the motion are passed if that takes longer by a factor, and the states there."""
+    times = np.round(factor * places / _TICK) * _TICK
+    asked = np.append(times[:-1] / factor, places[-1] + 1.0)  # at the end, and at rest
+    return times, tuple(values / factor**order for order, values in enumerate(at(asked)))
+
+
+def _excess(times: FloatArray, states: tuple[FloatArray, ...], limits: RateLimits) -> FloatArray:
+    """Return by what factor (T − 1,) the pieces between points are to be slower to keep the limits."""
+    spans = np.diff(times)[:, None]
+    ends = [np.stack([values[:-1], values[1:]], axis=1) for values in states]
+    held, rounding = polynomials.hermite(spans[:, 0], *ends, *[None] * (3 - len(ends)))
+    degree, factor = held.shape[1] - 1, np.zeros(len(spans))
+    for order, kind in enumerate(limits.kinds, start=1):
+        held = held[:, 1:] * np.arange(1.0, held.shape[1])[:, None] / spans[..., None]
+        error = (degree + 3) * polynomials.EPS * np.abs(held).sum(axis=1)
+        error += perm(degree, order) * rounding / spans**order
+        rows, most = np.moveaxis(polynomials.bernstein(held), 1, 2), getattr(limits, kind)
+        bound = np.abs(rows).max(axis=2)
+        over = bound + error > most
+        if over.any():
+            bound[over] = np.maximum(polynomials.peaks(rows[over]).bound, polynomials.peaks(-rows[over]).bound)
+        factor = np.maximum(factor, ((bound + error) / most).max(axis=1) ** (1 / order))
+    return factor
