@@ -164,7 +164,7 @@ class Hit:
     def __init__(self, body: ServoRobot, touch: Touch, limb_velocity: FloatArray, people: People) -> None:
         held = people.region_of(touch.limb)
         self.region, self._held = REGIONS[held], held
-        self.speed = touch.speed / max(contact_speed(held, np.inf), 1e-9)
+        self.speed = touch.speed / max(contact_speed(held), 1e-9)
         part = BodyPart(touch.point, touch.normal, held.mass, 1e3 * held.stiffness)
         self._robots = [body.meeting(part, velocity) for velocity in (np.zeros(3), limb_velocity)]
         self._left = round(1.5 * np.pi * np.sqrt(part.mass / part.stiffness) / STEP)
@@ -299,7 +299,7 @@ def drives(
 def hit(name: str, region: str, servo: Servo) -> tuple[object, ...]:
     """Return the row of a robot that turns about its first joint, and hits a region of a body with its last link."""
     robot, part = Robot.from_example(name), CONTACT_TABLE[region]
-    allowed, at_contact = contact_speed(part, np.inf), np.array(STRETCHED[name])
+    allowed, at_contact = contact_speed(part), np.array(STRETCHED[name])
     turn, still = np.eye(robot.n)[0], np.zeros(robot.n)
     curve = BlendedCurve([Piece(at_contact, turn, still, still, 1e-3)], [])
     rate = allowed / float(BodySpeeds(robot).bounds(curve, curve.cells(1e-3))[:, :-1].max())

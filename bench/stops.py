@@ -362,14 +362,10 @@ def times(options: argparse.Namespace, report: Report) -> None:
     """Report how long timing takes."""
     problem = Problem("panda_shelf", People())
 
-    def rest(cells: int) -> Trajectory:
-        problem.timer.move(problem.scene)
-        return problem.timer.retimed(problem.trajectory, 0.0, cells=cells)
-
     calls = {
         "time_path": lambda: problem.timer.time(problem.path),
-        "rest of a motion, 100 cells": lambda: rest(100),
-        "rest of a motion, 60 cells": lambda: rest(60),
+        "with 100 cells": lambda: problem.timer.time(problem.path, cells=100),
+        "with 60 cells": lambda: problem.timer.time(problem.path, cells=60),
     }
     found = in_turn(calls, 1, 20)
     rows = [(name, found.microseconds(name) / 1e3, call().duration) for name, call in calls.items()]

@@ -61,7 +61,7 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "test_package.py",
     "test_scripts.py",
     "trajectories/test_faster.py",
-    "trajectories/test_people_caps.py",
+    "trajectories/test_beside_people.py",
     "view/browser/",
     "view/pictures/",
 )

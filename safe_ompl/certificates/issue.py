@@ -34,7 +34,7 @@ from safe_ompl.io import carried_robot, carried_scene, schema
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
-from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory, limb_contact_speed
+from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
 _FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
@@ -314,7 +314,7 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
         more |= {"window": law.window, "jerk": jerk.tolist()}
     stops = None
     if trajectory.people is not None and trajectory.brakes is not None:
-        people = _people(trajectory.people, robot, scene)
+        people = _people(trajectory.people, scene)
         stops = {**people, "brakes": trajectory.brakes.tolist()}
     return {
         "pieces": [
@@ -335,7 +335,7 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
     }
 
 
-def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
+def _people(people: People, scene: Scene) -> dict[str, Any]:
     """Return what stops beside people are about; of the speeds of limbs those of limbs that are there."""
     if people.reach is not None:
         raise InputError("a certificate states speeds of people, no calibrated reach: leave it out", "people.reach")
@@ -348,7 +348,7 @@ def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
         "clearance": people.clearance,
     }
     if people.contact:
-        touched = [part for part, limb in parts.items() if limb_contact_speed(robot, people, limb) > 0]
+        touched = [part for part, limb in parts.items() if people.region_of(limb).force > 0]
         found |= {"contact": touched} if touched else {}
     return found
 
@@ -476,7 +476,7 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
             **{name: getattr(motion, name) for name in ("tool_speed", "link_speed")},
         },
         max_danger=motion.max_danger,
-        stops={} if people is None else {"contact": None, **_people(people, robot, scene)},
+        stops={} if people is None else {"contact": None, **_people(people, scene)},
     )
 
 

@@ -351,10 +351,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         if self._timer is None or any(a is not b for a, b in zip(self._timed_for, made_for, strict=True)):
             danger = None if limits.max_danger is None or self.field is None else self.field.moving
             rates = trajectories.RateLimits.of(self.robot, limits.velocity, limits.acceleration, limits.jerk)
-            caps = trajectories.MotionCaps(
-                self._people, limits.tool_speed, limits.link_speed, danger, limits.max_danger
+            caps: dict[str, Any] = {key: getattr(limits, key) for key in ("tool_speed", "link_speed", "max_danger")}
+            self._timer = trajectories.PathTimer(
+                self.robot, rates, motion=self.motion_prover, people=self._people, danger=danger, **caps
             )
-            self._timer = trajectories.PathTimer(self.robot, rates, motion=self.motion_prover, caps=caps)
             self._timed_for = made_for
         return self._timer
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
         SEPARATION,
         ContactLimits,
         contact_speed,
-        limb_contact_speed,
-        robot_mass,
     )
     from safe_ompl.trajectories.curve import BlendedCurve, BodySpeeds, Cells, CurvePoints, Piece, blended, divided_edges
     from safe_ompl.trajectories.danger import MotionDanger
@@ -75,8 +73,6 @@ __all__ = [
     "drive",
     "duration_of",
     "faster",
-    "limb_contact_speed",
-    "robot_mass",
     "speed_caps",
     "stops_beside",
     "time_path",

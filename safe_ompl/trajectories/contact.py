@@ -1,18 +1,18 @@
 """Contact with people: how fast the robot may be where it touches a limb, and where it may clamp one.
 
-In a *transient* contact the limb yields. A point of the robot that touches it may be as fast as v = F/√(μK), with 1/μ =
-1/m_H + 1/m_R: the largest force, mass and stiffness of the body region, and the robot's mass. By default the robot
-counts as infinitely heavy, μ = m_H. Then F is proven whatever its motors do: let a mass m behind a spring K be pushed
-by a point whose speed is ẋ ≤ v, and let c ≥ 0 be the compression. In the frame that moves with v the energy ½Kc² + ½m(v
-− ẏ)² changes by Kc(ẋ − v) ≤ 0, and it is ½mv² where the mass is at rest first, so Kc ≤ v√(mK). A finite mass
-would assume that the motors let go, but a position servo pushes on while the limb yields. What counts is the speed of
-the robot where it touches; that of the person is not counted.
+In a *transient* contact the limb yields. A point of the robot that touches it may be as fast as v = F/√(m_H K): the
+largest force, mass and stiffness of the body region. The robot counts as infinitely heavy. Then F is proven whatever
+its motors do: let a mass m behind a spring K be pushed by a point whose speed is ẋ ≤ v, and let c ≥ 0 be the
+compression. In the frame that moves with v the energy ½Kc² + ½m(v − ẏ)² changes by Kc(ẋ − v) ≤ 0, and it is ½mv² where
+the mass is at rest first, so Kc ≤ v√(mK). What counts is the speed of the robot where it touches; that of the person is
+not counted.
 
 A limb is *clamped* if it touches a body of the robot and, on its other side, a partner: an obstacle, a part of the
-robot that stands still, or a link that moves otherwise. It cannot yield: half of the force counts, and μ = m_R. There
-the robot must stop or yield by itself when it touches, and m_R is half of its links' mass, the public choice. What
-counts is how fast the gap closes. Two points of rigid bodies g and h, with velocity fields V_g and V_h, approach each
-other by (V_g(p) − V_h(p))·n, because V_h changes no distance. So they approach by no more than
+robot that stands still, or a link that moves otherwise. It cannot yield: half of the force counts, and the robot's mass
+m_R in the place of m_H. There the robot must stop or yield by itself when it touches, and m_R is half of its links'
+mass, the public choice: an infinite one would forbid all motion there. What counts is how fast the gap closes. Two
+points of rigid bodies g and h, with velocity fields V_g and V_h, approach each other by (V_g(p) − V_h(p))·n, because
+V_h changes no distance. So they approach by no more than
 
     w_gh = Σ_j R̄_gj |q′_j| + Σ_i R̄_hi |q′_i|    per arc length,
 
@@ -48,38 +48,13 @@ _SLOWEST = 1e-12  # [m/rad] bodies that move less stand still
 _ROUNDING = 1e-9  # [m]
 
 
-def contact_speed(region: BodyRegion, mass: float, *, clamped: bool = False) -> float:
+def contact_speed(region: BodyRegion, clamped_by: float | None = None) -> float:
     """Return the speed [m/s] at which contact with a body region stays below its limit.
 
-    It is F/√(μK) with 1/μ = 1/m_H + 1/m_R; where the region is clamped, (F/2)/√(m_R K).
-
-    Parameters
-    ----------
-    region : BodyRegion
-        Force, mass and stiffness.
-    mass : float
-        Effective mass m_R of the robot, which may be infinite [kg].
-    clamped : bool
-        Whether the region cannot yield.
+    It is F/√(m_H K); where a robot of an effective mass m_R [kg] clamps the region, (F/2)/√(m_R K).
     """
-    reduced = mass if clamped else 1 / (1 / region.mass + 1 / mass)
-    force = region.force / 2 if clamped else region.force
-    return float(force / np.sqrt(reduced * 1e3 * region.stiffness))
-
-
-def robot_mass(robot: Robot, *, clamped: bool = False) -> float:
-    """Return the effective mass of the robot in a contact [kg]: infinite; half of its links' where it clamps a limb."""
-    if not clamped:
-        return np.inf
-    mass = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:]) / 2
-    if mass <= 0:
-        raise InputError("needs the masses of the robot's links, and the URDF knows none", "people.contact")
-    return float(mass)
-
-
-def limb_contact_speed(robot: Robot, people: People, limb: str, *, clamped: bool = False) -> float:
-    """Return the speed [m/s] with which a point of the robot may touch a limb; see `contact_speed`."""
-    return contact_speed(people.region_of(limb), robot_mass(robot, clamped=clamped), clamped=clamped)
+    mass, force = (region.mass, region.force) if clamped_by is None else (clamped_by, region.force / 2)
+    return float(force / np.sqrt(mass * 1e3 * region.stiffness))
 
 
 def limb_thickness(limb: str, height: float) -> float:
@@ -113,22 +88,8 @@ def closing_rates(
     """Return how fast gaps of each body close in which limbs of each width may fit, by arc length (N, G, K) [m/rad].
 
     Gaps that close at a harmless rate do not count. Distances are asked only of those that close faster than another
-    of the body in which the limb fits.
-
-    Parameters
-    ----------
-    joints : (m,)
-        A table (`safe_ompl.robot.kernels.kinematics`).
-    shapes : Shapes
-        The bodies.
-    gaps : _Gaps
-        The gaps.
-    values : (N, m)
-        The joints in the middle of the cells.
-    sizes, slopes : (N,), (N, m)
-        Lengths of the cells [rad], and bounds of the joints' |q′| in them.
-    bodies : (N, G + 1)
-        Bounds of the speeds of the bodies that move [m/rad], and 0.
+    of the body in which the limb fits. `joints` is a table of `safe_ompl.robot.kernels.kinematics`; cells as of
+    `ContactLimits.speeds`, with the `values: (N, m)` of the model's joints, and a column of 0 besides `bodies`.
     """
     N, m, G, K = len(values), values.shape[1], bodies.shape[1] - 1, len(gaps.widths)
     poses, simplex = np.empty(len(shapes.bodies), POSE), np.empty((4, 3))
@@ -158,29 +119,12 @@ def closing_rates(
 
 
 class ContactLimits:
-    """How fast a robot may follow a curve where it may touch people, as proven over whole cells.
+    """How fast a robot may follow a curve where it may touch M limbs of people, as proven over whole cells.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot, with G moving bodies.
-    still : Scene
-        What stands still: a limb may be clamped against it.
-    people : People
-        What people bear.
-    limbs : sequence of (str, str)
-        Person and limb of each of the M limbs.
-    heights : mapping of str to float
-        How tall the people are [m]. Who is not among them is not touched.
-    always_clamped : bool
-        Limbs count as clamped wherever they are, such as beside things that move.
-
-    Attributes
-    ----------
-    bears, bears_clamped : ndarray, shape (M,)
-        How fast a point of the robot may be that touches a limb, and how fast a gap may close that clamps it [m/s].
-    thickness : ndarray, shape (M,)
-        How thick the limbs are [m].
+    Limbs, pairs of person and limb, may be clamped against what stands still, or wherever they are if they are
+    `always_clamped`, such as beside things that move. Who has no height [m] in `heights` is not touched. A point of the
+    robot that touches a limb may be as fast as it `bears`, and a gap that clamps it close as fast as it
+    `bears_clamped`, (M,) [m/s]; the limbs have a `thickness: (M,)` [m].
     """
 
     def __init__(
@@ -194,14 +138,13 @@ class ContactLimits:
         always_clamped: bool = False,
     ) -> None:
         self.limbs = tuple(limbs)
+        links = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:])
+        if links <= 0:
+            raise InputError("needs the masses of the robot's links, and the URDF knows none", "people.contact")
+        regions = [people.region_of(limb) if who in heights else None for who, limb in limbs]
         self.bears, self.bears_clamped = (
-            np.array(
-                [
-                    limb_contact_speed(robot, people, limb, clamped=clamped) if who in heights else 0.0
-                    for who, limb in limbs
-                ]
-            )
-            for clamped in (False, True)
+            np.array([0.0 if region is None else contact_speed(region, mass) for region in regions])
+            for mass in (None, float(links / 2))
         )
         self.thickness: FloatArray = np.array([limb_thickness(limb, heights.get(who, np.inf)) for who, limb in limbs])
         self._coupling, self._always = robot.coupling, always_clamped
@@ -223,8 +166,6 @@ class ContactLimits:
         widths, self._width_of = np.unique(self.thickness, return_inverse=True)
         harmless = np.full(len(widths), inf)
         np.minimum.at(harmless, self._width_of, shares)
-        if not bodies.bounded:  # any limb may fit between what has no end
-            widths = np.full_like(widths, inf)
         self._data = robot.kinematics.joints, bodies.shapes
         self._gaps = _Gaps(np.sort(pair_bodies, axis=1), sides[pair_bodies], radii, widths, harmless)
 
@@ -233,14 +174,8 @@ class ContactLimits:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the largest ṡ (N, G, M) with which body g may touch limb m in a cell, and the same if none is clamped.
 
-        Parameters
-        ----------
-        Q : ndarray, shape (N, n)
-            Configurations in the middle of cells.
-        sizes, slopes : ndarray, shape (N,), (N, n)
-            Lengths of the cells [rad], and bounds of |q′| in them.
-        bodies : ndarray, shape (N, G)
-            Bounds of the speeds of the points of the moving bodies, by arc length [m/rad].
+        Of the cells: the configurations in the middle, `Q: (N, n)`; lengths [rad], and bounds (N, n) of |q′|; bounds of
+        the speeds of points of moving `bodies: (N, G)` [m/rad].
         """
         free = self.bears / np.maximum(bodies, _SLOWEST)[:, :, None]
         if self._always:

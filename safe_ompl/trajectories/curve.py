@@ -157,6 +157,15 @@ class BlendedCurve:
         bent = sum(not piece.straight for piece in self.pieces)
         return f"BlendedCurve({self.length:.3g} rad, {bent} bent pieces, {len(self.stops)} stops)"
 
+    def rest(self, s: float) -> BlendedCurve:
+        """Return the curve from an arc length 0 ≤ s < length on."""
+        k = int(self.piece_at(np.array([s]))[0])
+        first, *others = self.pieces[k:]
+        cut = s - float(self.starts[k])
+        q, slope, bend, _ = (values[0] for values in first.places(np.array([cut])))
+        rest = Piece(q, slope, bend, first.swing, first.length - cut)
+        return BlendedCurve([rest, *others], [stop - k for stop in self.stops if stop > k])
+
     def piece_at(self, s: FloatArray) -> IntArray:
         """Return the piece (S,) at each of the arc lengths `s: (S,)`; the later one where two meet."""
         return np.asarray(np.searchsorted(self.starts, s, side="right") - 1)

@@ -50,7 +50,10 @@ class SpanDanger(NamedTuple):
 
 
 class MovingDanger:
-    """Bounds of the kinetostatic danger of a robot along a curve; an InputError if a callable gives its danger points."""
+    """Bounds of the kinetostatic danger of a robot along a curve.
+
+    An InputError if a callable gives the danger points.
+    """
 
     def __init__(self, field: KinetostaticField) -> None:
         if field.field.points is None:

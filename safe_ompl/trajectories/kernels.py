@@ -64,7 +64,7 @@ def stopping_speeds(
 ) -> tuple[FloatArray, IntArray, IntArray, BoolArray]:
     """Return the largest ṡ (N,) of each cell; for which of M bodies, and in which cell, it is bounded (−1: none).
 
-    Last comes whether (N,) u bounds it, rather than τ: `times` and `harmless`, (N, M) each. Of the cells `brakes` are b,
+    Last comes whether (N,) u bounds it, rather than τ: `times` and `harmless`, (N, M) each. Of cells `brakes` are b,
     `caps` what ṡ keeps to for other reasons, `ends` the cells behind which the robot next stops in any case.
     """
     N, M = times.shape

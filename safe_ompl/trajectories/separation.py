@@ -34,7 +34,7 @@ _ROUNDING = 1e-9  # [m]
 
 
 class SeparationBounds(NamedTuple):
-    """What is left between M limbs and the robot in N cells of a curve; exact, where that matters, to what it moves there.
+    """What is left between M limbs and the robot in N cells of a curve; exact, where it matters, to what it moves.
 
     `distances` [m] and `times` [s], (N, M): no body is nearer to a limb, and none is where a limb may be until then
     from when braking begins; `nearest` is the body that the limb comes to first.

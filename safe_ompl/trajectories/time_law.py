@@ -108,7 +108,7 @@ def _spans(edges: FloatArray, squares: FloatArray) -> FloatArray:
     """Return how long the cells (N,) take."""
     speeds = np.sqrt(squares)
     sizes, both = np.diff(edges), speeds[:-1] + speeds[1:]
-    return np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0)
+    return np.asarray(np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0))
 
 
 def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:

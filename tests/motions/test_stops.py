@@ -50,7 +50,7 @@ def least_left(found, limbs, number, people=None):
     speeds = np.array([people.speed_of(name) for name in limbs.names])
     bears = np.zeros(len(speeds))
     if people.contact:
-        bears = np.array([contact_speed(people.region_of(name), np.inf) for name in limbs.names])
+        bears = np.array([contact_speed(people.region_of(name)) for name in limbs.names])
     least = np.inf
     for begin in np.random.default_rng(0).uniform(*motion.times[[0, -1]], number):
         law = found.stops.stop_from(begin)

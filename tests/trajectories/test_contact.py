@@ -1,7 +1,5 @@
 """Contact: what limbs bear, and an adversary who puts a hand into every gap of the robot."""
 
-from types import SimpleNamespace
-
 import coal
 import numpy as np
 import pinocchio as pin
@@ -9,10 +7,10 @@ import pytest
 
 from safe_ompl import People, Scenario
 from safe_ompl.collision import fresh_data
-from safe_ompl.scene import BodyRegion, find_scenario
+from safe_ompl.scene import find_scenario
 from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, ContactLimits, RateLimits, contact_speed, time_path
-from safe_ompl.trajectories.contact import limb_contact_speed, limb_thickness
+from safe_ompl.trajectories.contact import limb_thickness
 
 LIMBS = (("anna", "right_hand"), ("anna", "torso"), ("anna", "head"), ("box", ""))
 
@@ -180,23 +178,12 @@ def test_gaps_are_as_narrow_as_coal_measures_for_limbs_of_all_widths(panda, shel
     assert (most < free).mean() > 0.1
 
 
-def test_any_limb_may_fit_beside_what_has_no_end(panda):
-    part = "ground", coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0), pin.SE3.Identity()
-    ground = SimpleNamespace(geometries=lambda: [part])
-    found = cells_of(panda, [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, 0.5, 0, -2.0, 0, 2.0, 0.785]])
-    arguments = People(contact=True), LIMBS, {"anna": 1.75}
-    most, _ = speeds_of(ContactLimits(panda, [ground], *arguments), panda, *found)
-    near, _ = speeds_of(ContactLimits(panda, [], *arguments), panda, *found)
-    assert np.isfinite(most).all()
-    assert (most <= near).all()
-    assert (most[:, -1, 0] < near[:, -1, 0]).all()
-
-
-def test_speeds_that_are_borne(panda):
-    hand = BodyRegion(280, 0.6, 75)
-    assert contact_speed(hand, 9.4) == pytest.approx(280 / np.sqrt(0.564 * 75e3))
-    assert contact_speed(hand, 9.4, clamped=True) == pytest.approx(140 / np.sqrt(9.4 * 75e3))
-    assert limb_contact_speed(panda, People(contact=True), "left_hand") == contact_speed(hand, np.inf)
+def test_speeds_that_are_borne():
+    hand, chest = CONTACT_TABLE["hand"], CONTACT_TABLE["chest"]
+    assert contact_speed(hand) == pytest.approx(280 / np.sqrt(0.6 * 75e3))
+    assert contact_speed(hand, clamped_by=9.4) == pytest.approx(140 / np.sqrt(9.4 * 75e3))
+    assert contact_speed(chest) == pytest.approx(280 / np.sqrt(40 * 25e3))
+    assert contact_speed(CONTACT_TABLE["head"]) == 0
     assert limb_thickness("right_hand", 2.0) == pytest.approx(0.096)
     assert limb_thickness("torso", 1.75) == limb_thickness("left_flank", 1.75) > 0.5
     assert limb_thickness("", 1.75) == np.inf
@@ -205,7 +192,7 @@ def test_speeds_that_are_borne(panda):
 def test_nothing_that_pushes_no_faster_presses_harder_than_a_region_bears():
     rng, step = np.random.default_rng(0), 1e-4
     for region in (CONTACT_TABLE["hand"], CONTACT_TABLE["abdomen"]):
-        speed, stiffness = contact_speed(region, np.inf), 1e3 * region.stiffness
+        speed, stiffness = contact_speed(region), 1e3 * region.stiffness
         period = 2 * np.pi * np.sqrt(region.mass / stiffness)
         # Each row pushes at speeds of its own, which change ten times in a period; the first one never lets up.
         pushed = np.repeat(rng.uniform(-1.0, 1.0, (200, 40)).clip(-0.5, 0.8), round(period / 10 / step), axis=1)
@@ -217,10 +204,3 @@ def test_nothing_that_pushes_no_faster_presses_harder_than_a_region_bears():
             force = np.maximum(force, stiffness * gap)
         assert force[0] == pytest.approx(region.force, rel=0.02)
         assert region.force / 2 < force[1:].max() <= 1.02 * region.force
-
-
-def test_the_default_figures_say_where_they_are_from():
-    said = People(contact=True, regions={"hand": (100, 0.6, 75)}).contact_sentence
-    assert "as if it were infinitely heavy, the person's is not counted" in said
-    assert "no compliance" in said
-    assert People().contact_sentence == ""

@@ -32,14 +32,31 @@ def test_some_joints_one_for_all_or_all(panda, caplog):
     assert one.as_dict()["velocity"][panda.joint_names[2]] == 0.5
 
 
-@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf, 1e308, 1.1e5])
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf, 1e308])
 def test_limits_that_are_none_are_refused(panda, wrong):
-    with pytest.raises(InputError, match="acceleration limit must be a finite number in"):
-        RateLimits.of(panda, acceleration=wrong)
-    with pytest.raises(InputError, match="velocity limit"):
-        RateLimits.of(panda, {panda.joint_names[0]: wrong}, 1.0)
-    with pytest.raises(InputError, match="velocity limit"):
-        RateLimits(("a",), np.array([wrong]), np.array([1.0]))
+    joint = panda.joint_names[0]
+    for kind, of in (
+        ("acceleration limit", lambda: RateLimits.of(panda, acceleration=wrong)),
+        (f"velocity limit of joint {joint!r}", lambda: RateLimits.of(panda, {joint: wrong}, 1.0)),
+        ("velocity limit", lambda: RateLimits(("a",), np.array([wrong]), np.array([1.0]))),
+        ("jerk limit", lambda: RateLimits.of(panda, 1.0, 1.0, wrong)),
+        ("jerk limit", lambda: RateLimits(("a",), np.ones(1), np.ones(1), np.array([wrong]))),
+        ("jerk", lambda: MotionLimits(jerk=wrong)),
+    ):
+        with pytest.raises(InputError, match=kind):
+            of()
+
+
+def test_jerks_are_those_of_all_joints(panda):
+    names = panda.joint_names
+    with pytest.raises(InputError, match=f"joint '{names[1]}' has no jerk limit"):
+        RateLimits.of(panda, 1.0, 1.0, {names[0]: 10.0})
+    for wrong in ({"velocity": {"elbow": 1.0}}, {"jerk": {**dict.fromkeys(names, 1.0), "elbow": 1.0}}):
+        with pytest.raises(UnknownNameError, match="unknown joint 'elbow'"):
+            RateLimits.of(panda, **wrong)
+    assert RateLimits.of(panda, 1.0, 1.0, dict.fromkeys(names, 5.0)).jerk.tolist() == [5.0] * 7
+    assert "jerk" not in RateLimits.of(panda, 1.0, 1.0).as_dict()
+    assert MotionLimits.from_mapping({"jerk": 100}).to_mapping() == {"jerk": 100}
 
 
 def absurd(robot):
@@ -80,11 +97,6 @@ def test_a_urdf_without_velocities_asks_for_them(tmp_path):
     with pytest.raises(InputError, match="has no velocity limit in its URDF"):
         RateLimits.of(robot, acceleration=1.0)
     assert (RateLimits.of(robot, 2.0, 1.0).velocity == 2.0).all()
-
-
-def test_unknown_joints_are_named(panda):
-    with pytest.raises(UnknownNameError, match="unknown joint 'elbow'"):
-        RateLimits.of(panda, {"elbow": 1.0})
 
 
 def test_accelerations_that_the_robot_knows(panda, caplog):

@@ -62,7 +62,7 @@ def test_touches_are_borne_and_there_are_some(panda, table, to_and_fro):
         trajectory = to_and_fro(replanner)[0]
         touches, commands = run_at(replanner, trajectory, tracker, begin, (1.25, shoulder, -0.9))
         for touch in touches:
-            assert touch.speed <= contact_speed(replanner.people.region_of(touch.limb), np.inf) * (1 + 1e-6)
+            assert touch.speed <= contact_speed(replanner.people.region_of(touch.limb)) * (1 + 1e-6)
         found += touches
         assert {command.rule for command in commands} <= {"", "separation", "contact", "clamping"}
     assert len(found) > 10
