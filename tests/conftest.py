@@ -1,7 +1,6 @@
 """Robots and an independent collision check for the tests; robots are frozen, so all tests share them."""
 
 import gc
-import os
 import signal
 from functools import cache
 from math import ceil
@@ -17,8 +16,6 @@ from ompl import util as ou
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, Robot, Scene, Sphere
 from safe_ompl.common import warn_once
 from safe_ompl.robot import bounding_hull
-
-os.environ["SAFE_OMPL_CACHE"] = "off"  # tests neither read nor leave anything in the user's cache
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.common import cache, documents, files, formats, polynomials
+    from safe_ompl.common import documents, files, formats, polynomials
     from safe_ompl.common.compilation import (
         caller,
         clock,
@@ -70,7 +70,6 @@ __all__ = [
     "SafeOmplError",
     "StaleSceneError",
     "UnknownNameError",
-    "cache",
     "caller",
     "clock",
     "compile_together",

@@ -52,7 +52,7 @@ def _mesh_places(name: str, given: Sequence[Path]) -> Iterator[Path]:
     if examples is not None:
         yield examples.parents[1].joinpath(*steps)
     if name.startswith(_PACKAGE):
-        found = PackageFolders(Path("/"), [folder.resolve() for folder in given]).resolve(_PACKAGE + "/".join(steps))
+        found = PackageFolders(Path("/"), [folder.resolve() for folder in given]).find(_PACKAGE + "/".join(steps))
         if found is not None:
             yield found
 

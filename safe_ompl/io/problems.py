@@ -152,9 +152,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
         packed |= added
     for urdf, text in sources:
         names = {n: p for tag in ("collision", "visual") for n, p in urdf.mesh_files(tag).items()}
-        text["text"] = urdf.renamed(
-            {n: f"package://{_PACKAGE}/{packed[p][0]}" for n, p in names.items() if p in packed}
-        )
+        text["text"] = urdf.text({n: f"package://{_PACKAGE}/{packed[p][0]}" for n, p in names.items() if p in packed})
     return {**carried, "meshes": dict(packed.values())} if packed else carried
 
 

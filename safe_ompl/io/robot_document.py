@@ -72,7 +72,7 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
     else:
         steps = {file: _carried_text(getattr(spec, file)) for file in _FILES}
         if "text" in steps["urdf"]:
-            steps["urdf"]["text"] = spec.urdf_file().source(steps["urdf"]["text"])
+            steps["urdf"]["text"] = spec.urdf_file().text()
         steps |= {name: schema.as_plain(getattr(spec, name)) for name in _OPTIONS}
         steps["locked"] = steps["locked"] or {}
     if spec.mobile_base is not None:

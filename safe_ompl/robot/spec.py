@@ -27,8 +27,8 @@ from safe_ompl.robot.loading.collision import (
     sample_configurations,
     select_self_pairs,
 )
+from safe_ompl.robot.loading.examples import find_example, robots_folder
 from safe_ompl.robot.loading.models import Models
-from safe_ompl.robot.loading.packages import find_example, robots_folder
 from safe_ompl.robot.loading.parts import BASE_JOINTS, RobotParts, combined, independent
 from safe_ompl.robot.loading.reduction import (
     apply_mimic_limits,

@@ -9,10 +9,10 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.robot.loading.attachment import Attachment
     from safe_ompl.robot.loading.collision import CollisionSource, links_lacking_shapes
-    from safe_ompl.robot.loading.packages import EXAMPLES, ExampleRobot, PackageFolders, find_example, robots_folder
+    from safe_ompl.robot.loading.examples import EXAMPLES, ExampleRobot, find_example, robots_folder
     from safe_ompl.robot.loading.reduction import joints_without_range, resting_value
     from safe_ompl.robot.loading.srdf import SrdfFile, disabled_links, srdf_text
-    from safe_ompl.robot.loading.urdf import UrdfFile, parsed
+    from safe_ompl.robot.loading.urdf import PackageFolders, UrdfFile, parsed
 
 __all__ = [
     "EXAMPLES",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Container, Iterable, Mapping
-from hashlib import sha256
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -12,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, cache, warn_once
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, warn_once
 from safe_ompl.geometry import convex_hull
 from safe_ompl.robot.joint_tables import Mimic
 from safe_ompl.robot.loading.urdf import UrdfFile, existing_file
@@ -122,8 +121,6 @@ _SAMPLES = 1000
 _ALWAYS = 0.95  # share of the samples in contact from which a pair counts as always in contact
 _NAMED = 6  # pairs in a warning; all of them in the log's details
 _BATCH = 16  # samples between two looks at which pairs are decided
-_KEY_SAMPLES = 5
-_METHOD = 1  # goes into the cache's key: to be raised whenever another answer may come out
 
 
 def select_self_pairs(
@@ -153,7 +150,7 @@ def select_self_pairs(
         if names:
             warn_once(_log, f"{robot}: {reason}: {len(names)} pairs of adjacent links are not checked")
             _log.info("%s: adjacent links that are not checked: %s", robot, ", ".join(names))
-    names = _drop(geometry, remembered_contacts(model, geometry, samples))
+    names = _drop(geometry, always_in_contact(model, geometry, samples))
     if names:
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         named = ", ".join(names[:_NAMED])
@@ -202,24 +199,6 @@ def adjacent_pairs(model: pin.Model, geometry: pin.GeometryModel) -> list[pin.Co
     return [pair for pair in _pairs(geometry) if _adjacent(model, geometry, pair, carriers)]
 
 
-def remembered_contacts(model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray) -> list[pin.CollisionPair]:
-    """Return what `always_in_contact` does, from the cache on disk if the same was asked for before."""
-    pairs = _pairs(geometry)
-    if not pairs:
-        return []
-    key = _key(model, geometry, samples)
-    known = cache.read("self-pairs", key)
-    if isinstance(known, list) and all(isinstance(k, int) and 0 <= k < len(pairs) for k in known):
-        # Distances differ in the eleventh decimal between a process in which these bodies were asked about before they
-        # were copied and one in which they were not. They must not depend on what an earlier run has kept.
-        pin.computeCollisions(model, model.createData(), geometry, pin.GeometryData(geometry), samples[0], False)
-        return [pairs[k] for k in known]
-    found = always_in_contact(model, geometry, samples)
-    numbers = {(pair.first, pair.second): k for k, pair in enumerate(pairs)}
-    cache.write("self-pairs", key, [numbers[pair.first, pair.second] for pair in found])
-    return found
-
-
 def always_in_contact(model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray) -> list[pin.CollisionPair]:
     """Return the pairs in contact in more than 95 % of the samples (S, nq).
 
@@ -240,33 +219,6 @@ def always_in_contact(model: pin.Model, geometry: pin.GeometryModel, samples: Fl
         if not len(undecided):
             break
     return [pairs[k] for k in undecided]
-
-
-def _key(model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray) -> str:
-    """Return a hash of all that decides which pairs touch: kinematics, bodies, pairs, samples, and library versions."""
-    state = sha256(f"{_METHOD} {_ALWAYS} {pin.__version__} {coal.__version__}".encode())
-    data = model.createData()
-    for q in samples[:_KEY_SAMPLES]:  # joints are known by where they bring their bodies
-        pin.forwardKinematics(model, data, q)
-        state.update(b"".join(placement.homogeneous.tobytes() for placement in data.oMi))
-    for part in geometry.geometryObjects:
-        state.update(f"{part.name} {part.parentJoint} ".encode() + part.placement.homogeneous.tobytes())
-        state.update(_content(part.geometry))
-    state.update(np.array([(pair.first, pair.second) for pair in geometry.collisionPairs]).tobytes())
-    state.update(str(samples.shape).encode() + samples.tobytes())
-    return state.hexdigest()
-
-
-def _content(shape: coal.CollisionGeometry) -> bytes:
-    """Return the bytes of a shape's kind, sizes and corners."""
-    kind = type(shape).__name__.encode()
-    if isinstance(shape, coal.ConvexBase):
-        return kind + np.asarray(shape.points()).tobytes()
-    if isinstance(shape, coal.BVHModelBase):
-        triangles = [tuple(shape.tri_indices(k)[i] for i in range(3)) for k in range(shape.num_tris)]
-        return kind + np.asarray(shape.vertices()).tobytes() + np.array(triangles).tobytes()
-    sizes = (getattr(shape, name, 0.0) for name in ("halfSide", "radius", "halfLength", "radii"))
-    return kind + b"".join(np.asarray(size, dtype=np.float64).tobytes() for size in sizes)
 
 
 def drop_fixed_pairs(geometry: pin.GeometryModel) -> None:

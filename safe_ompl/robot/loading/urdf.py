@@ -10,20 +10,19 @@ import math
 import os
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from functools import cached_property
 from pathlib import Path
+from xml.parsers import expat
 
 import coal
 import pinocchio as pin
 
 from safe_ompl.common import InputError
 from safe_ompl.robot.joint_tables import Mimic
-from safe_ompl.robot.loading.packages import PackageFolders
 
-_XACRO_TAG = re.compile(r"\{[^}]*xacro[^}]*\}")
-_PREFIX = re.compile(r"[\s<]([A-Za-z_][\w.-]*):[A-Za-z_]")
 _EXPRESSION = re.compile(r"\$[{(][^})]*[})]")
 _SIZES = {  # attributes of each shape, and how many positive numbers they hold
     "box": {"size": 3},
@@ -34,33 +33,97 @@ _SIZES = {  # attributes of each shape, and how many positive numbers they hold
 _MESH = "mesh"
 _MOVING = ("revolute", "continuous", "prismatic", "planar")
 _PACKAGE = "package://"
+_MANIFEST = "package.xml"
+
+
+class PackageFolders:
+    """Where the files that a URDF names may be: beside it, in folders that are given, and in packages.
+
+    Packages are folders with a manifest: those given, above the URDF, beside those above it, and where ROS looks.
+    Folders that are given are packages, hold packages, or hold folders of packages. ROS looks in the folders of the
+    environment variables ROS_PACKAGE_PATH (ROS 1) and AMENT_PREFIX_PATH (ROS 2), in the latter below `share`.
+    """
+
+    def __init__(self, urdf: Path, given: Sequence[Path]) -> None:
+        self._urdf, self._given = urdf, tuple(given)
+
+    def find(self, mesh: str) -> Path | None:
+        """Return the file of a mesh by its name in the URDF, or None if there is none."""
+        packaged, name = mesh.startswith(_PACKAGE), re.sub("^(package|file)://", "", mesh)
+        package, _, file = name.partition("/")
+        if not packaged:
+            places = [folder / name for folder in (self._urdf.parent, *self._given)]
+        else:
+            places = [folder / name.lstrip("/") for folder in (*self._given, *self._urdf.parents)]
+            # Without a package it is a path, whole or below one of the folders.
+            places += [folder / file for folder in self.named(package)] if package else [Path(name)]
+        return next((place for place in places if place.is_file()), None)
+
+    def named(self, package: str) -> list[Path]:
+        """Return the folders of a package, the nearest first."""
+        return self._by_name.get(package, [])
+
+    @cached_property
+    def _by_name(self) -> dict[str, list[Path]]:
+        found: dict[str, list[Path]] = {}
+        for folder in dict.fromkeys(self._places()):
+            with suppress(ElementTree.ParseError, OSError):  # a folder without a manifest, or a broken one
+                name = parsed(folder / _MANIFEST).findtext("name", "").strip()
+                found.setdefault(name, []).append(folder)
+        return found
+
+    def _places(self) -> Iterator[Path]:
+        for folder in self._given:
+            yield from _two_levels(folder)
+        for above in self._urdf.parents:
+            yield above
+            yield from _folders_in(above)
+        for folder in (*_variable("ROS_PACKAGE_PATH"), *(p / "share" for p in _variable("AMENT_PREFIX_PATH"))):
+            yield from _two_levels(folder)
+
+
+def _variable(name: str) -> list[Path]:
+    return [Path(folder) for folder in os.environ.get(name, "").split(os.pathsep) if folder]
+
+
+def _two_levels(root: Path) -> Iterator[Path]:
+    yield root
+    for folder in _folders_in(root):
+        yield folder
+        yield from _folders_in(folder)
+
+
+def _folders_in(folder: Path) -> list[Path]:
+    try:
+        with os.scandir(folder) as entries:
+            return sorted(Path(entry.path) for entry in entries if entry.is_dir())
+    except OSError:  # not ours to read: packages of a robot are not there
+        return []
 
 
 def parsed(path: Path) -> ElementTree.Element:
-    """Return the outermost tag of a URDF, whose name spaces need not be declared: many leave out `drake:`.
+    """Return the outermost tag of a URDF, with name spaces as they are written; raise ParseError if it is not XML.
 
-    Raises ParseError if it is not XML, or uses xacro's name space, which says that it is not a URDF yet.
+    Many URDFs do not declare `drake:` or others, which ElementTree's own parser refuses.
     """
+    tree, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = tree.start, tree.end
+    parser.CharacterDataHandler = tree.data
     try:
-        return ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        text = path.read_text(encoding="utf-8", errors="replace")
-        if "unbound prefix" not in str(error) or "<xacro:" in text:
-            raise
-    unknown = {prefix for prefix in _PREFIX.findall(text) if not f"{prefix}:".startswith(("xml:", "xmlns:"))}
-    unknown = {prefix for prefix in unknown if f"xmlns:{prefix}=" not in text}
-    declared = " ".join(f'xmlns:{prefix}="{prefix}"' for prefix in sorted(unknown))
-    return ElementTree.fromstring(re.sub(r"<robot\b", f"<robot {declared}", text, count=1).encode())
+        parser.Parse(path.read_bytes(), True)
+    except expat.ExpatError as error:
+        raise ElementTree.ParseError(str(error)) from None
+    return tree.close()
 
 
-def xacro_evidence(root: ElementTree.Element) -> str | None:
+def _xacro_evidence(root: ElementTree.Element) -> str | None:
     """Return one of xacro's tags that `root` holds, or an expression in what describes links and joints; or None.
 
     A declared name space alone says nothing: xacro leaves it in what it writes.
     """
     for element in root.iter():
-        if isinstance(element.tag, str) and _XACRO_TAG.match(element.tag):
-            return f"<xacro:{element.tag.partition('}')[2]}>"
+        if element.tag.startswith("xacro:"):
+            return f"<{element.tag}>"
     for part in (part for part in root if part.tag in ("link", "joint")):
         for text in (text for element in part.iter() for text in element.attrib.values()):
             expression = _EXPRESSION.search(text)
@@ -78,7 +141,7 @@ def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]
     from xacro import substitution_args
 
     def find(package: str) -> str:
-        folder = next(packages.named(package), None)
+        folder = next(iter(packages.named(package)), None)
         if folder is None:
             raise InputError(f"package {package!r} not found; give the folder above it as a package dir")
         return str(folder)
@@ -94,23 +157,20 @@ def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]
 
 def _read(
     path: Path, source: str, packages: PackageFolders, arguments: Mapping[str, str] | None
-) -> tuple[ElementTree.Element, bool]:
-    """Return the outermost tag of a URDF, and whether xacro has expanded it."""
+) -> ElementTree.Element:
+    """Return the outermost tag of a URDF, which xacro has expanded if it had to be."""
     try:
         root = parsed(path)
-        evidence = xacro_evidence(root)
     except ElementTree.ParseError as error:
-        text = path.read_text(encoding="utf-8", errors="replace")
-        if "unbound prefix" not in str(error) or "<xacro:" not in text:
-            raise InputError(f"not well-formed XML ({error})", source) from None
-        evidence = "xacro's tags"
+        raise InputError(f"not well-formed XML ({error})", source) from None
+    evidence = _xacro_evidence(root)
     if evidence is None:
         if arguments:
             raise InputError(f"holds no xacro that could take the arguments {', '.join(arguments)}", source)
-        return root, False
+        return root
     if arguments is not None:
         with suppress(ModuleNotFoundError):
-            return _expanded(path, packages, arguments), True
+            return _expanded(path, packages, arguments)
     raise InputError(
         f"a xacro file, not yet a URDF (it holds {evidence}); `pip install xacro`, and it is expanded", source
     )
@@ -240,14 +300,12 @@ class UrdfFile:
         self, path: str | Path, package_dirs: Sequence[str | Path] = (), xacro_args: Mapping[str, str] | None = None
     ) -> None:
         self.path = existing_file(path, "URDF")
-        given = [Path(folder) for folder in package_dirs]
-        for folder in given:
+        folders = [Path(folder).resolve() for folder in package_dirs]
+        for folder in folders:
             if not folder.is_dir():
                 raise InputError(f"package folder {str(folder)!r} does not exist", str(path))
-        self.package_dirs = [str(folder.resolve()) for folder in (*given, *self.path.parents)]
-        self._given = [folder.resolve() for folder in given]
-        self._packages = PackageFolders(self.path, self._given)
-        self._root, self._from_xacro = _read(self.path, str(path), self._packages, xacro_args)
+        self._packages = PackageFolders(self.path, folders)
+        self._root = _read(self.path, str(path), self._packages, xacro_args)
         if self._root.tag != "robot":
             raise InputError(f"not a URDF: the outermost tag is <{self._root.tag}>, not <robot>", str(path))
         if self._root.find("link") is None:
@@ -276,7 +334,7 @@ class UrdfFile:
         loader = coal.MeshLoader(coal.BV_OBBRSS if queried else coal.BV_OBB)  # faster to build
         try:
             geometry = pin.buildGeomFromUrdfString(
-                model, self._readable_text, kind, package_dirs=self.package_dirs, mesh_loader=loader
+                model, self._readable_text, kind, package_dirs=[], mesh_loader=loader
             )
         except (ValueError, RuntimeError) as error:
             reason = str(error).partition("message: ")[2].partition("Hint:")[0] or _first_line(error)
@@ -291,7 +349,7 @@ class UrdfFile:
         for link in self._root.iterfind("link"):
             for mesh in link.iterfind(f"{tag}/geometry/mesh"):
                 name = mesh.get("filename", "")
-                file = self._found(name)
+                file = self._packages.find(name)
                 if file is None:
                     raise InputError(
                         f"link {link.get('name')!r}: {tag} mesh {name!r} not found; "
@@ -301,13 +359,9 @@ class UrdfFile:
                 found[name] = file
         return found
 
-    def source(self, text: str) -> str:
-        """Return the text of the URDF: that of its file, or what xacro made of it."""
-        return self.renamed({}) if self._from_xacro else text
-
-    def renamed(self, meshes: Mapping[str, str]) -> str:
-        """Return the text of the URDF with other names for some of its meshes."""
-        return _text(_copied(self._root), lambda name: meshes.get(name, name))
+    def text(self, meshes: Mapping[str, str] | None = None) -> str:
+        """Return the text of the URDF, expanded, with other names for some of its meshes."""
+        return _text(self._root, meshes or {})
 
     def links_with(self, tag: str) -> frozenset[str]:
         """Return the links that have "collision" or "visual" shapes."""
@@ -325,38 +379,23 @@ class UrdfFile:
                 )
         return found
 
-    def _found(self, mesh: str) -> Path | None:
-        """Return the file of a mesh: in a package, beside the URDF, or below a folder that is given."""
-        if not mesh.startswith(_PACKAGE):
-            name = mesh.removeprefix("file://")
-            places = [os.path.join(folder, name) for folder in (self.path.parent, *self._given)]
-        else:
-            name = mesh.removeprefix(_PACKAGE)
-            places = [os.path.join(folder, name.lstrip("/")) for folder in self.package_dirs]
-            if name.startswith("/"):  # no package: below one of the folders, or a path
-                places.append(name)
-        file = next((Path(place) for place in places if os.path.isfile(place)), None)
-        return self._packages.resolve(mesh) if file is None and mesh.startswith(_PACKAGE) else file
-
     @cached_property
     def _readable_text(self) -> str:
         """The URDF as the parser can read it: capsules in its terms, and meshes by the paths of their files.
 
         It is made from what was read at first: whatever is built from it is of one state of the file.
         """
-        root = _copied(self._root)
+        root = deepcopy(self._root)
         make_readable(root)
-        return _text(root, lambda name: str(self._found(name) or name))
+        names = {mesh.get("filename", "") for mesh in root.iterfind("link/*/geometry/mesh")}
+        return _text(root, {name: str(self._packages.find(name) or name) for name in names})
 
 
-def _copied(root: ElementTree.Element) -> ElementTree.Element:
-    return ElementTree.fromstring(ElementTree.tostring(root))  # in half the time of deepcopy
-
-
-def _text(root: ElementTree.Element, place: Callable[[str], str]) -> str:
-    """Return the text of a URDF after its meshes got other names."""
+def _text(root: ElementTree.Element, meshes: Mapping[str, str]) -> str:
+    root = deepcopy(root)
     for mesh in root.iterfind("link/*/geometry/mesh"):
-        mesh.set("filename", place(mesh.get("filename", "")))
+        name = mesh.get("filename", "")
+        mesh.set("filename", meshes.get(name, name))
     return ElementTree.tostring(root, encoding="unicode")
 
 

@@ -16,7 +16,7 @@ XACRO = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
     ("text", "evidence"),
     [
         (XACRO.format('<xacro:include filename="a"/>'), "<xacro:include>"),
-        ('<robot name="x"><xacro:macro name="m"/></robot>', "xacro's tags"),
+        ('<robot name="x"><xacro:macro name="m"/></robot>', "<xacro:macro>"),
         ('<robot name="x"><link name="${prefix}base"/></robot>', r"\$\{prefix\}"),
         ('<robot name="x"><link name="b"><visual><origin xyz="$(arg x) 0 0"/></visual></link></robot>', r"\$\(arg x\)"),
     ],
