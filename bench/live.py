@@ -112,14 +112,13 @@ def simulation(
     place: int,
     policy: str,
     *,
-    monitored: bool = True,
     count: int = 20,
-    reach: CalibratedReach | None = None,
+    reach: str | None = None,
     near: bool = False,
     gate: float | None = None,
     tick: float = TICK,
 ) -> Simulation:
-    """Return the simulation of one clip at one place; with a reach of the limbs that were calibrated.
+    """Return the simulation of one clip at one place; with a reach file of the limbs that were calibrated.
 
     Key points that are faster than the gate [m/s] are glitches; a reach has a gate of its own. People are measured, and
     commands given, at every tick [s], and a command holds two fifths of a tick after its measurement.
@@ -130,27 +129,25 @@ def simulation(
     pose = places(recording, count, seed=sum(map(ord, file.stem + clip)), near=near)[place]
     tracker = Tracker(recording.skeleton, TrackedBody(), pose, gate=gate)
     if reach is not None:
-        tracker = replace(tracker, body=TrackedBody(only=reach.limbs), gate=reach.gate)
-    people = People(speed=1.6, speeds=HANDS, contact=policy == "contact")
+        calibrated = CalibratedReach.load(reach)
+        tracker = replace(tracker, body=TrackedBody(only=calibrated.limbs), gate=calibrated.gate)
+    people = People(speed=1.6, speeds=HANDS, contact=policy == "contact", reach=reach)
     replanner = POLICIES[policy](
         robot,
         scenario.scene,
         {"operator": tracker},
         people=people,
-        options=ReplanningOptions(reach, tick, detours=policy in OURS, retreats=policy in OURS[:2]),
+        options=ReplanningOptions(tick, detours=policy in OURS, retreats=policy in OURS[:2]),
     )
     limits = RateLimits.of(robot, acceleration=ACCELERATIONS["panda"])
     ways = to_and_fro(scenario, robot, limits, replanner.prover)
     operator, faults = Playback(recording, tracker), Faults(latency=_LATENCY * tick)
-    one = Simulation(replanner, ways, {"operator": operator}, faults=faults, monitored=monitored)
-    if monitored:
-        one.monitor = TouchJudge(robot, replanner.surroundings.still, people, tracker.body.height)
+    one = Simulation(replanner, ways, {"operator": operator}, faults=faults)
+    one.monitor = TouchJudge(robot, replanner.surroundings.still, people, tracker.body.height)
     return one
 
 
-def run(
-    job: tuple[Path, str, int, str, float, int, CalibratedReach | None, bool, float | None, float],
-) -> dict[str, Any]:
+def run(job: tuple[Path, str, int, str, float, int, str | None, bool, float | None, float]) -> dict[str, Any]:
     """Run one simulation, and return its summary."""
     file, clip, place, policy, seconds, *how = job
     logging.disable(logging.WARNING)
@@ -209,7 +206,8 @@ def show(report: Report, rows: list[dict[str, Any]]) -> None:
 
 def memory(report: Report, file: Path, clip: str, minutes: float) -> None:
     """Report how memory grows over so many minutes of simulation, after the first one."""
-    one = simulation(file, clip, 0, "ours", monitored=False)
+    one = simulation(file, clip, 0, "ours")
+    one.monitor = None
     per_minute = round(60 / one.replanner.tick)
     first = 0.0
     for k, _ in enumerate(one.ticks(60 * minutes)):
@@ -249,12 +247,11 @@ def main(options: argparse.Namespace, report: Report) -> int:
     """Run what the options choose."""
     if options.gate is not None and options.reach is not None:
         raise SystemExit("--gate: a reach has a gate of its own")
-    reach = None if options.reach is None else CalibratedReach.load(options.reach)
     chosen = situations(options.folder, options.clips, options.places, options.sample, options.seed)
     if options.memory:
         memory(report, chosen[0][0], chosen[0][1], options.memory)
         return 0
-    how = (options.seconds, options.places, reach, options.near, options.gate, options.tick)
+    how = (options.seconds, options.places, options.reach, options.near, options.gate, options.tick)
     jobs = [(*situation, policy, *how) for situation in chosen for policy in options.policies.split(",")]
     if options.jobs == 1:
         rows = [run(job) for job in jobs]

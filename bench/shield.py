@@ -39,8 +39,7 @@ from safe_ompl.common import FloatArray
 from safe_ompl.geometry import placed
 from safe_ompl.people import Recording, Surroundings, TrackedBody
 from safe_ompl.people.replanning import PathLimits, ReplanningOptions
-from safe_ompl.people.simulation import ContactMonitor, Walker, World
-from safe_ompl.people.simulation.movers import Playback, limb_solids
+from safe_ompl.people.simulation import ContactMonitor, Playback, Solid, Walker, World, limb_solids
 from safe_ompl.scene import find_scenario
 
 CLAIM = "the shield lets no proposal touch people while the robot moves; what other filters do"
@@ -140,7 +139,7 @@ class Clamped(Tracked):
         self._monitor, self._tracker, self._near, self._far = ContactMonitor(robot), tracker, near, far
 
     def velocity(self, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> FloatArray:
-        distance = self._monitor.nearest(q, limb_solids("operator", *_limbs(self._tracker, seen))).distance
+        distance = self._monitor.nearest(q, _limbs(self._tracker, seen)).distance
         share = float(np.clip((distance - self._near) / (self._far - self._near), 0.0, 1.0))
         return share * super().velocity(q, chunk, seen)
 
@@ -157,11 +156,10 @@ class Barrier(Tracked):
         self._bodies = robot.collision_model.copy()
         self._bodies.removeAllCollisionPairs()
         links = [k for k, body in enumerate(self._bodies.geometryObjects) if body.parentJoint]
-        names, _, radii = _limbs(tracker, np.zeros((len(tracker.skeleton.points), 3)))
         self._limbs, self._shapes = [], []
-        for name, radius in zip(names, radii.tolist(), strict=True):
-            shape = pin.hppfcl.Capsule(radius, 0.1)
-            limb = self._bodies.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), shape))
+        for solid in _limbs(tracker, np.zeros((len(tracker.skeleton.points), 3))):
+            shape = pin.hppfcl.Capsule(solid.geometry.radius, 0.1)
+            limb = self._bodies.addGeometryObject(pin.GeometryObject(solid.limb, 0, pin.SE3.Identity(), shape))
             self._limbs.append(limb)
             self._shapes.append(shape)
             for link in links:
@@ -171,9 +169,7 @@ class Barrier(Tracked):
         self._task = pink.tasks.PostureTask(cost=1.0)
 
     def velocity(self, q: FloatArray, chunk: FloatArray, seen: FloatArray) -> FloatArray:
-        for solid, limb, shape in zip(
-            limb_solids("operator", *_limbs(self._tracker, seen)), self._limbs, self._shapes, strict=True
-        ):
+        for solid, limb, shape in zip(_limbs(self._tracker, seen), self._limbs, self._shapes, strict=True):
             self._bodies.geometryObjects[limb].placement = solid.placement
             shape.halfLength = getattr(solid.geometry, "halfLength", 0.0)
         model = self._robot.shared.model
@@ -198,11 +194,10 @@ class Barrier(Tracked):
         return np.asarray(velocity[planned])
 
 
-def _limbs(tracker: Tracker, seen: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Return names, ends and radii of the limbs of a person whose key points (J, 3) were seen."""
+def _limbs(tracker: Tracker, seen: FloatArray) -> list[Solid]:
+    """Return the limbs of a person whose key points (J, 3) were seen."""
     points = placed(tracker.place.se3, tracker.skeleton.keypoints(seen))
-    ends = tracker.body.ends(tracker.body.completed(points)[0])
-    return tracker.body.limbs, ends, tracker.body.radii(ends)
+    return limb_solids("operator", tracker.body, tracker.body.completed(points)[0])
 
 
 def filters(robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray) -> Mapping[str, Callable[[], Any]]:

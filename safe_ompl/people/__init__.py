@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from safe_ompl.people.calibration import Calibration, calibrate
     from safe_ompl.people.reach import CalibratedReach, ReachSets, limb_lines
     from safe_ompl.people.skeletons import (
+        HEIGHT,
         KEYPOINTS,
         PELVIS,
         Recording,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "HEIGHT",
     "KEYPOINTS",
     "PELVIS",
     "CalibratedReach",

@@ -258,7 +258,7 @@ class ObjectTrack:
 
 
 class Surroundings:
-    """All people and objects that move around a robot, each with its track; parameters as of `Replanner`.
+    """All people and objects that move around a robot, each with its track; parameters as of `Guard`.
 
     Attributes
     ----------
@@ -271,16 +271,12 @@ class Surroundings:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        trackers: Mapping[str, Tracker],
-        objects: Mapping[str, float],
-        people: People,
-        reach: CalibratedReach | None = None,
+        self, scene: Scene, trackers: Mapping[str, Tracker], objects: Mapping[str, float], people: People
     ) -> None:
         for name in trackers:
             if name in objects:
                 raise InputError(f"{name!r} is a person and an object: give one of both", "objects")
+        reach = None if people.reach is None else CalibratedReach.load(people.reach)
         self.people = {name: PersonTrack(name, how, people, reach) for name, how in trackers.items()}
         self.objects = {name: _track(scene[name], speed) for name, speed in objects.items()}
         self.shapes = {name: scene[name].shape for name in objects}

@@ -8,7 +8,7 @@ from numba import njit
 from safe_ompl import RateLimits, time_path
 from safe_ompl.geometry.kernels import hull_gaps
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning import Around, GuardedPath, RobotBodies, StopMotion
+from safe_ompl.people.replanning import Around, GuardedPath, PathLimits, RobotBodies, StopMotion
 
 
 @njit
@@ -56,7 +56,8 @@ def rotation_to(axis):
 @pytest.fixture(scope="module")
 def path(panda):
     way = [[-1.0, 0, 0, -2.0, 0, 2.2, 0.785], [1.0, -0.3, 0, -1.8, 0, 2.2, 0.785]]
-    return GuardedPath.of(RobotBodies(panda), time_path(way, panda, RateLimits.of(panda, acceleration=10.0)))
+    trajectory = time_path(way, panda, RateLimits.of(panda, acceleration=10.0))
+    return GuardedPath.along(RobotBodies(panda), trajectory.curve, PathLimits.of(trajectory))
 
 
 def sets(at, growth=((0.0, 1.6),)):

@@ -18,23 +18,22 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
-from safe_ompl.io import TickLog, TicksFile, ticks_header
-from safe_ompl.people import PELVIS, CalibratedReach, Recording, TrackedBody, Tracker, facing
+from safe_ompl.io import TickLog, TicksFile
+from safe_ompl.people import HEIGHT, PELVIS, CalibratedReach, Recording, TrackedBody, Tracker, facing
 from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation import (
     ALL_KEYPOINTS,
     ContactMonitor,
     Drifting,
     Faults,
-    ObjectMover,
     PersonMover,
     Playback,
-    Resting,
     Simulation,
-    Solid,
     Summary,
     Walker,
+    part_solids,
 )
 from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
@@ -42,7 +41,15 @@ from safe_ompl.scene import People, Scenario, Scene
 from safe_ompl.trajectories import RateLimits, Trajectory, time_path
 from safe_ompl.view import read_recording, save_page
 
+_log = logging.getLogger(__name__)
 _PLANNER = "SafeRRTConnect"
+RANDOM = "random"
+_NO_PLACE = "the scenario has no person whose place could be taken: say where"
+CLIP = "clip_0"
+_BALL = 0.05  # [m] radius
+_AROUND, _BASE = 1.5, 0.25  # [m] largest and least distance of the balls from the robot's base at first
+_APART = 0.3  # [m] between them and the robot at first
+_TRIES = 1000
 
 
 def add_commands(commands: Any) -> None:
@@ -99,12 +106,6 @@ def add_reach(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def reach_of(people: People | None, options: argparse.Namespace) -> CalibratedReach | None:
-    """Return the calibrated reach that the options name, or else the scenario's people; None: there is none."""
-    file = options.reach or (None if people is None else people.reach)
-    return None if file is None else CalibratedReach.load(file)
-
-
 def add_mcap(parser: argparse.ArgumentParser) -> None:
     """Add the log that Foxglove opens."""
     option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)", output.LOG)
@@ -117,11 +118,12 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     latency = min(Faults.latency, options.tick)
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
-    people = people_who_move(scenario)
-    reach, found = reach_of(people, options), choose_actors(scenario, robot, people, options)
-    if reach is not None:
+    people = people_who_move(scenario, options)
+    found = choose_actors(scenario, robot, people, options)
+    if people.reach is not None:
+        gate = CalibratedReach.load(people.reach).gate
         for mover in found.people.values():
-            mover.tracker = replace(mover.tracker, gate=reach.gate)
+            mover.tracker = replace(mover.tracker, gate=gate)
     setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
     output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
     replanner = Replanner(
@@ -130,7 +132,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         found.trackers,
         found.speeds,
         people=people,
-        options=ReplanningOptions(reach, tick=options.tick),
+        options=ReplanningOptions(tick=options.tick),
         prover=setup.motion_prover,
     )
     return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
@@ -152,14 +154,14 @@ def _drive(
         return 1
     ways = [timed_way(way, replanner.robot, replanner.prover, scenario) for way in (result.path, result.path[::-1])]
     simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)
-    around = replanner.surroundings.scene
-    header = ticks_header(replanner.tick, replanner.robot, around, replanner.surroundings.description())
+    header = replanner.log_header()
     with ExitStack() as stack:
         logs: list[TickLog] = [stack.enter_context(closing(TicksFile(folder / "ticks.jsonl", header)))]
         if options.mcap is not None:
             from safe_ompl.apps.exchange import McapLog  # needs the extra
 
-            logs.append(stack.enter_context(closing(McapLog(options.mcap, header, replanner.robot, around))))
+            mcap = McapLog(options.mcap, header, replanner.robot, replanner.surroundings.scene)
+            logs.append(stack.enter_context(closing(mcap)))
         bar = stack.enter_context(output.progress_bar(output.error_console()))
         ticks = stack.enter_context(closing(simulation.ticks(options.seconds)))
         number = round(options.seconds / options.tick)
@@ -222,14 +224,7 @@ def _place(text: str) -> Pose:
     return Pose((x, y, z), (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))
 
 
-_log = logging.getLogger(__name__)
-
-RANDOM = "random"
-CLIP = "clip_0"
-_BALL = 0.05  # [m] radius
-_AROUND, _BASE = 1.5, 0.25  # [m] largest and least distance of the balls from the robot's base
-_APART = 0.3  # [m] between them and the robot at first
-_TRIES = 1000
+# ------------------------------------------------------------------------------------------------ people and things
 
 
 @dataclass
@@ -237,9 +232,8 @@ class Actors:
     """People and objects that move."""
 
     scene: Scene  # The scenario's, with the balls that fly about
-    # By the name of the person that each replaces
-    people: dict[str, PersonMover] = field(default_factory=dict)
-    objects: dict[str, ObjectMover] = field(default_factory=dict)  # By obstacle
+    people: dict[str, PersonMover] = field(default_factory=dict)  # By the name of the person that each replaces
+    objects: dict[str, Drifting] = field(default_factory=dict)  # By obstacle
     speeds: dict[str, float] = field(default_factory=dict)  # Bounds of the speeds of the objects [m/s]
 
     @property
@@ -257,49 +251,30 @@ class Actors:
 def choose_actors(scenario: Scenario, robot: Robot, people: People, options: argparse.Namespace) -> Actors:
     """Return the people and objects that the options name, and those that may move by the scenario's limits."""
     found = Actors(scenario.scene)
+    base = np.asarray(robot.keypoints(scenario.start_configuration(robot))[0])
     if options.people is None:
         arguments.refuse(options, ("clip", "place", "topic", "skeleton"), "there is nobody: give --people")
         if not options.movers:
             raise InputError("nobody and nothing moves: give a file of recordings or random", "--people")
-    elif (number := _random_count(options.people)) is None:
-        name, mover = _recorded(scenario, options)
-        found.people[name] = mover
+    elif options.people.partition(":")[0] == RANDOM:
+        arguments.refuse(options, ("clip", "topic", "skeleton"), f"is for recordings, not for {options.people!r}")
+        found.people.update(_walkers(scenario, base, people, options))
     else:
-        why = f"is for recordings, not for {options.people!r}"
-        arguments.refuse(options, ("clip", "topic", "skeleton"), why)
-        found.people.update(_walkers(scenario, robot, people, number, options))
+        found.people.update(_recorded(scenario, options))
     if scenario.limits.moving is not None:
         for name, speed in scenario.limits.moving.speeds.items():
             if name not in scenario.scene.names:
                 raise UnknownNameError("obstacle", name, scenario.scene.names, "limits.moving.speeds")
             if name not in found.people:
-                found.objects[name] = Resting(scenario.scene[name].pose.se3)
+                found.objects[name] = Drifting(scenario.scene[name].pose.se3)
                 found.speeds[name] = speed
-    _add_balls(found, robot, scenario.start_configuration(robot), options)
+    _add_balls(found, robot, scenario.start_configuration(robot), base, options)
     return found
 
 
-def _random_count(text: str) -> int | None:
-    """Return how many people `random` or `random:N` asks for; None: it is a file."""
-    word, colon, number = text.partition(":")
-    if word != RANDOM:
-        return None
-    if not colon:
-        return 1
-    if not number.isdecimal() or int(number) < 1:
-        raise InputError(f"must be {RANDOM}:N with a whole number N of at least 1, not {text!r}", "--people")
-    return int(number)
-
-
-def _persons(scenario: Scenario) -> list[Obstacle]:
-    return [obstacle for obstacle in scenario.scene if isinstance(obstacle.shape, Person)]
-
-
-def _body_of(persons: list[Obstacle]) -> TrackedBody:
-    """Return a body as tall as the first of some persons."""
-    shape = persons[0].shape if persons else Person()
-    assert isinstance(shape, Person)
-    return TrackedBody(shape.height)
+def _persons(scenario: Scenario) -> list[tuple[str, Pose, float]]:
+    """Return names, places and heights of the people of a scenario."""
+    return [(one.name, one.pose, one.shape.height) for one in scenario.scene if isinstance(one.shape, Person)]
 
 
 def _free_name(word: str, taken: tuple[str, ...]) -> str:
@@ -309,41 +284,32 @@ def _free_name(word: str, taken: tuple[str, ...]) -> str:
     return name
 
 
-# ---------------------------------------------------------------------------------------------------- people
-
-
-def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Playback]:
-    """Return the person who plays the recording."""
+def _recorded(scenario: Scenario, options: argparse.Namespace) -> dict[str, PersonMover]:
+    """Return the person who plays the recording, in the place of the scenario's first one if there is one."""
     if not arguments.is_bag(options.people) and not Path(options.people).is_file():
         raise InputError(
             f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}", "--people"
         )
-    recording = _recording(options)
-    persons = _persons(scenario)
-    body, name = _body_of(persons), _free_name("person", scenario.scene.names)
-    if options.place is not None:
-        place = options.place
-    elif persons:
-        place = _instead_of(persons[0].pose, recording, body)
-    else:
-        raise InputError("the scenario has no person whose place could be taken: say where", "--place")
-    tracker = Tracker(recording.skeleton, body, place, options.noise)
-    return (persons[0].name if persons else name), Playback(recording, tracker, options.faster)
-
-
-def _recording(options: argparse.Namespace) -> Recording:
-    """Return the recording that the options name."""
     if arguments.is_bag(options.people):
         output.need_extra("mcap", "--people")
-        from safe_ompl.apps.exchange import PeopleSource, read_people  # needs the extra
+        from safe_ompl.apps.exchange import read_people  # needs the extra
 
-        return read_people(options.people, PeopleSource(options.topic, options.clip, options.skeleton))
-    arguments.refuse(options, ("topic", "skeleton"), f"is for bags, not for {options.people!r}")
-    return Recording.load(options.people, options.clip or CLIP)
+        recording = read_people(options.people, options.topic, options.clip, options.skeleton)
+    else:
+        arguments.refuse(options, ("topic", "skeleton"), f"is for bags, not for {options.people!r}")
+        recording = Recording.load(options.people, options.clip or CLIP)
+    recording = replace(recording, rate=options.faster * recording.rate)
+    name, stands, height = next(iter(_persons(scenario)), (_free_name("person", scenario.scene.names), None, HEIGHT))
+    body, place = TrackedBody(height), options.place
+    if place is None and stands is None:
+        raise InputError(_NO_PLACE, "--place")
+    if place is None:
+        place = _instead_of(stands, recording, body)
+    return {name: Playback(recording, Tracker(recording.skeleton, body, place, options.noise))}
 
 
-def _instead_of(pose: Pose, recording: Recording, body: TrackedBody) -> Pose:
-    """Return the pose of a recording that puts its first frame where a person stands, facing the same way."""
+def _instead_of(pose: Any, recording: Recording, body: TrackedBody) -> Pose:
+    """Return the place of a recording that puts its first frame where a person stands, facing the same way."""
     points, _ = body.completed(recording.skeleton.keypoints(recording.frames[0]))
     turn = pose.se3.rotation @ facing(points).T
     hips = pose.se3.act(body.height * PELVIS)
@@ -351,44 +317,41 @@ def _instead_of(pose: Pose, recording: Recording, body: TrackedBody) -> Pose:
 
 
 def _walkers(
-    scenario: Scenario, robot: Robot, people: People, count: int, options: argparse.Namespace
-) -> dict[str, Walker]:
+    scenario: Scenario, base: FloatArray, people: People, options: argparse.Namespace
+) -> dict[str, PersonMover]:
     """Return people who walk: the first ones replace those of the scenario, the others start at random places."""
+    _, colon, number = options.people.partition(":")
+    if colon and (not number.isdecimal() or int(number) < 1):
+        raise InputError(f"must be {RANDOM}:N with a whole number N of at least 1, not {options.people!r}", "--people")
     persons = _persons(scenario)
-    poses = [options.place] if options.place is not None else [person.pose for person in persons]
-    if not poses:
-        raise InputError("the scenario has no person whose place could be taken: say where", "--place")
+    places = [options.place] if options.place is not None else [place for _, place, _ in persons]
+    if not places:
+        raise InputError(_NO_PLACE, "--place")
     rng = np.random.default_rng(options.seed)
-    base = _base(robot, scenario.start_configuration(robot))
-    centre = np.array([base[0], base[1], poses[0].position[2]])
-    found: dict[str, Walker] = {}
-    for k in range(count):
+    centre = np.array([base[0], base[1], places[0].position[2]])
+    found: dict[str, PersonMover] = {}
+    for k in range(int(number or 1)):
         angle = rng.uniform(-np.pi, np.pi)
         start = centre[:2] + np.array([np.cos(angle), np.sin(angle)])
-        if k < len(poses):
-            start = np.array(poses[k].position[:2])
-        taken = (*scenario.scene.names, *found)
-        name = persons[k].name if k < len(persons) else _free_name("person", taken)
-        tracker = Tracker(ALL_KEYPOINTS, _body_of(persons[k : k + 1]), noise=options.noise)
-        seed = options.seed + k
-        found[name] = Walker(people, centre, start, tracker=tracker, speed=options.faster, seed=seed)
+        if k < len(places):
+            start = np.array(places[k].position[:2])
+        name, height = _free_name("person", (*scenario.scene.names, *found)), HEIGHT
+        if k < len(persons):
+            name, _, height = persons[k]
+        tracker = Tracker(ALL_KEYPOINTS, TrackedBody(height), noise=options.noise)
+        found[name] = Walker(people, centre, start, tracker=tracker, speed=options.faster, seed=options.seed + k)
     return found
 
 
-# ---------------------------------------------------------------------------------------------------- things
-
-
-def _add_balls(found: Actors, robot: Robot, start: FloatArray, options: argparse.Namespace) -> None:
+def _add_balls(found: Actors, robot: Robot, start: FloatArray, base: FloatArray, options: argparse.Namespace) -> None:
     """Add balls that fly around the robot and start away from it."""
-    rng, base = np.random.default_rng([options.seed, 1]), _base(robot, start)
-    monitor = ContactMonitor(robot)
+    rng, monitor = np.random.default_rng([options.seed, 1]), ContactMonitor(robot)
     for _ in range(options.movers):
         for _ in range(_TRIES):
             place = base + rng.uniform(-_AROUND, _AROUND, 3)
             far = np.linalg.norm(place - base)
-            ball = Sphere(_BALL).parts()[0].geometry
-            solid = Solid("", "", ball, pin.SE3(np.eye(3), place))
-            if _BASE < far < _AROUND and monitor.nearest(start, [solid]).distance > _APART:
+            solids = part_solids("", Sphere(_BALL), pin.SE3(np.eye(3), place))
+            if _BASE < far < _AROUND and monitor.nearest(start, solids).distance > _APART:
                 break
         else:
             raise InputError(f"there is no room for {options.movers} balls around the robot", "--movers")
@@ -397,13 +360,9 @@ def _add_balls(found: Actors, robot: Robot, start: FloatArray, options: argparse
         velocity = options.faster * speed * way / np.linalg.norm(way)
         name = _free_name("thing", found.scene.names)
         found.scene = Scene((*found.scene, Obstacle(name, Sphere(_BALL), Pose(tuple(place)))))
-        found.objects[name] = Drifting(place, velocity, base, _AROUND, (base, _BASE))
+        room = np.array([base - _AROUND, base + _AROUND])
+        found.objects[name] = Drifting(pin.SE3(np.eye(3), place), velocity, room)
         found.speeds[name] = options.mover_speed
-
-
-def _base(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return where the skeleton of the robot begins (3,) [m]."""
-    return np.asarray(robot.keypoints(q)[0])
 
 
 # ---------------------------------------------------------------------------------------------------- limits
@@ -438,7 +397,12 @@ def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) ->
     return replace(scenario, scene=still, people=None, limits=limits)
 
 
-def people_who_move(scenario: Scenario) -> People:
-    """Return the scenario's people, whoever is tracked; the larger clearance of theirs and the limits' is kept."""
+def people_who_move(scenario: Scenario, options: argparse.Namespace) -> People:
+    """Return the scenario's people, whoever is tracked, with the larger clearance of theirs and the limits' own.
+
+    A reach that the options name takes the place of theirs.
+    """
     people = scenario.people or People()
-    return replace(people, who=None, clearance=max(people.clearance, scenario.limits.min_clearance))
+    clearance = max(people.clearance, scenario.limits.min_clearance)
+    with document.within("--", separator=""):
+        return replace(people, who=None, clearance=clearance, reach=options.reach or people.reach)

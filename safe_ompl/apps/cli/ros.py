@@ -8,21 +8,19 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import add_mcap, add_reach, limits_of_still, people_who_move, reach_of, timed_way
+from safe_ompl.apps.cli.live import add_mcap, add_reach, limits_of_still, people_who_move, timed_way
 from safe_ompl.apps.cli.plan import describe_timing, timed
 from safe_ompl.apps.exchange import Answer, Cell, ControlOptions, Frames, LiveController, in_metres
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
-from safe_ompl.people import KEYPOINTS, Surroundings, TrackedBody, Tracker, find_skeleton
+from safe_ompl.people import KEYPOINTS, CalibratedReach, Surroundings, TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
@@ -33,7 +31,6 @@ from safe_ompl.trajectories import RateLimits
 _PLANNER = "SafeRRTConnect"
 _NOBODY, _SOMEBODY = "none", "somebody"
 _REHEARSED = 12  # ticks
-_WAIT = 10.0  # [s] for the robot's description
 
 
 def add_commands(commands: Any) -> None:
@@ -61,13 +58,7 @@ def add_commands(commands: Any) -> None:
         ("cloud-radius", 0.02, "of the ball about each point of a cloud [m]"),
     ):
         option(parser, f"--{name} X", what, arguments.limit, usual)
-    option(
-        parser,
-        "--robot-description TOPIC",
-        "take the URDF from this topic, such as /robot_description, and all else of the robot from the scenario",
-    )
     option(parser, "--shield", "follow what comes on the topic `proposal`, as far as it is proven; no goals")
-    option(parser, "--follow ACTION", "also send trajectories to this control_msgs/FollowJointTrajectory")
     add_mcap(parser)
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
@@ -83,13 +74,12 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     output.need_extra("ros")
     output.need_extra("mcap")
-    if options.shield and options.follow is not None:
-        raise InputError("excludes --shield, which commands the same robot", "--follow")
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
-    reach = reach_of(scenario.people, options)
-    trackers = trackers_of(scenario, options, None if reach is None else reach.gate)
+    reach = people_who_move(scenario, options).reach
+    gate = None if reach is None else CalibratedReach.load(reach).gate
+    trackers = trackers_of(scenario, options, gate)
     control = ControlOptions(
-        ReplanningOptions(reach, tick=options.tick, lost_after=options.lost_after),
+        ReplanningOptions(tick=options.tick, lost_after=options.lost_after),
         latency=min(options.latency, options.tick),
         clock_error=options.clock_error,
         tolerance=options.tolerance,
@@ -118,16 +108,13 @@ def trackers_of(scenario: Scenario, options: argparse.Namespace, gate: float | N
 
 def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptions, options: argparse.Namespace) -> int:
     """Start the node, and drive the robot until Ctrl-C."""
-    from safe_ompl.apps.exchange import McapLog, NodeSetup, RosNode, TrajectoryAction, ros_context  # needs the extras
+    from safe_ompl.apps.exchange import McapLog, RosNode, ros_context  # needs the extras
 
-    moving = {} if scenario.limits.moving is None else dict(scenario.limits.moving.speeds)
     around = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
+    robot = scenario.build_robot()
     with ExitStack() as stack:
         node = stack.enter_context(ros_context(options.ros_args))
-        follower = None if options.follow is None else TrajectoryAction(node, options.follow)
-        folder = stack.enter_context(TemporaryDirectory(prefix="safe-ompl-"))
-        robot = _robot(scenario, node, options, Path(folder) / "robot.urdf")
-        cell = cell_of(scenario, robot, trackers, moving, options, control)
+        cell = cell_of(scenario, robot, trackers, options, control)
         rehearse(options, control)
         clock = node.get_clock()
         controller = LiveController(cell, lambda: 1e-9 * clock.now().nanoseconds, control)
@@ -135,42 +122,25 @@ def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptio
         if options.mcap is not None:
             header = ticks_header(options.tick, robot, around, controller.header())
             log = stack.enter_context(closing(McapLog(options.mcap, header, robot, around)))
-        frames = Frames(robot, scenario.frames)
-        ros = RosNode(node, controller, NodeSetup(frames, around.without(*moving), log, follower))
+        ros = RosNode(node, controller, Frames(robot, scenario.frames), around.without(*cell.objects), log)
         name = node.get_fully_qualified_name()
         ros.run(lambda: output.error_console().print(f"{name}: ready; Ctrl-C ends it"))
     return 0
 
 
-def _robot(scenario: Scenario, node: Any, options: argparse.Namespace, file: Path) -> Robot:
-    """Return the scenario's robot, or the one that a topic describes, whose URDF is kept in a file."""
-    if options.robot_description is None:
-        return scenario.build_robot()
-    from safe_ompl.apps.exchange import received_text  # needs the extra
-
-    text = received_text(node, options.robot_description, _WAIT)
-    file.write_text(text, encoding="utf-8")
-    spec = replace(scenario.robot, example=None, urdf=file, package_dirs=tuple(options.package_dir))
-    try:
-        return Robot(spec)
-    except InputError as error:
-        raise InputError(str(error).replace(str(file), "the URDF"), options.robot_description) from None
-
-
 def cell_of(
-    scenario: Scenario,
-    robot: Robot,
-    trackers: dict[str, Tracker],
-    moving: dict[str, float],
-    options: argparse.Namespace,
-    control: ControlOptions,
+    scenario: Scenario, robot: Robot, trackers: dict[str, Tracker], options: argparse.Namespace, control: ControlOptions
 ) -> Cell:
     """Return the robot with its surroundings, and how it is planned there."""
-    people = people_who_move(scenario)
+    people = people_who_move(scenario, options)
+    moving = {} if scenario.limits.moving is None else dict(scenario.limits.moving.speeds)
     still = scenario.scene.without(*(n for n in scenario.scene.names if n in trackers or n in moving))
     limited = limits_of_still(scenario, still, beside_people=bool(trackers))
     setup_scenario(limited, robot)  # what cannot be used is said now
-    Surroundings(scenario.scene, trackers, moving, people, control.replanning.reach)
+    Surroundings(scenario.scene, trackers, moving, people)
+
+    def with_cloud(scene: Scene, cloud: Obstacle | None) -> Scene:
+        return scene if cloud is None else scene.with_obstacles(cloud)
 
     def asked(of: Scenario, scene: Scene, start: FloatArray, goal: FloatArray) -> SafeSetup:
         aim = Goal(configurations=(tuple(goal.tolist()),))
@@ -183,9 +153,9 @@ def cell_of(
         return result
 
     def plan(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Replanner | Shield:
-        setup = asked(limited, _with_cloud(still, cloud), start, goal)
+        setup = asked(limited, with_cloud(still, cloud), start, goal)
         everything = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
-        beside = robot, _with_cloud(everything, cloud), trackers, moving
+        beside = robot, with_cloud(everything, cloud), trackers, moving
         how: dict[str, Any] = {"people": people, "prover": setup.motion_prover}
         if options.shield:
             own = scenario.motion
@@ -209,7 +179,7 @@ def cell_of(
             named = zip(KEYPOINTS, person.keypoints.tolist(), strict=True)
             points = {key: place for key, place in named if key in STANDING}
             scene = scene.with_obstacles(Obstacle(name, Person(person.tracker.body.height, points)))
-        result = planned(asked(scenario, _with_cloud(scene, cloud), start, goal))
+        result = planned(asked(scenario, with_cloud(scene, cloud), start, goal))
         own = scenario.motion
         trajectory = timed(result, scenario, RateLimits.of(robot, own.velocity, own.acceleration, own.jerk))
         clearance = "" if result.report is None else f", at least {1e3 * result.report.clearance.min:.0f} mm away"
@@ -218,28 +188,21 @@ def cell_of(
     return Cell(robot, trackers, moving, plan, request, shielded=options.shield)
 
 
-def _with_cloud(scene: Scene, cloud: Obstacle | None) -> Scene:
-    return scene if cloud is None else scene.with_obstacles(cloud)
-
-
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     """Drive a small robot in memory: that compiles every kernel that a tick calls, whatever the robot."""
-    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=options.shield)
-    replanning = replace(control.replanning, reach=None)  # a calibrated one is of another skeleton
-    control = replace(control, replanning=replanning)
-    motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
+    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=options.shield, reach=None)
     found = Scenario.load(find_scenario("planar2"))
+    motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
     robot, scenario = found.build_robot(), replace(found, motion=motion, people=People(who=(_SOMEBODY,)))
-    cell = cell_of(scenario, robot, {_SOMEBODY: Tracker(ALL_KEYPOINTS)}, {"machine": 0.1}, usual, control)
+    cell = cell_of(scenario, robot, {_SOMEBODY: Tracker(ALL_KEYPOINTS)}, usual, control)
     start, (goal,) = scenario.start_configuration(robot), scenario.goal_configurations(robot)
     cloud = Obstacle("cloud", PointCloud(0.01, points=np.array([[-0.9, -0.9, 0.0]])))
-    body, machine = 1.75 * np.array(list(STANDING.values())), scenario.scene["machine"].pose
-    away = np.array([2.0, 0.0, -0.75])  # and nearer at each tick
-    cell.request(start, goal, {_SOMEBODY: body + away, "machine": machine}, cloud)
+    body = 1.75 * np.array(list(STANDING.values())) + np.array([0.9, 0.0, -0.75])
+    cell.request(start, goal, {_SOMEBODY: body}, cloud)
     pilot = cell.plan(start, goal, cloud)
     for k in range(_REHEARSED):
         time = control.replanning.tick * k
-        pilot.update({_SOMEBODY: body + away - [0.5 * time, 0.0, 0.0]}, {"machine": machine}, time)
+        pilot.update({_SOMEBODY: body - [1.5 * time, 0.0, 0.0]}, {}, time)
         if isinstance(pilot, Replanner):
             pilot.think()
         elif k % 2:

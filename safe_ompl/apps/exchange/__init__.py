@@ -12,10 +12,9 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.apps.exchange import messages
     from safe_ompl.apps.exchange.controller import Answer, Cell, ControlOptions, LiveController
-    from safe_ompl.apps.exchange.mcap_log import McapLog, read_log
+    from safe_ompl.apps.exchange.logs import McapLog, read_joint_log, read_log, read_people
     from safe_ompl.apps.exchange.received import Frames, in_metres
-    from safe_ompl.apps.exchange.recordings import PeopleSource, read_joint_log, read_people
-    from safe_ompl.apps.exchange.ros_node import NodeSetup, RosNode, TrajectoryAction, received_text, ros_context
+    from safe_ompl.apps.exchange.ros_node import RosNode, ros_context
 
 __all__ = [
     "Answer",
@@ -24,16 +23,12 @@ __all__ = [
     "Frames",
     "LiveController",
     "McapLog",
-    "NodeSetup",
-    "PeopleSource",
     "RosNode",
-    "TrajectoryAction",
     "in_metres",
     "messages",
     "read_joint_log",
     "read_log",
     "read_people",
-    "received_text",
     "ros_context",
 ]
 

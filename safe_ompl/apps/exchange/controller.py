@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.apps.exchange.sightings import CloudView, Joints, Sightings, by_name, goal_of
+from safe_ompl.apps.exchange.received import CloudView, Joints, Sightings, by_name, goal_of
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
@@ -37,6 +37,7 @@ from safe_ompl.trajectories import Trajectory
 _log = logging.getLogger(__name__)
 
 _HISTORY = 100  # commands that are kept, to compare measured joints with
+_JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
 _RESTING = 0.01  # [rad/s] joints that are slower stand still
 _ARRIVED = "at the goal"
 _SAME = 1e-6  # [rad or m] a goal that is nearer is reached
@@ -71,14 +72,13 @@ class ControlOptions:
     replanning: ReplanningOptions = field(default_factory=ReplanningOptions)
     latency: float = 0.05  # From a tick until its command holds, at most a tick [s]
     clock_error: float = 0.01  # By which clocks of sensors may differ from the robot's [s]
-    joints_late: float = 0.3  # Without joint states for so long, the robot is stopped [s]
     tolerance: float = 0.05  # How far a joint may be from where it should be [rad or m]
     cloud_radius: float = 0.02  # Of the ball about each point of a cloud [m]
 
     def __post_init__(self) -> None:
         number("latency", self.latency, at_least=0.0, at_most=self.replanning.tick)
         number("clock_error", self.clock_error, at_least=0.0)
-        for key in ("joints_late", "tolerance", "cloud_radius"):
+        for key in ("tolerance", "cloud_radius"):
             number(key, getattr(self, key), above=0.0)
 
 
@@ -86,36 +86,15 @@ class LiveController:
     """Drives a robot to goals.
 
     Call what was measured as it comes, and `tick` at the rate of the options. Methods that take measurements raise
-    InputError for what cannot be used; nothing changes then.
-
-    Parameters
-    ----------
-    cell : Cell
-        Robot and surroundings.
-    clock : callable
-        Returns the time now [s], of the clock of all stamps.
-    options : ControlOptions, optional
-        Rates and tolerances.
-    executor : Executor, optional
-        Where plans are made; default: a thread.
-
-    Attributes
-    ----------
-    command : Command or None
-        What the robot was told last.
-    blocked : str
-        Why the robot must not move, as the caller knows; empty: it may.
+    InputError for what cannot be used; nothing changes then. The `clock` returns the time now [s], of the clock of all
+    stamps; plans are made in the `executor`, by default in a thread. `command` is what the robot was told last,
+    `blocked` says why the robot must not move, as the caller knows (empty: it may).
     """
 
     def __init__(
-        self,
-        cell: Cell,
-        clock: Callable[[], float],
-        options: ControlOptions | None = None,
-        executor: Executor | None = None,
+        self, cell: Cell, clock: Callable[[], float], options: ControlOptions, executor: Executor | None = None
     ) -> None:
-        self.cell, self.options = cell, ControlOptions() if options is None else options
-        self._clock = clock
+        self.cell, self.options, self._clock = cell, options, clock
         self._executor = ThreadPoolExecutor(1) if executor is None else executor
         self._monitor = ContactMonitor(cell.robot)
         self._now = -np.inf
@@ -179,7 +158,7 @@ class LiveController:
 
     def see_cloud(self, time: float, points: FloatArray) -> None:
         """Take points (M, 3) in the world [m]; those of the robot and of tracked people are left out."""
-        if self._joints is None or abs(time - self._joints.time) > self.options.joints_late:
+        if self._joints is None or abs(time - self._joints.time) > _JOINTS_LATE:
             raise InputError("comes without joint states of its time: the robot's own points are not known")
         around = None if self._pilot is None else self._pilot.surroundings
         self._cloud = CloudView.seen(points, self.options.cloud_radius, self.cell.robot, self._joints.q, around)
@@ -203,7 +182,7 @@ class LiveController:
         """Plan a whole trajectory from where the robot stands, for `answer`; a request before it is forgotten."""
         goal = goal_of(self.cell.robot, names, position)
         self._request = None
-        if self._joints is None or self._clock() - self._joints.time > self.options.joints_late:
+        if self._joints is None or self._clock() - self._joints.time > _JOINTS_LATE:
             raise InputError("is not planned: there are no joint states")
         if self.blocked or self._moves():
             raise InputError(f"is not planned: {self.blocked or 'the robot moves'}")
@@ -274,7 +253,7 @@ class LiveController:
         if self.blocked:
             return self.blocked
         late = np.inf if self._joints is None else self._now - self._joints.time
-        if self._joints is None or late > self.options.joints_late:
+        if self._joints is None or late > _JOINTS_LATE:
             return "no joint states yet" if np.isinf(late) else f"no joint states for {late:.2f} s"
         if self._now - self._strangers[0] < self.options.replanning.lost_after:
             return f"{self._strangers[1]!r} is seen, but not tracked"
@@ -415,8 +394,7 @@ class LiveController:
         solids: list[Solid] = []
         for name, person in around.people.items():
             if person.keypoints is not None:
-                body, ends = person.tracker.body, person.tracker.body.ends(person.keypoints)
-                solids += limb_solids(name, body.limbs, ends, body.radii(ends))
+                solids += limb_solids(name, person.tracker.body, person.keypoints)
         for name, thing in around.objects.items():
             solids += part_solids(name, around.shapes[name], thing.pose)
         return around.seen(), solids

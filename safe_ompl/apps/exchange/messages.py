@@ -1,4 +1,4 @@
-"""Messages of ROS 2 as plain data, and their bytes (CDR), without ROS.
+"""Messages of ROS 2 as plain data, and their bytes (CDR), without ROS: what logs and the node write.
 
 A message is a mapping with the keys of its type; what is missing is zero, empty or false. The definitions are those of
 ROS 2 Humble, which later releases share for all types that are used here. Times are whole nanoseconds.
@@ -6,23 +6,31 @@ ROS 2 Humble, which later releases share for all types that are used here. Times
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 from rosbags.typesys import Stores, get_typestore
+
+from safe_ompl.geometry import STANDING, Obstacle, Person, Pose, Triangles
+from safe_ompl.view import RobotBody
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
-POSES = "geometry_msgs/msg/PoseArray"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SECOND = 10**9  # [ns]
 OK, WARN, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
-SPHERE, DELETE_ALL = 2, 3  # type and action of a marker
+WORLD = "world"
+SPHERE, _CYLINDER, _TRIANGLES = 2, 3, 11  # types of markers
+DELETE_ALL = 3  # action of a marker
 _KEYPOINT = 0.05  # [m] diameter of the marker of a key point
+_ROBOT, _STILL, _DANGEROUS = (0.75, 0.78, 0.82), (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
+_LIMB = (0.83, 0.43, 0.29)
+_AROUND = 24  # corners of round shapes
 _NAME, _SEQUENCES = 2, (3, 4)  # kinds of fields in rosbags
 _TYPES = get_typestore(Stores.ROS2_HUMBLE)
 _NUMBERS = {"float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"}
@@ -103,7 +111,7 @@ def colour(values: Sequence[float]) -> Message:
     return {"r": red, "g": green, "b": blue, "a": 1.0}
 
 
-# ---------------------------------------------------------------------------------------------------- messages
+# ------------------------------------------------------------------------------------------------- robot and people
 
 
 def joint_state(time: int, names: Sequence[str], q: ArrayLike, qd: ArrayLike) -> Message:
@@ -123,29 +131,21 @@ def joint_trajectory(time: int, names: Sequence[str], times: Iterable[float], **
     return {"header": header(time), "joint_names": list(names), "points": points}
 
 
-def people_markers(time: int, frame: str, people: Mapping[str, Mapping[str, ArrayLike]]) -> Message:
-    """Return people as a `visualization_msgs/MarkerArray`: one marker for each key point, after one that deletes all.
+def people_markers(time: int, people: Mapping[str, Mapping[str, ArrayLike]]) -> Message:
+    """Return people as a `visualization_msgs/MarkerArray`: one marker for each key point that is seen.
 
     The namespace is the person, the id the number of the key point in its skeleton, the text its name.
     """
-    markers: list[Message] = [{"header": header(time, frame), "action": DELETE_ALL}]
+    found = {}
     for who, points in people.items():
-        for k, (name, place) in enumerate(points.items()):
-            if not np.isfinite(np.asarray(place, dtype=float)).all():
-                continue  # not seen
-            markers.append(
-                {
-                    "header": header(time, frame),
-                    "ns": who,
-                    "id": k,
-                    "type": SPHERE,
-                    "pose": pose(place),
-                    "scale": vector([_KEYPOINT] * 3),
-                    "color": colour((0.83, 0.43, 0.29)),
-                    "text": name,
-                }
-            )
-    return {"markers": markers}
+        look = {"type": SPHERE, "scale": vector([_KEYPOINT] * 3), "color": colour(_LIMB)}
+        seen = {name: np.asarray(place, dtype=float) for name, place in points.items()}
+        found[who] = [
+            {"id": k, "pose": pose(place), "text": name, **look}
+            for k, (name, place) in enumerate(seen.items())
+            if np.isfinite(place).all()
+        ]
+    return _markers(time, found)
 
 
 def diagnostics(time: int, name: str, tick: Mapping[str, Any]) -> Message:
@@ -159,8 +159,96 @@ def diagnostics(time: int, name: str, tick: Mapping[str, Any]) -> Message:
     values = [
         {"key": key, "value": f"{value:.6g}" if isinstance(value, float) else str(value)}
         for key, value in tick.items()
-        if (value is not None and not isinstance(value, (Mapping, Sequence))) or isinstance(value, str)
+        if isinstance(value, (str, float, int))
     ]
     said = f"{tick['state']}: {tick['reason']}" if tick.get("reason") else str(tick["state"])
     status = {"level": level, "name": f"safe_ompl: {name}", "hardware_id": name, "message": said}
     return {"header": header(time), "status": [{**status, "values": values}]}
+
+
+# ---------------------------------------------------------------------------------------------------------- the scene
+
+
+def body_frame(name: str) -> str:
+    """Return the frame of a part of the robot's body."""
+    return f"robot/{name}"
+
+
+def obstacle_frame(name: str) -> str:
+    """Return the frame of an obstacle that moves."""
+    return f"obstacle/{name}"
+
+
+def robot_markers(time: int, body: RobotBody, names: Sequence[str]) -> Message:
+    """Return the parts of a robot's body from a time [ns] on, each in its own frame."""
+    parts = zip(names, body.links, strict=False)
+    meshes = {name: [_mesh((part.vertices, part.faces), _ROBOT)] for name, part in parts}
+    return _markers(time, meshes, {name: body_frame(name) for name in names})
+
+
+def obstacle_markers(time: int, obstacles: Iterable[Obstacle], moving: Collection[str]) -> Message:
+    """Return obstacles from a time [ns] on; those that are named in `moving` in frames of their own."""
+    found, frames = {}, {}
+    for obstacle in obstacles:
+        usual = _DANGEROUS if obstacle.weight > 0 else _STILL
+        place = obstacle.pose
+        if obstacle.name in moving:
+            frames[obstacle.name], place = obstacle_frame(obstacle.name), Pose()
+        found[obstacle.name] = [_mesh(obstacle.shape.triangles(_AROUND), obstacle.color or usual, place)]
+    return _markers(time, found, frames)
+
+
+def limb_markers(
+    time: int, people: Mapping[str, Mapping[str, Any]], bodies: Mapping[str, Mapping[str, Any]]
+) -> Message:
+    """Return the limbs of people at a time [ns], as cylinders with round ends.
+
+    `people` are key points in the world by name; `bodies` their heights and limbs, as the header of ticks has them.
+    """
+    found: dict[str, list[Message]] = {}
+    for name, points in people.items():
+        known = {point: place for point, place in points.items() if point in STANDING}
+        person = Person(bodies[name]["height"], known, tuple(bodies[name].get("limbs") or ()))
+        solids = found[name] = []
+        for limb in person.limbs():
+            wide, look = 2 * limb.radius, {"color": colour(_LIMB)}
+            for end in sorted({tuple(limb.start.tolist()), tuple(limb.end.tolist())}):
+                solids.append({"type": SPHERE, "pose": pose(end), "scale": vector([wide] * 3), **look})
+            if limb.length > 0:
+                size = vector([wide, wide, limb.length])
+                solids.append({"type": _CYLINDER, "pose": _pose_of(limb.placement), "scale": size, **look})
+    return _markers(time, found)
+
+
+def transforms(time: int, places: Mapping[str, pin.SE3]) -> Message:
+    """Return where frames are in the world at a time [ns], as a `tf2_msgs/TFMessage`."""
+    found = []
+    for name, place in places.items():
+        at = _pose_of(place)
+        where = {"translation": at["position"], "rotation": at["orientation"]}
+        found.append({"header": header(time, WORLD), "child_frame_id": name, "transform": where})
+    return {"transforms": found}
+
+
+def _markers(time: int, found: Mapping[str, Sequence[Message]], frames: Mapping[str, str] | None = None) -> Message:
+    """Return markers by name, in the place of all before; `frames` where they are not in the world's."""
+    markers: list[Message] = [{"header": header(time, WORLD), "action": DELETE_ALL}]
+    for name, solids in found.items():
+        about = {"header": header(time, (frames or {}).get(name, WORLD)), "ns": name, "frame_locked": True}
+        markers += [{**about, "id": k, **solid} for k, solid in enumerate(solids)]
+    return {"markers": markers}
+
+
+def _mesh(triangles: Triangles, look: Any, place: Pose = Pose()) -> Message:  # noqa: B008 (a pose is frozen)
+    vertices, faces = triangles
+    return {
+        "type": _TRIANGLES,
+        "pose": pose(place.position, place.quaternion_xyzw),
+        "scale": vector([1.0] * 3),
+        "color": colour(look),
+        "points": [vector(point) for point in np.round(vertices, 6)[np.asarray(faces).reshape(-1)]],
+    }
+
+
+def _pose_of(place: pin.SE3) -> Message:
+    return pose(place.translation, pin.Quaternion(place.rotation).coeffs())

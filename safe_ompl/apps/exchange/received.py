@@ -1,25 +1,30 @@
-"""What messages of ROS say of people, joints, obstacles and clouds, as arrays in the world; without ROS.
+"""What messages of ROS say of people, joints, obstacles and clouds, as arrays in the world, newest first; without ROS.
 
-Messages are objects with the fields of their types, as `messages.decoded` and rclpy have them.
+Messages are objects with the fields of their types, as `messages.decoded` and rclpy have them. Measurements may come
+late, out of order or not at all: see `Sightings`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.apps.exchange.sightings import by_name
+from safe_ompl.apps.exchange.messages import WORLD
+from safe_ompl.collision import robot_points
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.geometry import PointCloud, Pose, placed
+from safe_ompl.geometry import Obstacle, PointCloud, Pose, placed
 from safe_ompl.motions import Motion
-from safe_ompl.people import Skeleton
+from safe_ompl.people import Skeleton, Surroundings
 from safe_ompl.robot import Robot
 
-WORLD = "world"
 DELETIONS = (2, 3)  # actions of a marker
+CLOUD = "cloud"
+_NEAR_PEOPLE = 0.15  # [m] points that are nearer to a tracked limb are the person's
+_NEW = 3.0  # radii: points that are farther from all points of the cloud before are new
+_FEW = 10  # new points that are taken for noise
 
 
 class Frames:
@@ -84,14 +89,6 @@ def people_of_markers(message: Any, skeleton: Skeleton, frames: Frames) -> tuple
     return time, people
 
 
-def person_of_poses(message: Any, skeleton: Skeleton, frames: Frames) -> tuple[float, FloatArray]:
-    """Return the time [s] of a `PoseArray` and the key points (J, 3) that its poses are [m]; errors as for markers."""
-    if len(message.poses) != len(skeleton.points):
-        raise InputError(f"{skeleton.name} has {len(skeleton.points)} key points, got {len(message.poses)}", "poses")
-    frame = frames.place(message.header)
-    return stamp_of(message.header), np.array([_keypoint(pose.position, frame) for pose in message.poses])
-
-
 def pose_of(message: Any, frames: Frames) -> tuple[float, Pose]:
     """Return the time [s] of a `PoseStamped` and the pose in the world; raise InputError if there is none."""
     position, turn = message.pose.position, message.pose.orientation
@@ -136,3 +133,129 @@ def _keypoint(place: Any, frame: pin.SE3) -> FloatArray:
     if not np.isfinite(given).all() and not np.isnan(given).all():
         raise InputError(f"must be finite, or all NaN where it is not seen, got {given.tolist()}", "key point")
     return np.asarray(placed(frame, given[None])[0])
+
+
+# ------------------------------------------------------------------------------------------------- what was seen last
+
+
+class Sightings:
+    """The newest measurement of each of some people and objects.
+
+    The replanner takes all of them as of one time T. That is the oldest of the newest measurements. For who was seen
+    later, at s > T, reach sets that begin at T hold those that begin at s: they have had more time to grow. Who was not
+    seen for `lost_after` [s] does not count; the replanner stops for them. Clocks of sensors may be off by
+    `clock_error` [s]: all measurements are taken to be so much older.
+    """
+
+    def __init__(self, names: Collection[str], lost_after: float, clock_error: float) -> None:
+        self._names, self._lost_after, self._error = tuple(names), lost_after, clock_error
+        self._newest: dict[str, tuple[float, Any]] = {}
+        self._fed = -np.inf
+
+    def add(self, name: str, stamp: float, now: float, value: Any) -> bool:
+        """Take a measurement of a time [s]; return whether it is news: what is older than the newest one is not.
+
+        Raises InputError if it is from the future.
+        """
+        time = stamp - self._error
+        if time > now:
+            raise InputError(f"{name!r} was measured {stamp - now:.3f} s in the future: the clocks differ", "stamp")
+        if name in self._newest and time <= self._newest[name][0]:
+            return False
+        self._newest[name] = time, value
+        return True
+
+    def restart(self) -> None:
+        """Begin anew: nobody was told of anything yet."""
+        self._fed = -np.inf
+
+    def places(self, now: float) -> dict[str, Any]:
+        """Return what was seen last; raise InputError if somebody or something was not seen lately."""
+        for name in self._names:
+            age = now - self._newest[name][0] if name in self._newest else np.inf
+            if age > self._lost_after:
+                raise InputError("was not seen yet" if np.isinf(age) else f"was not seen for {age:.2f} s", name)
+        return {name: value for name, (_, value) in self._newest.items()}
+
+    def due(self, now: float) -> tuple[float, dict[str, Any]] | None:
+        """Return what the replanner should be told, and of which time [s]; None: nothing new."""
+        if not self._names:
+            return now, {}
+        fresh = [time for time, _ in self._newest.values() if time > now - self._lost_after]
+        if not fresh or min(fresh) <= self._fed:
+            return None
+        self._fed = min(fresh)
+        return self._fed, {name: value for name, (time, value) in self._newest.items() if time >= self._fed}
+
+
+class Joints(NamedTuple):
+    """Measured joints."""
+
+    time: float  # [s]
+    q: FloatArray
+    qd: FloatArray
+
+
+class CloudView(NamedTuple):
+    """Points of the newest cloud that are neither the robot's nor a tracked person's, in the world."""
+
+    points: FloatArray  # (M, 3) [m]
+    radius: float  # Of the ball about each point [m]
+
+    @classmethod
+    def seen(
+        cls, points: FloatArray, radius: float, robot: Robot, q: FloatArray, around: Surroundings | None
+    ) -> CloudView:
+        """Return what is left of points (M, 3), seen while the robot was at `q: (n,)`."""
+        kept = points[np.isfinite(points).all(axis=1)]
+        kept = kept[~robot_points(kept, robot, q, radius)]
+        for person in () if around is None else around.people.values():
+            if person.keypoints is None or not len(kept):
+                continue
+            ends = person.tracker.body.ends(person.keypoints)
+            for (start, end), width in zip(ends, person.tracker.body.radii(ends), strict=True):
+                kept = kept[_from_segment(kept, start, end) > width + _NEAR_PEOPLE]
+        return cls(kept, radius)
+
+    def obstacle(self) -> Obstacle | None:
+        """Return the points as an obstacle; None if there are none."""
+        return Obstacle(CLOUD, PointCloud(self.radius, points=self.points)) if len(self.points) else None
+
+    def news(self, before: CloudView | None) -> int:
+        """Return how many points are far from all points of the cloud before; 0 if they are as few as noise."""
+        edge = _NEW * self.radius
+        old = np.zeros((0, 3)) if before is None else before.points
+        known = {tuple(cell) for cell in np.floor(old / edge).astype(int).tolist()}
+        cells = np.floor(self.points / edge).astype(int)
+        steps = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
+        new = sum(not any((x + i, y + j, z + k) in known for i, j, k in steps) for x, y, z in cells.tolist())
+        return new if new > _FEW else 0
+
+
+def _from_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the distances (M,) of points from a segment [m]."""
+    way = end - start
+    share = np.clip((points - start) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points - start - share[:, None] * way, axis=1))
+
+
+def by_name(names: Collection[str], values: Collection[float], wanted: Collection[str]) -> FloatArray:
+    """Return the values of the wanted joints (n,), whatever their order; raise InputError if one is missing or NaN."""
+    if len(names) != len(values):
+        raise InputError(f"must be as many as the {len(names)} names, got {len(values)}", "position")
+    given: Mapping[str, float] = dict(zip(names, values, strict=True))
+    missing = [name for name in wanted if name not in given]
+    if missing:
+        raise InputError(f"{', '.join(missing)} missing, but needed", "name")
+    found = np.array([given[name] for name in wanted], dtype=float)
+    if not np.isfinite(found).all():
+        raise InputError(f"must be finite, got {found.tolist()}", "position")
+    return found
+
+
+def goal_of(robot: Robot, names: Collection[str], position: Collection[float]) -> FloatArray:
+    """Return the configuration (n,) of a message; raise InputError as `by_name`, and outside the limits."""
+    q = by_name(names, position, robot.joint_names)
+    for k in np.flatnonzero((q < robot.lower) | (q > robot.upper)):
+        raise InputError(f"is out of the limits of {robot.joint_names[k]!r}: {q[k]:g}", "position")
+    return q

@@ -12,43 +12,26 @@ from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from threading import Event
-from time import monotonic, perf_counter
-from typing import Any, NamedTuple
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 
-from safe_ompl.apps.exchange import messages, scene_markers
+from safe_ompl.apps.exchange import messages
 from safe_ompl.apps.exchange.controller import LiveController
-from safe_ompl.apps.exchange.received import (
-    Frames,
-    cloud_of,
-    people_of_markers,
-    person_of_poses,
-    pose_of,
-    proposal_of,
-    stamp_of,
-)
+from safe_ompl.apps.exchange.received import Frames, cloud_of, people_of_markers, pose_of, proposal_of, stamp_of
 from safe_ompl.common import InputError
 from safe_ompl.io import TickLog
 from safe_ompl.scene import Scene
 
 NODE = "safe_ompl"
-CLOUD, POSE, TEXT = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped", "std_msgs/msg/String"
+CLOUD, POSE = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped"
 _RATE = 100.0  # [Hz] points of a whole trajectory
 _AGAIN = 5.0  # [s] after which the same complaint is made again
 _CHECK = 1.0  # [s] between two looks for other nodes that command the same robot
 _LOOK = 0.1  # [s] between two looks whether the node is to end
 _UNITS = 60  # of work to search detours between two ticks, at most
 _SHARE = 0.3  # of the time between two ticks that this may take
-
-
-class NodeSetup(NamedTuple):
-    """What a node needs besides its controller."""
-
-    frames: Frames  # Where sensors are
-    scene: Scene  # What is drawn around the robot
-    log: TickLog | None = None  # What takes the ticks
-    follower: TrajectoryAction | None = None  # What whole trajectories are sent to
 
 
 @contextmanager
@@ -78,23 +61,6 @@ def message_class(kind: str) -> Any:
         raise InputError(f"{kind} is missing: install ros-{package.replace('_', '-')}") from None
 
 
-def received_text(node: Any, topic: str, seconds: float) -> str:
-    """Return the first `std_msgs/String` of a latched topic, such as a robot's description.
-
-    Raises InputError if there is none within some seconds.
-    """
-    rclpy = import_module("rclpy")
-    found: list[bytes] = []
-    subscription = node.create_subscription(message_class(TEXT), topic, found.append, _quality(latched=True), raw=True)
-    end = monotonic() + seconds
-    while not found and monotonic() < end:
-        rclpy.spin_once(node, timeout_sec=0.1)
-    node.destroy_subscription(subscription)
-    if not found:
-        raise InputError(f"no message within {seconds:g} s", topic)
-    return str(messages.decoded(TEXT, found[0]).data)
-
-
 def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
     """Return a QoS profile: keep the last message; latched: late subscribers get them, too."""
     qos = import_module("rclpy.qos")
@@ -105,106 +71,30 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
     )
 
 
-class TrajectoryAction:
-    """An action `control_msgs/FollowJointTrajectory`, such as that of a joint_trajectory_controller.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node.
-    name : str
-        The action, such as `/joint_trajectory_controller/follow_joint_trajectory`.
-
-    Raises
-    ------
-    InputError
-        Without control_msgs, which only an installation of ROS brings.
-    """
-
-    def __init__(self, node: Any, name: str) -> None:
-        try:
-            self._kind = import_module("control_msgs.action").FollowJointTrajectory
-        except (ImportError, AttributeError) as error:
-            raise InputError(
-                f"needs control_msgs ({error}): install ros-$ROS_DISTRO-control-msgs, and source that ROS 2", "--follow"
-            ) from None
-        self._node, self.name = node, name
-        self._goal: Any = None  # that the server follows
-        self._client = import_module("rclpy.action").ActionClient(node, self._kind, name)
-
-    def send(self, content: Mapping[str, Any]) -> None:
-        """Send a `trajectory_msgs/JointTrajectory` as plain data; the log says what came of it."""
-        if not self._client.server_is_ready():
-            self._say("there is no server")
-            return
-        deserialized = import_module("rclpy.serialization").deserialize_message
-        data = messages.encoded(messages.JOINT_TRAJECTORY, content)
-        goal = self._kind.Goal(trajectory=deserialized(data, message_class(messages.JOINT_TRAJECTORY)))
-        self._client.send_goal_async(goal).add_done_callback(self._answered)
-
-    def cancel(self) -> None:
-        """Ask the server to stop what was sent last."""
-        if self._goal is not None:
-            self._goal.cancel_goal_async()
-
-    def _answered(self, future: Any) -> None:
-        self._goal = future.result()
-        if self._goal.accepted:
-            self._goal.get_result_async().add_done_callback(partial(self._ended, self._goal))
-        else:
-            self._goal = None
-            self._say("the trajectory was refused")
-
-    def _ended(self, goal: Any, future: Any) -> None:
-        result = future.result().result
-        self._goal = None if self._goal is goal else self._goal  # another one may have taken its place
-        self._say(f"ended with {result.error_code} {result.error_string}".rstrip())
-
-    def _say(self, what: str) -> None:
-        self._node.get_logger().warning(f"{self.name}: {what}")
-
-
 class RosNode:
-    """Connects a controller with the topics of a node; `run` drives it until it is interrupted.
+    """Connects a controller, whose clock is the node's, with topics; `run` drives it until it is interrupted.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node.
-    controller : LiveController
-        Its clock is the node's.
-    setup : NodeSetup
-        Frames, scene and log.
+    Sensors are in `frames`, what is drawn around the robot is `scene`, and `log` takes the ticks.
     """
 
-    def __init__(self, node: Any, controller: LiveController, setup: NodeSetup) -> None:
-        self._node, self._controller, self._setup = node, controller, setup
-        self._cell, self._robot = controller.cell, controller.cell.robot
-        self._bodies = controller.header()
+    def __init__(
+        self, node: Any, controller: LiveController, frames: Frames, scene: Scene, log: TickLog | None = None
+    ) -> None:
+        self._node, self._controller, self._frames, self._log = node, controller, frames, log
+        self._robot, self._bodies = controller.cell.robot, controller.header()
         self._said: dict[str, float] = {}
         self._units = 10.0
         self._commands = self._publisher(messages.JOINT_TRAJECTORY, "command")
+        self._trajectories = self._publisher(messages.JOINT_TRAJECTORY, "trajectory")
         self._diagnostics = self._publisher(messages.DIAGNOSTICS, "/diagnostics")
         self._limbs = self._publisher(messages.MARKERS, "limbs")
         self._still = self._publisher(messages.MARKERS, "scene", latched=True)
-        self._subscribe(messages.JOINT_STATE, "joint_states", self._joints)
-        self._trajectories = self._publisher(messages.JOINT_TRAJECTORY, "trajectory")
-        self._subscribe(messages.JOINT_STATE, "plan", self._plan, reliable=True)
-        if self._cell.shielded:
-            self._subscribe(messages.JOINT_TRAJECTORY, "proposal", self._proposal)
-        else:
-            self._subscribe(messages.JOINT_STATE, "goal", self._goal, reliable=True)
-        self._subscribe(messages.MARKERS, "people", self._people)
-        for name in self._cell.trackers:
-            self._subscribe(messages.POSES, f"people/{name}", partial(self._person, name))
-        for name in self._cell.objects:
-            self._subscribe(POSE, f"obstacles/{name}", partial(self._object, name))
-        self._subscribe(CLOUD, "cloud", self._cloud)
+        self._subscribe_to_all()
         clock = import_module("rclpy.clock")
         steady = clock.Clock(clock_type=clock.ClockType.STEADY_TIME)  # ticks go on if the time of ROS stands still
         node.create_timer(controller.options.replanning.tick, self._tick, clock=steady)
         node.create_timer(_CHECK, self._look_for_others, clock=steady)
-        self._still(scene_markers.obstacle_markers(0, setup.scene, ()))
+        self._still(messages.obstacle_markers(0, scene, ()))
 
     def run(self, ready: Callable[[], None]) -> None:
         """Say that the node is ready, and drive the robot until Ctrl-C or SIGTERM; only for the main thread."""
@@ -249,38 +139,40 @@ class RosNode:
             self._said = {what: now, **{said: time for said, time in self._said.items() if abs(now - time) <= _AGAIN}}
             self._node.get_logger().warning(what)
 
-    def _joints(self, message: Any) -> None:
-        self._controller.see_joints(stamp_of(message.header), message.name, message.position, message.velocity)
+    def _subscribe_to_all(self) -> None:
+        """Hand all that sensors and users say to the controller."""
+        controller, cell, frames = self._controller, self._controller.cell, self._frames
+        cloud_radius = controller.options.cloud_radius
 
-    def _goal(self, message: Any) -> None:
-        self._controller.go_to(message.name, message.position)
+        def joints(message: Any) -> None:
+            controller.see_joints(stamp_of(message.header), message.name, message.position, message.velocity)
 
-    def _plan(self, message: Any) -> None:
-        if not message.name and self._setup.follower is not None:
-            self._setup.follower.cancel()
+        def people(message: Any) -> None:
+            if not cell.trackers:
+                raise InputError("nobody is tracked: give --people", "people")
+            skeleton = next(iter(cell.trackers.values())).skeleton
+            controller.see_people(*people_of_markers(message, skeleton, frames))
+
+        def thing(name: str, message: Any) -> None:
+            time, pose = pose_of(message, frames)
+            controller.see_object(time, name, pose)
+
+        def goal(take: Callable[..., None], message: Any) -> None:
+            take(message.name, message.position)
+
+        self._subscribe(messages.JOINT_STATE, "joint_states", joints)
+        self._subscribe(messages.MARKERS, "people", people)
+        self._subscribe(CLOUD, "cloud", lambda message: controller.see_cloud(*cloud_of(message, cloud_radius, frames)))
+        for name in cell.objects:
+            self._subscribe(POSE, f"obstacles/{name}", partial(thing, name))
+        goals: dict[str, Callable[..., None]] = {"plan": controller.request}
+        if cell.shielded:
+            proposal = messages.JOINT_TRAJECTORY, "proposal"
+            self._subscribe(*proposal, lambda message: controller.propose(*proposal_of(message, self._robot)))
         else:
-            self._controller.request(message.name, message.position)
-
-    def _proposal(self, message: Any) -> None:
-        self._controller.propose(*proposal_of(message, self._robot))
-
-    def _people(self, message: Any) -> None:
-        skeleton = next(iter(self._cell.trackers.values())).skeleton if self._cell.trackers else None
-        if skeleton is None:
-            raise InputError("nobody is tracked: give --people", "people")
-        self._controller.see_people(*people_of_markers(message, skeleton, self._setup.frames))
-
-    def _person(self, name: str, message: Any) -> None:
-        skeleton = self._cell.trackers[name].skeleton
-        time, points = person_of_poses(message, skeleton, self._setup.frames)
-        self._controller.see_people(time, {name: points})
-
-    def _object(self, name: str, message: Any) -> None:
-        time, pose = pose_of(message, self._setup.frames)
-        self._controller.see_object(time, name, pose)
-
-    def _cloud(self, message: Any) -> None:
-        self._controller.see_cloud(*cloud_of(message, self._controller.options.cloud_radius, self._setup.frames))
+            goals["goal"] = controller.go_to
+        for topic, take in goals.items():
+            self._subscribe(messages.JOINT_STATE, topic, partial(goal, take), reliable=True)
 
     # ----------------------------------------------------------------------------------------------------- ticks
 
@@ -291,9 +183,9 @@ class RosNode:
             self._command()
         self._diagnostics(messages.diagnostics(time, self._robot.name, tick))
         if tick["people"]:
-            self._limbs(scene_markers.limb_markers(time, tick["people"], self._bodies["people"]))
-        if self._setup.log is not None and np.isfinite([tick["q"], tick["qd"]]).all():
-            self._setup.log.write(tick)
+            self._limbs(messages.limb_markers(time, tick["people"], self._bodies["people"]))
+        if self._log is not None and np.isfinite([tick["q"], tick["qd"]]).all():
+            self._log.write(tick)
 
         self._answer(time)
         begin = perf_counter()
@@ -327,10 +219,7 @@ class RosNode:
         times, points = trajectory.points(_RATE)
         rows: dict[str, Any] = {**points}
         # Without a stamp: it begins when it is followed.
-        content = messages.joint_trajectory(0, self._robot.joint_names, times.tolist(), **rows)
-        self._trajectories(content)
-        if self._setup.follower is not None:
-            self._setup.follower.send(content)
+        self._trajectories(messages.joint_trajectory(0, self._robot.joint_names, times.tolist(), **rows))
 
     def _look_for_others(self) -> None:
         """Keep the robot still while another node commands it, too."""

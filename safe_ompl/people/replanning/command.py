@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.common import FloatArray, number, positive
-from safe_ompl.people import CalibratedReach
 from safe_ompl.people.replanning.guarded_path import GuardedPath, MotionMargin, PathLimits, StopMotion
 from safe_ompl.trajectories import State
 
@@ -114,8 +113,6 @@ class ReplanningOptions:
 
     Parameters
     ----------
-    reach : CalibratedReach, optional
-        How far people go; default: the reach file of `People`, or else its speeds.
     tick : float
         Time between two commands [s].
     lost_after : float
@@ -133,7 +130,6 @@ class ReplanningOptions:
         If a number is out of its range.
     """
 
-    reach: CalibratedReach | None = None
     tick: float = 0.05
     lost_after: float = 0.5
     limits: PathLimits | None = None

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
 from safe_ompl.danger import JointMotions
 from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
@@ -28,7 +28,6 @@ from safe_ompl.trajectories import (
     MotionCaps,
     Piece,
     RateLimits,
-    SpeedCap,
     Trajectory,
     bending_cap,
     braking,
@@ -193,8 +192,13 @@ class PathLimits:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> PathLimits:
-        """Return those of a trajectory."""
+        """Return those of a trajectory; raise InputError if it has a cap that holds on its own curve only."""
         speeds = {cap.name: cap.limit for cap in trajectory.caps}
+        for cap in trajectory.caps:
+            if cap.limit is None and cap.name not in _DERIVED:
+                raise InputError(
+                    f"the cap {cap.name!r} holds on its own curve only: time it without that", "trajectory"
+                )
         return cls(trajectory.limits, speeds.get(TOOL_SPEED), speeds.get(LINK_SPEED))
 
     def same_as(self, other: PathLimits) -> bool:
@@ -204,11 +208,6 @@ class PathLimits:
             and np.array_equal(self.joints.acceleration, other.joints.acceleration)
             and (self.tool_speed, self.link_speed) == (other.tool_speed, other.link_speed)
         )
-
-
-def own_caps(trajectory: Trajectory) -> tuple[SpeedCap, ...]:
-    """Return the caps of a trajectory that are proven on its own curve only, such as of danger."""
-    return tuple(cap for cap in trajectory.caps if cap.name not in _DERIVED and cap.limit is None)
 
 
 @dataclass(frozen=True)
@@ -224,21 +223,6 @@ class GuardedPath:
     stops: IntArray  # Edges where the robot stops
     slopes: FloatArray  # (N, n), bounds of |q′|
     frames: CellFrames  # Of the joints at the centres of the cells, and how far bodies get from there
-
-    @classmethod
-    def of(cls, bodies: RobotBodies, trajectory: Trajectory) -> GuardedPath:
-        """Return the path of a trajectory, with its limits and all its caps except those by people.
-
-        Its time law is not kept: the robot is as fast as limits, caps and people let it.
-        """
-        path = cls.along(bodies, trajectory.curve, PathLimits.of(trajectory))
-        squares, edges = path.squares, trajectory.law.edges
-        begin = np.clip(np.searchsorted(edges, path.edges[:-1], side="right") - 1, 0, len(edges) - 2)
-        end = np.clip(np.searchsorted(edges, path.edges[1:], side="left"), begin + 1, len(edges) - 1)
-        for cap in own_caps(trajectory):
-            least = [cap.speeds[a:b].min() for a, b in zip(begin, end, strict=True)]
-            squares = np.minimum(squares, np.square(least))
-        return replace(path, squares=squares)
 
     @classmethod
     def along(

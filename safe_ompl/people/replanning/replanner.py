@@ -1,6 +1,8 @@
-"""The replanner: at every tick a motion that is proven until the next one, and can always stop on its path.
+"""What is driven at every tick: a motion that is proven until the next one, and its stop, on a guarded path.
 
-`Guard` is what it shares with the `Shield`: who is around, and the commands that are proven against them.
+`Guard` is what a `Replanner` and a `Shield` share: who is around, and the commands that are proven against them. A tick
+is `update` (what was seen), `command` (the fastest motion that is proven) and, for a replanner, `think` (search detours
+and retreats in the time that is left).
 """
 
 from __future__ import annotations
@@ -15,17 +17,11 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import InputError
-from safe_ompl.people import CalibratedReach, ReachViolation, Surroundings, Tracker
+from safe_ompl.io import ticks_header
+from safe_ompl.people import ReachViolation, Surroundings, Tracker
 from safe_ompl.people.replanning.command import Command, Doing, ReplanningOptions
 from safe_ompl.people.replanning.detours import Detours
-from safe_ompl.people.replanning.guarded_path import (
-    Around,
-    GuardedPath,
-    MotionMargin,
-    PathLimits,
-    RobotBodies,
-    own_caps,
-)
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, PathLimits, RobotBodies
 from safe_ompl.people.replanning.retreat import Receding, Retreats
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
@@ -56,10 +52,11 @@ class Guard:
     objects : mapping of str to float, optional
         Obstacles of the scene that move, and bounds of their speeds [m/s].
     people : People, optional
-        How fast limbs may move, the clearance from the robot that must be left, and whether the robot may touch people
-        at speeds that they bear. Its `reaction_time` is not used: the delay is known at every tick.
+        How far people go (their reach, or else their speeds), the clearance from the robot that must be left, and
+        whether the robot may touch people at speeds that they bear. Its `reaction_time` is not used: the delay is known
+        at every tick.
     options : ReplanningOptions, optional
-        Reach model, time between commands, when somebody is lost, limits, detours.
+        Time between commands, when somebody is lost, limits, detours.
     prover : MotionProver, optional
         Proves motions among still obstacles, with limits such as of danger or clearance. Its scene is `scene` without
         what moves. Default: motions must be free of collisions. If it has a tube (`Separation.tube`), all that is said
@@ -96,11 +93,8 @@ class Guard:
     ) -> None:
         options = ReplanningOptions() if options is None else options
         people = People() if people is None else people
-        reach = options.reach
-        if reach is None and people.reach is not None:
-            reach = CalibratedReach.load(people.reach)
         self.robot, self.options, self.tick = robot, options, float(options.tick)
-        self.surroundings = Surroundings(scene, trackers, objects or {}, people, reach)
+        self.surroundings = Surroundings(scene, trackers, objects or {}, people)
         still = self.surroundings.still
         self.prover = MotionProver(CollisionChecker(robot, still)) if prover is None else prover
         _check_prover(self.prover, robot, still)
@@ -115,6 +109,7 @@ class Guard:
         self.contact = contact_limits(robot, self.surroundings, people) if people.contact else None
         self.bodies = RobotBodies(robot)
         self._last: Command | None = None  # the newest command
+        self._time = 0.0  # for which it was asked for
         self._margin = MotionMargin(np.inf)  # of the motion that was tried last
         self._violated = False
 
@@ -204,22 +199,6 @@ class Guard:
         known = self.surroundings
         return Around(known.sets, time - known.time, self.people.clearance, self.contact)
 
-    def _recede(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest motion from (s, ṡ) that recedes from all who are near; see `retreat`. None if none is."""
-        if self.surroundings.trouble(time, self.options.lost_after) is not None:
-            return None
-        around = self._around(time)
-        receding = Receding(path, s, around.sets)
-        for push in _RETREATS:
-            motion = path.motion_from(s, speed * speed, push, self.tick)
-            if motion.places[-1] - s < _SAME:
-                continue
-            margin = path.margin(motion, around, receding=receding.along(motion))
-            if margin.margin >= 0:
-                why = margin, self._margin.description, SEPARATION
-                return Command(time, self.surroundings.time, path, motion, Doing.RETREATING, *why)
-        return None
-
     def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
         """Return what is left of the stop that was proven before, or rest."""
         last = self._last
@@ -233,10 +212,28 @@ class Guard:
 
     # ------------------------------------------------------------------------------------------------------- log
 
+    def log_header(self) -> dict[str, Any]:
+        """Return the header of a log of ticks (`safe_ompl.io.TicksFile`, `safe_ompl.apps.exchange.McapLog`)."""
+        around = self.surroundings
+        return ticks_header(self.tick, self.robot, around.scene, around.description())
+
+    def log_tick(self) -> dict[str, Any]:
+        """Return the newest command and where all were seen last, as a tick of a log; distances are not measured.
+
+        Raises
+        ------
+        InputError
+            If there was no command yet.
+        """
+        if self._last is None:
+            raise InputError("there was no command yet")
+        unknown = dict.fromkeys(("distance", "link", "who", "limb"))
+        return {**self._last.tick_at(self._time, self.tick), **self.surroundings.seen(), **unknown}
+
     def _given(self, command: _Given, time: float) -> _Given:
         """Keep a command as the last one, and return it; what the robot does now goes to the log if it is new."""
         before = None if self._last is None else self._last.doing
-        self._last = command
+        self._last, self._time = command, time
         if command.doing is before:
             return command
         why = f": {command.reason}" if command.reason else ""
@@ -280,29 +277,29 @@ class Replanner(Guard):
     Parameters are those of `Guard`. Trajectories and detours keep the limits of the prover.
     """
 
-    detours: Detours | None = None  # None before the first trajectory on which they are allowed
+    detours: Detours | None = None  # None before the first trajectory, and if they are not searched
     _path: GuardedPath | None = None
     _detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
     _retreat: GuardedPath | None = None  # from where the robot stands
     _retreats: Retreats | None = None
-    _may_turn = False
 
     def start(self, trajectory: Trajectory) -> None:
         """Take a trajectory to follow, from where the robot stands.
 
         Its curve is proven anew against all still obstacles. Its limits and caps are kept, except those by people; its
-        time law is not.
+        time law is not: the robot is as fast as limits and people let it.
 
         Raises
         ------
         InputError
-            If the robot moves, or stands elsewhere; if the trajectory is of other joints, or not free.
+            If the robot moves, or stands elsewhere; if the trajectory is of other joints, or not free; if it has a cap
+            that is proven on its own curve only, such as of danger.
         """
         if trajectory.joint_names != self.robot.joint_names:
             raise InputError(
                 f"the trajectory is of the joints {trajectory.joint_names}, the robot's are {self.robot.joint_names}"
             )
-        path = GuardedPath.of(self.bodies, trajectory)
+        path = GuardedPath.along(self.bodies, trajectory.curve, PathLimits.of(trajectory))
         last = self._last
         if last is not None:
             if last.doing not in (Doing.DONE, Doing.STANDING):
@@ -315,20 +312,12 @@ class Replanner(Guard):
                 where = f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on"
                 raise InputError(f"{where}, is not free of what stands still")
         self._path, self._last, self._detour, self._retreat = path, None, None, None
-        self._prepare_searches(trajectory)
-
-    def _prepare_searches(self, trajectory: Trajectory) -> None:
-        """Prepare what `think` searches: retreats, and detours on milestones around the trajectory."""
-        caps, limits = own_caps(trajectory), PathLimits.of(trajectory)
-        retreats = self.options.retreats and not caps and not self.prover.separation.tube
-        self._retreats = Retreats(self.prover, self.bodies, limits) if retreats else None
-        self._may_turn = self.options.detours and not caps
-        if caps:
-            _log.info("no detours are searched: nothing proves the cap %r on them", caps[0].name)
-        elif self._may_turn:
+        retreats = self.options.retreats and not self.prover.separation.tube
+        self._retreats = Retreats(self.prover, self.bodies, path.limits) if retreats else None
+        if self.options.detours:
             if self.detours is None:
-                self.detours = Detours(self.prover, self.bodies, limits, self.tick)
-            self.detours.keep_to(limits)
+                self.detours = Detours(self.prover, self.bodies, path.limits, self.tick)
+            self.detours.keep_to(path.limits)
             self.detours.cover(trajectory.curve)
 
     def command(self, time: float) -> Command:
@@ -374,7 +363,7 @@ class Replanner(Guard):
             return False
         now = max(command.time, self.surroundings.time)
         around = self._around(now)
-        if self.detours is not None and self._may_turn:
+        if self.detours is not None:
             self._detour = self.detours.search(command, around, now, units)
         if self._detour is None and self._retreats is not None and command.doing is Doing.STANDING:
             at = float(command.motion.places[-1])
@@ -402,3 +391,19 @@ class Replanner(Guard):
         if found is None and self._retreat is not None and speed == 0:
             return self._recede(self._retreat, 0.0, 0.0, time)
         return found
+
+    def _recede(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest motion from (s, ṡ) that recedes from all who are near; see `retreat`. None if none is."""
+        if self.surroundings.trouble(time, self.options.lost_after) is not None:
+            return None
+        around = self._around(time)
+        receding = Receding(path, s, around.sets)
+        for push in _RETREATS:
+            motion = path.motion_from(s, speed * speed, push, self.tick)
+            if motion.places[-1] - s < _SAME:
+                continue
+            margin = path.margin(motion, around, receding=receding.along(motion))
+            if margin.margin >= 0:
+                why = margin, self._margin.description, SEPARATION
+                return Command(time, self.surroundings.time, path, motion, Doing.RETREATING, *why)
+        return None

@@ -30,7 +30,6 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
-from safe_ompl.io import ticks_header
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.command import Command, Doing
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
@@ -75,7 +74,6 @@ class Shield(Guard):
     """
 
     _rest: GuardedPath | None = None
-    _time = 0.0  # of the newest command
     _proposal: Positions | Velocity | None = None
     _refused = _NOTHING
     _way: _Way | None = None  # that the last command follows
@@ -187,36 +185,18 @@ class Shield(Guard):
         if found is None:
             found = self._kept(path, s, speed, time)
             found = replace(found, reason=why) if why else found
-        delay, self._time = 0.0, time
+        delay = 0.0
         if not follows and isinstance(self._proposal, Velocity):  # whoever gives velocities gives a new one
             self._proposal, self._refused = None, "no new velocity was proposed"
         if self._proposal is not None:
             delay = max(0.0, min(time + self.tick - self._clock, self._proposal.duration) - progress)
         return self._given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
 
-    def log_header(self) -> dict[str, Any]:
-        """Return the header of a log of ticks (`safe_ompl.io.TicksFile`, `safe_ompl.apps.exchange.McapLog`)."""
-        around = self.surroundings
-        return ticks_header(self.tick, self.robot, around.scene, around.description())
-
     def log_tick(self) -> dict[str, Any]:
-        """Return the newest command and where all were seen last, as a tick of a log; distances are not measured.
-
-        Raises
-        ------
-        InputError
-            If there was no command yet.
-        """
-        last = self._last
-        if not isinstance(last, ShieldCommand):
-            raise InputError("there was no command yet")
-        return {
-            **last.tick_at(self._time, self.tick),
-            **self.surroundings.seen(),
-            **dict.fromkeys(("distance", "link", "who", "limb")),
-            "follows": last.follows,
-            "delay": last.delay,
-        }
+        """Return what `Guard.log_tick` says, and whether the command follows the newest proposal, how far behind."""
+        found, last = super().log_tick(), self._last
+        assert isinstance(last, ShieldCommand)
+        return {**found, "follows": last.follows, "delay": last.delay}
 
     def _fastest(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the command from (s, ṡ) on that gets farthest; None if none is proven.

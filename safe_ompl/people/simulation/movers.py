@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections import deque
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
 import coal
@@ -15,11 +15,10 @@ from safe_ompl.geometry import STANDING, Limb, Pose, Shape, placed
 from safe_ompl.people import Recording, Skeleton, Surroundings, TrackedBody, Tracker, who_is_where, without_glitches
 from safe_ompl.scene import People
 
-_FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
-
 # Of a sensor that sees all key points of the body.
 ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})
 STEP = 0.02  # [s] between two places
+_KEPT = 1000  # steps
 _NEAR, _FAR = 0.55, 1.6  # [m] from the centre
 _SECTOR = 1.0  # [rad] to either side of the first place
 _ARMS_LOW, _ARMS_HIGH = np.array([0.0, -0.3, 0.0]), np.array([1.7, 0.9, 1.4])  # [rad] raised, outwards, bent
@@ -40,93 +39,40 @@ class PersonMover(Protocol):
         """Return the key points (J, 3) at a time [s], as the tracker's skeleton has them."""
 
 
-class ObjectMover(Protocol):
-    """An object in a simulation."""
-
-    def at(self, time: float) -> pin.SE3:
-        """Return where it is at a time [s]."""
-
-
 class Playback:
-    """A recorded person, played back and forth, `speed` times as fast as recorded."""
+    """A recorded person, played back and forth."""
 
-    def __init__(self, recording: Recording, tracker: Tracker, speed: float = 1.0) -> None:
-        self.recording, self.tracker, self.speed = recording, tracker, speed
+    def __init__(self, recording: Recording, tracker: Tracker) -> None:
+        self.recording, self.tracker = recording, tracker
 
     def at(self, time: float) -> FloatArray:
         """Return the key points (J, 3) at a time [s]."""
-        return self.recording.at(self.speed * time)
+        return self.recording.at(time)
 
     def without_glitches(self) -> Playback:
         """Return the same person as the gate of the tracker leaves them."""
-        played = replace(self.recording, rate=self.speed * self.recording.rate)
-        return Playback(without_glitches(played, self.tracker)[0], self.tracker)
+        return Playback(without_glitches(self.recording, self.tracker)[0], self.tracker)
 
 
 class Drifting:
-    """An object that moves straight on, and is reflected at the surface of a ball around it and of one inside.
+    """An object that moves straight on from a place, and is reflected at the walls of a room.
 
-    Places are (3,) [m], the velocity (3,) [m/s]; between two reflections is a step [s] at least.
+    The velocity is (3,) [m/s], the room (2, 3) [m]: its lowest and highest corner. Without a velocity it stays.
     """
 
-    def __init__(
-        self,
-        start: FloatArray,
-        velocity: FloatArray,
-        centre: FloatArray,
-        radius: float,
-        inner: tuple[FloatArray, float] | None = None,
-        step: float = 0.01,
-    ) -> None:
-        self._velocity = np.array(velocity, dtype=np.float64)
-        self._centre, self._radius, self._inner, self._step = centre, radius, inner, step
-        self._places = Stepwise(np.array(start, dtype=np.float64), self._after, step)
+    def __init__(self, place: pin.SE3, velocity: FloatArray | None = None, room: FloatArray | None = None) -> None:
+        self._place, self._velocity, self._room = place, velocity, room
 
     def at(self, time: float) -> pin.SE3:
-        """Return where it is at a time [s], no earlier than a second before the latest that was asked for."""
-        return pin.SE3(np.eye(3), self._places.at(time))
-
-    def _after(self, place: FloatArray) -> FloatArray:
-        walls = [] if self._inner is None else [(*self._inner, -1.0)]
-        for centre, radius, outwards in ((self._centre, self._radius, 1.0), *walls):
-            away = place + self._step * self._velocity - centre
-            length = float(np.linalg.norm(away))
-            normal = outwards * away / max(length, 1e-12)
-            if outwards * (length - radius) > 0 and self._velocity @ normal > 0:
-                self._velocity = self._velocity - 2 * (self._velocity @ normal) * normal
-        return np.asarray(place + self._step * self._velocity)
-
-
-class Resting:
-    """An object that may move, but stays where it is."""
-
-    def __init__(self, place: pin.SE3) -> None:
-        self._place = place
-
-    def at(self, time: float) -> pin.SE3:
-        """Return where it is at any time."""
-        return self._place
-
-
-class Stepwise:
-    """Arrays at equal time steps [s], each made from the one before by `after`; linear in between."""
-
-    def __init__(self, first: FloatArray, after: Callable[[FloatArray], FloatArray], step: float) -> None:
-        self._known, self._after, self._step = [first], after, step
-        self._first = 0  # step of the first one that is kept
-
-    def at(self, time: float) -> FloatArray:
-        """Return the array at a time [s], no earlier than a second before the latest that was asked for."""
-        place = max(time, 0.0) / self._step - self._first
-        k = max(int(place), 0)
-        while len(self._known) <= k + 1:
-            self._known.append(self._after(self._known[-1]))
-        share = place - k
-        kept = k - round(1 / self._step)
-        if kept > _FORGOTTEN:
-            del self._known[:kept]
-            self._first, k = self._first + kept, k - kept
-        return np.asarray((1 - share) * self._known[k] + share * self._known[k + 1])
+        """Return where it is at a time [s]."""
+        if self._velocity is None:
+            return self._place
+        place = self._place.translation + time * self._velocity
+        if self._room is not None:
+            low, high = self._room
+            beyond = np.mod(place - low, 2 * (high - low))
+            place = low + np.minimum(beyond, 2 * (high - low) - beyond)
+        return pin.SE3(self._place.rotation, place)
 
 
 class Solid(NamedTuple):
@@ -138,13 +84,12 @@ class Solid(NamedTuple):
     placement: pin.SE3
 
 
-def limb_solids(who: str, limbs: tuple[str, ...], ends: FloatArray, radii: FloatArray) -> list[Solid]:
-    """Return the limbs of a person as capsules, ends (M, 2, 3) and radii (M,) [m]."""
-    found = []
-    for name, (start, end), radius in zip(limbs, ends, radii.tolist(), strict=True):
+def limb_solids(who: str, body: TrackedBody, keypoints: FloatArray) -> list[Solid]:
+    """Return the limbs of a person with completed key points (18, 3) as capsules."""
+    found, ends = [], body.ends(keypoints)
+    for name, (start, end), radius in zip(body.limbs, ends, body.radii(ends).tolist(), strict=True):
         limb = Limb(name, start, end, radius)
-        length = limb.length
-        geometry = coal.Capsule(radius, length) if length > 0 else coal.Sphere(radius)
+        geometry = coal.Capsule(radius, limb.length) if limb.length > 0 else coal.Sphere(radius)
         found.append(Solid(who, name, geometry, limb.placement))
     return found
 
@@ -162,7 +107,7 @@ class World:
     """
 
     def __init__(
-        self, people: Mapping[str, PersonMover], objects: Mapping[str, ObjectMover], surroundings: Surroundings
+        self, people: Mapping[str, PersonMover], objects: Mapping[str, Drifting], surroundings: Surroundings
     ) -> None:
         self.people, self.objects = dict(people), dict(objects)
         self._surroundings = surroundings
@@ -189,9 +134,7 @@ class World:
         """Return all bodies: limbs of people with these key points, and parts of objects at a time [s]."""
         found = []
         for name, points in keypoints.items():
-            body = self._body(name)
-            ends = body.ends(points)
-            found += limb_solids(name, body.limbs, ends, body.radii(ends))
+            found += limb_solids(name, self.people[name].tracker.body, points)
         for name, mover in self.objects.items():
             found += part_solids(name, self._surroundings.shapes[name], mover.at(time))
         return found
@@ -200,7 +143,7 @@ class World:
         """Return the points of all bodies: ends of limbs (2, 3), and corners of objects."""
         found: list[FloatArray] = []
         for name, points in keypoints.items():
-            found += list(self._body(name).ends(points))
+            found += list(self.people[name].tracker.body.ends(points))
         for name, mover in self.objects.items():
             found += self._surroundings.objects[name].points_at(mover.at(time))
         return found
@@ -208,9 +151,6 @@ class World:
     def tick(self, time: float) -> dict[str, Any]:
         """Return key points of the people and poses of the objects at a time [s], as plain data."""
         return who_is_where(self.keypoints(time), {name: mover.at(time) for name, mover in self.objects.items()})
-
-    def _body(self, name: str) -> TrackedBody:
-        return self.people[name].tracker.body
 
 
 # -------------------------------------------------------------------------------------------------------- walkers
@@ -252,11 +192,18 @@ class Walker:
         first = np.array([np.clip(np.linalg.norm(away), _NEAR, _FAR), self._home])
         self._stance = np.concatenate([first, [self._home + np.pi], _HANGING.ravel()])
         self._goal, self._pace, self._left = self._stance, 1.0, 0
-        self._steps = Stepwise(self._keypoints(self._stance), self._after, STEP)
+        self._steps = deque([self._keypoints(self._stance)], _KEPT)  # the newest ones
+        self._count = 1
 
     def at(self, time: float) -> FloatArray:
-        """Return the key points (17, 3) at a time [s], no earlier than a second before the latest asked for."""
-        return self._steps.at(self._speed * time)
+        """Return the key points (17, 3) at a time [s], no earlier than some seconds before the latest asked for."""
+        place = self._speed * max(time, 0.0) / STEP
+        k = int(place)
+        while self._count < k + 2:
+            self._steps.append(self._after(self._steps[-1]))
+            self._count += 1
+        share, newest = place - k, k - self._count  # counted from the end
+        return np.asarray((1 - share) * self._steps[newest] + share * self._steps[newest + 1])
 
     def _keypoints(self, stance: FloatArray) -> FloatArray:
         """Return the key points (17, 3) of a stance, in the world [m]."""

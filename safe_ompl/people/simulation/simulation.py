@@ -15,7 +15,7 @@ from safe_ompl.collision import fresh_data
 from safe_ompl.common import FloatArray, fraction, number
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Command, Doing, Replanner
-from safe_ompl.people.simulation.movers import ObjectMover, PersonMover, Solid, World
+from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
 
@@ -25,17 +25,14 @@ _ROUNDING = 1e-6  # [m] by which a limb may be outside of its reach set
 
 
 class Touch(NamedTuple):
-    """A link of the robot, whom it touches, and how fast [m/s] the link is where they touch.
-
-    That is at a point (3,) [m]; a normal (3,) points from the link to the limb.
-    """
+    """A link of the robot that touches a limb."""
 
     link: str
     who: str
     limb: str
-    speed: float
-    point: FloatArray
-    normal: FloatArray
+    speed: float  # Of the link where they touch [m/s]
+    point: FloatArray  # (3,) [m]
+    normal: FloatArray  # (3,), from the link to the limb
 
 
 class Nearest(NamedTuple):
@@ -82,16 +79,21 @@ class ContactMonitor:
         full = self._robot.pinocchio_configuration(q)
         pin.updateGeometryPlacements(self._model, self._kinematics, self._bodies, self._data, full)
         found = Nearest(np.inf)
+        for k, solid, geometries in self._pairs(solids):
+            self._result.clear()  # or it keeps the smallest of all that it ever saw
+            distance = coal.distance(*geometries, self._request, self._result)
+            if distance < found.distance:
+                found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
+        return found
+
+    def _pairs(self, solids: list[Solid]) -> Iterator[tuple[int, Solid, tuple[Any, Any, Any, Any]]]:
+        """Yield all pairs of a part of the robot and a solid, with their geometries and places as coal takes them."""
+        there = [coal.Transform3s(solid.placement.rotation, solid.placement.translation) for solid in solids]
         for k in self._moving:
             part, place = self._bodies.geometryObjects[k], self._data.oMg[k]
             where = coal.Transform3s(place.rotation, place.translation)
-            for solid in solids:
-                there = coal.Transform3s(solid.placement.rotation, solid.placement.translation)
-                self._result.clear()  # or it keeps the smallest of all that it ever saw
-                distance = coal.distance(part.geometry, where, solid.geometry, there, self._request, self._result)
-                if distance < found.distance:
-                    found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
-        return found
+            for solid, at in zip(solids, there, strict=True):
+                yield k, solid, (part.geometry, where, solid.geometry, at)
 
     def touches(self, q: FloatArray, qd: FloatArray, solids: list[Solid]) -> list[Touch]:
         """Return all contacts of the robot at `q` and joint velocities `qd`, both (n,)."""
@@ -99,19 +101,15 @@ class ContactMonitor:
         pin.forwardKinematics(self._model, self._kinematics, full, self._robot.coupling.motions(qd))
         pin.updateGeometryPlacements(self._model, self._kinematics, self._bodies, self._data)
         request, found = coal.CollisionRequest(), []
-        for k in self._moving:
-            part, place = self._bodies.geometryObjects[k], self._data.oMg[k]
-            where = coal.Transform3s(place.rotation, place.translation)
-            joint, velocity = self._kinematics.oMi[part.parentJoint], self._kinematics.v[part.parentJoint]
-            for solid in solids:
-                there = coal.Transform3s(solid.placement.rotation, solid.placement.translation)
-                result = coal.CollisionResult()
-                if coal.collide(part.geometry, where, solid.geometry, there, request, result):
-                    met = result.getContact(0)
-                    point, normal = np.array(met.pos), np.array(met.normal)
-                    fast = velocity.linear + np.cross(velocity.angular, joint.actInv(point))
-                    speed = float(np.linalg.norm(fast))
-                    found.append(Touch(self._links[k], solid.who, solid.limb, speed, point, normal))
+        for k, solid, geometries in self._pairs(solids):
+            result = coal.CollisionResult()
+            if coal.collide(*geometries, request, result):
+                met = result.getContact(0)
+                point, joint = np.array(met.pos), self._bodies.geometryObjects[k].parentJoint
+                velocity = self._kinematics.v[joint]
+                fast = velocity.linear + np.cross(velocity.angular, self._kinematics.oMi[joint].actInv(point))
+                speed = float(np.linalg.norm(fast))
+                found.append(Touch(self._links[k], solid.who, solid.limb, speed, point, np.array(met.normal)))
         return found
 
     def observe(
@@ -208,27 +206,12 @@ class Summary:
 
 
 class Simulation:
-    """A robot that follows trajectories, beside people and objects that move.
+    """A robot that follows trajectories, beside people and objects that move, which its replanner tracks.
 
-    Parameters
-    ----------
-    replanner : Replanner
-        Drives the robot; nothing was started yet.
-    trajectories : sequence of Trajectory
-        Followed one after the other, and again from the first: each begins where the one before ends.
-    people, objects : mapping of str to PersonMover, ObjectMover
-        The people and objects that the replanner tracks.
-    monitored : bool
-        Whether a contact monitor looks for contacts; this takes most of the time.
-
-    Attributes
-    ----------
-    summary : Summary
-        The result, complete once the simulation has run to its end.
-    monitor : ContactMonitor or None
-        Holds the contacts.
-    reactions : list of float
-        Time from each measurement to its command, on the clock of this machine [s].
+    The trajectories are followed one after the other, and again from the first: each begins where the one before ends.
+    `summary` is complete once the simulation has run to its end. Looking for contacts takes most of the time; there is
+    none if `monitor` is set to None. `reactions` are times from measurements to their commands, on the clock of this
+    machine [s].
     """
 
     def __init__(
@@ -236,16 +219,15 @@ class Simulation:
         replanner: Replanner,
         trajectories: list[Trajectory],
         people: Mapping[str, PersonMover],
-        objects: Mapping[str, ObjectMover] | None = None,
+        objects: Mapping[str, Drifting] | None = None,
         *,
         faults: Faults | None = None,
-        monitored: bool = True,
     ) -> None:
         self.replanner, self.trajectories = replanner, trajectories
         self.world = World(people, objects or {}, replanner.surroundings)
         self.faults = Faults() if faults is None else faults
         self.latency = number("latency", self.faults.latency, at_least=0.0, at_most=replanner.tick)
-        self.monitor = ContactMonitor(replanner.robot) if monitored else None
+        self.monitor: ContactMonitor | None = ContactMonitor(replanner.robot)
         self.summary = Summary()
         self._rng = np.random.default_rng(self.faults.seed)
         self._promised: dict[float, ReachSets] = {}

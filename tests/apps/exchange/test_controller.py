@@ -28,7 +28,7 @@ from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import InputError
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose, Sphere
 from safe_ompl.motions import Motion
-from safe_ompl.people import CalibratedReach
+from safe_ompl.people import CalibratedReach, TrackedBody
 from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
 from safe_ompl.scene import Scenario, Scene, find_scenario
@@ -51,7 +51,9 @@ class AtOnce(Executor):
         return done
 
 
-OPTIONS = argparse.Namespace(people=None, skeleton=None, noise=0.0, time=None, seed=0, simplify=False, shield=False)
+OPTIONS = argparse.Namespace(
+    people=None, skeleton=None, noise=0.0, time=None, seed=0, simplify=False, shield=False, reach=None
+)
 
 
 def panda(shield=False):
@@ -59,7 +61,7 @@ def panda(shield=False):
     scenario, options = Scenario.load(find_scenario("panda_shelf")), copy.copy(OPTIONS)
     options.shield = shield
     control = ControlOptions(ReplanningOptions())
-    return cell_of(scenario, scenario.build_robot(), trackers_of(scenario, options), {}, options, control)
+    return cell_of(scenario, scenario.build_robot(), trackers_of(scenario, options), options, control)
 
 
 @pytest.fixture(scope="module")
@@ -162,10 +164,8 @@ def test_a_person_who_comes_is_never_touched_by_a_robot_that_moves(drive):
         drive.person = np.array([0.75 + 1.5 * np.cos(0.4 * k * 0.05 * 2) ** 2, 0.0, -0.75])
         drive.run(0.05)
         if np.abs(drive.qd).max() > 1e-9:
-            body = Person(1.75, dict(zip(STANDING, BODY + drive.person, strict=True)))
-            starts = np.array([[limb.start, limb.end] for limb in body.limbs()])
-            radii = np.array([limb.radius for limb in body.limbs()])
-            solids = limb_solids("operator", tuple(limb.name for limb in body.limbs()), starts, radii)
+            points = np.vstack([BODY + drive.person, np.zeros(3)])
+            solids = limb_solids("operator", TrackedBody(), points)
             near.append(monitor.nearest(drive.q, solids).distance)
     assert min(near) > 0
     states = {tick["state"] for tick in drive.ticks}
@@ -391,13 +391,12 @@ def test_a_calibrated_reach_comes_with_its_gate(tmp_path, monkeypatch, capsys):
     options = command_line().parse_args([*words, "recording12"])
     scenario, trackers, control, _ = options.prepare(options).args
     assert trackers["operator"].gate == 2.0
-    assert control.replanning.reach == reach
-    cell_of(scenario, scenario.build_robot(), trackers, {}, options, control)
+    cell_of(scenario, scenario.build_robot(), trackers, options, control)
     trackers["operator"] = replace(trackers["operator"], gate=None)
     with pytest.raises(InputError, match="operator: the reach was calibrated with"):
-        cell_of(scenario, scenario.build_robot(), trackers, {}, options, control)
+        cell_of(scenario, scenario.build_robot(), trackers, options, control)
     assert main([*words[:3], str(tmp_path / "none.yaml")]) == 2
-    assert "none.yaml: cannot be read" in " ".join(capsys.readouterr().err.split())
+    assert "--reach: '" in " ".join(capsys.readouterr().err.split())
 
 
 # ------------------------------------------------------------------------------------------- requests and shield

@@ -7,8 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from safe_ompl.apps.exchange.received import Frames, cloud_of, people_of_markers, person_of_poses, pose_of, stamp_of
-from safe_ompl.apps.exchange.sightings import CloudView, Sightings
+from safe_ompl.apps.exchange.received import (
+    CloudView,
+    Frames,
+    Sightings,
+    cloud_of,
+    people_of_markers,
+    pose_of,
+    stamp_of,
+)
 from safe_ompl.common import InputError
 from safe_ompl.geometry import Pose
 from safe_ompl.people import find_skeleton
@@ -92,13 +99,7 @@ def test_markers_that_cannot_be_used(frames, markers, said):
         people_of_markers(message(markers=markers), find_skeleton("coco17"), frames)
 
 
-def test_poses_and_an_object(frames):
-    poses = [{"position": point(float(k), 0.0, 0.0)} for k in range(17)]
-    time, points = person_of_poses(message(header=header(), poses=poses), find_skeleton("coco17"), frames)
-    assert time == 7.5
-    np.testing.assert_allclose(points[3], [1.0, 3.0, 2.0])
-    with pytest.raises(InputError, match="poses: coco17 has 17 key points, got 5"):
-        person_of_poses(message(header=header(), poses=poses[:5]), find_skeleton("coco17"), frames)
+def test_an_object(frames):
     pose = {"position": point(1.0, 0.0, 0.0), "orientation": {**point(0.0, 0.0, 0.0), "w": 1.0}}
     _, place = pose_of(message(header=header(), pose=pose), frames)
     np.testing.assert_allclose(place.position, [1.0, 1.0, 2.0])

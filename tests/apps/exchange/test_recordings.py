@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from safe_ompl.apps import main
-from safe_ompl.apps.exchange import PeopleSource, messages, read_joint_log, read_people
+from safe_ompl.apps.exchange import messages, read_joint_log, read_people
 from safe_ompl.common import InputError
 from safe_ompl.geometry import STANDING
 from safe_ompl.people import find_skeleton
@@ -53,8 +53,11 @@ def filled(kind, content):
     return TYPES.deserialize_cdr(messages.encoded(kind, content), kind)
 
 
-def poses(points, frame="camera", time=0.0):
-    return {"header": messages.header(round(1e9 * time), frame), "poses": [messages.pose(point) for point in points]}
+def markers(points, frame="camera", time=0.0):
+    """Return key points without names, each with its number; NaN: there is no marker."""
+    head = messages.header(round(1e9 * time), frame)
+    seen = [(k, point) for k, point in enumerate(points) if not np.isnan(point).any()]
+    return {"markers": [{"header": head, "ns": "anna", "id": k, "pose": messages.pose(point)} for k, point in seen]}
 
 
 def walking(time):
@@ -65,22 +68,24 @@ def walking(time):
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_people_of_a_bag(tmp_path, plugin):
     times = np.arange(0, 1.01, 0.1)
-    rows = [("/skeleton", messages.POSES, 5 + t, poses(walking(t))) for t in times]
+    rows = [("/skeleton", messages.MARKERS, 5 + t, markers(walking(t))) for t in times]
     folder = write_bag(tmp_path / "bag", rows, plugin)
-    found = read_people(folder, PeopleSource(skeleton="coco17"))
+    found = read_people(folder, skeleton="coco17")
     assert found.skeleton == COCO
     assert found.rate == pytest.approx(10.0)
     np.testing.assert_allclose(found.frames, [walking(t) for t in times], atol=1e-9)
     (file,) = [file for file in folder.iterdir() if file.suffix in (".mcap", ".db3")]
-    np.testing.assert_array_equal(read_people(file, PeopleSource(skeleton="coco17")).frames, found.frames)
+    np.testing.assert_array_equal(read_people(file, skeleton="coco17").frames, found.frames)
 
 
 def test_who_is_not_seen(tmp_path):
     hidden = walking(0.3)
     hidden[4] = np.nan
-    rows = [("/a", messages.POSES, 1 + t, poses(hidden if t == 0.3 else walking(t))) for t in (0.0, 0.1, 0.2, 0.3, 0.4)]
-    rows += [("/a", messages.POSES, 1 + t, poses(walking(t))) for t in (0.9, 1.0, 1.1)]
-    found = read_people(write_bag(tmp_path / "bag", rows), PeopleSource(skeleton="coco17")).frames
+    rows = [
+        ("/a", messages.MARKERS, 1 + t, markers(hidden if t == 0.3 else walking(t))) for t in (0.0, 0.1, 0.2, 0.3, 0.4)
+    ]
+    rows += [("/a", messages.MARKERS, 1 + t, markers(walking(t))) for t in (0.9, 1.0, 1.1)]
+    found = read_people(write_bag(tmp_path / "bag", rows), skeleton="coco17").frames
     assert len(found) == 12
     seen = np.isfinite(found).all(axis=2)
     assert not seen[3, 4]
@@ -90,8 +95,8 @@ def test_who_is_not_seen(tmp_path):
 
 
 def test_stamps_count_and_their_order_does_not(tmp_path):
-    rows = [("/a", messages.POSES, 50.0, poses(walking(t), time=7 + t)) for t in (0.2, 0.0, 0.1, 0.1, 0.3)]
-    found = read_people(write_bag(tmp_path / "bag", rows), PeopleSource(skeleton="coco17"))
+    rows = [("/a", messages.MARKERS, 50.0, markers(walking(t), time=7 + t)) for t in (0.2, 0.0, 0.1, 0.1, 0.3)]
+    found = read_people(write_bag(tmp_path / "bag", rows), skeleton="coco17")
     np.testing.assert_allclose(found.frames, [walking(t) for t in (0.0, 0.1, 0.2, 0.3)], atol=1e-7)
 
 
@@ -100,20 +105,20 @@ def test_people_by_name_with_named_key_points(tmp_path):
     rows = []
     for k in range(3):
         moved = {name: place + np.array([0.1 * k, 0.0, 0.0]) for name, place in reversed(body.items())}
-        content = messages.people_markers(round(1e8 * k) + 1, "map", {"anna": body, "bert": moved})
+        content = messages.people_markers(round(1e8 * k) + 1, {"anna": body, "bert": moved})
         rows.append(("/people", messages.MARKERS, k / 10, content))
     folder = write_bag(tmp_path / "bag", rows)
-    found = read_people(folder, PeopleSource(who="bert"))
+    found = read_people(folder, who="bert")
     assert found.skeleton.points == tuple(STANDING)
     np.testing.assert_allclose(found.frames[2], np.array(list(body.values())) + np.array([0.2, 0.0, 0.0]), atol=1e-6)
     for source, message in (
-        (PeopleSource(), "has the people anna, bert: say who with --clip"),
-        (PeopleSource(who="carl"), "unknown person 'carl'"),
-        (PeopleSource(topic="/nobody"), "--topic: unknown topic '/nobody'"),
-        (PeopleSource(who="anna", skeleton="body25"), "has 17 key points, body25 has 25"),
+        ({}, "has the people anna, bert: say who with --clip"),
+        ({"who": "carl"}, "unknown person 'carl'"),
+        ({"topic": "/nobody"}, "--topic: unknown topic '/nobody'"),
+        ({"who": "anna", "skeleton": "body25"}, "has 17 key points, body25 has 25"),
     ):
         with pytest.raises(InputError, match=message):
-            read_people(folder, source)
+            read_people(folder, **source)
 
 
 @pytest.mark.parametrize(
@@ -121,29 +126,25 @@ def test_people_by_name_with_named_key_points(tmp_path):
     [
         (lambda rows: rows[:1], "must have messages at two times at least, got 1"),
         (
-            lambda rows: [*rows, ("/b", messages.POSES, 9.0, poses(walking(0)))],
+            lambda rows: [*rows, ("/b", messages.MARKERS, 9.0, markers(walking(0)))],
             "has /a, /b of .*say which with --topic",
         ),
         (
-            lambda rows: [*rows, ("/a", messages.POSES, 9.0, poses(walking(0), "map"))],
+            lambda rows: [*rows, ("/a", messages.MARKERS, 9.0, markers(walking(0), "map"))],
             "frame_id: must be one in all messages, got camera, map",
         ),
         (
-            lambda rows: [*rows, ("/a", messages.POSES, 9.0, poses(walking(0)[:5]))],
-            "poses: must have as many poses in all",
-        ),
-        (
-            lambda rows: [*rows, ("/a", messages.POSES, 9.0, poses(walking(np.inf)))],
+            lambda rows: [*rows, ("/a", messages.MARKERS, 9.0, markers(walking(np.inf)))],
             "key points: must be finite, or NaN",
         ),
         (lambda rows: [("/a", messages.JOINT_STATE, 1.0, {})], "has no topic of visualization_msgs"),
     ],
 )
 def test_recordings_of_people_that_are_none(tmp_path, change, message):
-    rows = [("/a", messages.POSES, 1 + t, poses(walking(t))) for t in (0.0, 0.1)]
+    rows = [("/a", messages.MARKERS, 1 + t, markers(walking(t))) for t in (0.0, 0.1)]
     folder = write_bag(tmp_path / "bag", change(rows))
     with pytest.raises(InputError, match=message):
-        read_people(folder, PeopleSource(skeleton="coco17"))
+        read_people(folder, skeleton="coco17")
 
 
 def test_a_recorded_person_beside_the_robot(tmp_path, capsys):
@@ -151,7 +152,7 @@ def test_a_recorded_person_beside_the_robot(tmp_path, capsys):
     body = np.array(list(STANDING.values())) * 1.75
     content = [
         messages.people_markers(
-            round(1e9 * t), "map", {"anna": dict(zip(STANDING, body + np.array([0.5 * t, 0, 0]), strict=True))}
+            round(1e9 * t), {"anna": dict(zip(STANDING, body + np.array([0.5 * t, 0, 0]), strict=True))}
         )
         for t in times
     ]

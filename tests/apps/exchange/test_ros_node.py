@@ -12,7 +12,6 @@ import sys
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,13 +27,11 @@ from geometry_msgs.msg import Pose
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2
-from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from safe_ompl.apps import main
-from safe_ompl.apps.exchange import TrajectoryAction, messages, read_log
-from safe_ompl.common import InputError
+from safe_ompl.apps.exchange import messages, read_log
 
 pytestmark = pytest.mark.end_to_end
 NAMES = [f"panda_joint{k}" for k in range(1, 8)]
@@ -350,25 +347,6 @@ def test_behind_a_shield_the_robot_follows_what_is_proposed(world, folder):
     assert code == 0, (folder / "shield.log").read_text()
 
 
-def test_the_robot_of_a_topic(world, folder):
-    text = (Path(__file__).parents[2] / "data" / "gripper_arm.urdf").read_text()
-    scenario = folder / "arm.yaml"
-    scenario.write_text(f"robot: {{urdf: {folder / 'none.urdf'}}}\nstart: [0.0]\ngoal: {{configuration: [0.0]}}\n")
-    (folder / "none.urdf").write_text("<robot name='none'/>")
-    quality = rclpy.qos.QoSProfile(depth=1, durability=rclpy.qos.DurabilityPolicy.TRANSIENT_LOCAL)
-    publisher = world.node.create_publisher(String, "/robot_description", quality)
-    for described, said in ((text, "start"), ("no URDF", "/robot_description: ")):
-        publisher.publish(String(data=described))
-        with (folder / "described.log").open("w") as log:
-            node = start_node(
-                str(scenario), "--robot-description", "/robot_description", "--ros-args", "-r", "__ns:=/b", log=log
-            )
-            assert node.wait(PATIENCE) == 2
-        error = (folder / "described.log").read_text().strip()
-        assert error.splitlines()[-1].startswith("safe-ompl: ")
-        assert said in error.splitlines()[-1]
-
-
 # ---------------------------------------------------------------------------------------------------- encodings
 
 STATE = {"q": [0.5] * 7, "state": "braking", "reason": "why", "distance": 0.5, "obeyed": False}
@@ -383,7 +361,7 @@ STATE = {"q": [0.5] * 7, "state": "braking", "reason": "why", "distance": 0.5, "
             JointTrajectory,
             messages.joint_trajectory(7, NAMES, [0.0, 0.25], positions=[START, GOAL], velocities=[START, GOAL]),
         ),
-        (messages.MARKERS, MarkerArray, messages.people_markers(9, "map", {"anna": {"head": [1, 2, 3]}})),
+        (messages.MARKERS, MarkerArray, messages.people_markers(9, {"anna": {"head": [1, 2, 3]}})),
         (messages.DIAGNOSTICS, DiagnosticArray, messages.diagnostics(9, "panda", STATE)),
     ],
 )
@@ -397,62 +375,12 @@ def test_bytes_are_those_of_ros(kind, cls, content):
 
 
 def test_the_node_says_what_is_missing(capsys, monkeypatch):
-    assert main(["ros", "panda_shelf", "--shield", "--follow", "/arm"]) == 2
-    assert "--follow: excludes --shield" in capsys.readouterr().err
     assert main(["ros", "panda_shelf", "--people", "a b"]) == 2
     assert "'a b' must be letters, digits and _" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "rclpy", None)
     monkeypatch.setattr("safe_ompl.apps.cli.output.need_extra", lambda extra: None)
     assert main(["ros", "panda_shelf"]) == 2
     assert "needs ROS 2 (" in capsys.readouterr().err
-
-
-class Done:
-    """A future that is there already."""
-
-    def __init__(self, result):
-        self.result = lambda: result
-
-    def add_done_callback(self, call):
-        call(self)
-
-
-def test_whole_trajectories_are_sent_to_an_action(monkeypatch):
-    monkeypatch.setitem(sys.modules, "control_msgs", None)
-    with pytest.raises(InputError, match=r"--follow: needs control_msgs \(.*\): install ros-\$ROS_DISTRO-control"):
-        TrajectoryAction(None, "/arm")
-
-    said, sent, cancelled = [], [], []
-    goal = SimpleNamespace(accepted=True, cancel_goal_async=lambda: cancelled.append(True))
-    ended = SimpleNamespace(result=SimpleNamespace(error_code=-5, error_string="goal tolerance"))
-    client = SimpleNamespace(
-        server_is_ready=lambda: bool(sent), send_goal_async=lambda goal: sent.append(goal) or Done(held)
-    )
-    kind = SimpleNamespace(Goal=SimpleNamespace)
-    held = SimpleNamespace(accepted=False)
-    module = SimpleNamespace(FollowJointTrajectory=kind)
-    monkeypatch.setitem(sys.modules, "control_msgs", SimpleNamespace(action=module))
-    monkeypatch.setitem(sys.modules, "control_msgs.action", module)
-    monkeypatch.setattr("rclpy.action.ActionClient", lambda node, of, name: client)
-    node = SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=said.append))
-    action = TrajectoryAction(node, "/arm")
-    content = messages.joint_trajectory(0, NAMES, [0.0, 1.5], positions=[START, GOAL])
-    action.send(content)
-    assert (sent, said.pop()) == ([], "/arm: there is no server")
-    client.server_is_ready = lambda: True
-    action.send(content)
-    assert said.pop() == "/arm: the trajectory was refused"
-    held, goal.get_result_async = goal, lambda: SimpleNamespace(add_done_callback=sent.append)
-    action.send(content)
-    assert sent[1].trajectory.joint_names == NAMES
-    assert list(sent[1].trajectory.points[1].positions) == GOAL
-    assert sent[1].trajectory.points[1].time_from_start.nanosec == 500_000_000
-    action.cancel()
-    assert cancelled == [True]
-    sent[2](Done(ended))
-    assert said == ["/arm: ended with -5 goal tolerance"]
-    action.cancel()
-    assert cancelled == [True]  # there is nothing to cancel any more
 
 
 def test_the_example_beside_a_person_who_walks_on_the_clock_of_the_machine(folder):

@@ -1,10 +1,13 @@
-"""A Panda that goes to and fro over a table, and a replanner for it."""
+"""A Panda that goes to and fro over a table, a replanner for it, and drives at which all promises are checked."""
 
+from itertools import pairwise
+
+import numpy as np
 import pytest
 
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Scene, Sphere, Tracker, time_path
 from safe_ompl.people import TrackedBody, find_skeleton
-from safe_ompl.people.replanning import ReplanningOptions
+from safe_ompl.people.replanning import Doing, ReplanningOptions
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
 WAYS = [[-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785], [0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785]]
@@ -46,10 +49,45 @@ def replanner_for(panda, table, tracker):
 
 @pytest.fixture
 def to_and_fro(panda):
-    """Return a function that makes the trajectories there and back for a replanner."""
+    """Return a function that makes the trajectories there and back for a replanner, perhaps with caps of speed."""
 
-    def make(replanner):
+    def make(replanner, **caps):
         limits = RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS)
-        return [time_path(way, panda, limits, motion=replanner.prover) for way in (WAYS, WAYS[::-1])]
+        return [time_path(way, panda, limits, motion=replanner.prover, **caps) for way in (WAYS, WAYS[::-1])]
 
     return make
+
+
+@pytest.fixture
+def drive():
+    """Return a function that drives with what is seen at each tick, checks the commands, and returns them."""
+
+    def run(replanner, trajectory, see, seconds, think=True):
+        replanner.start(trajectory)
+        commands = []
+        for k in range(round(seconds / replanner.tick)):
+            seen = see(k * replanner.tick)
+            replanner.update(*seen, k * replanner.tick)
+            commands.append(replanner.command(k * replanner.tick + 0.02))
+            if commands[-1].doing is Doing.DONE:
+                break
+            if think:
+                replanner.think()
+        check_commands(replanner, trajectory.limits, commands)
+        return commands
+
+    return run
+
+
+def check_commands(pilot, limits, commands):
+    """Fail where commands jump, break limits, touch what stands still, or do not end at rest."""
+    for before, after in pairwise(commands):
+        np.testing.assert_allclose(before.at(after.time).q, after.at(after.time).q, atol=1e-6)
+        np.testing.assert_allclose(before.at(after.time).qd, after.at(after.time).qd, atol=1e-4)
+    for command in {id(command): command for command in commands}.values():
+        for t in np.linspace(command.time, command.standstill, 8)[:-1]:  # at rest a corner may have two slopes
+            state = command.at(t)
+            assert (np.abs(state.qd) <= limits.velocity * (1 + 1e-9)).all()
+            assert (np.abs(state.qdd) <= limits.acceleration * (1 + 1e-6)).all()
+            assert not pilot.prover.checker.in_collision(state.q)
+        assert np.abs(command.at(command.standstill).qd).max() < 1e-6

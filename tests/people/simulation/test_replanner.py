@@ -1,250 +1,255 @@
 """What is executed is proven at every instant: adversaries never touch a robot that moves, and faults are answered."""
 
 import logging
-from itertools import pairwise
+from typing import NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError, People, Pose, RateLimits, Replanner, UnknownNameError, time_path
+from safe_ompl import Box, InputError, Obstacle, People, Pose, RateLimits, Replanner, Scene, UnknownNameError, time_path
 from safe_ompl.geometry import STANDING
+from safe_ompl.people import TrackedBody
 from safe_ompl.people.replanning import Doing, ReplanningOptions
-from safe_ompl.people.simulation import limb_solids
+from safe_ompl.people.replanning.replanner import contact_limits
+from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
+from safe_ompl.trajectories import contact_speed
 
-FAR = (3.0, 0.0, 0.0)
-
-
-def person_at(place, tracker):
-    """Return the key points of COCO of a person who stands at a place."""
-    head = STANDING["head"]
-    return np.array([1.75 * STANDING.get(name, head) for name in tracker.skeleton.points]) + place
+FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
+ARM = ("right_upper_arm", "right_forearm", "right_hand", "left_forearm", "left_hand")
 
 
-class World:
-    """The robot's bodies and a body that runs at them, for the adversary."""
-
-    def __init__(self, robot):
-        self.robot, self.model, self.bodies = robot, robot.model, robot.collision_model
-        self.kinematics, self.data = self.model.createData(), pin.GeometryData(self.bodies)
-
-    def nearest(self, q, solids):
-        """Return the smallest distance and the direction from the solids to the robot."""
-        pin.updateGeometryPlacements(self.model, self.kinematics, self.bodies, self.data, q)
-        best, way = np.inf, np.zeros(3)
-        for k, part in enumerate(self.bodies.geometryObjects):
-            if part.parentJoint == 0:
-                continue
-            at = self.data.oMg[k]
-            where = coal.Transform3s(at.rotation, at.translation)
-            for geometry, place in solids:
-                there = coal.Transform3s(place.rotation, place.translation)
-                result = coal.DistanceResult()
-                distance = coal.distance(part.geometry, where, geometry, there, coal.DistanceRequest(), result)
-                if distance < best:
-                    best, way = distance, result.getNearestPoint1() - result.getNearestPoint2()
-        return best, way / max(np.linalg.norm(way), 1e-12)
+def person_at(place, tracker, *, stretched=False):
+    """Return the key points of COCO of a person who stands at a place, the right arm stretched out to the base."""
+    points = {name: 1.75 * np.array(at) for name, at in STANDING.items()}
+    if stretched:
+        ahead = np.array([-1.0, 0.0, -0.3]) / np.hypot(1.0, 0.3)
+        points["right_elbow"] = points["right_shoulder"] + 0.3 * ahead
+        points["right_wrist"] = points["right_shoulder"] + 0.55 * ahead
+    return np.array([points.get(name, points["head"]) for name in tracker.skeleton.points]) + place
 
 
-def attack(replanner, trajectory, begin, place, measure, solids, speed, latency=0.02, step=0.005, think=False):
-    """Let a body stand, and from an instant on run at the nearest link; return the least distance in motion."""
-    world, place = World(replanner.robot), np.array(place, dtype=float)
-    replanner.start(trajectory)
-    old = new = None
-    least, moved = np.inf, 0
-    for k in range(int((begin + 1.2) / step)):
-        time = k * step
-        if k % 10 == 0:
-            replanner.update(*measure(place), time)
-            old, new = new, replanner.command(time + latency)
-            if think:
+class Attack(NamedTuple):
+    """A ball or a person who stands, and from an instant [s] on runs at the robot."""
+
+    begin: float
+    place: tuple
+    speed: float = 1.6
+    limbs: tuple = ()  # of a person; none: a ball
+    contact: bool = False
+    promised: float = 1.6
+    cap: float | None = None  # of tool and links
+
+    def run(self, replanner, trajectory, tracker):
+        """Return the least distance while the robot moves, all touches, and the commands."""
+        monitor, robot, place = ContactMonitor(replanner.robot), replanner.robot, np.array(self.place, float)
+        replanner.start(trajectory)
+        old = new = None
+        least, touches, commands = np.inf, [], []
+        for k in range(int((self.begin + 1.2) / 0.005)):
+            time = 0.005 * k
+            points = person_at(place, tracker, stretched=self.contact) if self.limbs else None
+            if k % 10 == 0:
+                seen = ({"anna": points}, {}) if self.limbs else ({}, {"ball": Pose(tuple(place))})
+                replanner.update(*seen, time)
+                old, new = new, replanner.command(time + 0.02)
+                commands.append(new)
                 replanner.think()
-        command = new if old is None or time >= 10 * step * (k // 10) + latency - 1e-9 else old
-        state = command.at(max(time, command.time))
-        if np.abs(state.qd).max() > 1e-9 or time < begin:
-            distance, way = world.nearest(state.q, solids(place))
-            if np.abs(state.qd).max() > 1e-9:
-                least, moved = min(least, distance), moved + 1
-            if time >= begin:
-                place = place + min(speed * step, max(distance, 0.0)) * way
-        elif time >= begin:
-            break
-    assert moved > 3
-    return least
+            command = new if old is None or k % 10 >= 4 else old
+            state = command.at(max(time, command.time))
+            moving = bool(np.abs(state.qd).max() > 1e-9) and command.doing is not Doing.RETREATING
+            if time < self.begin and not moving:
+                continue
+            solids = [Solid("ball", "", coal.Sphere(0.1), pin.SE3(np.eye(3), place))]
+            if self.limbs:
+                body = tracker.body
+                solids = limb_solids("anna", body, body.completed(tracker.skeleton.keypoints(points))[0])
+            distance = monitor.nearest(state.q, solids).distance
+            if moving:
+                least = min(least, distance)
+                touches += monitor.touches(state.q, state.qd, solids) if distance <= 0 else []
+            if time >= self.begin and distance > -0.02:
+                middle = place + np.array([0.0, 0.0, 1.3 if self.limbs else 0.0])
+                ways = robot.keypoints(state.q)[1:] - middle
+                way = ways[np.linalg.norm(ways, axis=1).argmin()] * ([1.0, 1.0, 0.0] if self.limbs else 1.0)
+                place = place + self.speed * 0.005 * way / max(np.linalg.norm(way), 1e-9)
+        assert len({command.doing for command in commands}) > 1
+        return least, touches, commands
 
 
-def ball_attack(replanner, trajectory, begin, place, speed, **options):
-    return attack(
-        replanner,
-        trajectory,
-        begin,
-        place,
-        lambda at: ({}, {"ball": Pose(tuple(at))}),
-        lambda at: [(coal.Sphere(0.1), pin.SE3(np.eye(3), at))],
-        speed,
-        **options,
-    )
+ATTACKS = (
+    Attack(0.2, (0.8, 0.7, 0.45)),
+    Attack(0.6, (0.6, -0.8, 0.4)),
+    Attack(0.9, (0.75, 0.75, 0.3)),
+    Attack(0.7, (0.55, 0.0, 0.45), speed=0.1, promised=0.1, cap=1.0),
+    Attack(0.3, (1.0, -0.3, -0.9), limbs=("head", "torso", "right_forearm")),
+    Attack(0.8, (-0.9, 0.2, -0.9), limbs=("head", "torso", "right_forearm")),
+    Attack(0.3, (1.25, -0.1, -0.9), limbs=ARM, contact=True),
+    Attack(0.9, (1.25, 0.3, -0.9), limbs=ARM, contact=True),
+    Attack(0.4, (0.95, 0.0, -1.1), limbs=("head", "neck"), contact=True),
+)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_a_ball_never_touches_a_robot_that_moves(replanner_for, to_and_fro, seed):
-    rng = np.random.default_rng(seed)
-    replanner = replanner_for("ball")
-    place = [0.9, 0.9, 0.5] * rng.uniform(0.6, 1.0, 3) * [1, rng.choice([-1, 1]), 1]
-    least = ball_attack(replanner, to_and_fro(replanner)[0], rng.uniform(0.1, 1.0), place, 1.6)
-    assert least > 0
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_no_adversary_touches_a_robot_that_moves_but_where_that_is_borne(panda, table, tracker, to_and_fro, attack):
+    people = People(speed=1.6, contact=attack.contact)
+    tracker = type(tracker)(tracker.skeleton, TrackedBody(1.75, attack.limbs))
+    who = ({"anna": tracker}, {}) if attack.limbs else ({}, {"ball": attack.promised})
+    replanner = Replanner(panda, table, *who, people=people)
+    caps = {} if attack.cap is None else {"tool_speed": attack.cap, "link_speed": 1.5 * attack.cap}
+    least, touches, commands = attack.run(replanner, to_and_fro(replanner, **caps)[0], tracker)
+    rules = {command.rule for command in commands}
+    if attack.limbs != ARM:
+        assert least > 0
+        assert rules <= {"", "separation"}
+        return
+    assert len(touches) > 3
+    assert rules <= {"", "separation", "contact", "clamping"}
+    for touch in touches:
+        borne = contact_speed(people.region_of(touch.limb))
+        assert touch.speed <= borne * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("begin", [0.35, 0.7, 1.2])
-def test_a_ball_never_touches_a_robot_on_other_ways_under_caps(replanner_for, to_and_fro, panda, begin):
-    replanner = replanner_for("ball", ball=0.1)
-    way = to_and_fro(replanner)[0]
-    points = way.curve.at(np.array([0.0, 0.5, 1.0]) * way.curve.length).q
-    slow = time_path(points, panda, way.limits, motion=replanner.prover, tool_speed=1.0, link_speed=1.5)
-    assert ball_attack(replanner, slow, begin, (0.55, 0.0, 0.45), 0.1, think=True) > 0
+def test_a_ball_that_is_faster_than_promised_can_win(replanner_for, to_and_fro, tracker):
+    fast = [Attack(begin, (0.8, 0.2, 0.5), speed=4.0) for begin in (0.3, 0.5, 0.7)]
+    replanners = [replanner_for("ball", ball=0.2) for _ in fast]
+    assert min(a.run(r, to_and_fro(r)[0], tracker)[0] for a, r in zip(fast, replanners, strict=True)) <= 0
 
 
-def test_a_ball_that_is_faster_than_promised_can_win(replanner_for, to_and_fro):
-    replanner = replanner_for("ball", ball=0.2)
-    ways = to_and_fro(replanner)[0]
-    least = [ball_attack(replanner_for("ball", ball=0.2), ways, t, (0.8, 0.2, 0.5), 4.0) for t in (0.3, 0.5, 0.7)]
-    assert min(least) <= 0
-
-
-def test_a_person_never_touches_a_robot_that_moves(replanner_for, to_and_fro, tracker):
-    for begin, place in ((0.3, (1.0, -0.3, -0.9)), (0.6, (1.0, 0.4, -0.9)), (0.8, (-0.9, 0.2, -0.9))):
-        replanner = replanner_for("anna")
-
-        def solids(at):
-            body = tracker.body
-            ends = body.ends(body.completed(tracker.skeleton.keypoints(person_at(at, tracker)))[0])
-            limbs = limb_solids("anna", body.limbs, ends, body.radii(ends))
-            return [(solid.geometry, solid.placement) for solid in limbs]
-
-        def measure(at):
-            return {"anna": person_at(at, tracker)}, {}
-
-        assert attack(replanner, to_and_fro(replanner)[0], begin, place, measure, solids, 1.6) > 0
-
-
-def drive(replanner, trajectory, see, seconds, latency=0.02):
-    """Drive with what is seen at each tick; return the commands."""
-    replanner.start(trajectory)
-    commands = []
-    for k in range(round(seconds / replanner.tick)):
-        time = k * replanner.tick
-        seen = see(time)
-        if seen is not None:
-            replanner.update(*seen, time)
-        commands.append(replanner.command(time + latency))
-    return commands
-
-
-def test_alone_it_is_as_fast_as_its_limits_let_it(replanner_for, to_and_fro):
+def test_alone_it_is_as_fast_as_its_limits_let_it_and_no_detour_is_searched(replanner_for, to_and_fro, drive):
     replanner = replanner_for("ball")
     way = to_and_fro(replanner)[0]
-    commands = drive(replanner, way, lambda t: ({}, {"ball": Pose(FAR)}), 4.0)
-    done = [command.doing for command in commands].index(Doing.DONE) * replanner.tick
-    assert done < 1.35 * way.duration + 0.1
+    commands = drive(replanner, way, lambda t: FAR, 6.0)
+    assert commands[-1].time < 1.35 * way.duration + 0.1
     assert {command.doing for command in commands} == {Doing.MOVING, Doing.DONE}
-    limits = way.limits
-    for before, after in pairwise(commands):
-        np.testing.assert_allclose(before.at(after.time).q, after.at(after.time).q, atol=1e-9)
-        np.testing.assert_allclose(before.at(after.time).qd, after.at(after.time).qd, atol=1e-6)
-        for t in np.linspace(after.time, after.standstill, 20):
-            state = after.at(t)
-            assert (np.abs(state.qd) <= limits.velocity * (1 + 1e-9)).all()
-            assert (np.abs(state.qdd) <= limits.acceleration * (1 + 1e-9)).all()
+    assert len({id(command.path) for command in commands}) == 1
 
 
-def test_after_a_stop_it_goes_on_by_itself_and_says_why(replanner_for, to_and_fro, caplog):
-    replanner = replanner_for("ball")
-
+def test_after_a_stop_it_goes_on_by_itself_and_says_why(replanner_for, to_and_fro, drive, caplog):
     def see(time):
-        return {}, {"ball": Pose((0.6, 0.1, 0.5) if 0.3 <= time < 1.8 else FAR)}
+        return {}, {"ball": Pose((0.6, 0.1, 0.5) if 0.3 <= time < 1.8 else (3.0, 0.0, 0.0))}
 
+    replanner = replanner_for("ball")
     with caplog.at_level(logging.INFO, "safe_ompl"):
-        commands = drive(replanner, to_and_fro(replanner)[0], see, 6.0)
+        commands = drive(replanner, to_and_fro(replanner)[0], see, 6.0, think=False)
     doing = [command.doing for command in commands]
-    assert Doing.STANDING in doing
     assert doing[-1] is Doing.DONE
-    stood = commands[doing.index(Doing.STANDING)]
-    assert "'ball'" in stood.reason
+    assert "'ball'" in commands[doing.index(Doing.STANDING)].reason
     assert "farther than promised" in caplog.text
     assert "standing: " in caplog.text
 
 
-def test_the_same_updates_give_the_same_motion(replanner_for, to_and_fro, tracker):
+def test_the_same_updates_give_the_same_motion(replanner_for, to_and_fro, tracker, drive):
     def see(time):
         return {"anna": person_at((0.9 + 0.3 * np.sin(2 * time), 0.3, -0.9), tracker)}, {}
 
     runs = []
     for _ in range(2):
         replanner = replanner_for("anna")
-        commands = drive(replanner, to_and_fro(replanner)[0], see, 3.0)
+        commands = drive(replanner, to_and_fro(replanner)[0], see, 2.0)
         runs.append([np.concatenate(command.at(command.time + 0.03)) for command in commands])
     assert np.array_equal(*map(np.array, runs))
 
 
-def test_who_was_never_seen_or_is_lost_stops_it(replanner_for, to_and_fro):
-    replanner = replanner_for("ball")
-    commands = drive(replanner, to_and_fro(replanner)[0], lambda t: ({}, {}), 0.5)
-    assert {command.doing for command in commands} == {Doing.STANDING}
-    assert commands[0].reason == "'ball' was not seen yet"
-    replanner = replanner_for("ball")
-    far = {}, {"ball": Pose(FAR)}
-    commands = drive(replanner, to_and_fro(replanner)[0], lambda t: far if t < 0.3 else ({}, {}), 2.0)
-    assert commands[-1].doing is Doing.STANDING
-    assert "was not seen for" in commands[-1].reason
+def test_who_was_never_seen_or_is_lost_stops_it(replanner_for, to_and_fro, drive):
+    for seen, doing, reason in ((0.0, {Doing.STANDING}, "'ball' was not seen yet"), (0.3, set(Doing), "not seen for")):
+        replanner = replanner_for("ball")
+        commands = drive(replanner, to_and_fro(replanner)[0], lambda t, seen=seen: FAR if t < seen else ({}, {}), 1.5)
+        assert {command.doing for command in commands} <= doing
+        assert commands[-1].doing is Doing.STANDING
+        assert reason in commands[-1].reason
 
 
 def test_a_late_answer_is_a_stop(replanner_for, to_and_fro):
     replanner = replanner_for("ball")
     replanner.start(to_and_fro(replanner)[0])
     for k in range(10):
-        replanner.update({}, {"ball": Pose(FAR)}, 0.05 * k)
+        replanner.update(*FAR, 0.05 * k)
         command = replanner.command(0.05 * k)
     assert np.abs(command.at(0.5).qd).max() > 0.1
     assert command.standstill < 1.0
     np.testing.assert_array_equal(command.at(command.standstill + 1).qd, 0)
-    replanner.update({}, {"ball": Pose(FAR)}, 0.8)
+    replanner.update(*FAR, 0.8)
     after = replanner.command(0.8)
     np.testing.assert_allclose(after.at(0.8).q, command.at(0.8).q)
     assert after.doing is Doing.MOVING
 
 
-def test_clearance_is_left(replanner_for, to_and_fro):
-    distances = []
-    for clearance in (0.0, 0.3):
+def test_clearance_is_left(replanner_for, to_and_fro, drive):
+    still = {}, {"ball": Pose((0.85, 0.0, 0.5))}
+    for clearance, end in ((0.0, Doing.DONE), (0.3, Doing.STANDING)):
         replanner = replanner_for("ball", ball=0.0, people=People(clearance=clearance))
-        commands = drive(replanner, to_and_fro(replanner)[0], lambda t: ({}, {"ball": Pose((0.85, 0.0, 0.5))}), 3.0)
-        distances.append(commands[-1].doing)
-    assert distances == [Doing.DONE, Doing.STANDING]
+        assert drive(replanner, to_and_fro(replanner)[0], lambda t: still, 3.0, think=False)[-1].doing is end
+
+
+# ------------------------------------------------------------------------------------------------------- contact
+
+
+def test_what_contact_allows_is_only_asked_near_people_and_once_for_each_cell(
+    replanner_for, to_and_fro, tracker, monkeypatch
+):
+    replanner = replanner_for("anna", people=People(contact=True))
+    cells_asked, speeds = [], replanner.contact.speeds
+    monkeypatch.setattr(replanner.contact, "speeds", lambda Q, *rest: cells_asked.append(len(Q)) or speeds(Q, *rest))
+    replanner.start(to_and_fro(replanner)[0])
+    for time, far in ((0.0, 4.0), (4.0, 1.0)):
+        replanner.update({"anna": person_at((far, 0.0, -0.9), tracker, stretched=far == 1.0)}, {}, time)
+        command = replanner.command(time + 0.02)
+        assert bool(cells_asked) == (far == 1.0)
+    asked, path = sum(cells_asked), command.path
+    slow = path.slowed(0.5 * np.sqrt(path.squares), path.brakes)
+    np.testing.assert_array_equal(slow.squares, 0.25 * path.squares)
+    slow._borne(replanner.contact, command.motion.cells)
+    assert sum(cells_asked) == asked
+
+
+def test_in_a_narrow_gap_it_is_slower_than_in_the_open(panda, tracker, to_and_fro, drive):
+    """A wall beside the path: a hand may be clamped between it and the gripper."""
+    wall = Obstacle("wall", Box((0.02, 1.2, 0.5)), Pose((0.63, 0.0, 0.5)))
+    hand, took, rules = type(tracker)(tracker.skeleton, TrackedBody(1.75, ("right_hand",))), [], []
+    for scene in (Scene(()), Scene((wall,))):
+        replanner = Replanner(panda, scene, {"anna": hand}, people=People(speed=1.6, contact=True))
+        seen = {"anna": person_at((1.1, 0.0, -0.9), hand, stretched=True)}, {}
+        commands = drive(replanner, to_and_fro(replanner)[0], lambda t, seen=seen: seen, 5.0, think=False)
+        took.append(len(commands))
+        rules.append({command.rule for command in commands})
+    assert took[1] > 1.1 * took[0]
+    assert "clamping" in rules[1] - rules[0]
+
+
+def test_objects_are_not_touched(replanner_for):
+    people = People(contact=True, regions={"head": (500.0, 4.4, 10.0)})
+    replanner = replanner_for("anna", "ball", people=people)
+    limits = contact_limits(replanner.robot, replanner.surroundings, people)
+    assert limits.limbs[-1] == ("ball", "")
+    assert limits.bears[-1] == 0 < limits.bears[0]
+
+
+# ------------------------------------------------------------------------------------------------------- refusals
 
 
 def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, tracker, ur5):
     replanner = replanner_for("anna", "ball")
     with pytest.raises(InputError, match="start a trajectory first"):
         replanner.command(0.0)
+    with pytest.raises(InputError, match="there was no command yet"):
+        replanner.log_tick()
     there = to_and_fro(replanner)[0]
     replanner.start(there)
     here = person_at((1.0, 0, -0.9), tracker)
-    with pytest.raises(UnknownNameError, match="unknown person 'bert'; known: anna"):
-        replanner.update({"bert": here}, {}, 0.0)
-    with pytest.raises(UnknownNameError, match="unknown object 'table'; known: ball"):
-        replanner.update({}, {"table": Pose()}, 0.0)
-    with pytest.raises(InputError, match=r"people.anna: key points of coco17 must have shape \(17, 3\)"):
-        replanner.update({"anna": here[:5]}, {}, 0.0)
-    broken = here.copy()
-    broken[9, 1] = np.nan
-    with pytest.raises(InputError, match=r"people\.anna: key point 'left_wrist'"):
-        replanner.update({"anna": broken}, {}, 0.0)
-    with pytest.raises(InputError, match=r"objects\.ball: pose"):
-        replanner.update({}, {"ball": np.full((4, 4), np.nan)}, 0.0)
-    with pytest.raises(InputError, match="time"):
-        replanner.update({}, {}, np.nan)
-    replanner.update({"anna": here + np.array([2.0, 0, 0])}, {"ball": Pose(FAR)}, 1.0)
+    broken = np.where(np.arange(17)[:, None] == 9, [0.0, np.nan, 0.0], here)
+    for people, objects, time, message in (
+        ({"bert": here}, {}, 0.0, "unknown person 'bert'; known: anna"),
+        ({}, {"table": Pose()}, 0.0, "unknown object 'table'; known: ball"),
+        ({"anna": here[:5]}, {}, 0.0, r"people.anna: key points of coco17 must have shape \(17, 3\)"),
+        ({"anna": broken}, {}, 0.0, r"people\.anna: key point 'left_wrist'"),
+        ({}, {"ball": np.full((4, 4), np.nan)}, 0.0, r"objects\.ball: pose"),
+        ({}, {}, np.nan, "time"),
+    ):
+        with pytest.raises(InputError, match=message):
+            replanner.update(people, objects, time)
+    replanner.update({"anna": here + np.array([2.0, 0, 0])}, FAR[1], 1.0)
     with pytest.raises(InputError, match=r"time must not go backwards: 0\.5 s after 1 s"):
         replanner.update({}, {}, 0.5)
     with pytest.raises(InputError, match="time must not go backwards"):
@@ -253,11 +258,17 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
     with pytest.raises(InputError, match="the robot still moves"):
         replanner.start(there)
     arm = time_path([[0, -1.5, 1, 0, 0, 0], [1, -1.5, 1, 0, 0, 0]], ur5, RateLimits.of(ur5))
-    with pytest.raises(InputError, match="the trajectory is of the joints"):
-        replanner.start(arm)
     down = time_path([[0.0, 0.5, 0, -2.0, 0, 2.2, 0.785], [0.0, 1.6, 0, -1.0, 0, 2.2, 0.785]], panda)
-    with pytest.raises(InputError, match="is not free of what stands still"):
-        replanner_for("ball").start(down)
+    slow = to_and_fro(replanner, tool_speed=0.5)[0]
+    for cap in slow.caps:
+        object.__setattr__(cap, "limit", None)  # such as of danger: it is proven on its own curve only
+    for trajectory, message in (
+        (arm, "the trajectory is of the joints"),
+        (down, "is not free of what stands still"),
+        (slow, "trajectory: the cap 'tool speed' holds on its own curve only"),
+    ):
+        with pytest.raises(InputError, match=message):
+            replanner_for("ball").start(trajectory)
     with pytest.raises(UnknownNameError, match="unknown obstacle 'cube'"):
         Replanner(panda, table, {}, {"cube": 1.0})
     with pytest.raises(InputError, match="'ball' is a person and an object"):

@@ -1,9 +1,8 @@
 """A robot that stands gets away from who comes too near for any other motion, and goes on once its way is open."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from safe_ompl import Pose
 from safe_ompl.people import ReachSets
@@ -34,23 +33,18 @@ def limits(panda):
 
 
 def core_distances(bodies, q, places):
-    """Return distances (G, M) of hulls from points by a plain search: projections along many directions, refined."""
+    """Return distances (G, M) of hulls from points: the nearest convex combination of the vertices."""
     frames = bodies.frames(q[None])
     found = np.empty((len(bodies.links), len(places)))
     for g in range(len(bodies.links)):
         own = bodies.vertices(g, frames)[0]
+        sums = 1e3 * np.ones(len(own))
         for m, place in enumerate(places):
-            x = own.mean(axis=0)  # Frank-Wolfe: the nearest point of the hull
-            for _ in range(400):
-                corner = own[((x - place) @ own.T).argmin()]
-                step = corner - x
-                along = -((x - place) @ step) / max(step @ step, 1e-15)
-                x = x + np.clip(along, 0.0, 1.0) * step
-            found[g, m] = np.linalg.norm(x - place)
+            found[g, m] = nnls(np.vstack([own.T, sums]), np.append(place, 1e3))[1]
     return found
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_who_is_receded_from_is_nowhere_nearer_than_at_the_start(panda, bodies, limits, seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(panda.lower, panda.upper) * 0.5
@@ -65,7 +59,7 @@ def test_who_is_receded_from_is_nowhere_nearer_than_at_the_start(panda, bodies, 
     at_first = core_distances(bodies, q, places)
     for s in np.linspace(0.0, motion.places[-1], 12):
         now = core_distances(bodies, path.curve.at(np.array([s])).q[0], places)
-        assert (now[away] >= at_first[away] - 1e-3).all()  # what the plain search is off
+        assert (now[away] >= at_first[away] - 1e-5).all()
     assert away.any()
 
 
@@ -94,45 +88,38 @@ def test_a_retreat_leads_away_from_all_who_are_near_and_back_and_none_if_nobody_
     start, away, back, end = path.curve.at(np.append(path.curve.starts, path.length)).q
     np.testing.assert_allclose([start, back, end], [q, q, goal], atol=1e-12)
     at_first, then = (core_distances(bodies, each, places)[7:] for each in (q, away))
-    assert (then >= at_first - 1e-3).all()
+    assert (then >= at_first - 1e-5).all()
     assert then.min() > at_first.min() + 0.02
     assert retreats.search(way, 0.0, balls([[3.0, 0.0, 0.0]])) is None
 
 
-def drive_beside_a_ball(replanner, trajectory, place, gone):
-    """Drive with a ball that is put beside the tip once the robot is on its way, and taken away at a time [s]."""
-    replanner.start(trajectory)
-    commands, ball = [], FAR
-    for k in range(160):
-        time = 0.05 * k
-        if k == 10:
-            tip = replanner.robot.tip_pose(commands[-1].at(np.inf).q).translation
-            ball = Pose(tuple(tip + place))
-        replanner.update({}, {"ball": FAR if time >= gone else ball}, time)
-        commands.append(replanner.command(time + 0.02))
-        replanner.think()
-        if commands[-1].doing is Doing.DONE:
-            break
-    return commands, np.array(ball.position)
+def beside_the_tip(replanner, commands, gone):
+    """Return what is seen: a ball that is put beside the tip once the robot is on its way, until a time [s]."""
+    ball = []
+
+    def see(time):
+        if not ball and time >= 0.5:
+            tip = replanner.robot.tip_pose(replanner._last.at(np.inf).q).translation
+            ball.append(tip + np.array([0.0, 0.22, 0.0]))
+            commands.append(ball[0])
+        return {}, {"ball": Pose(tuple(ball[0])) if ball and time < gone else FAR}
+
+    return see
 
 
-def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_and_fro, bodies):
+def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_and_fro, bodies, drive):
     for retreats in (False, True):
-        replanner = replanner_for("ball", detours=False, retreats=retreats)
+        replanner, placed = replanner_for("ball", detours=False, retreats=retreats), []
         way = to_and_fro(replanner)[0]
-        commands, ball = drive_beside_a_ball(replanner, way, np.array([0.0, 0.22, 0.0]), 4.0)
+        commands = drive(replanner, way, beside_the_tip(replanner, placed, 4.0), 8.0)
         doing = [command.doing for command in commands]
         assert (Doing.RETREATING in doing) is retreats
         assert doing[-1] is Doing.DONE  # after the ball has gone
         assert commands[-1].time > 4.0
-        for before, after in pairwise(commands):  # motion has no jumps
-            np.testing.assert_allclose(before.at(after.time).q, after.at(after.time).q, atol=1e-6)
-            np.testing.assert_allclose(before.at(after.time).qd, after.at(after.time).qd, atol=1e-6)
     retreating = [command for command in commands if command.doing is Doing.RETREATING]
     assert {command.rule for command in retreating} == {"separation"}
     for command in retreating:  # who could be touched before the next command recedes slowly
-        q = command.at(command.time).q
-        for g in np.flatnonzero(core_distances(bodies, q, [ball])[:, 0] < 0.1 + 0.07 * 1.6):
+        for g in np.flatnonzero(core_distances(bodies, command.at(command.time).q, placed)[:, 0] < 0.1 + 0.07 * 1.6):
             for t in np.linspace(command.time, command.standstill, 5):
                 frames = bodies.frames(np.array([command.at(t).q, command.at(t + 1e-5).q]))
                 moved = np.diff(bodies.vertices(g, frames), axis=0)
@@ -157,13 +144,10 @@ def test_the_first_link_recedes_however_it_turns_from_who_is_beside_all_that_it_
         assert Receding(path, 0.0, balls([place])).along(motion)[first, 0] == recedes
 
 
-def test_whoever_is_lost_stops_a_retreat(replanner_for, to_and_fro):
+def test_whoever_is_lost_stops_a_retreat(replanner_for, to_and_fro, drive):
     replanner = replanner_for("ball", detours=False)
-    commands, _ = drive_beside_a_ball(replanner, to_and_fro(replanner)[0], np.array([0.0, 0.22, 0.0]), 9.0)
-    last = commands[-1].time
-    for k in range(1, 20):
-        replanner.update({}, {}, last + 0.05 * k)
-        command = replanner.command(last + 0.05 * k)
-        replanner.think()
-    assert command.doing is Doing.STANDING
-    assert "was not seen" in command.reason
+    seen = beside_the_tip(replanner, [], 9.0)
+    commands = drive(replanner, to_and_fro(replanner)[0], lambda t: seen(t) if t < 3.0 else ({}, {}), 4.0)
+    assert Doing.RETREATING in {command.doing for command in commands}
+    assert commands[-1].doing is Doing.STANDING
+    assert "was not seen" in commands[-1].reason

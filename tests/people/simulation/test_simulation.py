@@ -4,9 +4,10 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError, Tracker
+from safe_ompl import InputError, People, Tracker
 from safe_ompl.apps import main
 from safe_ompl.apps.cli.program import command_line
 from safe_ompl.geometry import STANDING
@@ -66,7 +67,7 @@ def test_the_same_world_gives_the_same_ticks(replanner_for, to_and_fro, clips):
     faults = Faults(noise=0.005, drops=0.1, late=0.1, seed=3)
     runs = []
     for _ in range(2):
-        ticks = list(simulated(replanner_for, to_and_fro, clips, faults=faults, monitored=False).ticks(2.0))
+        ticks = list(simulated(replanner_for, to_and_fro, clips, faults=faults).ticks(2.0))
         runs.append([{key: value for key, value in tick.items() if key != "reaction"} for tick in ticks])
     assert runs[0] == runs[1]
 
@@ -78,8 +79,7 @@ def test_all_that_a_tick_says_is_of_one_instant(replanner_for, to_and_fro, clips
     moved = 0
     for tick in ticks:
         q, points = np.array(tick["q"]), np.array([tick["people"]["anna"][name] for name in KEYPOINTS])
-        ends = body.ends(points)
-        nearest = monitor.nearest(q, limb_solids("anna", body.limbs, ends, body.radii(ends)))
+        nearest = monitor.nearest(q, limb_solids("anna", body, points))
         assert nearest.distance == pytest.approx(tick["distance"], abs=1e-12)
         assert (nearest.link, nearest.who) == (tick["link"], tick["who"])
         if tick["state"] in ("standing", "done"):
@@ -90,7 +90,7 @@ def test_all_that_a_tick_says_is_of_one_instant(replanner_for, to_and_fro, clips
 
 
 def test_who_is_faster_than_promised_is_seen_and_answered_by_a_stop(replanner_for, to_and_fro, clips, caplog):
-    one = simulated(replanner_for, to_and_fro, clips, "clip_1", monitored=False)
+    one = simulated(replanner_for, to_and_fro, clips, "clip_1")
     ticks = list(one.ticks(3.0))
     assert one.summary.violations > 5
     assert one.summary.model_obeyed < 0.9
@@ -116,13 +116,15 @@ def reach_with_a_gate(speed=2.0):
     return CalibratedReach("recording12", speed, 0.9, 20, (0.5,), growth, ("a",), ("b",))
 
 
-def test_glitches_that_the_gate_refuses_are_not_where_people_are(replanner_for, to_and_fro, clips):
+def test_glitches_that_the_gate_refuses_are_not_where_people_are(replanner_for, to_and_fro, clips, tmp_path):
     recording, reach = Recording.load(clips, "clip_0"), reach_with_a_gate()
     frames = recording.frames.copy()
     frames[20:100:7, 9:] += [-0.9, 0.0, 0.3]  # the right arm is in the robot, each time for a frame
     recording = replace(recording, frames=frames)
     tracker = Tracker(RECORDING, TrackedBody(only=reach.limbs), gate=reach.gate)
-    replanner = replanner_for("anna", trackers={"anna": tracker}, reach=reach)
+    reach.save(tmp_path / "reach.yaml")
+    people = People(speed=1.6, reach=tmp_path / "reach.yaml")
+    replanner = replanner_for("anna", trackers={"anna": tracker}, people=people)
     one = Simulation(replanner, to_and_fro(replanner), {"anna": Playback(recording, tracker)})
     summary = one.run(4.0)
     assert summary.model_obeyed == pytest.approx(1.0)
@@ -134,7 +136,7 @@ def test_glitches_that_the_gate_refuses_are_not_where_people_are(replanner_for, 
     wrist = KEYPOINTS.index("right_wrist")
     assert np.linalg.norm(shown[wrist] - true[wrist]) == pytest.approx(0.95, abs=0.02)
     with pytest.raises(InputError, match="anna: the reach was calibrated with"):
-        replanner_for("anna", reach=reach)
+        replanner_for("anna", people=people)
 
 
 def test_the_command_takes_a_reach_with_its_gate(clips, tmp_path, capsys):
@@ -145,15 +147,15 @@ def test_the_command_takes_a_reach_with_its_gate(clips, tmp_path, capsys):
     assert "% of the key points that the gate refused)" in " ".join(capsys.readouterr().out.split())
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["refused"] > 0
     assert main([*words, str(tmp_path / "none.yaml")]) == 2
-    assert "none.yaml: cannot be read" in " ".join(capsys.readouterr().err.split())
+    assert "--reach: '" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_monitor_notes_contacts_once_and_whether_the_robot_moved(panda, tracker):
     monitor, q = ContactMonitor(panda), np.array([0, -0.4, 0, -2.0, 0, 2.0, 0.785])
     tip = panda.tip_pose(q).translation
-    ends = np.array([[tip, tip + np.array([0, 0, 0.1])]])
-    touching = limb_solids("anna", ("right_hand",), ends, np.array([0.05]))
-    away = limb_solids("anna", ("right_hand",), ends + np.array([2.0, 0, 0]), np.array([0.05]))
+    body, points = TrackedBody(only=("right_hand",)), np.zeros((18, 3))
+    points[[KEYPOINTS.index("right_wrist"), KEYPOINTS.index("right_hand")]] = tip, tip + np.array([0, 0, 0.1])
+    touching, away = limb_solids("anna", body, points), limb_solids("anna", body, points + np.array([2.0, 0, 0]))
     assert monitor.observe(0.0, q, away, moving=True, obeyed=True).distance > 1
     for time, moving in ((0.1, False), (0.2, False), (0.3, True)):
         assert monitor.observe(time, q, touching, moving=moving, obeyed=True).distance <= 0
@@ -163,17 +165,17 @@ def test_the_monitor_notes_contacts_once_and_whether_the_robot_moved(panda, trac
     assert found == [(0.1, True, "right_hand"), (0.5, False, "right_hand")]
 
 
-def test_things_that_drift_stay_in_their_ball():
-    rng = np.random.default_rng(0)
+def test_things_that_drift_stay_in_their_room():
+    rng, room = np.random.default_rng(0), np.array([[-1.0, -0.5, 0.0], [1.0, 0.5, 2.0]])
     for _ in range(10):
-        velocity = rng.normal(size=3)
-        velocity *= 1.5 / np.linalg.norm(velocity)
-        ball = Drifting(np.array([0.7, 0, 0]), velocity, np.zeros(3), 1.0, (np.zeros(3), 0.3))
+        velocity, start = rng.normal(size=3), pin.SE3(np.eye(3), rng.uniform(*room))
+        ball = Drifting(start, velocity, room)
+        np.testing.assert_allclose(ball.at(0.0).translation, start.translation)
         places = np.array([ball.at(t).translation for t in np.linspace(0, 20, 2001)])
-        far = np.linalg.norm(places, axis=1)
-        assert far.max() < 1.0 + 0.02
-        assert far.min() > 0.3 - 0.02
-        assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= 1.5 * 0.01 * (1 + 1e-9)
+        assert (places >= room[0]).all()
+        assert (places <= room[1]).all()
+        assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= 0.01 * np.linalg.norm(velocity) * (1 + 1e-9)
+    assert Drifting(start).at(7.0) is start
 
 
 def test_recordings_are_read_and_played_to_and_fro(clips):
