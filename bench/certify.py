@@ -204,7 +204,7 @@ def verifying(options: argparse.Namespace, report: Report) -> int:
         times, holds = [], 0
         for seed in range(options.paths):
             clock = [process_time()]
-            path = setup.plan("SafeRRTConnect", seed=seed, time=5.0, report=False).path
+            path = setup.plan("SafeRRTConnect", seed=seed, time=5.0).path
             clock.append(process_time())
             if path is None:
                 continue

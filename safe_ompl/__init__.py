@@ -32,7 +32,6 @@ if TYPE_CHECKING:
         CertifiedMotionValidator,
         CollisionFreeValidity,
         DangerObjective,
-        DurationObjective,
         RegionGoal,
         WorkspaceGoal,
     )
@@ -65,7 +64,6 @@ __all__ = [
     "DangerField",
     "DangerLimit",
     "DangerObjective",
-    "DurationObjective",
     "GoalRegion",
     "InputError",
     "JointPath",

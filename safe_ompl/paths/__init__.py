@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.paths.constraints import ConfigurationCheck, Constraints, UserCheck, UserStateCheck, danger_objection
+    from safe_ompl.paths.constraints import ConfigurationCheck, Constraints, UserCheck, danger_objection
     from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
     from safe_ompl.paths.report import PathReport, Validation, claims_of, validate
     from safe_ompl.paths.simplifier import Simplifier, Stop, timed, unrolled
@@ -23,7 +23,6 @@ __all__ = [
     "Simplifier",
     "Stop",
     "UserCheck",
-    "UserStateCheck",
     "Validation",
     "claims_of",
     "danger_objection",

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
-from weakref import ref
+from weakref import ProxyType, proxy
 
 from safe_ompl.collision import TOUCHING_ONLY, CollisionChecker, MotionLimit, MotionVerdict, Separation, ToolLimit
 from safe_ompl.common import FloatArray
@@ -18,55 +18,28 @@ Limit = TypeVar("Limit", bound=ToolLimit)
 
 
 class UserCheck(ABC):
-    """A check of motions that is the user's own: a `MotionLimit` for `MotionProver.limits`.
+    """The user's own state validity checker: a `MotionLimit` for `MotionProver.limits`, asked at samples of motions.
 
-    Reports call it `name`. `resolution` is the distance [rad or m] in joint space between the samples that it is asked
-    about; None: it is asked about whole motions.
+    Reports call it `name`. Samples are no farther apart than `resolution` [rad or m]. It proves nothing.
     """
 
     name: str
-    resolution: float | None
+    resolution: float
 
     @abstractmethod
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`."""
 
-
-class UserStateCheck(UserCheck):
-    """A check of single configurations that is the user's own, at samples of motions, by OMPL's `checker`."""
-
-    checker: Any
-
     @abstractmethod
-    def allows(self, q: FloatArray) -> bool:
-        """Return what it says of a configuration (n,)."""
-
-    @abstractmethod
-    def accepts(self, state: Any) -> bool:
-        """Return what it says of an OMPL state."""
-
-
-class BorrowedCheck(UserCheck):
-    """A check that somebody else keeps alive: what a motion validator holds of the user's is never freed by OMPL."""
-
-    def __init__(self, check: UserCheck) -> None:
-        self.name, self.resolution = check.name, check.resolution
-        self._check = ref(check)
-
-    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
-        """Check the straight motion between `start` and `end: (n,)`."""
-        check = self._check()
-        if check is None:
-            raise ReferenceError(f"the check {self.name} is gone")
-        return check.check(start, end)
+    def allows(self, q: FloatArray, state: Any = None) -> bool:
+        """Return what it says of a configuration (n,), or of the same as an OMPL state."""
 
 
 @dataclass(frozen=True)
 class Constraints:
     """What every configuration and every motion must keep to, besides joint limits and collision.
 
-    State validity, motion validity and `SafeSetup` read the same constraints. Others are put in place with
-    `setConstraints`, as ``setConstraints(dataclasses.replace(getConstraints(), danger=None))``.
+    Others are put in place with `setConstraints`, as ``setConstraints(replace(getConstraints(), danger=None))``.
 
     Attributes
     ----------
@@ -76,8 +49,8 @@ class Constraints:
         The largest danger.
     tool : tuple of ToolLimit
         Orientation and place of the tool.
-    user : tuple of UserCheck
-        The user's own state validity checker and motion validator, which nothing can be proven of.
+    user : UserCheck or None
+        The user's own state validity checker, which nothing can be proven of.
     from_dangerous : (float, sequence of (str, str)) or None
         Distance [m] and exempt pairs of a minimum clearance that is kept from whatever is dangerous, in any scene.
     """
@@ -85,19 +58,14 @@ class Constraints:
     separation: Separation = TOUCHING_ONLY
     danger: DangerLimit | None = None
     tool: tuple[ToolLimit, ...] = ()
-    user: tuple[UserCheck, ...] = ()
+    user: UserCheck | None = None
     from_dangerous: tuple[float, Pairs] | None = None
 
     @property
     def limits(self) -> tuple[MotionLimit, ...]:
         """All but the separation, in the order in which `MotionProver` proves or asks."""
-        danger = () if self.danger is None else (self.danger,)
-        return (*self.user, *self.tool, *danger)
-
-    @property
-    def user_checker(self) -> UserStateCheck | None:
-        """The user's own state validity checker, if there is one."""
-        return next((check for check in self.user if isinstance(check, UserStateCheck)), None)
+        limits = (self.user, *self.tool, self.danger)
+        return tuple(limit for limit in limits if limit is not None)
 
     def tool_limit(self, kind: type[Limit]) -> Limit | None:
         """Return the limit of the tool that is of a kind, if there is one."""
@@ -130,9 +98,9 @@ class Constraints:
         return replace(self, separation=separation)
 
     def borrowed(self) -> Constraints:
-        """Return the same without keeping the user's checks alive, for what OMPL never frees."""
-        borrowed = (c if isinstance(c, BorrowedCheck) else BorrowedCheck(c) for c in self.user)
-        return replace(self, user=tuple(borrowed))
+        """Return the same without keeping the user's checker alive, for what OMPL never frees."""
+        borrows = self.user is None or isinstance(self.user, ProxyType)
+        return self if borrows else replace(self, user=proxy(self.user))
 
 
 def danger_objection(limit: DangerLimit, q: FloatArray) -> str | None:
@@ -151,7 +119,7 @@ class ConfigurationCheck:
         self._joint_limits = JointLimits(checker.robot)
         self._required = constraints.separation.required(checker)
         self._tool, self._danger = constraints.tool, constraints.danger
-        self._sampled = constraints.user_checker
+        self._user = constraints.user
 
     def within_limits(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is finite and within the joint limits of the robot."""
@@ -168,9 +136,7 @@ class ConfigurationCheck:
             return False
         if self._danger is not None and not self._danger.allows(q):
             return False
-        if self._sampled is None:
-            return True
-        return self._sampled.allows(q) if state is None else self._sampled.accepts(state)
+        return self._user is None or self._user.allows(q, state)
 
     def objection(self, q: FloatArray) -> str | None:
         """Return why `q: (n,)` is not allowed, in words that follow the name of a configuration; None where it is."""
@@ -194,6 +160,6 @@ class ConfigurationCheck:
         if near is not None:
             moved = 1e3 * separation.time * separation.speeds.get(near[1], 0.0)
             return f" is too near: {near[1]!r} may move {moved:g} mm, and come to {near[0]!r}"
-        if self._sampled is not None and not self._sampled.allows(q):
-            return f" is refused by your state validity checker {self._sampled.name}"
+        if self._user is not None and not self._user.allows(q):
+            return f" is refused by your state validity checker {self._user.name}"
         return next((f": {tool.objection(q)}" for tool in self._tool if not tool.allows(q)), None)

@@ -8,6 +8,8 @@ from functools import cached_property
 from time import perf_counter
 from typing import Any, TypeVar
 
+from numpy.typing import ArrayLike
+
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array, notebook_html
 from safe_ompl.danger import DangerField, DangerLimit
@@ -19,19 +21,15 @@ _Measured = TypeVar("_Measured")
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """What a check of the user's own, by its name, says of a path.
-
-    It was asked at samples `resolution` [rad] apart, which proves nothing in between; None: about whole motions.
-    """
+    """What the user's own checker, by its `name`, says of a path at samples `resolution` [rad] apart."""
 
     name: str
-    resolution: float | None
+    resolution: float
     passed: bool
 
     def __str__(self) -> str:
-        how = "asked" if self.resolution is None else f"sampled at {self.resolution:g} rad"
-        kind = "motion validator" if self.resolution is None else "checker"
-        return f"{how}: your {kind} {self.name}" + ("" if self.passed else " (refuses it)")
+        refused = "" if self.passed else " (refuses it)"
+        return f"sampled at {self.resolution:g} rad: your checker {self.name}{refused}"
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Validation:
         What the proof is of: "collision", "min clearance", "max danger", "moving obstacles", "tool orientation",
         "tip position".
     checks : tuple of CheckOutcome
-        The user's own checks, of which nothing can be proven.
+        The user's own checker, if there is one: nothing can be proven of it.
     """
 
     proven: bool
@@ -149,7 +147,7 @@ class PathReport:
     @classmethod
     def of(
         cls,
-        path: FloatArray,
+        path: ArrayLike,
         checker: CollisionChecker,
         field: DangerField | None = None,
         motion: MotionProver | None = None,
@@ -160,13 +158,13 @@ class PathReport:
         wrong shape, or is not finite.
         """
         robot = checker.robot
-        path = finite_array(path, (None, robot.n), "path")
-        if not len(path):
+        points = finite_array(path, (None, robot.n), "path")
+        if not len(points):
             raise InputError("path must have a configuration at least, got none")
         report = cls.__new__(cls)
-        report._examination = examination = _Examination(path, checker, field)
+        report._examination = examination = _Examination(points, checker, field)
         report.length, report.time = examination.curve.length, 0.0
-        report.validation = validate(path, motion or MotionProver(checker))
+        report.validation = validate(points, motion or MotionProver(checker))
         report.links_without_collision = robot.links_without_collision
         return report
 

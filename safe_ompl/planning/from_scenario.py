@@ -15,7 +15,6 @@ import safe_ompl.trajectories as trajectories
 from safe_ompl.common import clock
 from safe_ompl.common import documents as document
 from safe_ompl.paths import Constraints
-from safe_ompl.planning.optimise import Cost
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
@@ -33,8 +32,6 @@ def plan(
     *,
     simplify: bool | float = False,
     optimise: float | None = None,
-    cost: Cost = "danger",
-    report: bool = True,
 ) -> PlanResult:
     """Plan a scenario: the problem itself, or the name or file of one; all else as in `SafeSetup.plan`.
 
@@ -54,8 +51,6 @@ def plan(
         parameters={**own, **(parameters or {})},
         simplify=simplify,
         optimise=optimise,
-        cost=cost,
-        report=report,
     )
     return replace(result, setup_time=built + result.setup_time)
 
@@ -67,7 +62,6 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
     goals = scenario.goal_configurations(robot) if goal.configurations else None
     with document.within(str(scenario.file or scenario.name), ": "):
         setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
-        setup.setMotionLimits(scenario.motion, scenario.people)
         if goal.position is not None:
             setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
         elif goal.region is not None:
@@ -92,6 +86,16 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
             if limits.tube is not None:
                 setup.setTube(limits.tube)
     return setup
+
+
+def path_timer(scenario: Scenario, setup: SafeSetup) -> trajectories.PathTimer:
+    """Return what times paths of a setup within the limits, and beside the people, of its scenario."""
+    limits, field = scenario.motion, setup.field
+    danger = None if limits.max_danger is None or field is None else field.moving
+    rates = trajectories.RateLimits.of(setup.robot, limits.velocity, limits.acceleration, limits.jerk)
+    caps = {key: getattr(limits, key) for key in ("tool_speed", "link_speed", "max_danger")}
+    motion, people = setup.motion_prover, scenario.people
+    return trajectories.PathTimer(setup.robot, rates, motion=motion, people=people, danger=danger, **caps)
 
 
 def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:

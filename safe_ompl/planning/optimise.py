@@ -1,4 +1,4 @@
-"""What makes paths better: anytime search for the best path, and for the fastest one."""
+"""Anytime search for the best path, and what ends it: time, a condition, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -8,27 +8,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from threading import current_thread, main_thread
 from types import FrameType, TracebackType
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 from ompl import base as ob
 
-import safe_ompl.trajectories as trajectories
 from safe_ompl.common import FloatArray, clock, positive, until_ctrl_c
-from safe_ompl.paths import Simplifier, Stop, timed, unrolled
+from safe_ompl.paths import Simplifier, Stop, timed
 from safe_ompl.planning.result import Improvement
-
-Cost: TypeAlias = Literal["danger", "duration"]
-COSTS: tuple[Cost, ...] = ("danger", "duration")
 
 _STALE_STARTS = 4  # starts in a row that find nothing better before the best path is refined
 _WORTHWHILE = 1e-3  # share of the cost that a better path must save to count as such for that
 _REFINEMENTS = 3  # each with half the spacing of the one before
-
-_STARTS = 2  # paths that are looked for before the fastest is made faster, and again when that ends
-_SIMPLIFICATION = 0.3  # [s] of each
-_WEIGHTS = (0.0, 1.0)  # of danger, for shorter paths than the simplifier's own
-_PROMISING = 1.5  # a new path that takes longer than this times the fastest one is left as it is
 
 Search = Callable[[int, float], FloatArray | None]
 
@@ -145,81 +136,3 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
                 found.paths.append(path)
             simplifier.begin(path, over, better, proven=True).improve()
     return found
-
-
-class FastestPath:
-    """Looks for the path that is driven in the least time.
-
-    Paths of a planner, and what simplification makes of them, are timed; of several the best one is made faster by
-    local changes (`trajectories.faster`), drawn with `seed`. Beside people safer paths may be driven faster. Each path
-    is faster than those before; only the first may be one that people allow no motion on: its duration is +inf.
-    """
-
-    def __init__(self, timer: trajectories.PathTimer, simplifier: Simplifier, seed: int) -> None:
-        self.times: list[float] = []
-        self.paths: list[FloatArray] = []
-        self.durations: list[float] = []
-        self._timer, self._simplifier = timer, simplifier
-        shorter = (
-            Simplifier(simplifier.checker, simplifier.danger.field, simplifier.motion, weight=weight, clearance=0.0)
-            for weight in _WEIGHTS
-        )
-        self._simplifiers = simplifier, *shorter
-        self._rng = np.random.default_rng(seed)
-        self._begin = clock()
-
-    @property
-    def first_path(self) -> float | None:
-        """When there was a path at all [s]."""
-        return self.times[0] if self.times else None
-
-    def search(self, search: Search, seconds: float, stop: Stop | None = None) -> None:
-        """Look until the time is up; parameters as `optimise`. Ctrl-C ends it early."""
-        over, start = timed(seconds, stop), 0
-        with until_ctrl_c():  # the best path so far stands
-            while not over():
-                found = []
-                for k in range(start, start + _STARTS):
-                    path = None if over() else search(k, seconds - (clock() - self._begin))
-                    found += [] if path is None else [self._simplified(path, over)]
-                start += _STARTS
-                if found:
-                    duration, path = min(found, key=lambda pair: pair[0])
-                    promising = duration < _PROMISING * self.durations[-1]
-                    self._make_faster(path if promising else self.paths[-1], over)
-
-    def shorten(self, path: FloatArray, over: Stop) -> FloatArray:
-        """Return a path that is driven in less time, or the given one."""
-        with until_ctrl_c():
-            self._make_faster(self._simplified(path, over)[1], over)
-        return self.paths[-1]
-
-    def settled(self, simplifier: Simplifier) -> tuple[FloatArray | None, tuple[Improvement, ...]]:
-        """Return the fastest path, if there is one, and those that were fastest before it, in order."""
-        found = zip(self.times, self.paths, self.durations, strict=True)
-        rows = [Improvement(time, cost, *simplifier.danger_along(path)) for time, path, cost in found]
-        return (self.paths[-1] if self.paths else None), tuple(rows)
-
-    def _simplified(self, path: FloatArray, over: Stop) -> tuple[float, FloatArray]:
-        """Time a path, and what simplification for safety and for length make of it; return the fastest."""
-        path = unrolled(self._timer.robot, path)
-        candidates = [(self._timed(path), path)]
-        for simplifier in self._simplifiers:
-            if not over():
-                simple = simplifier.simplify(path, timed(_SIMPLIFICATION, over), proven=True)
-                candidates.append((self._timed(simple), simple))
-        return min(candidates, key=lambda pair: pair[0])
-
-    def _make_faster(self, path: FloatArray, over: Stop) -> None:
-        trajectories.faster(path, self._timer, self._simplifier.motion, self._rng, over, self._better)
-
-    def _timed(self, path: FloatArray) -> float:
-        duration = trajectories.duration_of(self._timer, path)
-        self._better(path, duration)
-        return duration
-
-    def _better(self, path: FloatArray, duration: float) -> None:
-        if not self.paths or duration < self.durations[-1]:
-            self.times.append(clock() - self._begin)
-            self.paths.append(path)
-            self.durations.append(duration)

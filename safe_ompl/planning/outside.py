@@ -88,7 +88,7 @@ def connecting(setup: Any, ptc: Callable[[], bool] | float) -> Callable[[FloatAr
             own[0].setConstraints(setup.getConstraints())
         own[0].setConfigurations(start, goal)
         left = _LONGEST if end is None else max(end - clock(), 1e-3)
-        result = own[0].plan("SafeRRTConnect", time=left, simplify=0.2 * left, report=False)
+        result = own[0].plan("SafeRRTConnect", time=left, simplify=0.2 * left)
         return result.path if result else None
 
     return connect

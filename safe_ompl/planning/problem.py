@@ -13,51 +13,29 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.collision import FLOOR, CollisionChecker
-from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError, instance, positive
-from safe_ompl.paths import ConfigurationCheck, Constraints, UserCheck
-from safe_ompl.planning.ompl import (
-    RESOLUTION,
-    AskedMotions,
-    CertifiedMotionValidator,
-    CollisionFreeValidity,
-    SampledValidity,
-    ScratchState,
-    WorkspaceGoal,
-)
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError, instance
+from safe_ompl.paths import Constraints
+from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, ScratchState, WorkspaceGoal
 from safe_ompl.planning.planners import accepts
 from safe_ompl.robot import Robot
 
 
 class Wiring:
-    """Gives a space information our state and motion validity, and takes over what the user sets there instead.
+    """Gives a space information our state and motion validity; a state validity checker of the user's is asked, too."""
 
-    A state validity checker or a motion validator of the user's own does not replace ours: both apply to every query.
-    """
-
-    def __init__(self, si: Any, checker: CollisionChecker, floor: float = FLOOR) -> None:
+    def __init__(self, si: Any, checker: CollisionChecker) -> None:
         self.si = si
-        self._resolution = RESOLUTION
-        self._registered = False  # to let go of the user's checks when the program ends
-        validity = CollisionFreeValidity(si, checker)
-        self.bridge = validity.bridge
-        self.plug_in(validity, CertifiedMotionValidator(si, checker, floor, bridge=self.bridge))
-
-    def plug_in(self, validity: CollisionFreeValidity, validator: CertifiedMotionValidator) -> None:
-        """Replace our own plug-ins; those of a user are asked besides ours."""
-        self.validity, self.validator = validity, validator
-        self.si.setStateValidityChecker(validity)
-        self.si.setMotionValidator(validator)
+        self.validity, self.validator = CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker)
+        self.bridge = self.validity.bridge
+        self._registered = False  # to let go of the user's checker when the program ends
+        si.setStateValidityChecker(self.validity)
+        si.setMotionValidator(self.validator)
 
     @property
     def checker(self) -> CollisionChecker:
         """Robot and scene."""
         return self.validity.checker
-
-    @property
-    def check(self) -> ConfigurationCheck:
-        """The check of single configurations."""
-        return self.validity.check
 
     @property
     def constraints(self) -> Constraints:
@@ -70,7 +48,7 @@ class Wiring:
         An UnknownNameError if a constraint is about an obstacle that the scene does not have. Then all stays what it
         was.
         """
-        if instance("constraints", constraints, Constraints).user and not self._registered:
+        if instance("constraints", constraints, Constraints).user is not None and not self._registered:
             # A user's function refers to its module, which refers to the setup. The cycle closes in C++, where Python's
             # garbage collector cannot see it.
             atexit.register(_let_go, ref(self))
@@ -78,62 +56,20 @@ class Wiring:
         self.validity.setConstraints(constraints, checker)
         self.validator.setConstraints(constraints, checker)
 
-    # ----------------------------------------------------------------------------------- the user's own plug-ins
-
-    def put_user_checker(self, checker: Any) -> None:
-        """Ask a state validity checker of the user's own, too; None removes it. An InputError if it is none."""
-        self._put_user_checks(self._sampled(checker), self._asked)
-        self.si.setStateValidityChecker(self.validity)
-
-    @property
-    def resolution(self) -> float:
-        """Distance [rad or m] between the samples of motions that the user's checker is asked about."""
-        return self._resolution
-
-    @resolution.setter
-    def resolution(self, distance: float) -> None:
-        self._resolution = positive(distance, "resolution", "distance in joint space [rad]")
-        sampled = self.constraints.user_checker
-        if sampled is not None:
-            self._put_user_checks(self._sampled(sampled.checker), self._asked)
-
-    def adopt(self) -> bool:
-        """Take over the user's plug-ins that were set on the space information; return whether there were any.
-
-        OMPL's bindings do not report when one is set, so planning and validation look for it.
-        """
-        checker, validator = self.si.getStateValidityChecker(), self.si.getMotionValidator()
-        if checker is self.validity and validator is self.validator:
-            return False
-        sampled, asked = self.constraints.user_checker, self._asked
-        if checker is not self.validity:
-            sampled = self._sampled(checker)
-        if validator is not self.validator:
-            ours = self.validator.adds_nothing(validator)
-            asked = None if ours else AskedMotions(validator, self.bridge)
-        self._put_user_checks(sampled, asked)
-        self.plug_in(self.validity, self.validator)
-        return True
-
-    @property
-    def _asked(self) -> AskedMotions | None:
-        return next((check for check in self.constraints.user if isinstance(check, AskedMotions)), None)
-
-    def _sampled(self, checker: Any) -> SampledValidity | None:
-        if checker is None or self.validity.adds_nothing(checker):
-            return None
-        return SampledValidity(checker, self.bridge, self._resolution)
-
-    def _put_user_checks(self, *checks: UserCheck | None) -> None:
-        given = tuple(check for check in checks if check is not None)
-        self.put(replace(self.constraints, user=given))
+    def check_plugins(self) -> None:
+        """Raise an InputError if others were set on the space information: OMPL would ask them instead of ours."""
+        if self.si.getStateValidityChecker() is not self.validity or self.si.getMotionValidator() is not self.validator:
+            raise InputError(
+                "the space information of a SafeSetup proves motions with validators of its own: give yours to "
+                "SafeSetup.setStateValidityChecker, which is asked besides"
+            )
 
 
 def _let_go(wiring: ref[Wiring]) -> None:
-    """Forget the user's checks at the end of the program; OMPL would report them as leaked."""
+    """Forget the user's checker at the end of the program; OMPL would report it as leaked."""
     alive = wiring()
     if alive is not None:
-        alive.put(replace(alive.constraints, user=()))
+        alive.put(replace(alive.constraints, user=None))
 
 
 _log = logging.getLogger(__name__)
@@ -188,8 +124,7 @@ class Problem:
         An InputError as `Robot.configuration`, or outside the limits; a CollisionError if the check of configurations
         objects.
         """
-        self._wiring.adopt()
-        robot, check = self._robot, self._wiring.check
+        robot, check = self._robot, self._wiring.validity.check
         q = robot.configuration(value, f"{name} configuration")
         objection = check.objection(q)
         if objection is not None:
@@ -202,23 +137,14 @@ class Problem:
         place = self.place
         why = None if place is None or self._setup.getGoal() is not place else place.failure()
         if why is not None and place is not None:
-            objection = None if place.refused is None else self._wiring.check.objection(place.refused)
+            objection = None if place.refused is None else self._wiring.validity.check.objection(place.refused)
             _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
 
-    def adopt_plugins(self) -> None:
-        """Take over plug-ins that the user has set on the space information."""
-        if self._wiring.adopt():  # planners would only speak of an invalid start or goal
-            try:
-                self.check()
-            except CollisionError as error:
-                _log.warning("%s", error)
-
-    def check(self) -> None:
-        """Raise an error as `checked` if the start or all goals that were given are not allowed any more."""
+    def check(self) -> list[FloatArray]:
+        """Return the goals that count; an error as `checked` if the start or all goals are not allowed any more."""
         if self.start is not None:
             self.checked(self.start, "start")
-        if self.goals:
-            self._checked_goals(self.goals)
+        return self._checked_goals(self.goals) if self.goals else []
 
     def scene_changed(self) -> None:
         """Note that another scene may allow another start, goals and places; `check_anew` looks."""
@@ -230,17 +156,15 @@ class Problem:
         """Check as `check` if the scene has changed, and take the goals that count now."""
         if not self._unchecked:
             return
-        if self.start is not None:
-            self.checked(self.start, "start")
-        if self.goals:
-            states, before = self._states_of(self._checked_goals(self.goals)), self._goal_states
-            self._goal_states = states
+        if free := self.check():
+            before, self._goal_states = self._goal_states, self._states_of(free)
             if self._setup.getGoal() is before:
-                self._setup.setGoal(states)
+                self._setup.setGoal(self._goal_states)
         self._unchecked = False
 
     def check_complete(self, planner: Any) -> None:
         """Raise an InputError for what OMPL would report poorly, or what would end the process."""
+        self._wiring.check_plugins()
         self.check_anew()
         goal = self._setup.getGoal()
         if goal is None:
@@ -257,30 +181,21 @@ class Problem:
 
     def check_ends(self, path: FloatArray, name: str) -> None:
         """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
-        bridge = self._wiring.bridge
-        distance = min(
-            (float(np.linalg.norm(bridge.difference(start, path[0]))) for start in self._valid_starts()), default=np.inf
-        )
+        bridge, inputs, starts = self._wiring.bridge, ob.PlannerInputStates(), list[FloatArray]()
+        inputs.use(self._setup.getProblemDefinition())  # whose own states the bindings would free
+        while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
+            starts.append(bridge.read(state))
+        distance = min((float(np.linalg.norm(bridge.difference(start, path[0]))) for start in starts), default=np.inf)
         if not distance <= END_TOLERANCE:
             raise PlanningError(f"{name} returned a path that begins {distance:.3g} rad away from every start")
-        goal, last = self._setup.getGoal(), ScratchState(bridge)
-        state = last.set(path[-1])
+        goal, scratch = self._setup.getGoal(), ScratchState(bridge)
+        state = scratch.set(path[-1])
         if isinstance(goal, ob.GoalRegion):
             short, unit = float(goal.distanceGoal(state)), "m" if hasattr(goal, "place") else "rad"
             if not short <= max(END_TOLERANCE, goal.getThreshold()):
                 raise PlanningError(f"{name} returned a path that ends {short:.3g} {unit} away from the goal")
         elif not goal.isSatisfied(state):
             raise PlanningError(f"{name} returned a path that does not end in the goal")
-
-    def _valid_starts(self) -> list[FloatArray]:
-        inputs, starts = ob.PlannerInputStates(), list[FloatArray]()
-        inputs.use(self._setup.getProblemDefinition())
-        while inputs.haveMoreStartStates():
-            state = inputs.nextStart()
-            if state is None:
-                break
-            starts.append(self._wiring.bridge.read(state))
-        return starts
 
     # --------------------------------------------------------------------------------------- which goal
 
@@ -294,8 +209,8 @@ class Problem:
 
     def choose_place(self, planner: Any) -> None:
         """Have a planner that plans to places only do so, though goal configurations were set later."""
-        needs_place = not accepts(planner, self._goal_states)
-        if needs_place and self.place is not None and self._setup.getGoal() is self._goal_states:
+        goal = self._setup.getGoal()
+        if self.place is not None and goal is self._goal_states and not accepts(planner, goal):
             self._setup.setGoal(self.place)
 
     # ----------------------------------------------------------------------------------------- internals

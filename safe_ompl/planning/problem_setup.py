@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,27 +12,26 @@ from ompl import geometric as og
 from ompl import util as ou
 
 import safe_ompl.motions as motions
-import safe_ompl.trajectories as trajectories
-from safe_ompl.collision import FLOOR, CollisionChecker, MinClearance, MotionProver, TipBounds, ToolOrientation
-from safe_ompl.common import Counts, FloatArray, InputError, finite_array, instance, number
+from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolLimit, ToolOrientation
+from safe_ompl.common import Counts, FloatArray, InputError, instance, number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle
-from safe_ompl.paths import Constraints, PathReport, UserCheck, Validation, validate
+from safe_ompl.paths import Constraints, PathReport, Validation
 from safe_ompl.planning.first_plan import compile_kernels
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
+    RESOLUTION,
     TOLERANCE,
     DangerObjective,
     RegionGoal,
+    SampledValidity,
     ScratchState,
     WorkspaceGoal,
     joint_space,
 )
 from safe_ompl.planning.problem import Problem, Wiring
 from safe_ompl.robot import GoalRegion, Robot
-from safe_ompl.scene import MotionLimits, People, Scene
-
-_log = logging.getLogger(__name__)
+from safe_ompl.scene import Scene
 
 UP = (0.0, 0.0, 1.0)
 
@@ -47,13 +44,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        danger: Mapping[str, Any] | None = {},
-        floor: float = FLOOR,
-        movable: Sequence[str] = (),
+        self, robot: Robot, scene: Scene, *, danger: Mapping[str, Any] | None = {}, movable: Sequence[str] = ()
     ) -> None:
         counts = Counts()
         checker = CollisionChecker(robot, scene, counts, movable=movable)
@@ -66,12 +57,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.robot, self.counts = robot, counts
         self.field = None if danger is None else DangerField.of_options(robot, scene, danger, self.counts)
         self.danger_options = None if danger is None else dict(danger)
-        self.wiring = Wiring(si, checker, floor)
+        self.wiring = Wiring(si, checker)
         self.problem = Problem(self, self.wiring)
         if self.field is not None:
-            self.setOptimizationObjective(DangerObjective(si, self.field, bridge=self.wiring.bridge))
-        self._timed_for: tuple[Any, ...] = ()  # the motion prover and the scene that the timer was made for
-        self.setMotionLimits()
+            self.setOptimizationObjective(DangerObjective(si, self.field))
 
     def __repr__(self) -> str:  # OMPL's own would ask thousands of queries
         return f"{type(self).__name__}({self.robot!r}, {self.scene!r})"
@@ -142,19 +131,16 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         A CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
         that the scene does not have.
         """
-        with self._undone_if_refused():
-            self.wiring.put(constraints)
-
-    @contextmanager
-    def _undone_if_refused(self) -> Iterator[None]:
-        """Check the start and the goals under what constraints are set within; go back where these refuse them."""
         before = self.wiring.constraints
-        yield
+        self.wiring.put(constraints)
         try:
             self.problem.check()
         except BaseException:
             self.wiring.put(before)
             raise
+
+    def _constrain(self, **changed: Any) -> None:
+        self.setConstraints(replace(self.wiring.constraints, **changed))
 
     def setMaxDanger(self, limit: float) -> None:
         """Set the danger that no configuration of a path may exceed, in the units of the danger field; 0: any danger.
@@ -163,8 +149,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         """
         if self.field is None:
             raise InputError("max danger needs a danger field; this setup plans without danger")
-        danger = DangerLimit(self.field, limit) if number("max danger", limit, at_least=0) else None
-        self.setConstraints(replace(self.wiring.constraints, danger=danger))
+        self._constrain(danger=DangerLimit(self.field, limit) if number("max danger", limit, at_least=0) else None)
 
     def setMinClearance(
         self, distance: float, obstacles: Sequence[str] | None = None, exempt: Sequence[tuple[str, str]] = ()
@@ -176,10 +161,6 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         """
         constraints = self.wiring.constraints
         self.setConstraints(constraints.with_min_clearance(self.checker, distance, obstacles, exempt))
-
-    def getMinClearance(self) -> MinClearance | None:
-        """Return the distance that every path must keep from obstacles; None where none is required."""
-        return self.wiring.constraints.separation.min_clearance
 
     def setTube(self, widths: ArrayLike | Mapping[str, float]) -> None:
         """Require that every motion whose joints are so near to the one planned is free, too.
@@ -197,11 +178,6 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         Arguments and errors of `MotionProver.with_moving_obstacles`; errors as `setConstraints`, too.
         """
         self.setConstraints(self.wiring.constraints.with_moving_obstacles(speeds, time))
-
-    def getMovingObstacles(self) -> tuple[dict[str, float], float]:
-        """Return the speeds by obstacle [m/s] and the time [s] of `setMovingObstacles`; no speeds: all stand still."""
-        separation = self.wiring.constraints.separation
-        return dict(separation.speeds), separation.time
 
     def setToolConstraint(
         self, axis: ArrayLike | None = None, direction: ArrayLike = UP, angle: float | None = None
@@ -222,20 +198,16 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         InputError, CollisionError
             As `ToolOrientation` and `setConstraints`; without an axis if no start is set; an axis without an angle.
         """
+        limit: ToolOrientation | None = None
         if angle is None and axis is not None:
             raise InputError("give the angle [rad] within which the axis of the tool must stay")
-        orientation: ToolOrientation | None = None
-        if axis is not None and angle is not None:
-            orientation = ToolOrientation(self.robot, axis, direction, angle)
+        if angle is not None and axis is not None:
+            limit = ToolOrientation(self.robot, axis, direction, angle)
         elif angle is not None:
             if self.problem.start is None:
                 raise InputError("the axis of the tool is that of the start: set a start before, or give the axis")
-            orientation = ToolOrientation.as_at(self.robot, self.problem.start, direction, angle)
-        self._limit_tool(orientation, self.getTipBounds())
-
-    def getToolConstraint(self) -> ToolOrientation | None:
-        """Return the limit of the tool's orientation; None where there is none."""
-        return self.wiring.constraints.tool_limit(ToolOrientation)
+            limit = ToolOrientation.as_at(self.robot, self.problem.start, direction, angle)
+        self._limit_tool(ToolOrientation, limit)
 
     def setTipBounds(self, lower: ArrayLike | None, upper: ArrayLike | None = None) -> None:
         """Have only paths on which the tip stays inside a box [m], given by opposite corners (3,) in the world frame.
@@ -243,54 +215,26 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         A coordinate is infinite where there is no wall. None: there is no such constraint any more. Errors as
         `TipBounds` and `setConstraints`; an InputError if only one corner is given.
         """
-        bounds = None
-        if lower is not None and upper is not None:
-            bounds = TipBounds(self.robot, lower, upper)
-        elif not (lower is None and upper is None):
+        if (lower is None) is not (upper is None):
             raise InputError("give both corners of the tip's box, or neither")
-        self._limit_tool(self.getToolConstraint(), bounds)
+        self._limit_tool(TipBounds, None if lower is None or upper is None else TipBounds(self.robot, lower, upper))
 
-    def getTipBounds(self) -> TipBounds | None:
-        """Return the box that the tip stays in; None where there is none."""
-        return self.wiring.constraints.tool_limit(TipBounds)
+    def _limit_tool(self, kind: type[ToolLimit], limit: ToolLimit | None) -> None:
+        """Replace what limits the tool in one way."""
+        others = [other for other in self.wiring.constraints.tool if not isinstance(other, kind)]
+        self._constrain(tool=tuple(others if limit is None else [*others, limit]))
 
-    def _limit_tool(self, *limits: ToolOrientation | TipBounds | None) -> None:
-        tool = tuple(limit for limit in limits if limit is not None)
-        self.setConstraints(replace(self.wiring.constraints, tool=tool))
-
-    def tool_claim(self) -> dict[str, Any] | None:
-        """Return what a certificate can claim of the tool (`tool` of `certificate`); None where nothing limits it."""
-        given = {"orientation": self.getToolConstraint(), "position": self.getTipBounds()}
-        return {key: limit.as_dict() for key, limit in given.items() if limit is not None} or None
-
-    # ------------------------------------------------------------------------------ the user's own plug-ins
-
-    def setStateValidityChecker(self, checker: Any) -> None:
+    def setStateValidityChecker(self, checker: Any, resolution: float = RESOLUTION) -> None:
         """Have only states that a checker of the user's own accepts, besides being within limits and free.
 
-        Planners, motions, simplification, goals and reports obey it. Nothing can be proven of it: motions are sampled
-        (`setSamplingResolution`), and reports say so. A checker that is set on the space information itself is taken
-        over by the next `setup`, `solve`, `plan`, `report` or the like.
+        Planners, motions, simplification, goals and reports obey it. Nothing can be proven of it: motions are sampled,
+        at distances of `resolution` [rad or m] in joint space, and reports say so.
 
         It is an `ob.StateValidityChecker` or a function that answers for a state with a bool, and what it raises
         arrives unchanged; None: there is none any more. An InputError if it is nothing of the kind, a CollisionError if
         it refuses the start or all goals that are set: then the checker stays what it was.
         """
-        with self._undone_if_refused():
-            self.wiring.put_user_checker(checker)
-
-    def setSamplingResolution(self, distance: float) -> None:
-        """Set the distance [rad or m] > 0 between the samples of motions that the user's checker is asked about."""
-        self.wiring.resolution = distance
-
-    def getSamplingResolution(self) -> float:
-        """Return the distance [rad or m] in joint space that `setSamplingResolution` sets."""
-        return self.wiring.resolution
-
-    @property
-    def user_checks(self) -> tuple[UserCheck, ...]:
-        """The user's own state validity checker and motion validator, as far as there are."""
-        return self.wiring.constraints.user
+        self._constrain(user=None if checker is None else SampledValidity(checker, self.wiring.bridge, resolution))
 
     # ------------------------------------------------------------------------------------------ start and goal
 
@@ -333,31 +277,6 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         options: dict[str, Any] = {"tolerance": tolerance, "field": self.field, "seed": 0}
         self.problem.set_place(RegionGoal(self.getSpaceInformation(), self.robot, region, **options))
 
-    # -------------------------------------------------------------------------------------------------- timing
-
-    def setMotionLimits(self, motion: MotionLimits | None = None, people: People | None = None) -> None:
-        """Say what trajectories keep to, for `plan(cost="duration")`: motion of joints, tool and links; and people."""
-        self._motion_limits, self._people = motion or MotionLimits(), people
-        self._timer: trajectories.PathTimer | None = None
-
-    @property
-    def timer(self) -> trajectories.PathTimer:
-        """What times paths within the limits that `setMotionLimits` set.
-
-        An InputError if limits are missing, people are not in the scene, or a danger is limited but none is planned
-        with.
-        """
-        made_for, limits = (self.motion_prover, self.scene), self._motion_limits
-        if self._timer is None or any(a is not b for a, b in zip(self._timed_for, made_for, strict=True)):
-            danger = None if limits.max_danger is None or self.field is None else self.field.moving
-            rates = trajectories.RateLimits.of(self.robot, limits.velocity, limits.acceleration, limits.jerk)
-            caps: dict[str, Any] = {key: getattr(limits, key) for key in ("tool_speed", "link_speed", "max_danger")}
-            self._timer = trajectories.PathTimer(
-                self.robot, rates, motion=self.motion_prover, people=self._people, danger=danger, **caps
-            )
-            self._timed_for = made_for
-        return self._timer
-
     # ------------------------------------------------------------------------------------- paths and solutions
 
     def solution(self) -> FloatArray:
@@ -381,9 +300,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
     def report(self, path: ArrayLike) -> PathReport:
         """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
-        self.problem.adopt_plugins()
-        array = finite_array(path, (None, self.robot.n), "path")
-        return PathReport.of(array, self.checker, self.field, self.motion_prover)
+        return PathReport.of(path, self.checker, self.field, self.motion_prover)
 
     def is_free(self, path: ArrayLike) -> Validation:
         """Return whether a path (N, n) may be driven in this scene, under the constraints set now.
@@ -391,11 +308,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         The `Validation` is true if so; else `why` names the edge and the pair, and `refused` holds them. An InputError
         if the path is empty, has the wrong shape, or is not finite.
         """
-        self.problem.adopt_plugins()
-        array = finite_array(path, (None, self.robot.n), "path")
-        if not len(array):
-            raise InputError("path must have a configuration at least, got none")
-        return validate(array, self.motion_prover)
+        return self.report(path).validation
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""

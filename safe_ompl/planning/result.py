@@ -10,7 +10,7 @@ import safe_ompl.trajectories as trajectories
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError, notebook_html
 from safe_ompl.danger import DangerField
-from safe_ompl.paths import PathReport, Validation
+from safe_ompl.paths import PathReport
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -28,10 +28,6 @@ class Improvement:
     danger_mean: float
     danger_max: float
 
-    def as_dict(self) -> dict[str, float]:
-        """Return the numbers by name."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True)
 class PlanResult:
@@ -44,7 +40,7 @@ class PlanResult:
     path : ndarray, shape (N, n), or None
         Way points from start to goal [rad or m], validated.
     report : PathReport or None
-        Danger, clearance and length of the path, computed when they are looked at; None where `report=False`.
+        What is proven of the path, and its danger, clearance and length, computed when they are looked at.
     planner, seed : str, int
         Name of the planner, and seed of the run.
     joint_names : tuple of str
@@ -57,12 +53,8 @@ class PlanResult:
         Of an optimisation: each path that was better than those before.
     interrupted : bool
         Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
-    approximate_path : ndarray, shape (N, n), or None
-        Where the planner came nearest to the goal without reaching it: validated, but no solution.
     planned_path : ndarray, shape (M, n), or None
         The path as the planner found it, where it was simplified.
-    validation : Validation or None
-        What is proven of the path, and what the user's own checks say of it.
     moving_obstacles : mapping or None
         Where some may move, their ``speeds`` [m/s] by name, and for how long, the ``time`` [s]: the path is free
         whatever they do.
@@ -81,13 +73,14 @@ class PlanResult:
     counts: Counts = field(default_factory=Counts)
     improvements: tuple[Improvement, ...] = ()
     interrupted: bool = False
-    approximate_path: FloatArray | None = None
-    validation: Validation | None = None
     setup_time: float = 0.0
     validation_time: float = 0.0
     moving_obstacles: Mapping[str, Any] | None = None
-    motion: MotionProver | None = field(default=None, compare=False, repr=False)
     planned_path: FloatArray | None = field(default=None, compare=False, repr=False)
+    robot: Robot | None = field(default=None, repr=False, compare=False)
+    scene: Scene | None = field(default=None, repr=False, compare=False)
+    danger: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
+    motion: MotionProver | None = field(default=None, compare=False, repr=False)
 
     def timed(self, limits: trajectories.RateLimits | None = None, **options: Any) -> trajectories.Trajectory:
         """Return the path as a trajectory; parameters and errors of `time_path`.
@@ -123,13 +116,7 @@ class PlanResult:
     @property
     def certified(self) -> bool:
         """Whether there is a path, every edge is proven free, and no check of the user's own refuses it."""
-        if self.report is not None:
-            return self.report.certified
-        return self.path is not None and self.validation is not None and self.validation.accepted
-
-    robot: Robot | None = field(default=None, repr=False, compare=False)
-    scene: Scene | None = field(default=None, repr=False, compare=False)
-    danger: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
+        return self.report is not None and self.report.certified
 
     @property
     def solved(self) -> bool:
@@ -148,20 +135,14 @@ class PlanResult:
         seconds = f"planned in {self.planning_time:.3f} s"
         if self.simplification_time:
             seconds += f", simplified in {self.simplification_time:.3f} s"
-        lines = [f"{self.status}: {self.planner}, seed {self.seed}", seconds, *self._said_of_path()]
+        lines = [f"{self.status}: {self.planner}, seed {self.seed}", seconds]
+        if self.path is None or self.report is None:
+            lines += ["no path", "clearance: none", "proof: none"]
+        else:
+            lines.append(f"{len(self.path)} way points, {self.report}")
         return "\n".join(lines)
 
     _repr_html_ = notebook_html
-
-    def _said_of_path(self) -> list[str]:
-        if self.path is None:
-            short = self.approximate_path
-            near = "" if short is None else f"; an approximate path of {len(short)} way points ends short of the goal"
-            return [f"no path{near}", "clearance: none", "proof: none"]
-        said = f"{len(self.path)} way points"
-        if self.report is None:
-            return [said, "clearance: not reported", str(self.validation)]
-        return f"{said}, {self.report}".splitlines()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels to other processes: a robot would be built anew with every result."""
@@ -169,27 +150,20 @@ class PlanResult:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
-        report: dict[str, Any] = {
-            **{"length": None, "danger": None, "clearance": None, "certified": self.certified},
-            "validation": None if self.validation is None else self.validation.as_dict(),
-            "links_without_collision": None,
-        }
-        if self.report is not None:
-            report = self.report.as_dict()
+        nothing = dict.fromkeys(("length", "danger", "clearance", "validation", "links_without_collision"))
         told = {
             **{key: getattr(self, key) for key in _TOLD},
             "joint_names": list(self.joint_names),
             "path": None if self.path is None else self.path.tolist(),
-            **report,
+            **({**nothing, "certified": False} if self.report is None else self.report.as_dict()),
             "counts": self.counts.as_dict(),
         }
         if self.moving_obstacles is not None:
             told["moving_obstacles"] = dict(self.moving_obstacles)
-        for key, path in (("planned_path", self.planned_path), ("approximate_path", self.approximate_path)):
-            if path is not None:
-                told[key] = path.tolist()
+        if self.planned_path is not None:
+            told["planned_path"] = self.planned_path.tolist()
         if self.improvements:
-            told["improvements"] = [improvement.as_dict() for improvement in self.improvements]
+            told["improvements"] = [dict(vars(improvement)) for improvement in self.improvements]
         if self.interrupted:
             told["interrupted"] = True
         return told

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -14,30 +14,19 @@ from ompl import base as ob
 
 import safe_ompl.motions as motions
 import safe_ompl.trajectories as trajectories
-from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError, clock, ctrl_c_as_such, positive
+from safe_ompl.common import InputError, clock, ctrl_c_as_such, positive
 from safe_ompl.common import seed as checked_seed
-from safe_ompl.danger import DangerLimit
-from safe_ompl.paths import PathReport, Simplifier, Stop, timed
-from safe_ompl.planning.ompl import DangerObjective, DurationObjective
-from safe_ompl.planning.optimise import COSTS, Cost, FastestPath, Interrupts, Optimisation, optimise, stopping, told
+from safe_ompl.paths import Simplifier
+from safe_ompl.planning.ompl import DangerObjective
+from safe_ompl.planning.optimise import Interrupts, stopping, told
 from safe_ompl.planning.outside import OutsidePlanner, connecting
-from safe_ompl.planning.planners import (
-    SafePlanner,
-    SafeRRTConnect,
-    check_planner,
-    make_planner,
-    nodes_of,
-    seed_ompl,
-    termination,
-)
+from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.run import PlanningRun
 from safe_ompl.scene import People
 
 _log = logging.getLogger(__name__)
-
-
-_SHORTEST = 1e-3  # [s] a planner gets at least this
 
 
 class SafeSetup(ProblemSetup):
@@ -54,8 +43,6 @@ class SafeSetup(ProblemSetup):
     danger : mapping or None
         Options of `DangerField` (aggregate, weighting, sharpness, …) and `spacing` of the danger points [m].
         Where no obstacle is dangerous, danger is zero. None plans without danger.
-    floor : float
-        [m] Motions with less clearance than about this stay undecided, and count as blocked.
     movable : sequence of str
         Names of obstacles that will move, so that `moveObstacle` is quick from the first time on.
 
@@ -75,7 +62,6 @@ class SafeSetup(ProblemSetup):
 
     def setup(self) -> None:
         """Prepare for `solve`, as OMPL's `setup`; raise InputError if no start or no goal is set."""
-        self.problem.adopt_plugins()
         self.problem.check_complete(self.getPlanner())
         self._choose_planner()
         super().setup()
@@ -107,7 +93,6 @@ class SafeSetup(ProblemSetup):
         for none, or an `ob.PlannerTerminationCondition`. An InputError if it is neither, or no start or no goal is set.
         """
         stop = termination(time)
-        self.problem.adopt_plugins()
         self.problem.check_complete(self.getPlanner())
         self._choose_planner()
         self.problem.choose_place(self.getPlanner())
@@ -137,8 +122,6 @@ class SafeSetup(ProblemSetup):
         parameters: Mapping[str, Any] | None = None,
         simplify: bool | float = False,
         optimise: float | None = None,
-        cost: Cost = "danger",
-        report: bool = True,
     ) -> PlanResult:
         """Plan from the start to a goal, and validate the path.
 
@@ -158,18 +141,11 @@ class SafeSetup(ProblemSetup):
             no longer than the time limit allows.
         optimise : float, optional
             Go on for so many seconds in all, instead of `time`: simplify, start anew, and return the best path.
-        cost : {"danger", "duration"}
-            What simplification and optimisation make less: length and danger, or the time that the trajectory takes
-            within what `setMotionLimits` says. OMPL's planners plan with a `DurationObjective` then.
-        report : bool
-            Whether the result has a report; its danger and clearance are computed when they are looked at. The path is
-            validated in any case.
 
         Raises
         ------
         InputError
-            Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger;
-            unknown cost, or limits missing that a duration needs.
+            Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger.
         PlanningError
             If a planner returns a path that the validator refuses, or that is not from a start to the goal.
         KeyboardInterrupt
@@ -181,29 +157,27 @@ class SafeSetup(ProblemSetup):
             planner = OutsidePlanner(self, planner)
         time = positive(time if optimise is None else optimise, "time limit", "number of seconds")
         simplification = simplification_time(simplify)
-        with self._objective_of(cost, planner, parameters):
-            run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed=seed, cost=cost)
-            if simplification is None and optimise is None:
-                return run.validated(run.planned(time), report, begin)
-            with run.under_own_limit():
-                if self.field is not None or optimise is not None:
-                    self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
-                with Interrupts() as interrupts:
-                    if optimise is not None:
-                        result = run.optimised(time, told(run.name, time, lambda: interrupts.happened))
-                    else:
-                        result = run.planned(time, simplification)
-                result = run.validated(result, report, begin)
-            if interrupts.happened and not result:
-                raise KeyboardInterrupt
-            return replace(result, interrupted=interrupts.happened)
+        run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
+        if simplification is None and optimise is None:
+            return run.validated(run.planned(time), begin)
+        with run.under_own_limit():
+            if self.field is not None or optimise is not None:
+                self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
+            with Interrupts() as interrupts:
+                if optimise is not None:
+                    result = run.optimised(time, told(run.name, time, lambda: interrupts.happened))
+                else:
+                    result = run.planned(time, simplification)
+            result = run.validated(result, begin)
+        if interrupts.happened and not result:
+            raise KeyboardInterrupt
+        return replace(result, interrupted=interrupts.happened)
 
     def prepare(self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None = None) -> tuple[Any, str]:
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
         seed = checked_seed(seed)
         check_planner(planner, self.getSpaceInformation())
-        self.problem.adopt_plugins()
-        self.problem.check_anew()  # draws random numbers, as the next line does, so they go before the seed
+        self.problem.check_anew()  # draws random numbers, as the next lines do, so they go before the seed
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()
         seed_ompl(seed)
@@ -228,7 +202,6 @@ class SafeSetup(ProblemSetup):
         time: float = motions.TIME,
     ) -> motions.MotionCheck:
         """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
-        self.problem.adopt_plugins()
         return motions.check_with(motion, self.motion_prover, limits, people=people, time=time)
 
     def repair(
@@ -240,7 +213,6 @@ class SafeSetup(ProblemSetup):
         time: float = 2.0,
     ) -> motions.Repair:
         """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
-        self.problem.adopt_plugins()
         limit = positive(time, "time limit", "number of seconds")
         return motions.repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
 
@@ -263,32 +235,21 @@ class SafeSetup(ProblemSetup):
         self._simplifier = Simplifier(self.checker, self.field, self.motion_prover, **options)
         self._simplification = options
 
-    def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
+    def simplifySolution(self, time: Any = 0.0) -> None:
         """Make the solution shorter and safer, see `Simplifier`; every path on the way is proven.
 
-        Parameters
-        ----------
-        time : float or ob.PlannerTerminationCondition
-            For how long [s], or until when; 0: until nothing more is to gain. An InputError if there is no solution.
-        free_goal : bool
-            Whether the goal configuration may move where the goal is a `WorkspaceGoal`.
-
-        Notes
-        -----
-        Without danger OMPL's own simplifier does it, and its path is taken if it is proven, too. The user's own checks
-        are asked about every edge on the way, and about the path at the end.
+        The time is for how long [s], or an `ob.PlannerTerminationCondition`; 0: until nothing more is to gain. An
+        InputError if there is no solution. Without danger OMPL's own simplifier does it, and its path is taken if it is
+        proven, too. The user's own checker is asked about every edge on the way, and about the path at the end.
         """
         if not self.haveSolutionPath():
             raise InputError("there is no solution to simplify")
-        self.problem.adopt_plugins()
         begin, path = perf_counter(), self.solution()
         if self.field is not None:
-            place = self.problem.place
-            goal = place if free_goal and self.getGoal() is place else None
-            self.set_solution(self.simplifier.simplify(path, stopping(time), goal=goal, proven=True))
+            self.set_solution(self.simplifier.simplify(path, stopping(time), proven=True))
         else:
             super().simplifySolution(time)
-        if (self.field is None or self.user_checks) and not self.is_free(self.solution()):
+        if (self.field is None or self.getConstraints().user is not None) and not self.is_free(self.solution()):
             # Samples of a motion are not those of its parts: a check of the user's own may refuse these after all.
             _log.info("the simplified path is refused; the solution stays as it was")
             self.set_solution(path)
@@ -297,167 +258,6 @@ class SafeSetup(ProblemSetup):
     def getLastSimplificationTime(self) -> float:
         """Return how long the last simplification took [s]."""
         return self._simplification_time
-
-    @contextmanager
-    def _objective_of(self, cost: Cost, planner: str | Any, parameters: Mapping[str, Any] | None) -> Iterator[None]:
-        """Within, have OMPL's planners plan for a cost; ours plan away from danger in any case."""
-        if cost not in COSTS:
-            raise UnknownNameError("cost", cost, COSTS)
-        replaced = None
-        if cost == "duration":
-            self.timer  # noqa: B018  # whatever it lacks is said now
-            si = self.getSpaceInformation()
-            made = make_planner(planner, si, parameters) if isinstance(planner, str) else planner
-            if not isinstance(made, SafePlanner):
-                replaced = self.getOptimizationObjective()
-                self.setOptimizationObjective(DurationObjective(si, self.timer))
-        try:
-            yield
-        finally:
-            if replaced is not None:
-                self.setOptimizationObjective(replaced)
-
-
-class PlanningRun:
-    """One run of a planner that `SafeSetup.prepare` has made ready; `name` is what the result calls it."""
-
-    def __init__(self, setup: SafeSetup, planner: Any, name: str, seed: int, cost: Cost = "danger") -> None:
-        self._setup, self._planner, self.name, self._seed, self._cost = setup, planner, name, seed, cost
-
-    @contextmanager
-    def under_own_limit(self) -> Iterator[None]:
-        """Prove motions within the planner's own danger limit, too: what is made of its path must keep to that."""
-        own = self._planner.getMaxDanger() if isinstance(self._planner, SafePlanner) else 0.0
-        wiring, field = self._setup.wiring, self._setup.field
-        limit = wiring.constraints.danger
-        if not own or field is None or (limit is not None and limit.limit <= own):
-            yield
-            return
-        wiring.validator.setConstraints(replace(wiring.constraints, danger=DangerLimit(field, own)))
-        try:
-            yield
-        finally:
-            wiring.validator.setConstraints(wiring.constraints)
-
-    def planned(self, time: float, simplification: float | None = None) -> PlanResult:
-        """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""
-        setup, begin = self._setup, clock()
-        before = setup.counts.copy()
-        status = setup.solve(time)
-        exact = setup.haveExactSolutionPath()
-        found = setup.solution() if setup.haveSolutionPath() else None
-        planned = simplified = clock()
-        raw = None
-        if found is not None and exact and simplification is not None:
-            left = time - (planned - begin)
-            if left > 0:
-                raw = found
-                self._make_cheaper(min(simplification, left) if simplification else left)
-                found = setup.solution()
-            else:
-                _log.info("planning took all of the time limit: the path is not simplified")
-            simplified = clock()
-        counts = setup.counts - before
-        counts.nodes = nodes_of(self._planner)
-        return self._result(
-            status=status.asString(),
-            path=found if exact else None,
-            approximate_path=None if exact else found,
-            planned_path=raw,
-            planning_time=planned - begin,
-            simplification_time=simplified - planned,
-            counts=counts,
-        )
-
-    def optimised(self, time: float, stop: Stop) -> PlanResult:
-        """Plan again and again until the time is up, and keep the best path; see `safe_ompl.planning.optimise`."""
-        setup, begin = self._setup, clock()
-        before, simplifier = setup.counts.copy(), setup.simplifier
-        nodes, status = 0, "Timeout"
-
-        def search(start: int, left: float) -> FloatArray | None:
-            nonlocal nodes, status
-            if start:
-                setup.clear()
-                if isinstance(self._planner, SafePlanner):
-                    self._planner.setSeed((self._seed + start) % 2**32)
-            found = setup.solve(max(left, _SHORTEST))
-            nodes += nodes_of(self._planner)
-            if not setup.haveExactSolutionPath():
-                return None
-            status = found.asString()
-            return setup.solution()
-
-        left = time - (clock() - begin)
-        found: Optimisation | FastestPath
-        if self._cost == "duration":
-            found = FastestPath(setup.timer, simplifier, self._seed)
-            found.search(search, left, stop)
-        else:
-            found = optimise(search, simplifier, left, stop)
-        path, improvements = found.settled(simplifier)
-        if setup.user_checks and path is not None:
-            path = next((best for best in (path, *reversed(found.paths)) if setup.is_free(best)), None)
-        if path is not None:
-            setup.set_solution(path)
-        elapsed = clock() - begin
-        counts = setup.counts - before
-        counts.nodes = nodes
-        first = elapsed if found.first_path is None else found.first_path
-        return self._result(
-            status=status,
-            path=path,
-            planning_time=first,
-            simplification_time=elapsed - first,
-            counts=counts,
-            improvements=improvements,
-        )
-
-    def validated(self, result: PlanResult, report: bool, begin: float) -> PlanResult:
-        """Return a result with the validation of its path; `begin` is when all began.
-
-        A PlanningError if the path is not proven, or is none from a start to the goal.
-        """
-        setup, name = self._setup, self.name
-        setup_time = clock() - begin - result.planning_time - result.simplification_time
-        begin, path, short = clock(), result.path, result.approximate_path
-        speeds, duration = setup.getMovingObstacles()
-        if short is not None and not setup.is_free(short):
-            _log.warning("%s: the approximate solution is not proven free, and dropped", name)
-            short = None
-        examined: PathReport | None = None
-        if path is not None:
-            examined = setup.report(path)
-            if not examined.certified:
-                raise PlanningError(f"{name} returned a path that is not proven free: {examined.validation.why}")
-            setup.problem.check_ends(path, name)
-        return replace(
-            result,
-            report=examined if report else None,
-            approximate_path=short,
-            validation=None if examined is None else examined.validation,
-            setup_time=setup_time,
-            validation_time=clock() - begin,
-            robot=setup.robot,
-            scene=setup.scene,
-            danger=setup.danger_options,
-            moving_obstacles={"speeds": speeds, "time": duration} if speeds else None,
-            motion=setup.motion_prover,
-        )
-
-    def _result(self, **found: Any) -> PlanResult:
-        names = self._setup.robot.joint_names
-        return PlanResult(report=None, planner=self.name, seed=self._seed, joint_names=names, **found)
-
-    def _make_cheaper(self, time: float) -> None:
-        """Simplify the solution for some seconds."""
-        setup = self._setup
-        if self._cost == "danger":
-            setup.simplifySolution(time)
-            return
-        path = setup.solution()
-        better = FastestPath(setup.timer, setup.simplifier, self._seed).shorten(path, timed(time))
-        setup.set_solution(better if setup.is_free(better) else path)
 
 
 def simplification_time(value: bool | float) -> float | None:

@@ -28,11 +28,10 @@ if TYPE_CHECKING:
     from safe_ompl.trajectories.danger import MotionDanger
     from safe_ompl.trajectories.kernels import Boxes, ceilings, drive
     from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits
-    from safe_ompl.trajectories.local_changes import duration_of, faster
     from safe_ompl.trajectories.separation import PeopleDistances
     from safe_ompl.trajectories.stops import Stops, stops_beside
     from safe_ompl.trajectories.time_law import SmoothLaw, velocity_cap
-    from safe_ompl.trajectories.timing import CELL_LENGTH, CELLS, PathTimer, time_path, within_tube
+    from safe_ompl.trajectories.timing import CELL_LENGTH, CELLS, PathTimer, duration_of, time_path, within_tube
     from safe_ompl.trajectories.trajectory import RATE, SpeedCap, State, Trajectory
 
 __all__ = [
@@ -72,7 +71,6 @@ __all__ = [
     "divided_edges",
     "drive",
     "duration_of",
-    "faster",
     "speed_caps",
     "stops_beside",
     "time_path",

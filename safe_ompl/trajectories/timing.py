@@ -188,3 +188,11 @@ def within_tube(caps: MotionCaps, motion: MotionProver | None) -> MotionCaps:
         return caps
     nearer = motion.separation.swing(motion.checker)
     return replace(caps, people=replace(caps.people, clearance=caps.people.clearance + nearer))
+
+
+def duration_of(timer: PathTimer, path: FloatArray) -> float:
+    """Return how long a path takes [s]; +inf where nothing allows motion."""
+    try:
+        return timer.time(path).duration
+    except (InputError, StandstillError):
+        return float("inf")

@@ -104,10 +104,10 @@ def test_what_the_verifier_accepts_holds_at_every_sample(robot_named, rng, name)
 
 def test_a_setup_says_what_it_claims(ur5, clutter):
     setup = SafeSetup(ur5, clutter)
-    assert setup.tool_claim() is None
     setup.setStartConfiguration(PATH[0])
     setup.setToolConstraint(angle=0.5)
     setup.setTipBounds([-np.inf, -5, -np.inf], [np.inf, 5, 3])
-    content = written(ur5, clutter, setup.tool_claim())
+    orientation, position = (limit.as_dict() for limit in setup.getConstraints().tool)
+    content = written(ur5, clutter, {"orientation": orientation, "position": position})
     assert verify(content).claims[2] == "the tip at y from -5 to 5 m, z of at most 3 m"
     assert verify(content).claims[1].endswith("within 28.6479° of the direction (0, 0, 1)")

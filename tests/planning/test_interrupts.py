@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import CertifiedMotionValidator, CollisionFreeValidity, DangerObjective, WorkspaceGoal
+from safe_ompl import CollisionFreeValidity, DangerObjective, WorkspaceGoal
 from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.paths import Simplifier
@@ -116,16 +116,6 @@ def broken_lambda(setup, fuse):
     setup.setStateValidityChecker(lambda state: fuse.burn() or inner.isValid(state))
 
 
-def broken_validator(setup, fuse):
-    class Broken(CertifiedMotionValidator):
-        def checkMotion(self, start, end):
-            fuse.burn()
-            return super().checkMotion(start, end)
-
-    si = setup.getSpaceInformation()
-    si.setMotionValidator(Broken(si, setup.checker))
-
-
 def broken_objective(setup, fuse):
     class Broken(DangerObjective):
         def stateCost(self, state):
@@ -159,7 +149,6 @@ def broken_goal(setup, fuse):
 BREAKERS: dict[str, Callable[[SafeSetup, Fuse], None]] = {
     "checker": broken_checker,
     "lambda": broken_lambda,
-    "validator": broken_validator,
     "objective": broken_objective,
     "goal": broken_goal,
 }

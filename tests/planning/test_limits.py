@@ -202,7 +202,7 @@ def test_without_it_paths_come_nearer(setup):
 def test_a_start_that_is_too_near(setup):
     with pytest.raises(CollisionError, match=r"start is too near: '.*' keeps less than 700 mm from 'person'"):
         setup.setMinClearance(0.7)
-    assert setup.getMinClearance() is None
+    assert setup.getConstraints().separation.min_clearance is None
     assert setup.plan(time=20.0), "what was refused is not set"
     setup.setMinClearance(0.7, exempt=[(f"link{k}", "person") for k in (1, 2, 3)])
     assert setup.plan(time=20.0)
@@ -219,11 +219,11 @@ def test_a_start_that_is_too_near(setup):
 )
 def test_a_clearance_that_is_refused_leaves_the_one_before(setup, refused, error):
     setup.setMinClearance(CLEARANCE)
-    before = setup.getMinClearance()
+    before = setup.getConstraints().separation.min_clearance
     assert before.distance == CLEARANCE
     with pytest.raises(error):
         setup.setMinClearance(*refused)
-    assert setup.getMinClearance() == before
+    assert setup.getConstraints().separation.min_clearance == before
     assert nearest_to_person(setup, setup.plan(time=20.0).path) > CLEARANCE - 1e-4
 
 

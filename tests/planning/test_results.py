@@ -56,17 +56,9 @@ def test_an_approximate_solution_is_none(setup):
         assert result.status == "Approximate solution"
         assert result.path is None
         assert result.report is None
-        np.testing.assert_array_equal(result.approximate_path, short)
-        assert result.as_dict()["approximate_path"] == np.array(short).tolist()
-        assert "an approximate path of 2 way points" in str(result)
+        np.testing.assert_array_equal(setup.solution(), short)
     setup.simplifySolution()
     assert not setup.haveExactSolutionPath()
-
-
-def test_an_approximate_path_that_collides_does_not_leave(setup):
-    result = setup.plan(Fixed(setup, [START, START * [0, 1, 1, 1, 1, 1]], approximate=True))
-    assert not result
-    assert result.approximate_path is None
 
 
 def test_a_path_must_end_in_the_goal(setup):
@@ -110,18 +102,6 @@ def test_what_limits_are_proven(setup):
     setup.setMovingObstacles({"ball": 0.01}, 1.0)
     result = setup.plan(seed=0, time=20.0)
     assert str(result.report.validation) == "certified: collision, min clearance, max danger, moving obstacles"
-
-
-def test_without_a_report_the_path_is_validated(setup):
-    result = setup.plan(seed=0, time=20.0, report=False)
-    assert result
-    assert result.report is None
-    assert result.certified
-    told = result.as_dict()
-    assert (told["certified"], told["danger"]) == (True, None)
-    assert told["validation"]["proven"] is True
-    assert len(str(result).splitlines()) == 5
-    assert setup.counts.distance_queries == 0
 
 
 def test_links_without_collision_geometry_are_named(setup, monkeypatch):

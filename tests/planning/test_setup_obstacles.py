@@ -131,13 +131,13 @@ def test_goals_count_again_when_they_are_free_again(setup, scenario, caplog):
 def test_a_distance_from_what_is_dangerous_is_kept_from_whoever_comes(setup):
     setup.setMinClearance(0.03)
     setup.addObstacle(BALL)
-    assert setup.getMinClearance().obstacles == ("colleague", "ball")
+    assert setup.getConstraints().separation.min_clearance.obstacles == ("colleague", "ball")
     setup.removeObstacle("colleague")
     setup.removeObstacle("ball")
-    assert setup.getMinClearance() is None
+    assert setup.getConstraints().separation.min_clearance is None
     setup.addObstacle(BALL)
-    assert setup.getMinClearance().obstacles == ("ball",)
-    assert setup.getMinClearance().distance == 0.03
+    assert setup.getConstraints().separation.min_clearance.obstacles == ("ball",)
+    assert setup.getConstraints().separation.min_clearance.distance == 0.03
 
 
 def test_mistakes_change_nothing(setup):
@@ -163,13 +163,3 @@ def test_a_result_of_another_scene_is_not_timed(setup):
     setup.moveObstacle("ball", Pose((0.3, 0.6, 0.7)))
     with pytest.raises(StaleSceneError, match="plan again"):
         result.timed()
-
-
-def test_the_timer_knows_where_people_are_now(setup, scenario):
-    path, pose = setup.plan(seed=1).path, setup.scene["colleague"].pose
-    durations = []
-    for x in (1.1, 1.2, 1.3):  # from the second move on it is in place
-        setup.moveObstacle("colleague", replace(pose, position=(x, *pose.position[1:])))
-        durations.append(setup.timer.time(path).duration)
-        assert durations[-1] == anew(setup, scenario).timer.time(path).duration
-    assert len(set(durations)) == 3

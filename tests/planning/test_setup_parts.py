@@ -9,12 +9,12 @@ from safe_ompl import DangerLimit, SafeSetup, make_planner
 from safe_ompl.collision import CollisionChecker, Separation
 from safe_ompl.common import CollisionError, InputError, UnknownNameError
 from safe_ompl.paths import Constraints
-from safe_ompl.planning.ompl import CollisionFreeValidity, WorkspaceGoal, joint_space
+from safe_ompl.planning.ompl import WorkspaceGoal, joint_space
 from safe_ompl.planning.optimise import stopping
 from safe_ompl.planning.planners import termination
 from safe_ompl.planning.problem import Problem, Wiring
-from safe_ompl.planning.safe_setup import PlanningRun, simplification_time
-from safe_ompl.scene import MotionLimits
+from safe_ompl.planning.run import PlanningRun
+from safe_ompl.planning.safe_setup import simplification_time
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
@@ -41,29 +41,6 @@ def problem(plain, wiring):
 
 
 # ---------------------------------------------------------------------------------------------------------- wiring
-
-
-def test_what_the_user_sets_is_adopted_once_and_asked_beside_ours(plain, wiring):
-    si = plain.getSpaceInformation()
-    assert si.getStateValidityChecker() is wiring.validity
-    assert not wiring.adopt()
-    si.setStateValidityChecker(lambda state: False)
-    assert wiring.adopt()
-    assert not wiring.adopt()
-    assert si.getStateValidityChecker() is wiring.validity
-    assert not wiring.check.allows(START)
-    assert len(wiring.constraints.user) == 1
-    assert len(wiring.validator.getConstraints().user) == 1
-    si.setStateValidityChecker(CollisionFreeValidity(si, wiring.checker))
-    assert wiring.adopt()
-    assert wiring.constraints == Constraints()
-
-
-def test_another_resolution_replaces_the_sampling_alone(wiring):
-    wiring.put_user_checker(lambda state: True)
-    wiring.resolution = 0.2
-    (check,) = wiring.constraints.user
-    assert check.resolution == wiring.resolution == 0.2
 
 
 def test_what_cannot_be_put_in_place_leaves_both_plugins(wiring):
@@ -116,28 +93,18 @@ def test_a_simplifier_is_kept_as_long_as_the_checker(ur5, scene):
         SafeSetup(ur5, scene, danger=None).simplifier  # noqa: B018
 
 
-def test_a_timer_is_kept_as_long_as_the_motion(ur5, scene):
-    setup = SafeSetup(ur5, scene)
-    setup.setMotionLimits(MotionLimits(velocity=0.5, acceleration=1.0))
-    timer = setup.timer
-    assert setup.timer is timer
-    assert timer.limits.velocity.tolist() == [0.5] * 6
-    setup.setMinClearance(0.01)
-    assert setup.timer.motion is setup.motion_prover
-
-
 def test_a_run_keeps_to_the_limit_of_its_planner(ur5, scene):
     setup = SafeSetup(ur5, scene)
     setup.setConfigurations(START, GOAL)
     planner = make_planner("SafeRRTConnect", setup.getSpaceInformation(), {"max_danger": 1e3})
-    run = PlanningRun(setup, *setup.prepare(planner, 3), seed=3)
+    run = PlanningRun(setup, *setup.prepare(planner, 3), 3)
     before = setup.getConstraints()
     with run.under_own_limit():
         (limit,) = setup.motion_prover.limits
         assert (type(limit), limit.limit) == (DangerLimit, 1e3)
         assert setup.getConstraints() is before, "states are the planner's to check"
     assert setup.motion_prover.limits == ()
-    result = run.validated(run.planned(20.0), report=False, begin=0.0)
+    result = run.validated(run.planned(20.0), begin=0.0)
     np.testing.assert_array_equal(result.path, setup.plan(seed=3, parameters={"max_danger": 1e3}).path)
 
 

@@ -9,7 +9,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import CollisionChecker, CollisionError, Cylinder, InputError, Obstacle, Pose, SafeSetup
+from safe_ompl import (
+    CollisionChecker,
+    CollisionError,
+    Cylinder,
+    InputError,
+    Obstacle,
+    Pose,
+    SafeSetup,
+    TipBounds,
+    ToolOrientation,
+)
 from safe_ompl.apps import main
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import GoalRegion, RobotSpec, inverse_kinematics
@@ -49,6 +59,10 @@ def setup(ur5, scene, ends):
     return setup
 
 
+def tool_limit(setup, kind):
+    return setup.getConstraints().tool_limit(kind)
+
+
 def densely(robot, path):
     t = np.linspace(0, 1, 200)[:, None]
     return np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)])
@@ -75,7 +89,7 @@ def test_whoever_plans_keeps_the_cup_upright(robot_named, scene, ends, name, pla
     result = setup.plan(planner, seed=1, time=10.0)
     assert result
     assert tilts(robot, result.path, start).max() <= LIMIT
-    assert result.validation.claims == ("collision", "tool orientation")
+    assert result.report.validation.claims == ("collision", "tool orientation")
 
 
 def test_without_it_the_cup_is_spilt(setup, ends):
@@ -99,7 +113,7 @@ def test_a_path_that_spills_is_refused(setup, ends):
     assert not refused
     assert "'tool orientation' and 'its limit'" in refused.why
     setup.setToolConstraint()
-    assert setup.getToolConstraint() is None
+    assert tool_limit(setup, ToolOrientation) is None
     assert setup.is_free(spilling)
 
 
@@ -111,9 +125,9 @@ def test_states_and_regions_know_of_it(ur5, scene, ends):
     setup.setGoalRegion(GoalRegion(Pose(SIDES[1]), x=(-0.05, 0.05), y=(-0.05, 0.05), **turned))
     result = setup.plan(seed=1, time=8.0)
     assert result
-    assert setup.getToolConstraint().allows(result.path[-1])
+    assert tool_limit(setup, ToolOrientation).allows(result.path[-1])
     assert setup.getGoal().solutions.shape[0] >= 1
-    assert all(setup.getToolConstraint().allows(q) for q in setup.getGoal().solutions)
+    assert all(tool_limit(setup, ToolOrientation).allows(q) for q in setup.getGoal().solutions)
 
 
 def test_an_axis_and_a_direction(setup, ends):
@@ -125,10 +139,10 @@ def test_an_axis_and_a_direction(setup, ends):
 
 def test_a_start_that_spills(setup, ends):
     setup.setToolConstraint(angle=LIMIT)
-    before = setup.getToolConstraint()
+    before = tool_limit(setup, ToolOrientation)
     with pytest.raises(CollisionError, match=r"start: the tool is 180° from its direction, 30° are allowed"):
         setup.setToolConstraint([0.0, 0.0, 1.0], [0.0, 0.0, 1.0], LIMIT)
-    assert setup.getToolConstraint() is before, "what was refused is not set"
+    assert tool_limit(setup, ToolOrientation) is before, "what was refused is not set"
     assert setup.plan(seed=1, time=8.0)
     tilted = inverse_kinematics(setup.robot, SIDES[1], pin.rpy.rpyToMatrix(0.6, 0, 0) @ DOWN)
     with pytest.raises(CollisionError, match=r"goal: the tool is 34\.38° from its direction"):
@@ -146,19 +160,19 @@ def test_the_tip_stays_in_a_box(setup, ends):
     free = setup.plan(seed=3, time=8.0).path
     low, high = np.array([-1.0, -1.0, 0.3]), np.array([1.0, 1.0, 0.55])
     setup.setTipBounds(low, high)
-    assert setup.getTipBounds().upper.tolist() == high.tolist()
+    assert tool_limit(setup, TipBounds).upper.tolist() == high.tolist()
     result = setup.plan(seed=3, time=8.0)
-    assert result.validation.claims == ("collision", "tip position")
+    assert result.report.validation.claims == ("collision", "tip position")
     tips = np.array([setup.robot.tip_pose(q).translation for q in densely(setup.robot, result.path)])
     assert ((tips >= low) & (tips <= high)).all()
-    outside = [not setup.getTipBounds().allows(q) for q in densely(setup.robot, free)]
+    outside = [not tool_limit(setup, TipBounds).allows(q) for q in densely(setup.robot, free)]
     assert any(outside), "without the box the tip leaves it"
     with pytest.raises(CollisionError, match=r"start: the tip is 99\.\d+ mm outside of its bounds"):
         setup.setTipBounds(low, [1.0, 1.0, 0.3001])
     with pytest.raises(InputError, match="give both corners"):
         setup.setTipBounds(low)
     setup.setTipBounds(None)
-    assert setup.getTipBounds() is None
+    assert tool_limit(setup, TipBounds) is None
 
 
 # ----------------------------------------------------------------------------------- scenarios and command line
@@ -176,9 +190,9 @@ def test_scenarios_keep_tools_upright(scenario, tmp_path):
     again = Scenario.load(tmp_path / "cup.yaml")
     assert again.limits == limits
     setup = setup_scenario(again)
-    assert setup.getToolConstraint().limit == LIMIT
-    assert setup.getTipBounds().lower.tolist() == [-np.inf, -np.inf, 0.2]
-    assert setup.plan(seed=1, time=8.0).validation.claims == ("collision", "tool orientation", "tip position")
+    assert tool_limit(setup, ToolOrientation).limit == LIMIT
+    assert tool_limit(setup, TipBounds).lower.tolist() == [-np.inf, -np.inf, 0.2]
+    assert setup.plan(seed=1, time=8.0).report.validation.claims == ("collision", "tool orientation", "tip position")
 
 
 def test_scenarios_have_regions(scenario, tmp_path):

@@ -14,8 +14,8 @@ from safe_ompl.apps.benchmark import Campaign, Summary, default_planners, summar
 from safe_ompl.apps.cli import arguments, output, tables
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
-from safe_ompl.trajectories import CELLS, duration_of
+from safe_ompl.planning import PlanResult, SafeSetup, path_timer, setup_scenario
+from safe_ompl.trajectories import PathTimer, duration_of
 from safe_ompl.view import drawn_path, plots, render_comparison
 
 _RUNS = 10
@@ -56,14 +56,13 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)
     campaign.check(setup)
-    if options.timed:
-        setup.timer  # noqa: B018  # raises now if limits are missing
+    timer = path_timer(scenario, setup) if options.timed else None
     folder = options.out or Path(f"compare-{scenario.name}")
     output.make_folder(folder, "--out", ("report.json",), force=options.force)
-    return partial(_compare, campaign, setup, options.processes, folder, options.timed)
+    return partial(_compare, campaign, setup, options.processes, folder, timer)
 
 
-def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path, timed: bool) -> int:
+def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path, timer: PathTimer | None) -> int:
     """Run the campaign, show the table, write the report, draw the pictures."""
     name, robot = campaign.scenario.name, setup.robot
     with output.progress_bar(output.error_console()) as progress:
@@ -82,14 +81,14 @@ def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path,
     }
     # +inf where nothing allows motion, None where there is no path
     durations = [
-        None if result.path is None else duration_of(setup.timer, result.path, CELLS)
-        for result in (results if timed else ())
+        None if timer is None or result.path is None else duration_of(timer, result.path)
+        for result in (() if timer is None else results)
     ]
     for run, duration in zip(report["runs"], durations, strict=False):
         run["duration"] = duration if duration is not None and math.isfinite(duration) else None
     output.write_json(str(folder / "report.json"), report)
     output.console().print(tables.comparison_table(campaign, robot.name, summaries, planned))
-    if timed:
+    if timer is not None:
         output.console().print(tables.durations_table([result.planner for result in results], durations))
     console, advice = output.error_console(), output.missing_extra("plots")
     if advice:

@@ -227,7 +227,7 @@ class New:
         pairs = [np.unravel_index(k, distances.shape) for k in np.argsort(distances, axis=None)]
         for i, k in pairs[:_TRIALS]:
             setup.setConfigurations(left[i], right[k])
-            if setup.plan(_PLANNER, time=_TIME, seed=_SEED, report=False):
+            if setup.plan(_PLANNER, time=_TIME, seed=_SEED):
                 return left[i], right[k], True
         i, k = pairs[0]
         return left[i], right[k], False

@@ -19,7 +19,7 @@ from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError, files
 from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
 from safe_ompl.motions import Motion
-from safe_ompl.planning import COSTS, PlanResult, SafeSetup, setup_scenario
+from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
@@ -35,12 +35,6 @@ def add_commands(commands: Any) -> None:
     arguments.add_scenario(parser)
     arguments.add_planner_options(parser, usual_time="the scenario's")
     option(parser, "--optimise SECONDS", "the best path that this time allows, refined", arguments.seconds)
-    parser.add_argument(
-        "--cost",
-        choices=COSTS,
-        default="danger",
-        help="what --simplify and --optimise reduce: danger and length, or the duration beside people",
-    )
     words = "write the result as JSON, for `safe-ompl view`; -: print it, and no table"
     option(parser, "--json FILE", words, output.JSON_FILE)
     option(parser, "--plot FILE", "draw the path, its danger and its clearance (.png, …)", output.PICTURE)
@@ -70,7 +64,7 @@ def _plan(
 ) -> int:
     """Plan, and show and write the result as the options say; the time [s] is what it took to get ready."""
     chosen = arguments.run_options(options, scenario, options.planner)
-    result = setup.plan(options.planner, **chosen, optimise=options.optimise, cost=options.cost)
+    result = setup.plan(options.planner, **chosen, optimise=options.optimise)
     result = replace(result, setup_time=setup_time + result.setup_time)
     if result.interrupted:
         output.error_console().print("safe-ompl: interrupted: this is the best path so far")

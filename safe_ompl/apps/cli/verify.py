@@ -11,6 +11,7 @@ from typing import Any
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.certificates import TIME, Verified, certificate, terms_of, verify
+from safe_ompl.collision import TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, formats
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
@@ -115,8 +116,9 @@ def certificate_of(
 ) -> dict[str, Any]:
     """Return the certificate of a solved plan, and of its trajectory, for `file`: names in it are relative to that."""
     assert result.path is not None
-    folder, wanted = Path(file).parent, setup.getMinClearance()
-    speeds, time = setup.getMovingObstacles()
+    folder, constraints = Path(file).parent, setup.getConstraints()
+    separation = constraints.separation
+    tool = {"orientation": constraints.tool_limit(ToolOrientation), "position": constraints.tool_limit(TipBounds)}
     assert scenario.file is not None
     return certificate(
         result.path,
@@ -125,10 +127,10 @@ def certificate_of(
         field=setup.field,
         spacing=scenario.danger.get("spacing"),
         max_danger=scenario.limits.max_danger or None,
-        clearance=None if wanted is None else wanted.as_dict(),
-        moving_obstacles={"speeds": speeds, "time": time} if speeds else None,
-        tool=setup.tool_claim(),
-        tube=setup.getConstraints().separation.tube or None,
+        clearance=None if separation.min_clearance is None else separation.min_clearance.as_dict(),
+        moving_obstacles={"speeds": separation.speeds, "time": separation.time} if separation.speeds else None,
+        tool={key: limit.as_dict() for key, limit in tool.items() if limit is not None} or None,
+        tube=separation.tube or None,
         trajectory=trajectory,
         source={"scenario": document.file_name(scenario.file.resolve(), folder)},
     )

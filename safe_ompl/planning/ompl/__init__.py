@@ -8,20 +8,22 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.planning.ompl.goals import REGION_TOLERANCE, TOLERANCE, RegionGoal, WorkspaceGoal
-    from safe_ompl.planning.ompl.objective import DangerObjective, DurationObjective, StateCost
+    from safe_ompl.planning.ompl.objective import DangerObjective, StateCost
     from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-    from safe_ompl.planning.ompl.user_checks import RESOLUTION, AskedMotions, SampledValidity
-    from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
+    from safe_ompl.planning.ompl.validity import (
+        RESOLUTION,
+        CertifiedMotionValidator,
+        CollisionFreeValidity,
+        SampledValidity,
+    )
 
 __all__ = [
     "REGION_TOLERANCE",
     "RESOLUTION",
     "TOLERANCE",
-    "AskedMotions",
     "CertifiedMotionValidator",
     "CollisionFreeValidity",
     "DangerObjective",
-    "DurationObjective",
     "RegionGoal",
     "SampledValidity",
     "ScratchState",

@@ -1,4 +1,4 @@
-"""Danger and duration as OMPL optimisation objectives, and how planners read any objective as a cost."""
+"""Danger as an OMPL optimisation objective, and how planners read any objective as a cost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from ompl import base as ob
@@ -20,9 +20,6 @@ from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.ompl.validity import CollisionFreeValidity
 
-if TYPE_CHECKING:
-    from safe_ompl.trajectories import PathTimer
-
 _log = logging.getLogger(__name__)
 
 _OWN_THREAD = (
@@ -30,49 +27,30 @@ _OWN_THREAD = (
     "ever: end this process, as Ctrl-C does not, and take SafePRM"
 )
 _MOTION_STEP = 0.2  # [rad] between the first samples of a motion's cost
-_DANGER_REFINEMENTS, _DURATION_REFINEMENTS = 6, 4  # halvings of that step
+_REFINEMENTS = 6  # halvings of that step
 _KEPT = 20_000  # motions, some 5 MB
-_CRAWL = 50.0  # where people allow no speed a motion takes this many times the time of its joints
 
 _SLOPE_SAMPLES = 50
 _SLOPE_SEED = 0  # the scale belongs to robot and scene: it must not change with a planner's seed
 _VALUE_SAMPLES = 100
 
 
-class Motion(NamedTuple):
-    """A straight motion in a space: where it begins, and its difference to where it ends (n,)."""
+def _mean(field: DangerField, start: FloatArray, delta: FloatArray, tolerance: float) -> float:
+    """Return the mean danger of a motion whose danger points depend on the configuration.
 
-    start: FloatArray
-    delta: FloatArray
-
-    @property
-    def length(self) -> float:
-        """Its length [rad]."""
-        return math.sqrt(self.delta.dot(self.delta))
-
-    @classmethod
-    def between(cls, bridge: StateBridge, start: Any, end: Any) -> Motion:
-        """Return the motion between two states."""
-        q = bridge.read(start)
-        return cls(q, bridge.difference(q, bridge.view(end)))
-
-    def integral(self, density: Callable[[FloatArray], FloatArray], tolerance: float, refinements: int) -> float:
-        """Return the integral over the length of a density, which has values (B,) at configurations (B, n).
-
-        By the trapezoidal rule, whose step is halved until the relative error is below the tolerance, but at most
-        `refinements` times.
-        """
-        panels = 1 + int(self.length / _MOTION_STEP)
-        values = density(self.start + np.linspace(0.0, 1.0, panels + 1)[:, None] * self.delta)
-        mean = float(np.trapezoid(values)) / panels
-        for _ in range(refinements):
-            between = density(self.start + ((np.arange(panels) + 0.5) / panels)[:, None] * self.delta)
-            coarse, mean = mean, (mean + float(between.mean())) / 2
-            panels *= 2
-            # The error of the finer rule is a third of the change, where the density is smooth.
-            if abs(mean - coarse) <= 3 * tolerance * abs(mean):
-                break
-        return mean * self.length
+    By the trapezoidal rule, whose step is halved until the relative error is below the tolerance.
+    """
+    panels = 1 + int(math.sqrt(delta.dot(delta)) / _MOTION_STEP)
+    values = field.values(start + np.linspace(0.0, 1.0, panels + 1)[:, None] * delta)
+    mean = float(np.trapezoid(values)) / panels
+    for _ in range(_REFINEMENTS):
+        between = field.values(start + ((np.arange(panels) + 0.5) / panels)[:, None] * delta)
+        coarse, mean = mean, (mean + float(between.mean())) / 2
+        panels *= 2
+        # The error of the finer rule is a third of the change, where the density is smooth.
+        if abs(mean - coarse) <= 3 * tolerance * abs(mean):
+            break
+    return mean
 
 
 def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes, bytes, float, int], float]:
@@ -82,10 +60,12 @@ def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes,
     @lru_cache(_KEPT)
     def integral(first: bytes, second: bytes, tolerance: float, revision: int) -> float:
         start = np.frombuffer(first)
-        motion = Motion(start, bridge.difference(start, np.frombuffer(second)))
+        delta = bridge.difference(start, np.frombuffer(second))
         if field.points is None:
-            return motion.integral(field.values, tolerance, _DANGER_REFINEMENTS)
-        return field.mean(start, start + motion.delta, tolerance) * motion.length
+            mean = _mean(field, start, delta, tolerance)
+        else:
+            mean = field.mean(start, start + delta, tolerance)
+        return mean * math.sqrt(delta.dot(delta))
 
     return integral
 
@@ -97,16 +77,14 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     configuration the trapezoidal rule, refined until its last change is as small. Planners ask for many motions again,
     also the other way round: the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
     `motionCostHeuristic` is CDF_min times the distance, with a proven lower bound CDF_min of the danger
-    (`DangerField.minimum`). A `bridge` of the same space may be shared.
+    (`DangerField.minimum`).
     """
 
-    def __init__(
-        self, si: Any, field: DangerField, tolerance: float = 0.01, *, bridge: StateBridge | None = None
-    ) -> None:
+    def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
         super().__init__(si)
         self.field = field
         self.tolerance = positive(tolerance, "tolerance")
-        self._bridge = bridge or StateBridge(si.getStateSpace())
+        self._bridge = StateBridge(si.getStateSpace())
         self._integral = _kept_integrals(field, self._bridge)
         self._scales: dict[Any, float] = {}
         self._revision = field.revision  # that the scales are of
@@ -187,72 +165,6 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its C-space gradients (B, n) at `Q: (B, n)`."""
         return self.field.values_and_gradients(Q)
-
-
-class DurationObjective(ob.OptimizationObjective):  # type: ignore[misc]
-    """The time that motions take under joint velocities and beside people, as a cost [s].
-
-    A motion with the direction u costs ∫ ds/V to within a relative `tolerance`, with V(q) the least of
-
-    * joint velocity: min_i v_i/|u_i|,
-    * people: b·τ(q), with τ the time until the first limb may be at the robot, min (d − C)/v_h − T_r over limbs and
-      bodies, and the deceleration b = min_i a_i/|u_i|: a stop that begins here ends before that.
-
-    Notes
-    -----
-    A bound is `motionCostHeuristic`, max_i |Δ_i|/v_i: no way between two states takes less. The cost itself is no
-    bound of a trajectory's duration. It leaves out corners and accelerations, which makes it too
-    low. A stop takes some path, so the cost is too low on the way towards people and too high on the way from them.
-    Contact, danger, and speeds of tool and links do not count. Where people allow no speed at all it is 50 times the
-    time of the joints, not infinite, so that planners find a way out. The duration of a path is what `PathTimer` says;
-    `SafeSetup.plan(cost="duration")` minimises that.
-    """
-
-    def __init__(self, si: Any, timer: PathTimer, tolerance: float = 0.02) -> None:
-        super().__init__(si)
-        self.timer = timer
-        self.tolerance = positive(tolerance, "tolerance")
-        self._bridge = StateBridge(si.getStateSpace())
-
-    def __repr__(self) -> str:
-        return f"DurationObjective({self.timer!r}, tolerance={self.tolerance:g})"
-
-    def getDescription(self) -> str:
-        """Return a line about the objective."""
-        return "duration within joint velocities and beside people"
-
-    def stateCost(self, state: Any) -> Any:
-        """Return the time of a radian in the slowest direction [s/rad]."""
-        return ob.Cost(float(self.values(self._bridge.read(state)[None])[0]))
-
-    def motionCost(self, start: Any, end: Any) -> Any:
-        """Return the time of the straight motion [s], to within the tolerance."""
-        motion = Motion.between(self._bridge, start, end)
-        if not motion.length:
-            return ob.Cost(0.0)
-        direction = np.abs(motion.delta) / motion.length
-        refinements = 0 if self.timer.distances is None else _DURATION_REFINEMENTS
-        return ob.Cost(motion.integral(lambda Q: self._slowness(Q, direction), self.tolerance, refinements))
-
-    def motionCostHeuristic(self, start: Any, end: Any) -> Any:
-        """Return a time that no way between two states goes below [s]."""
-        delta = Motion.between(self._bridge, start, end).delta
-        return ob.Cost(float((np.abs(delta) / self.timer.limits.velocity).max(initial=0.0)))
-
-    def values(self, Q: FloatArray) -> FloatArray:
-        """Return the time of a radian in the slowest direction (B,) at `Q: (B, n)` [s/rad]."""
-        return self._slowness(Q, np.ones(Q.shape[1]))
-
-    def _slowness(self, Q: FloatArray, direction: FloatArray) -> FloatArray:
-        """Return 1/V (B,) at `Q: (B, n)` in a direction |u| (n,)."""
-        limits = self.timer.limits
-        free = float((direction / limits.velocity).max())
-        if self.timer.distances is None:
-            return np.full(len(Q), free)
-        brake = 1 / float((direction / limits.acceleration).max())
-        left = np.maximum(self.timer.distances.times_at(Q), 1e-12)
-        found: FloatArray = np.clip(1 / (brake * left), free, _CRAWL * free)
-        return found
 
 
 class StateCost:

@@ -1,18 +1,17 @@
-"""Validity of states and motions: what OMPL asks.
-
-Both plug-ins read the same `Constraints`, and motions are proven.
-"""
+"""Validity of states and motions, by the same `Constraints`: what OMPL asks; and the user's own checker."""
 
 from __future__ import annotations
 
-from math import isfinite
+from math import ceil, isfinite
 from typing import Any
 
+import numpy as np
 from ompl import base as ob
 
-from safe_ompl.collision import FLOOR, TOUCHING_ONLY, CollisionChecker, MotionProver
-from safe_ompl.paths import ConfigurationCheck, Constraints
-from safe_ompl.planning.ompl.states import StateBridge
+from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
+from safe_ompl.common import FloatArray, InputError, positive
+from safe_ompl.paths import ConfigurationCheck, Constraints, UserCheck
+from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 
 
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
@@ -54,18 +53,10 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     def settings(self) -> tuple[Any, ...] | None:
         """What decides which states are valid: checker, revision and constraints; None if the user's checker does."""
         checker, constraints = self.checker, self.getConstraints()
-        if constraints.user_checker is not None:
+        if constraints.user is not None:
             return None
         limit = None if constraints.danger is None else constraints.danger.limit
         return checker, checker.revision, constraints.separation, limit, constraints.tool
-
-    def adds_nothing(self, other: Any) -> bool:
-        """Return whether another checker is this one, or asks for nothing that this one does not ask for."""
-        if other is self:
-            return True
-        if type(other) is not CollisionFreeValidity or other.checker is not self.checker:
-            return False
-        return bool(other.getConstraints() == Constraints())
 
     def isValid(self, state: Any) -> bool:
         """Return whether `state` is within limits, finite, free of collision, and allowed by the constraints."""
@@ -83,25 +74,15 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.MotionProver`).
 
     Any OMPL planner that asks `si.checkMotion` plans certified paths with it. The coordinates of the space must be the
-    robot's joints (see `joint_space`). An edge with less clearance than about the `floor` [m] stays undecided, and
-    counts as blocked. The state validity checker should have the same constraints. The user's checks among them are
-    asked about what is proven free. They are not kept alive: `CollisionFreeValidity` does that. A `bridge` of the same
-    space may be shared.
+    robot's joints (see `joint_space`). An edge with less clearance than about `safe_ompl.collision.FLOOR` stays
+    undecided, and counts as blocked. The state validity checker should have the same constraints: the user's checker
+    among them is asked about what is proven free, and kept alive by `CollisionFreeValidity` only.
     """
 
-    def __init__(
-        self,
-        si: Any,
-        checker: CollisionChecker,
-        floor: float = FLOOR,
-        constraints: Constraints | None = None,
-        *,
-        bridge: StateBridge | None = None,
-    ) -> None:
+    def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:
         super().__init__(si)
-        self._floor = floor
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
-        self._bridge = bridge or StateBridge(self._space)
+        self._bridge = StateBridge(self._space)
         self.setConstraints(constraints or Constraints(), checker)
 
     def __repr__(self) -> str:
@@ -125,18 +106,8 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         """Set what motions must keep to; with a checker also another scene of the same robot; errors as the class."""
         borrowed = constraints.borrowed()
         separation, limits = borrowed.separation, borrowed.limits
-        self._motion = MotionProver(checker or self.checker, self._floor, separation=separation, limits=limits)
+        self._motion = MotionProver(checker or self.checker, separation=separation, limits=limits)
         self._constraints = borrowed
-
-    def adds_nothing(self, other: Any) -> bool:
-        """Return whether another validator is this one, or proves nothing that this one does not prove."""
-        if other is self:
-            return True
-        if type(other) is not CertifiedMotionValidator:
-            return False
-        ours, theirs = self.motion, other.motion
-        same = theirs.checker is ours.checker and theirs.separation in (ours.separation, TOUCHING_ONLY)
-        return same and not theirs.limits
 
     def checkMotion(self, start: Any, end: Any) -> bool:
         """Return whether the straight motion between two states is within limits and proven free."""
@@ -146,3 +117,40 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         if not isfinite(q_start.dot(q_end)):  # OMPL's bounds let NaN pass
             return False
         return self._motion.is_free(q_start, q_end)
+
+
+RESOLUTION = 0.01  # [rad] between two samples of a motion
+_ROUNDING = 1e-9  # of a step
+_REFUSES = "its own answer"  # what a witness names beside the checker
+
+
+class SampledValidity(UserCheck):
+    """A state validity checker of the user's, or a function of a state; what it raises arrives unchanged."""
+
+    def __init__(self, checker: Any, bridge: StateBridge, resolution: float = RESOLUTION) -> None:
+        if not (isinstance(checker, ob.StateValidityChecker) or callable(checker)):
+            raise InputError(
+                "the state validity checker must be an ob.StateValidityChecker or a function of a state, got "
+                f"{checker!r}"
+            )
+        self._asks = checker.isValid if isinstance(checker, ob.StateValidityChecker) else checker
+        self.resolution: float = positive(resolution, "resolution", "distance in joint space [rad]")
+        name = getattr(checker, "__qualname__", None) or type(checker).__qualname__
+        self.name = str(name).rsplit("<locals>.", 1)[-1]
+        self._bridge, self._scratch = bridge, ScratchState(bridge)
+
+    def allows(self, q: FloatArray, state: Any = None) -> bool:
+        """Return what the checker says of a configuration (n,); raise InputError for anything but a bool."""
+        answer = self._asks(self._scratch.set(q) if state is None else state)
+        if not isinstance(answer, (bool, np.bool_)):
+            raise InputError(f"the state validity checker {self.name} must return a bool, got {answer!r}")
+        return bool(answer)
+
+    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
+        """Ask at even steps of the straight motion between `start` and `end: (n,)`; says where it is refused."""
+        delta = self._bridge.difference(start, end)
+        count = max(1, ceil(float(np.linalg.norm(delta)) / self.resolution - _ROUNDING))
+        for k in range(count + 1):
+            if not self.allows(start + k / count * delta):
+                return MotionVerdict(Verdict.BLOCKED, k / count, (self.name, _REFUSES))
+        return MotionVerdict(Verdict.FREE)

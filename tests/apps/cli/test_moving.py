@@ -47,7 +47,7 @@ def test_a_scenario_says_it_and_options_say_it_instead(call, tmp_path):
     limits = PathLimits.from_mapping({"moving": {"speeds": {"person": 0.2}, "time": 0.5}})
     assert PathLimits.from_mapping(limits.to_mapping()) == limits
     moving = Scenario(**{**vars(scenario), "limits": limits})
-    assert setup_scenario(moving).getMovingObstacles() == ({"person": 0.2}, 0.5)
+    assert setup_scenario(moving).getConstraints().separation.speeds == {"person": 0.2}
     assert plan(moving).moving_obstacles == {"speeds": {"person": 0.2}, "time": 0.5}
     assert plan(scenario).moving_obstacles is None
 

@@ -155,8 +155,3 @@ def test_compare_tells_durations(scenario_file, tmp_path, capsys):
     assert "duration, s" in capsys.readouterr().out
     runs = json.loads((folder / "report.json").read_text())["runs"]
     assert all(run["duration"] > 1 for run in runs)
-
-
-def test_planned_for_duration_by_the_command(scenario_file, capsys):
-    assert main(["plan", str(scenario_file), "--optimise", "1.5", "--cost", "duration", "--timed"]) == 0
-    assert "timed: " in capsys.readouterr().out

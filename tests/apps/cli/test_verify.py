@@ -256,7 +256,7 @@ def test_text_that_would_mislead_a_reader(call, written, old, new, message):
 def test_what_a_setup_proves_of_moving_obstacles_stands_in_its_certificate(call, written):
     scenario = Scenario.load(written / "planar3.yaml")
     setup = setup_scenario(scenario, scenario.build_robot())
-    assert setup.getMovingObstacles() == ({}, 0.0)
+    assert not setup.getConstraints().separation.speeds
     setup.setMovingObstacles({"person": 0.1}, 0.5)
     result = setup.plan("SafeRRTConnect", time=20, seed=0)
     content = certificate_of(result, setup, scenario, str(written / "moving.json"))

@@ -55,7 +55,7 @@ class Setting:
             "is above the limit": replace(none, danger=DangerLimit(self.field, 12.0)),
             "from its direction": replace(none, tool=(ToolOrientation(self.robot, (0, 0, 1), DOWN, 1.0),)),
             "outside of its bounds": replace(none, tool=(TipBounds(self.robot, [-1, -1, 0.2], [1, 1, 1]),)),
-            "is refused by your state validity checker": replace(none, user=(self.elbow_up,)),
+            "is refused by your state validity checker": replace(none, user=self.elbow_up),
         }
 
 
@@ -122,9 +122,9 @@ def test_a_distance_from_the_dangerous_follows_them_to_another_scene(setting):
 
 
 def test_the_validator_does_not_keep_the_users_checks_alive(setting):
-    constraints = Constraints(user=(SampledValidity(lambda state: True, setting.bridge),))
+    constraints = Constraints(user=SampledValidity(lambda state: True, setting.bridge))
     setting.validator.setConstraints(constraints)
     assert setting.validator.motion.check(START, START).verdict is Verdict.FREE
     del constraints
-    with pytest.raises(ReferenceError, match="is gone"):
+    with pytest.raises(ReferenceError, match="no longer exists"):
         setting.validator.motion.check(START, START)

@@ -17,7 +17,7 @@ class Setting:
         self.si = ob.SpaceInformation(joint_space(robot))
         self.checker = CollisionChecker(robot, scene)
         self.si.setStateValidityChecker(CollisionFreeValidity(self.si, self.checker))
-        self.validator = CertifiedMotionValidator(self.si, self.checker, floor=1e-3)
+        self.validator = CertifiedMotionValidator(self.si, self.checker)
         self.si.setMotionValidator(self.validator)
         self.si.setup()
         self.bridge = StateBridge(self.si.getStateSpace())
@@ -34,7 +34,6 @@ def setting(request, robot_named, clutter):
 
 def test_answers_of_ompl_are_those_of_the_certified_check(setting, rng):
     robot, answers = setting.robot, []
-    assert setting.validator.motion.floor == 1e-3
     for start in rng.uniform(robot.lower, robot.upper, (60, robot.n)):
         end = setting.bridge.inside(start + 0.3 * rng.normal(size=robot.n))
         answer = setting.check(start, end)
