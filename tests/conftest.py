@@ -43,7 +43,6 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "planning/planners/test_life_cycle.py::test_in_a_process",
     "planning/planners/test_rrt_connect.py::test_a_process",
     "planning/planners/test_unsolvable.py",
-    "planning/test_duration_cost.py",
     "planning/test_first_plan.py",
     "planning/test_interrupts.py",
     "planning/test_limits.py",
@@ -57,7 +56,6 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "test_notebooks.py",
     "test_package.py",
     "test_scripts.py",
-    "trajectories/test_faster.py",
     "trajectories/test_beside_people.py",
     "view/browser/",
     "view/pictures/",
@@ -188,7 +186,7 @@ class Ticks:
 def ticks(monkeypatch):
     """Give setups a clock that counts, so that limits of time do not depend on the machine."""
     clock = Ticks()
-    for module in ("planners.registry", "safe_setup", "optimise"):
+    for module in ("planners.registry", "safe_setup", "run", "optimise"):
         monkeypatch.setattr(f"safe_ompl.planning.{module}.clock", clock)
     return clock
 

@@ -61,51 +61,41 @@ class QuadraticModel(NamedTuple):
 
 
 class DangerDensity:
-    """λ·CDF(q)ᵖ with λ = weight/reference(CDF)ᵖ, so that one weight ≥ 0 serves all robots and scenes; p ≥ 1."""
+    """λ·CDF(q)² with λ = weight/reference(CDF)², so that one weight ≥ 0 serves all robots and scenes."""
 
-    def __init__(self, field: DangerField, reference: float, weight: float = WEIGHT, exponent: float = 1.0) -> None:
+    def __init__(self, field: DangerField, reference: float, weight: float = WEIGHT) -> None:
         self.field = field
         self.reference = number("reference", reference, above=0.0)
         self.weight = number("weight", weight, at_least=0.0)
-        self.exponent = number("exponent", exponent, at_least=1.0)
         self._last: tuple[FloatArray, int, FloatArray, FloatArray] | None = None
 
     def values(self, Q: FloatArray) -> FloatArray:
         """Return the density (B,) at `Q: (B, n)`."""
-        return self._of(self.field.values(Q) / self.reference)
+        density: FloatArray = self.weight * (self.field.values(Q) / self.reference) ** 2
+        return density
 
     def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
         revision = self.field.revision
-        danger, slopes = self.field.values_and_gradients(Q)
-        self._last = Q.copy(), revision, danger, slopes
-        return self._graded(danger / self.reference, slopes)
+        self._last = Q.copy(), revision, *self.field.values_and_gradients(Q)
+        return self._graded(*self._last[2:])
 
     def expansion(self, Q: FloatArray) -> Expansion:
         """Return the density and its derivatives at `Q: (B, n)`, the second ones as if the danger were linear."""
         last = self._last  # a descent asks for its last path again
-        if last is not None and last[1] == self.field.revision and np.array_equal(last[0], Q):
-            danger, slopes = last[2:]
-        else:
-            danger, slopes = self.field.values_and_gradients(Q)
-        relative, p = danger / self.reference, self.exponent
-        bend = self.weight * p * (p - 1) * relative ** (p - 2) if p > 1 else np.zeros(len(Q))
-        bends = (np.sqrt(bend) / self.reference)[:, None] * slopes
-        return Expansion(*self._graded(relative, slopes), np.arange(len(Q)), bends)
+        known = last is not None and last[1] == self.field.revision and np.array_equal(last[0], Q)
+        danger, slopes = last[2:] if last is not None and known else self.field.values_and_gradients(Q)
+        bends = np.sqrt(2.0 * self.weight) / self.reference * slopes
+        return Expansion(*self._graded(danger, slopes), np.arange(len(Q)), bends)
 
-    def _graded(self, relative: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the density (B,) and its gradients, from the relative danger and the gradients of the danger."""
-        p = self.exponent
-        rates = self.weight * p / self.reference * relative ** (p - 1)
-        return self._of(relative), rates[:, None] * slopes
+    def _graded(self, danger: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        relative = danger / self.reference
+        rates = self.weight * 2.0 / self.reference * relative
+        return self.weight * relative**2, rates[:, None] * slopes
 
     def restricted(self, field: DangerField) -> DangerDensity:
         """Return the same density of another field, such as one of fewer danger points."""
-        return DangerDensity(field, self.reference, self.weight, self.exponent)
-
-    def _of(self, relative: FloatArray) -> FloatArray:
-        density: FloatArray = self.weight * relative**self.exponent
-        return density
+        return DangerDensity(field, self.reference, self.weight)
 
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
@@ -195,7 +185,7 @@ def _springs(stiffness: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     return blocks, beside
 
 
-OBSTACLE_WEIGHT = 20.0
+_OBSTACLE_WEIGHT = 20.0
 _STEEPNESS = 10.0
 _STEP = 0.03  # [rad] between the samples at which the least clearance along a path is looked for
 
@@ -211,9 +201,8 @@ class ObstacleCost:
     the links until it is anchored again.
     """
 
-    def __init__(self, checker: CollisionChecker, distance: float, weight: float = OBSTACLE_WEIGHT) -> None:
+    def __init__(self, checker: CollisionChecker, distance: float) -> None:
         self.distance = number("clearance", distance, above=0.0)
-        self.weight = number("weight of clearance", weight, above=0.0)
         self.allowed = 0.0
         self._proximity = Proximity(checker, self.distance)
         self._anchored: Witnesses | None = None
@@ -222,12 +211,8 @@ class ObstacleCost:
         """Return the same for another path, without witnesses; `allowed` is its d₀ [m], at most D."""
         other = copy(self)
         other._anchored = None
-        other.allow(allowed)
+        other.allowed = max(0.0, min(self.distance, allowed))
         return other
-
-    def allow(self, distance: float) -> None:
-        """Set d₀ to a distance [m], no larger than D."""
-        self.allowed = max(0.0, min(self.distance, distance))
 
     def clearances(self, path: FloatArray) -> tuple[float, float]:
         """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
@@ -259,9 +244,9 @@ class ObstacleCost:
     def expansion(self, Q: FloatArray) -> Expansion:
         """Return the density and its derivatives at `Q: (B, n)`, the second ones by Gauss-Newton."""
         witnesses = self._proximity.witnesses(Q) if self._anchored is None else self._anchored
-        hinges = [(self.distance, self.weight)]
+        hinges = [(self.distance, _OBSTACLE_WEIGHT)]
         if self.allowed > 0:
-            hinges.append((self.allowed, _STEEPNESS * self.weight))
+            hinges.append((self.allowed, _STEEPNESS * _OBSTACLE_WEIGHT))
         values, gradients, bends = witnesses.hinge_costs(Q, np.array(hinges))
         return Expansion(values, gradients, witnesses.rows, bends)
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.paths.cost import ActiveSetCost, PathCost, QuadraticModel, peaks_beside_ends
-from safe_ompl.paths.edges import EdgeProofs, FeasibleSet
+from safe_ompl.paths.edges import EdgeProofs, Within
 from safe_ompl.paths.kernels import factored, solved
 from safe_ompl.paths.measures import Curve, path_length, with_way_points
 
@@ -33,13 +32,9 @@ class Descent:
     """
 
     def __init__(
-        self,
-        cost: PathCost | ActiveSetCost,
-        path: FloatArray,
-        constraints: FeasibleSet,
-        model: QuadraticModel | None = None,
+        self, cost: PathCost | ActiveSetCost, path: FloatArray, within: Within, model: QuadraticModel | None = None
     ) -> None:
-        self._cost, self._constraints = cost, constraints
+        self._cost, self._within = cost, within
         self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
         self.restart(path, model=model)
 
@@ -54,7 +49,7 @@ class Descent:
     def resume(self, path: FloatArray, model: QuadraticModel | None = None) -> None:
         """Evaluate the cost anew, at a path near the last one, or after it has changed a little, or take its model."""
         model = model or self._cost.model(path)
-        self.path, self.value, self._gradient = path, model.value, self._allowed(path, model.gradient.copy())
+        self.path, self.value, self._gradient = path, model.value, self._allowed(model.gradient.copy())
         self._hessian = BlockChain(model.blocks, model.beside, self._moving)
 
     def step(self, largest: float = LARGEST) -> bool:
@@ -64,10 +59,10 @@ class Descent:
         if slope < 0:
             size = min(1.0, largest / float(np.abs(direction).max()), _GROWTH * self._size)
             for _ in range(_TRIALS):
-                path = self._constraints.nearest(self.path + size * direction)
+                path = self._within(self.path + size * direction)
                 value, gradient = self._cost.value_and_gradient(path)
                 if value < self.value + _SUFFICIENT * size * slope:
-                    gradient = self._allowed(path, gradient)
+                    gradient = self._allowed(gradient)
                     self._remember(path - self.path, gradient - self._gradient)
                     self.path, self.value, self._gradient, self._size = path, value, gradient, size
                     return True
@@ -77,9 +72,9 @@ class Descent:
         self._pairs.clear()
         return self.step(largest)
 
-    def _allowed(self, path: FloatArray, change: FloatArray) -> FloatArray:
-        """Return the part of a change (N, n) of a path (N, n) that way points may make."""
-        change = self._constraints.tangent(path, change)
+    def _allowed(self, change: FloatArray) -> FloatArray:
+        """Return the part of a change (N, n) of the path that way points may make."""
+        change[-1] = 0.0
         change[~self._moving] = 0.0
         return change
 
@@ -93,7 +88,7 @@ class Descent:
         direction = self._hessian.solve(q)
         for (step, change, curvature), share in zip(self._pairs, reversed(shares), strict=True):
             direction += (share - float(np.vdot(change, direction)) / curvature) * step
-        return -self._allowed(self.path, direction)
+        return -self._allowed(direction)
 
     def _remember(self, step: FloatArray, change: FloatArray) -> None:
         curvature = float(np.vdot(step, change))
@@ -172,12 +167,11 @@ _APART = 0.01  # [rad] of path between way points, at least
 _RESOLUTIONS = 2  # how often peaks are looked for
 
 
-@dataclass(frozen=True)
-class Terms:
+class Terms(NamedTuple):
     """Requirements of a path; `precision` is the share of the cost that a round must save, or it is the last one."""
 
     proofs: EdgeProofs
-    feasible: FeasibleSet
+    within: Within
     longest: float
     precision: float
 
@@ -223,7 +217,7 @@ class ProvenDescent:
     def _converge(self) -> bool:
         """Descend until a round gains little; return False if the path turns out to be too dear."""
         seen, largest, round_ = self.path, LARGEST, 0
-        descent = Descent(self._cost, self.path, self._terms.feasible, self.price.model)
+        descent = Descent(self._cost, self.path, self._terms.within, self.price.model)
         while largest >= _SMALLEST:
             settled = self._step(descent, largest, _ROUNDS[round_])
             if self._stop():
@@ -282,12 +276,8 @@ class ProvenDescent:
         return gain, back
 
     def _price_if_better(self, path: FloatArray) -> Price | None:
-        """Return the price of a path, unless it is not lower, or the path is too long or not feasible."""
-        if (
-            np.array_equal(path, self.path)
-            or path_length(self._whole(path)) > self._terms.longest
-            or not self._terms.feasible.holds(path)
-        ):
+        """Return the price of a path, unless it is not lower, or the path is too long."""
+        if np.array_equal(path, self.path) or path_length(self._whole(path)) > self._terms.longest:
             return None
         cost = self._cost.of(self._whole(path))
         if not cost < self.price.total or (self.leads and not cost <= self._best.ceiling):

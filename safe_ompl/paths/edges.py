@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import compress, pairwise
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost
 from safe_ompl.paths.kernels import arc_lengths, chained
-from safe_ompl.robot import Place, Robot, motion_limits, solve_from_seed
+from safe_ompl.robot import Robot, motion_limits
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
@@ -104,71 +104,13 @@ def _keys(path: FloatArray) -> Iterator[bytes]:
     return (start.tobytes() + end.tobytes() for start, end in pairwise(path))
 
 
-_DAMPING = 1e-6  # [m²/rad²] of the projection: keeps it defined where the arm is singular
+Within: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
-class FeasibleSet:
-    """The set of feasible paths: way points within the joint limits, between ends that are fixed."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        self._lower, self._upper = motion_limits(robot)
-
-    def within(self, Q: FloatArray) -> FloatArray:
-        """Return the configurations within limits that are nearest to `Q: (…, n)`."""
-        return np.minimum(np.maximum(Q, self._lower), self._upper)
-
-    def nearest(self, path: FloatArray) -> FloatArray:
-        """Return the path within limits that is nearest to `path: (N, n)`."""
-        return self.within(path)
-
-    def holds(self, path: FloatArray) -> bool:
-        """Return whether the end of `path: (N, n)` is where it may be; one that is fixed always is."""
-        return True
-
-    def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
-        """Return a change of the path (N, n) that leaves its end where it is."""
-        change[-1] = 0.0
-        return change
-
-
-class GoalSet(Protocol):
-    """A place of the tip and how near to it is near enough, such as a `WorkspaceGoal`."""
-
-    place: Place
-    tolerance: float
-
-
-class FreeGoal(FeasibleSet):
-    """The set of feasible paths whose last way point may be anywhere where the tip is at its place.
-
-    Goals found are a tenth of its tolerance near.
-    """
-
-    def __init__(self, goal: GoalSet) -> None:
-        super().__init__(goal.place.robot)
-        self.place = goal.place
-        self._tolerance = goal.tolerance
-        self._precision = 0.1 * goal.tolerance
-
-    def nearest(self, path: FloatArray) -> FloatArray:
-        """Return the path within limits, its end brought to the place; an end that cannot be stays as it is."""
-        allowed = self.within(path)
-        end = solve_from_seed(self.place, allowed[-1], self._precision)
-        if end is not None:
-            allowed[-1] = end
-        return allowed
-
-    def holds(self, path: FloatArray) -> bool:
-        """Return whether the end of `path: (N, n)` is near enough to the place."""
-        return self.place.distance(path[-1]) <= self._tolerance
-
-    def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
-        """Return a change of the path (N, n) whose last row is in the null space of the tip's Jacobian."""
-        jacobian = self.place.jacobian(path[-1])
-        square = jacobian @ jacobian.T + _DAMPING * np.eye(len(jacobian))
-        change[-1] -= jacobian.T @ np.linalg.solve(square, jacobian @ change[-1])
-        return change
+def within_limits(robot: Robot) -> Within:
+    """Return what brings configurations `Q: (…, n)` to the nearest ones within the joint limits."""
+    lower, upper = motion_limits(robot)
+    return lambda Q: np.minimum(np.maximum(Q, lower), upper)
 
 
 RETREAT_STEP = 0.02  # [rad]
@@ -182,7 +124,7 @@ _NEWTON_STEPS, _PRECISION = 30, 1e-9
 
 
 def retreat(
-    end: FloatArray, obstacles: ObstacleCost, field: DangerField, feasible: FeasibleSet, stop: Callable[[], bool]
+    end: FloatArray, obstacles: ObstacleCost, field: DangerField, within: Within, stop: Callable[[], bool]
 ) -> FloatArray:
     """Return a way (K, n) from an end (n,) of a path to where obstacles and danger are less; K = 1: there is none.
 
@@ -199,7 +141,7 @@ def retreat(
         enough = _LEFT * cost if enough is None else enough
         if cost <= enough:
             return np.array(way)
-        q = feasible.within(q + _step(gradient, bends.T @ bends))
+        q = within(q + _step(gradient, bends.T @ bends))
         if np.linalg.norm(q - way[-1]) < _STUCK * RETREAT_STEP:
             break
         way.append(q)

@@ -34,7 +34,7 @@ class CheckOutcome:
 
 @dataclass(frozen=True)
 class Validation:
-    """Outcome of the validation of a path.
+    """What is proven of a path: true if every edge is, and no check of the user's own refuses it.
 
     Attributes
     ----------
@@ -128,12 +128,11 @@ def first_refused(path: FloatArray, motion: MotionProver | UserCheck) -> tuple[i
 
 
 class PathReport:
-    """Report on one path. What `of` returns computes danger and clearance when they are first looked at.
+    """Report on one path; danger and clearance are computed when they are first looked at.
 
-    The validation is not put off: `certified` and `refused` are known from the beginning. What is computed later
-    belongs to the path, the robot, the scene and the field as they were: these do not change. `length` is Euclidean, in
-    joint space [rad]; of `links_without_collision` nothing is known, as they have no collision geometry; `time` [s] is
-    how long it took to compute danger and clearance, as far as they were looked at.
+    `certified` and `refused` are known from the beginning. What is computed later belongs to the path, the robot, the
+    scene and the field as they were. `length` is Euclidean, in joint space [rad]; of `links_without_collision` nothing
+    is known, as they have no collision geometry; `time` [s] is how long danger and clearance took so far.
     """
 
     _examination: _Examination
@@ -194,11 +193,6 @@ class PathReport:
         """The first edge that is not proven free, and why; None for a certified path."""
         return self.validation.refused
 
-    @property
-    def checks(self) -> tuple[CheckOutcome, ...]:
-        """The user's own checks: who accepted the path, and how closely it was sampled."""
-        return self.validation.checks
-
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels to other processes: the numbers, not what they come from."""
         numbers = {"danger": self.danger, "clearance": self.clearance}
@@ -221,14 +215,7 @@ class PathReport:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain numbers, lists and strings, in the form of the command line's JSON."""
-        danger = self.danger and {
-            "mean": self.danger.mean,
-            "max": self.danger.max,
-            "max_bound": self.danger.max_bound,
-            "integral": self.danger.integral,
-            "avoidable": self.danger.avoidable,
-            "profile": self.danger.profile.tolist(),
-        }
+        danger = None if self.danger is None else {**vars(self.danger), "profile": self.danger.profile.tolist()}
         return {
             "length": self.length,
             "danger": danger,
@@ -240,30 +227,13 @@ class PathReport:
 
 
 class _Examination:
-    """What is found out when it is asked for."""
+    """A path with its robot, scene and danger as they were, until danger and clearance are asked for."""
 
     def __init__(self, path: FloatArray, checker: CollisionChecker, field: DangerField | None) -> None:
         self.curve = Curve(checker.robot, path)
-        self._path, self._given_checker, self._given_field = path, checker, field
+        self._path, self._checker, self._field = path, checker, field
         self._scene, self._revision = checker.scene, checker.revision
         self._points = None if field is None else (field.points, field.weights, field.revision)
-
-    @property
-    def _checker(self) -> CollisionChecker:
-        """The checker with obstacles where they were when the path was validated."""
-        checker = self._given_checker
-        if checker.revision == self._revision:
-            return checker
-        return CollisionChecker(checker.robot, self._scene, checker.counts)
-
-    @property
-    def _field(self) -> DangerField | None:
-        """The danger with obstacles where they were then."""
-        field = self._given_field
-        if field is None or self._points is None or field.revision == self._points[2]:
-            return field
-        points, weights, _ = self._points
-        return field if points is None else field.with_points(points, weights)
 
     @cached_property
     def _places(self) -> FloatArray:
@@ -275,7 +245,15 @@ class _Examination:
 
     def danger(self) -> DangerReport | None:
         field = self._field
-        return None if field is None else danger_along(self._path, field, self._places, self._samples)
+        if field is None or self._points is None:
+            return None
+        points, weights, revision = self._points
+        if points is not None and field.revision != revision:
+            field = field.with_points(points, weights)
+        return danger_along(self._path, field, self._places, self._samples)
 
     def clearance(self) -> ClearanceReport:
-        return clearance_along(self.curve, self._checker, self._places, self._samples)
+        checker = self._checker
+        if checker.revision != self._revision:
+            checker = CollisionChecker(checker.robot, self._scene, checker.counts)
+        return clearance_along(self.curve, checker, self._places, self._samples)

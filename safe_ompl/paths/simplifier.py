@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -15,12 +14,14 @@ from safe_ompl.common import FloatArray, InputError, StaleSceneError, clock, fin
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import STEP, WEIGHT, ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
 from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
-from safe_ompl.paths.edges import MOST, EdgeProofs, FeasibleSet, FreeGoal, GoalSet, joined, retreat, shortcut
+from safe_ompl.paths.edges import MOST, EdgeProofs, joined, retreat, shortcut, within_limits
 from safe_ompl.paths.measures import Curve, divided, path_length, refined
 from safe_ompl.robot import Robot
 
 Stop = Callable[[], bool]
 
+_SPACING = 0.4  # [rad] way points are no farther apart when the descent begins; then they move
+_LONGER = 1.25  # times the given path no path becomes longer
 _CONVERGED = 0.03  # a round that lowers the cost by less than this share is the last
 _SAME = 1e-4  # [m] clearances that differ by less are the same
 _FEW = 14  # way points between which shortcuts are looked for after the descent
@@ -44,51 +45,15 @@ def unrolled(robot: Robot, path: FloatArray) -> FloatArray:
     return found
 
 
-@dataclass(frozen=True)
-class SimplificationOptions:
-    """Options of a `Simplifier`.
-
-    Parameters
-    ----------
-    weight : float
-        λ·reference(CDF)ᵖ, with the median danger over valid configurations as reference: where the danger is that,
-        a radian of path costs `weight` radians besides its own length.
-    exponent : float
-        p ≥ 1. Larger ones punish peaks more.
-    clearance : float
-        [m] Nearness to obstacles counts below this; 0: never, paths may come as near as they are proven free.
-    length_factor : float
-        The path never becomes longer than this times the given one; ≥ 1.
-    spacing : float
-        [rad] Way points are no farther apart when the descent begins; then they move.
-
-    Raises
-    ------
-    InputError
-        If an option is out of range.
-    """
-
-    weight: float = WEIGHT
-    exponent: float = 2.0
-    clearance: float = 0.07
-    length_factor: float = 1.25
-    spacing: float = 0.4
-
-    def __post_init__(self) -> None:
-        for key, least in (("weight", 0.0), ("exponent", 1.0), ("clearance", 0.0), ("length_factor", 1.0)):
-            object.__setattr__(self, key, number(key, getattr(self, key), at_least=least))
-        object.__setattr__(self, "spacing", number("spacing", self.spacing, above=0.0))
-
-
 class Simplifier:
-    """Lowers J = ∫ (1 + λ·CDF(q)ᵖ) ds of paths of one robot in one scene, and an obstacle cost with it.
+    """Lowers J = ∫ (1 + λ·CDF(q)²) ds of paths of one robot in one scene, and an obstacle cost with it.
 
     First shortcuts, which gain most for the least work: the cheapest chain of straight motions between the path's way
-    points. Then retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0; a goal
-    that is free is not. Then descent along the exact gradient of the cost, all way points between the retreats at once;
-    after a few steps what has become of the path must be cheaper and proven, and way points beside an edge that is not
-    proven go back to where they were. Shortcuts that then save much lead out of a poor minimum, to one more descent. It
-    ends when a round of steps gains little; that does not depend on the clock.
+    points. Then retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0. Then
+    descent along the exact gradient of the cost, all way points between the retreats at once; after a few steps what
+    has become of the path must be cheaper and proven, and way points beside an edge that is not proven go back.
+    Shortcuts that then save much lead out of a poor minimum, to one more descent. It ends when a round of steps gains
+    little; that does not depend on the clock.
 
     Every path on the way is proven. Its J is not above that of the given path, its least clearance not below its own by
     more than 0.1 mm, unless `clearance` is 0.
@@ -97,20 +62,33 @@ class Simplifier:
     ----------
     checker, field, motion : CollisionChecker, DangerField, MotionProver
         Robot and scene, the danger, and what proves edges; by default a `MotionProver` with the checker.
-    **options : float
-        Those of `SimplificationOptions`, errors as there: weight, exponent, clearance, length_factor, spacing.
+    weight : float
+        λ·reference(CDF)², with the median danger over valid configurations as reference: where the danger is that,
+        a radian of path costs `weight` radians besides its own length.
+    clearance : float
+        [m] Nearness to obstacles counts below this; 0: never, paths may come as near as they are proven free.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range.
     """
 
     def __init__(
-        self, checker: CollisionChecker, field: DangerField, motion: MotionProver | None = None, **options: float
+        self,
+        checker: CollisionChecker,
+        field: DangerField,
+        motion: MotionProver | None = None,
+        *,
+        weight: float = WEIGHT,
+        clearance: float = 0.07,
     ) -> None:
         self.robot = checker.robot
         self.checker = checker
         self.motion = motion or MotionProver(checker)
-        self._options = chosen = SimplificationOptions(**options)
-        self.length_factor, self.spacing, self.precision = chosen.length_factor, chosen.spacing, _CONVERGED
-        self.obstacle_cost = ObstacleCost(checker, chosen.clearance) if chosen.clearance else None
-        self._field = field
+        self.spacing, self.precision = _SPACING, _CONVERGED
+        self.obstacle_cost = ObstacleCost(checker, clearance) if clearance else None
+        self._field, self._weight = field, weight
         self._revisions: tuple[int, int] | None = None
         self._follow()
 
@@ -121,7 +99,7 @@ class Simplifier:
             return
         self._revisions = revisions
         reference = reference_danger(self._field, self.checker)
-        self._danger = DangerDensity(self._field, reference, self._options.weight, self._options.exponent)
+        self._danger = DangerDensity(self._field, reference, self._weight)
         self._cost = PathCost(self.robot, [self._danger])
 
     @property
@@ -158,28 +136,16 @@ class Simplifier:
         return curve.length, mean, float(danger.max())
 
     def begin(
-        self,
-        path: ArrayLike,
-        stop: Stop,
-        on_better: Better | None = None,
-        goal: GoalSet | None = None,
-        *,
-        proven: bool = False,
+        self, path: ArrayLike, stop: Stop, on_better: Better | None = None, *, proven: bool = False
     ) -> SimplificationRun:
         """Return what makes a path better; arguments and errors as `simplify`."""
         checked = finite_array(path, (None, self.robot.n), "path")
         if len(checked) < 2:
             raise InputError(f"path must have two configurations at least, got {len(checked)}")
-        return SimplificationRun(self, unrolled(self.robot, checked), stop, on_better, goal, proven=proven)
+        return SimplificationRun(self, unrolled(self.robot, checked), stop, on_better, proven)
 
     def simplify(
-        self,
-        path: ArrayLike,
-        stop: Stop | float,
-        on_better: Better | None = None,
-        goal: GoalSet | None = None,
-        *,
-        proven: bool = False,
+        self, path: ArrayLike, stop: Stop | float, on_better: Better | None = None, *, proven: bool = False
     ) -> FloatArray:
         """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
 
@@ -193,15 +159,13 @@ class Simplifier:
         on_better : callable, optional
             Told every better path (N', n) as soon as it is proven, and its J for the danger points that matter near it.
             When others turn out to matter, such a path may be taken back.
-        goal : GoalSet, optional
-            A set on which the last way point may move, such as a `WorkspaceGoal`; without it the ends are fixed.
         proven : bool
             Whether the path is known to be proven, which saves its proof.
 
         Returns
         -------
         ndarray, shape (N', n)
-            The ends are those of the given path (with `goal`, the start), but for full turns of continuous joints.
+            The ends are those of the given path, but for full turns of continuous joints.
 
         Raises
         ------
@@ -210,7 +174,7 @@ class Simplifier:
         """
         if not callable(stop):
             stop = timed(number("time", stop, above=0.0))
-        run = self.begin(path, stop, on_better, goal, proven=proven)
+        run = self.begin(path, stop, on_better, proven=proven)
         with until_ctrl_c():
             run.improve()
         return run.best
@@ -223,14 +187,7 @@ class SimplificationRun:
     """
 
     def __init__(
-        self,
-        simplifier: Simplifier,
-        path: FloatArray,
-        stop: Stop,
-        on_better: Better | None,
-        goal: GoalSet | None,
-        *,
-        proven: bool,
+        self, simplifier: Simplifier, path: FloatArray, stop: Stop, on_better: Better | None, proven: bool
     ) -> None:
         self._simplifier = copy(simplifier)  # its settings as they are now
         self._danger = simplifier.danger
@@ -238,15 +195,14 @@ class SimplificationRun:
         self._robot = simplifier.robot
         self._stop = stop
         self._best = BestPath(path, on_better)
-        self._goal_is_free = goal is not None
-        self._feasible = FeasibleSet(self._robot) if goal is None else FreeGoal(goal)
+        self._within = within_limits(self._robot)
         self._proofs = EdgeProofs(simplifier.motion, stop)
         if proven:
             self._proofs.accept(path)
         else:
             self._proofs.check(path)
-        longest = simplifier.length_factor * path_length(path)
-        self._terms = Terms(self._proofs, self._feasible, longest, simplifier.precision)
+        longest = _LONGER * path_length(path)
+        self._terms = Terms(self._proofs, self._within, longest, simplifier.precision)
 
     @property
     def best(self) -> FloatArray:
@@ -306,7 +262,7 @@ class SimplificationRun:
     def _descend_between_retreats(self, path: FloatArray) -> bool:
         """Leave ends that are near obstacles by retreats, and descend between; return whether that is the best."""
         start = self._retreat(path[0])
-        goal = path[-1:] if self._goal_is_free else self._retreat(path[-1])
+        goal = self._retreat(path[-1])
         apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
         if len(start) == len(goal) == 1 or apart <= path_length(start) + path_length(goal):
             return False  # nothing to leave, or nowhere to go from there
@@ -328,7 +284,7 @@ class SimplificationRun:
     def _retreat(self, end: FloatArray) -> FloatArray:
         if self._obstacles is None:
             return end[None]
-        return retreat(end, self._obstacles, self._danger.field, self._feasible, self._stop)
+        return retreat(end, self._obstacles, self._danger.field, self._within, self._stop)
 
     def _shortcut(self, method: Callable[..., FloatArray | None], path: FloatArray) -> FloatArray | None:
         found = method(path, self._cost.danger, self._proofs, self._stop)

@@ -14,7 +14,6 @@ import safe_ompl.motions as motions
 import safe_ompl.trajectories as trajectories
 from safe_ompl.common import clock
 from safe_ompl.common import documents as document
-from safe_ompl.paths import Constraints
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
@@ -119,7 +118,6 @@ def repair(
     robot: Robot,
     scene: Scene,
     *,
-    constraints: Constraints | None = None,
     tube: ArrayLike | Mapping[str, float] | None = None,
     limits: trajectories.RateLimits | None = None,
     people: People | None = None,
@@ -131,8 +129,8 @@ def repair(
     ----------
     motion : Motion or what `Motion.of` takes
         Such as way points (N, n), a SciPy spline, or a plain `og.SimpleSetup` that has been solved.
-    robot, scene, constraints, tube, limits, people
-        As `check`.
+    robot, scene, tube, limits, people
+        As `check`; under other constraints it is `SafeSetup.repair`.
     time : float
         [s] for planning ways round, where moving pieces aside does not succeed.
 
@@ -149,8 +147,6 @@ def repair(
         As `check`.
     """
     setup = SafeSetup(robot, scene)
-    if constraints is not None:
-        setup.setConstraints(constraints)
     if tube is not None:
         setup.setTube(tube)
     return setup.repair(motion, limits, people, time=time)

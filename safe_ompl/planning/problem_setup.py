@@ -30,7 +30,7 @@ from safe_ompl.planning.ompl import (
     joint_space,
 )
 from safe_ompl.planning.problem import Problem, Wiring
-from safe_ompl.robot import GoalRegion, Robot
+from safe_ompl.robot import GoalRegion, Robot, place_of
 from safe_ompl.scene import Scene
 
 UP = (0.0, 0.0, 1.0)
@@ -262,20 +262,24 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setWorkspaceGoal(
         self, position: ArrayLike | Any, rotation: ArrayLike | None = None, tolerance: float = TOLERANCE
     ) -> None:
-        """Set a place for the tip as the goal; arguments and errors of `WorkspaceGoal`.
+        """Set a place for the tip as the goal, in the world frame [m]; errors as `WorkspaceGoal`.
 
+        The rotation is a matrix, a quaternion x, y, z, w, or a pin.Quaternion; the position may be a whole pin.SE3.
         Goal configurations set before stay for the planners that `plan` starts and that plan to configurations.
         """
-        options: dict[str, Any] = {"tolerance": tolerance, "field": self.field, "seed": 0}
-        self.problem.set_place(WorkspaceGoal(self.getSpaceInformation(), self.robot, position, rotation, **options))
+        place = place_of(self.robot, position, rotation)
+        self._set_place(WorkspaceGoal, place, tolerance)
 
     def setGoalRegion(self, region: GoalRegion, tolerance: float = REGION_TOLERANCE) -> None:
         """Set a region for the tip as the goal, bounds of position and orientation; it replaces a `setWorkspaceGoal`.
 
         Arguments and errors of `RegionGoal`.
         """
-        options: dict[str, Any] = {"tolerance": tolerance, "field": self.field, "seed": 0}
-        self.problem.set_place(RegionGoal(self.getSpaceInformation(), self.robot, region, **options))
+        self._set_place(RegionGoal, region, tolerance)
+
+    def _set_place(self, kind: type[WorkspaceGoal], place: Any, tolerance: float) -> None:
+        si = self.getSpaceInformation()
+        self.problem.set_place(kind(si, self.robot, place, tolerance=tolerance, field=self.field, seed=0))
 
     # ------------------------------------------------------------------------------------- paths and solutions
 

@@ -150,12 +150,13 @@ class PlanResult:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
-        nothing = dict.fromkeys(("length", "danger", "clearance", "validation", "links_without_collision"))
+        keys = ("length", "danger", "clearance", "validation", "links_without_collision")
+        report = {**dict.fromkeys(keys), "certified": False} if self.report is None else self.report.as_dict()
         told = {
             **{key: getattr(self, key) for key in _TOLD},
             "joint_names": list(self.joint_names),
             "path": None if self.path is None else self.path.tolist(),
-            **({**nothing, "certified": False} if self.report is None else self.report.as_dict()),
+            **report,
             "counts": self.counts.as_dict(),
         }
         if self.moving_obstacles is not None:

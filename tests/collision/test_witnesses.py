@@ -84,7 +84,7 @@ def test_nearness_grows_towards_contact_and_counts_double_below_what_the_ends_al
     plain = density.values(Q)
     order = np.argsort([checker.clearance(q).distance for q in Q])
     assert plain[order[0]] > plain[order[-1]] > 0
-    density.allow(1.0)
+    density = density.afresh(1.0)
     assert density.allowed == WITHIN
     assert (density.values(Q) > plain).all()
     _, gradients = density.values_and_gradients(Q)

@@ -104,8 +104,8 @@ def test_bad_times(setup, options, message):
 
 
 def test_bad_options_of_the_simplifier(setup):
-    with pytest.raises(InputError, match="exponent"):
-        setup.setSimplification(exponent=0.0)
+    with pytest.raises(InputError, match="weight"):
+        setup.setSimplification(weight=-1.0)
     setup.plan(seed=1)
     with pytest.raises(InputError, match="simplification"):
         setup.simplifySolution(-1)

@@ -79,7 +79,7 @@ def test_of_a_place_and_configurations_a_planner_gets_what_it_plans_to(plain, wi
 
 def test_a_simplifier_is_kept_as_long_as_the_checker(ur5, scene):
     setup = SafeSetup(ur5, scene)
-    setup.setSimplification(spacing=0.2)
+    setup.setSimplification(clearance=0.02)
     first = setup.simplifier
     assert setup.simplifier is first
     setup.setMinClearance(0.01)
@@ -88,7 +88,7 @@ def test_a_simplifier_is_kept_as_long_as_the_checker(ur5, scene):
     setup.setScene(scene.without(scene.names[-1]))
     other = setup.simplifier
     assert other.cost is not first.cost
-    assert other.spacing == 0.2
+    assert other.obstacle_cost.distance == 0.02
     with pytest.raises(InputError, match="without danger"):
         SafeSetup(ur5, scene, danger=None).simplifier  # noqa: B018
 

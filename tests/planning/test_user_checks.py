@@ -135,7 +135,7 @@ def test_motions_are_sampled_with_both_ends(setup):
 
     setup.setStateValidityChecker(count, resolution=0.05)
     asked.clear()
-    assert setup.report([START, START + 0.1 * UP]).checks[0].resolution == 0.05
+    assert setup.report([START, START + 0.1 * UP]).validation.checks[0].resolution == 0.05
     np.testing.assert_allclose(asked, START[1] + np.array([0.0, 0.05, 0.1]))
     asked.clear()
     check = SampledValidity(count, StateBridge(setup.getStateSpace()), 0.3)
@@ -174,8 +174,8 @@ def test_what_a_checker_raises_arrives(setup, planner, place):
 
 def test_plugins_on_the_space_information_are_refused(setup):
     si = setup.getSpaceInformation()
-    for put in (si.setStateValidityChecker, si.setMotionValidator):
-        put(low_only if put == si.setStateValidityChecker else Anything(si))
+    for put, plugin in ((si.setStateValidityChecker, low_only), (si.setMotionValidator, Anything(si))):
+        put(plugin)
         for run in (setup.plan, setup.solve, setup.setup):
             with pytest.raises(InputError, match=r"give yours to SafeSetup\.setStateValidityChecker"):
                 run()

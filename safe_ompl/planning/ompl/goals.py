@@ -37,43 +37,35 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         Its space must have the robot's joints as coordinates (see `joint_space`).
     robot : Robot
         The robot.
-    position : array_like, shape (3,), pin.SE3 or Place
-        Where its tip is to be, in the world frame [m]; or its whole pose.
-    rotation : array_like, shape (3, 3) or (4,), or pin.Quaternion, optional
-        Orientation of the tip, a matrix or a quaternion x, y, z, w; without it any will do.
+    place : array_like, shape (3,), pin.SE3 or Place
+        Where its tip is to be, in the world frame [m], with any orientation; or its whole pose.
     tolerance : float
-        How near to the place is near enough [m]. With a rotation a radian counts as
+        How near to the place is near enough [m]. With an orientation a radian counts as
         `safe_ompl.robot.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
     field : DangerField, optional
         Ranks the solutions.
     seed : int, optional
         Seed of the random numbers; by default another every time.
 
-    Attributes
-    ----------
-    place : Place
-        The place, for planners that work in the workspace.
-
     Raises
     ------
     InputError
-        Wrong shape, NaN, a matrix that is not a rotation, a tolerance that is not positive; or a place that is out of
-        reach, by a proven bound of the reach (`tip_reach`).
+        Wrong shape, NaN, a tolerance that is not positive; or a place that is out of reach, by a proven bound of the
+        reach (`tip_reach`).
     """
 
     def __init__(
         self,
         si: Any,
         robot: Robot,
-        position: ArrayLike | Any,
-        rotation: ArrayLike | None = None,
+        place: ArrayLike | Any,
         *,
         tolerance: float = TOLERANCE,
         field: DangerField | None = None,
         seed: int | None = None,
     ) -> None:
         super().__init__(si)
-        self.place = position if isinstance(position, Place) else place_of(robot, position, rotation)
+        self.place = place if isinstance(place, Place) else place_of(robot, place)
         self.tolerance = positive(tolerance, "tolerance", "length [m]")
         self.setThreshold(self.tolerance)
         self._field = field

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import logging
 import sys
 import threading
 from collections.abc import Iterator
@@ -13,10 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, PerThread
+from safe_ompl.common import BoolArray, FloatArray, InputError, PerThread, PlanningError
 from safe_ompl.robot import Robot
-
-_log = logging.getLogger(__name__)
 
 _new_capsule = ctypes.pythonapi.PyCapsule_New
 _new_capsule.restype = ctypes.py_object
@@ -84,10 +81,8 @@ class StateBridge:
         if space.getSerializationLength() != 8 * self.n:
             raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
         self._memory = PerThread(partial(_buffer, self.n))
-        self._plain: PlainCoordinates | None = None
         if not self._buffer_works():
-            _log.warning("OMPL's states cannot be read through a buffer here: the slow way is taken")
-            self._plain = PlainCoordinates(space)
+            raise PlanningError("this version of OMPL's bindings does not read and write states through a buffer")
 
     def __repr__(self) -> str:
         return f"StateBridge({self.space.getName()!r}, n={self.n})"
@@ -99,38 +94,30 @@ class StateBridge:
     def view(self, state: Any) -> FloatArray:
         """Return the configuration (n,) of a state in a buffer that the next call of this thread overwrites."""
         buffer, capsule = self._memory.own
-        if self._plain is None:
-            self.space.serialize(capsule, state)
-        else:
-            buffer[:] = self._plain.read(state)
+        self.space.serialize(capsule, state)
         return buffer
 
     def write(self, q: FloatArray, state: Any) -> None:
         """Copy the configuration `q: (n,)` into a state."""
         buffer, capsule = self._memory.own
         buffer[:] = self.wrapped(q) if self._wraps else q
-        if self._plain is None:
-            self.space.deserialize(state, capsule)
-        else:
-            self._plain.write(buffer.tolist(), state)
+        self.space.deserialize(state, capsule)
 
     def _buffer_works(self) -> bool:
-        """Return whether what is written through the buffer is what OMPL's own coordinates say, and back.
+        """Return whether what is written through the buffer is what OMPL's own coordinates say, and comes back.
 
         The bindings promise nothing of the kind: another version of them may take the capsule for something else.
         """
-        plain, state = PlainCoordinates(self.space), self.space.allocState()
-        values = np.linspace(-1.0, 1.0, 2 * self.n).reshape(2, -1)
+        state, values = self.space.allocState(), np.linspace(-1.0, 1.0, self.n)
         buffer, capsule = self._memory.own
         try:
-            buffer[:] = values[0]
+            buffer[:] = values
             self.space.deserialize(state, capsule)
-            written = np.array(plain.read(state))
-            plain.write(values[1].tolist(), state)
+            buffer[:] = np.nan
             self.space.serialize(capsule, state)
         except (TypeError, RuntimeError):
             return False
-        return np.array_equal(written, values[0]) and np.array_equal(buffer, values[1])
+        return np.array_equal(buffer, values) and values.tolist() == list(_coordinates(self.space, state))
 
     def wrapped(self, q: FloatArray) -> FloatArray:
         """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π)."""
@@ -171,48 +158,17 @@ def _buffer(n: int) -> tuple[FloatArray, Any]:
     return buffer, _new_capsule(buffer.ctypes.data, b"nb_handle", None)
 
 
-class PlainCoordinates:
-    """Coordinates of states by OMPL's own indexing, part by part: slow, and sure."""
-
-    def __init__(self, space: Any) -> None:
-        self._space = space
-
-    def read(self, state: Any) -> list[float]:
-        """Return the coordinates of a state, n numbers."""
-        return [value for leaf, part in _leaves(self._space, state) for value in _values(leaf, part)]
-
-    def write(self, values: list[float], state: Any) -> None:
-        """Write n numbers into a state."""
-        first = 0
-        for leaf, part in _leaves(self._space, state):
-            if isinstance(leaf, ob.SO2StateSpace):
-                part.value = values[first]
-                first += 1
-            elif isinstance(leaf, ob.SE2StateSpace):
-                part.setXY(*values[first : first + 2])
-                part.setYaw(values[first + 2])
-                first += 3
-            else:
-                last = first + leaf.getDimension()
-                part[0 : last - first] = values[first:last]
-                first = last
-
-
-def _leaves(space: Any, state: Any) -> Iterator[tuple[Any, Any]]:
-    """Return the parts of a space that have coordinates, each with its part of a state."""
-    if isinstance(space, ob.CompoundStateSpace) and not isinstance(space, ob.SE2StateSpace):
-        for k in range(space.getSubspaceCount()):
-            yield from _leaves(space.getSubspace(k), state[k])
-    else:
-        yield space, state
-
-
-def _values(space: Any, state: Any) -> list[float]:
-    if isinstance(space, ob.SO2StateSpace):
-        return [float(state.value)]
+def _coordinates(space: Any, state: Any) -> Iterator[float]:
+    """Yield the coordinates of a state by OMPL's own indexing, part by part: slow, and sure."""
     if isinstance(space, ob.SE2StateSpace):  # its states have names instead of parts
-        return [float(state.getX()), float(state.getY()), float(state.getYaw())]
-    return [float(value) for value in state[0 : space.getDimension()]]
+        yield from (state.getX(), state.getY(), state.getYaw())
+    elif isinstance(space, ob.CompoundStateSpace):
+        for k in range(space.getSubspaceCount()):
+            yield from _coordinates(space.getSubspace(k), state[k])
+    elif isinstance(space, ob.SO2StateSpace):
+        yield state.value
+    else:
+        yield from state[0 : space.getDimension()]
 
 
 class ScratchState(threading.local):

@@ -55,10 +55,9 @@ def test_edges_one_by_one():
     np.testing.assert_allclose(found, [2 + 8 / 3, 3 * 2], rtol=1e-4)
 
 
-@pytest.mark.parametrize("exponent", [1.0, 2.0, 3.5])
-def test_the_gradient_of_the_discretised_cost(panda, exponent, rng):
+def test_the_gradient_of_the_discretised_cost(panda, rng):
     field = DangerField(panda, POINTS, aggregate="softmax", sharpness=2.0)
-    cost = PathCost(panda, [DangerDensity(field, 10.0, exponent=exponent)])
+    cost = PathCost(panda, [DangerDensity(field, 10.0)])
     path = rng.uniform(panda.lower, panda.upper, (4, 7))
     _, gradient = cost.value_and_gradient(path)
     for k, i in ((0, 0), (1, 3), (2, 5), (3, 1)):
@@ -92,7 +91,7 @@ def test_the_weight_is_in_the_scale_of_robot_and_scene(ur5):
     near, far = (DangerField(ur5, scale * POINTS) for scale in (1.0, 3.0))
     assert reference_danger(near, checker) > reference_danger(far, checker)
     for field in (near, far):
-        density = DangerDensity(field, reference_danger(field, checker), weight=5.0, exponent=2.0)
+        density = DangerDensity(field, reference_danger(field, checker), weight=5.0)
         samples = np.random.default_rng(1).uniform(ur5.lower, ur5.upper, (400, 6))
         assert np.median(density.values(samples)) == pytest.approx(5.0, rel=0.5)
 
@@ -112,15 +111,7 @@ def test_fewer_points_give_the_same_danger_nearby(panda, rng):
     assert mean.active(Q, 0.8) is mean
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"weight": -1.0}, "weight"),
-        ({"exponent": 0.5}, "exponent"),
-        ({"exponent": np.nan}, "exponent"),
-        ({"reference": 0.0}, "reference"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [({"weight": -1.0}, "weight"), ({"reference": 0.0}, "reference")])
 def test_bad_options(panda, options, message):
     with pytest.raises(InputError, match=message):
         DangerDensity(DangerField(panda, POINTS), **{"reference": 10.0, **options})

@@ -9,7 +9,7 @@ from ompl import util as ou
 
 from safe_ompl import Box, CollisionChecker, Cylinder, DangerField, Obstacle, Pose, Robot, SafeSetup, Scene
 from safe_ompl.paths.cost import ObstacleCost
-from safe_ompl.paths.edges import RETREAT_STEP, FeasibleSet, retreat
+from safe_ompl.paths.edges import RETREAT_STEP, retreat, within_limits
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])
@@ -36,13 +36,11 @@ def clearances(setup, way):
 
 @pytest.fixture
 def nearness(setup):
-    density = ObstacleCost(setup.checker, 0.05)
-    density.allow(1.3 * setup.checker.clearance(GRASP).distance)
-    return density
+    return ObstacleCost(setup.checker, 0.05).afresh(1.3 * setup.checker.clearance(GRASP).distance)
 
 
 def test_the_way_out_of_a_grasp(setup, panda, nearness):
-    way = retreat(GRASP, nearness, setup.field, FeasibleSet(panda), lambda: False)
+    way = retreat(GRASP, nearness, setup.field, within_limits(panda), lambda: False)
     np.testing.assert_array_equal(way[0], GRASP)
     assert len(way) > 1
     assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= RETREAT_STEP * (1 + 1e-6)
@@ -53,22 +51,18 @@ def test_the_way_out_of_a_grasp(setup, panda, nearness):
 
 
 def test_far_from_obstacles_there_is_nothing_to_leave(setup, panda, nearness):
-    np.testing.assert_array_equal(retreat(START, nearness, setup.field, FeasibleSet(panda), lambda: False), [START])
+    np.testing.assert_array_equal(retreat(START, nearness, setup.field, within_limits(panda), lambda: False), [START])
 
 
 def test_where_no_way_leads_out_there_is_none(setup, nearness):
-    class Stuck:
-        def within(self, Q):
-            return np.broadcast_to(GRASP, np.shape(Q))
-
-    np.testing.assert_array_equal(retreat(GRASP, nearness, setup.field, Stuck(), lambda: False), [GRASP])
+    assert len(retreat(GRASP, nearness, setup.field, lambda Q: np.broadcast_to(GRASP, np.shape(Q)), lambda: False)) == 1
 
 
 def test_on_a_danger_point_only_obstacles_count(panda, nearness):
     hand = panda.keypoints(GRASP)[panda.segments[-1]].mean(axis=0)
     field = DangerField(panda, hand[None])
     assert field.value(GRASP) > 1e6
-    assert len(retreat(GRASP, nearness, field, FeasibleSet(panda), lambda: False)) > 1
+    assert len(retreat(GRASP, nearness, field, within_limits(panda), lambda: False)) > 1
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -91,7 +85,7 @@ def test_where_no_joint_changes_what_is_near_there_is_no_way_out():
     stretched, field = np.zeros(2), DangerField(robot, [[1.3, 0.0, 0.0]])
     assert nearness.near(stretched[None])
     assert not field.gradient(stretched).any()
-    np.testing.assert_array_equal(retreat(stretched, nearness, field, FeasibleSet(robot), lambda: False), [stretched])
+    np.testing.assert_array_equal(retreat(stretched, nearness, field, within_limits(robot), lambda: False), [stretched])
 
 
 def test_a_path_back_to_where_it_began_does_not_depart(setup):

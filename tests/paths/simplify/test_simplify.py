@@ -11,7 +11,6 @@ from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
 from safe_ompl.paths import PathReport, Simplifier
 from safe_ompl.paths.cost import ObstacleCost, PathCost
 from safe_ompl.paths.edges import EdgeProofs, shortcut
-from safe_ompl.robot import Place
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
@@ -51,9 +50,9 @@ def simplified(setup, raw):
     return found
 
 
-def simplify(setup, path, time=0.2, on_better=None, goal=None, **options):
+def simplify(setup, path, time=0.2, on_better=None, **options):
     simplifier = Simplifier(setup.checker, setup.field, setup.simplifier.motion, **options)
-    return simplifier.simplify(path, time, on_better, goal)
+    return simplifier.simplify(path, time, on_better)
 
 
 def length(path):
@@ -86,7 +85,7 @@ def test_every_path_on_the_way_is_proven_cheaper_than_the_given_one_and_short_en
 def test_without_nearness_the_cost_falls_at_every_step(setup, raw):
     for path in raw:
         costs = []
-        simplify(setup, path, time=20.0, clearance=0.0, exponent=1.0, on_better=lambda p, c, to=costs: to.append(c))
+        simplify(setup, path, time=20.0, clearance=0.0, on_better=lambda p, c, to=costs: to.append(c))
         assert (np.diff(costs) <= 1e-9).all()
 
 
@@ -143,33 +142,7 @@ def test_interrupted_the_best_path_so_far_stands(setup, raw, after):
     np.testing.assert_array_equal(found, steps[-1])
 
 
-def test_the_length_factor(setup, raw):
-    for factor in (1.0, 3.0):
-        steps = []
-        simplify(setup, raw[1], time=20.0, length_factor=factor, on_better=lambda p, c, to=steps: to.append(p))
-        assert max(map(length, steps)) <= factor * length(raw[1]) + 1e-9
-
-
 # ------------------------------------------------------------------------------------------------------ goals and parts
-
-
-class AtPlace:
-    """A goal set: the tip is where it is at a configuration."""
-
-    tolerance = 0.01
-
-    def __init__(self, robot, q):
-        self.place = Place(robot, robot.tip_pose(q).translation)
-
-
-def test_a_goal_that_is_free_on_its_set_may_move(setup, ur5, raw):
-    goal = AtPlace(ur5, GOAL)
-    fixed, free = (simplify(setup, raw[0], time=20.0, goal=g) for g in (None, goal))
-    np.testing.assert_array_equal(free[0], raw[0][0])
-    assert np.abs(free[-1] - GOAL).max() > 0.05
-    assert goal.place.distance(free[-1]) < goal.tolerance
-    assert setup.simplifier.cost.of(free) < setup.simplifier.cost.of(fixed)
-    assert all(MotionProver(setup.checker).is_free(a, b) for a, b in pairwise(free))
 
 
 def test_shortcuts_are_the_cheapest_proven_chain(setup, raw):
@@ -253,11 +226,8 @@ def test_without_obstacles_there_is_no_least_clearance(ur5):
     [
         ({"time": 0.0}, "time"),
         ({"weight": -1.0}, "weight"),
-        ({"exponent": 0.9}, "exponent"),
         ({"clearance": -0.1}, "clearance"),
-        ({"length_factor": 0.9}, "length_factor"),
-        ({"spacing": 0.0}, "spacing"),
-        ({"spacing": "wide"}, "spacing"),
+        ({"weight": "wide"}, "weight"),
     ],
 )
 def test_bad_options(setup, raw, options, message):
@@ -277,11 +247,6 @@ def test_bad_options(setup, raw, options, message):
 def test_bad_paths(setup, path, message):
     with pytest.raises(InputError, match=message):
         simplify(setup, path)
-
-
-def test_the_simplifier_keeps_its_options(setup):
-    finer = Simplifier(setup.checker, setup.field, spacing=0.4).refined(2)
-    assert finer.spacing == 0.1
 
 
 # --------------------------------------------------------------------------------------------------- what comes first

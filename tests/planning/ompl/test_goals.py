@@ -12,7 +12,7 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl import Box, InputError, Obstacle, PlanningError, Pose, SafeSetup, Scene, Sphere, WorkspaceGoal
-from safe_ompl.robot import Robot, tip_reach
+from safe_ompl.robot import Robot, place_of, tip_reach
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = [0.35, -0.45, 0.35]
@@ -43,7 +43,8 @@ def setup(ur5, scene):
 
 def goal_for(setup, position=POSITION, rotation=None, *, seed=0, **options):
     si = setup.getSpaceInformation()
-    return WorkspaceGoal(si, setup.robot, position, rotation, field=setup.field, seed=seed, **options)
+    place = place_of(setup.robot, position, rotation)
+    return WorkspaceGoal(si, setup.robot, place, field=setup.field, seed=seed, **options)
 
 
 def draw(setup, goal, number=1):

@@ -73,17 +73,6 @@ def test_planners_arrive_in_the_region(setup, planner, region):
     assert region.distance(tip) <= 1e-3
 
 
-def test_the_goal_may_move_in_the_region_while_the_path_is_simplified(setup):
-    setup.setGoalRegion(RING)
-    assert setup.plan("SafeRRTConnect", seed=1, time=20.0)
-    before = setup.solution()
-    setup.simplifySolution(2.0, free_goal=True)
-    after = setup.solution()
-    assert RING.distance(setup.robot.tip_pose(after[-1])) <= 1e-3
-    assert len(after) != len(before) or not np.array_equal(after, before)
-    assert setup.is_free(after)
-
-
 def test_a_region_takes_the_place_of_a_place(setup):
     setup.setWorkspaceGoal([1.1, 0.0, 0.5])  # out of reach
     setup.setGoalRegion(SHELF)

@@ -1,27 +1,72 @@
-"""State validity as OMPL asks for it: real booleans, limits, NaN, collision, clearance."""
+"""States and motions as OMPL asks for them: free, within limits, and within the same constraints in words and quickly."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from ball import BALL, START
 from ompl import base as ob
 
-from safe_ompl import CollisionChecker, CollisionFreeValidity
-from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
+from safe_ompl import (
+    CertifiedMotionValidator,
+    CollisionChecker,
+    CollisionFreeValidity,
+    Constraints,
+    TipBounds,
+    ToolOrientation,
+    Verdict,
+)
+from safe_ompl.collision import Separation
+from safe_ompl.common import Counts, UnknownNameError
+from safe_ompl.danger import DangerField, DangerLimit
+from safe_ompl.geometry import Obstacle, Sphere
+from safe_ompl.paths import ConfigurationCheck
+from safe_ompl.planning.ompl import SampledValidity, ScratchState, StateBridge, joint_space
+from safe_ompl.scene import Scene
+
+DOWN = (0.0, 0.0, -1.0)
 
 
 class Setting:
-    """A space information with the validity of a robot among obstacles."""
+    """A space information with our plug-ins for a robot among obstacles."""
 
     def __init__(self, robot, scene):
-        self.si = ob.SpaceInformation(joint_space(robot))
+        self.robot, self.scene = robot, scene
         self.checker = CollisionChecker(robot, scene)
-        self.validity = CollisionFreeValidity(self.si, self.checker)
-        self.si.setStateValidityChecker(self.validity)
-        self.si.setup()
+        self.si = ob.SpaceInformation(joint_space(robot))
         self.bridge = StateBridge(self.si.getStateSpace())
-        self.scratch = ScratchState(self.bridge)
+        self.ends = ScratchState(self.bridge), ScratchState(self.bridge)
+        self.validity = CollisionFreeValidity(self.si, self.checker)
+        self.validator = CertifiedMotionValidator(self.si, self.checker)
+        self.si.setStateValidityChecker(self.validity)
+        self.si.setMotionValidator(self.validator)
+        self.si.setup()
 
     def is_valid(self, q):
-        return self.si.isValid(self.scratch.set(np.asarray(q, dtype=float)))
+        return self.si.isValid(self.ends[0].set(np.asarray(q, dtype=float)))
+
+    def check(self, start, end):
+        return self.si.checkMotion(self.ends[0].set(start), self.ends[1].set(end))
+
+    def drawn(self, rng, count):
+        return rng.uniform(self.robot.lower, self.robot.upper, (count, self.robot.n))
+
+    def free(self, rng):
+        return next(q for q in self.drawn(rng, 500) if not self.checker.in_collision(q))
+
+    def constraints(self):
+        """Return constraints of every kind, by what they say of themselves."""
+        none, elbow_up = Constraints(), SampledValidity(lambda state: state[2] > 0, self.bridge)
+        danger = DangerLimit(DangerField.of_scene(self.robot, self.scene), 12.0)
+        return {
+            "is in collision": none,
+            "keeps less than 200 mm from": none.with_min_clearance(self.checker, 0.2),
+            "may move 200 mm, and come to": none.with_moving_obstacles({"ball": 0.4}, 0.5),
+            "is above the limit": replace(none, danger=danger),
+            "from its direction": replace(none, tool=(ToolOrientation(self.robot, (0, 0, 1), DOWN, 1.0),)),
+            "outside of its bounds": replace(none, tool=(TipBounds(self.robot, [-1, -1, 0.2], [1, 1, 1]),)),
+            "is refused by your state validity checker": replace(none, user=elbow_up),
+        }
 
 
 @pytest.fixture(scope="module", params=["ur5", "kinova", "twin_arm"])
@@ -29,64 +74,125 @@ def setting(request, robot_named, clutter):
     return Setting(robot_named(request.param), clutter)
 
 
+@pytest.fixture
+def beside_ball(ur5):
+    return Setting(ur5, BALL)
+
+
 def test_valid_is_free_of_collision(setting, plain_check, clutter, rng):
-    robot = setting.checker.robot
-    plain = plain_check(robot, clutter)
-    answers = set()
-    for q in rng.uniform(robot.lower, robot.upper, (80, robot.n)):
+    plain, answers = plain_check(setting.robot, clutter), set()
+    for q in setting.drawn(rng, 80):
         nearest = plain.nearest(q)
         if abs(nearest) > 3e-5:
-            answer = setting.is_valid(q)
-            assert answer is (nearest > 0)
-            answers.add(answer)
+            assert setting.is_valid(q) is (nearest > 0)
+            answers.add(nearest > 0)
+            turns = 2 * np.pi * setting.robot.continuous
+            assert setting.is_valid(q + turns) is (nearest > 0)
     assert answers == {True, False}
 
 
-def free_configuration(setting, rng):
-    robot = setting.checker.robot
-    return next(q for q in rng.uniform(robot.lower, robot.upper, (500, robot.n)) if not setting.checker.in_collision(q))
-
-
-def test_not_a_number_is_never_valid(setting, rng):
-    q = free_configuration(setting, rng)
+def test_what_is_not_finite_or_outside_the_limits_is_refused_without_a_query(setting, rng):
+    robot, q = setting.robot, setting.free(rng)
     assert setting.is_valid(q) is True
-    for i in range(len(q)):
-        for bad in (np.nan, np.inf, -np.inf):
-            state = setting.scratch.set(q)
-            reals = [*q[:i], bad, *q[i + 1 :]]  # past the bridge, which would wrap it
-            setting.si.getStateSpace().copyFromReals(state, reals)
-            assert setting.si.isValid(state) is False
-
-
-def test_outside_the_limits_is_not_valid(setting, rng):
-    robot = setting.checker.robot
-    q = free_configuration(setting, rng)
-    for i in np.flatnonzero(~robot.continuous):
-        for limit, outward in ((robot.lower, -1e-3), (robot.upper, 1e-3)):
-            beyond = q.copy()
-            beyond[i] = limit[i] + outward
-            assert setting.is_valid(beyond) is False
-
-
-def test_limits_cost_no_collision_query(setting):
     setting.checker.counts.reset()
-    robot = setting.checker.robot
-    assert setting.is_valid(np.where(robot.continuous, 0.0, robot.upper + 1)) is False
-    assert setting.checker.counts.collision_queries == 0
-
-
-def test_whole_turns_are_the_same_state(kinova, clutter, rng):
-    setting = Setting(kinova, clutter)
-    turns = 2 * np.pi * kinova.continuous
-    for q in rng.uniform(kinova.lower, kinova.upper, (20, 6)):
-        assert setting.is_valid(q + turns) is setting.is_valid(q)
+    for i in range(robot.n):
+        for bad in (np.nan, np.inf, -np.inf):
+            state = setting.ends[0].set(q)
+            setting.si.getStateSpace().copyFromReals(state, [*q[:i], bad, *q[i + 1 :]])  # the bridge would wrap it
+            assert setting.si.isValid(state) is False
+    for i in np.flatnonzero(~robot.continuous):
+        for value in (robot.lower[i] - 1e-3, robot.upper[i] + 1e-3, np.nan):
+            beyond = q.copy()
+            beyond[i] = value
+            assert setting.is_valid(beyond) is False
+            assert setting.check(q, beyond) is False
+            assert setting.check(beyond, q) is False
+    assert setting.checker.counts == Counts()
 
 
 def test_clearance_is_the_distance_to_the_obstacles(setting, rng):
-    q = free_configuration(setting, rng)
-    clearance = setting.validity.clearance(setting.scratch.set(q))
-    assert isinstance(clearance, float)
-    assert clearance == pytest.approx(setting.checker.clearance(q).distance)
-    assert clearance > 0
-    through_ompl = setting.si.getStateValidityChecker().clearance(setting.scratch.set(q))
-    assert through_ompl == pytest.approx(clearance, abs=1e-12)
+    q = setting.free(rng)
+    expected = setting.checker.clearance(q).distance
+    assert setting.validity.clearance(setting.ends[0].set(q)) == pytest.approx(expected)
+    assert setting.si.getStateValidityChecker().clearance(setting.ends[0].set(q)) == pytest.approx(expected)
+    assert expected > 0
+
+
+def test_motions_are_those_of_the_certified_check(setting, rng):
+    answers = set()
+    for start in setting.drawn(rng, 60):
+        end = setting.bridge.inside(start + 0.3 * rng.normal(size=setting.robot.n))
+        answer = setting.check(start, end)
+        assert answer is (setting.validator.motion.check(start, end).verdict is Verdict.FREE)
+        answers.add(answer)
+    assert answers == {True, False}
+
+
+def test_a_motion_over_the_half_turn_is_short(kinova, clutter):
+    setting = Setting(kinova, clutter)
+    ends = np.array([3.1, 2.9, 1.3, 3.1, 1.8, -3.1]), np.array([-3.1, 2.9, 1.3, -3.1, 1.8, 3.1])
+    assert setting.check(*ends) is True
+    assert setting.checker.counts.bound_queries + setting.checker.counts.margin_queries <= 4
+
+
+# ------------------------------------------------------------------------------------------------------- constraints
+
+
+@pytest.mark.parametrize("words", range(7))
+def test_quickly_and_in_words_the_answer_is_the_same(beside_ball, rng, words):
+    setting = beside_ball
+    objection, constraints = list(setting.constraints().items())[words]
+    check = ConfigurationCheck(setting.checker, constraints)
+    setting.validity.setConstraints(constraints)
+    setting.validator.setConstraints(constraints)
+    said = []
+    for q in setting.drawn(rng, 150):
+        said.append(check.objection(q))
+        allowed = said[-1] is None
+        assert check.allows(q) is allowed
+        assert check.allows(q, setting.ends[0].set(q)) is allowed
+        assert setting.is_valid(q) is allowed
+        if allowed is False:
+            assert setting.validator.motion.check(q, q).verdict is not Verdict.FREE
+    assert None in said
+    assert any(objection in words for words in said if words)
+
+
+def test_joint_limits_are_part_of_the_check(beside_ball):
+    check, beyond = ConfigurationCheck(beside_ball.checker, Constraints()), START.copy()
+    beyond[2] = 3.5
+    assert not check.within_limits(beyond)
+    assert check.objection(beyond).startswith(": joint 'elbow_joint' = 3.5 is outside its limits [-3.14159,")
+    assert not check.allows(beyond)
+
+
+def test_constraints_about_what_there_is_not_are_refused_and_change_nothing(beside_ball):
+    motion, before = beside_ball.validator.motion, beside_ball.validity.getConstraints()
+    wrong = Constraints(Separation(speeds={"nobody": 1.0}, time=1.0))
+    for plugin in (beside_ball.validity, beside_ball.validator):
+        with pytest.raises(UnknownNameError, match="nobody"):
+            plugin.setConstraints(wrong)
+        assert plugin.getConstraints() == before
+    assert beside_ball.validator.motion is motion
+
+
+def test_a_distance_from_the_dangerous_follows_them_to_another_scene(beside_ball):
+    robot, checker = beside_ball.robot, beside_ball.checker
+    asked = Constraints().with_min_clearance(checker, 0.05)
+    other = CollisionChecker(robot, Scene((Obstacle("cat", Sphere(0.1), weight=1.0),)))
+    moved = asked.in_scene_of(other)
+    assert moved.separation.min_clearance.obstacles == ("cat",)
+    empty = moved.in_scene_of(CollisionChecker(robot, Scene()))
+    assert empty.separation.min_clearance is None
+    assert empty.in_scene_of(checker) == asked
+    named = Constraints().with_min_clearance(checker, 0.05, ["ball"])
+    assert named.in_scene_of(other) is named
+
+
+def test_the_validator_does_not_keep_the_users_checker_alive(beside_ball):
+    constraints = Constraints(user=SampledValidity(lambda state: True, beside_ball.bridge))
+    beside_ball.validator.setConstraints(constraints)
+    assert beside_ball.validator.motion.check(START, START).verdict is Verdict.FREE
+    del constraints
+    with pytest.raises(ReferenceError):
+        beside_ball.validator.motion.check(START, START)
