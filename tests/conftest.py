@@ -33,7 +33,7 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "common/test_compiled.py",
     "docs/",
     "people/simulation/",
-    "planning/ompl/test_constraints.py::test_quickly_and_in_words",
+    "planning/ompl/test_validity.py::test_quickly_and_in_words",
     "planning/ompl/test_goals.py::test_nothing_is_left_over_at_exit",
     "planning/ompl/test_goals.py::test_out_of_reach",
     "planning/ompl/test_goals.py::test_the_tip_never_leaves_its_reach",

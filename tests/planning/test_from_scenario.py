@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from ball import GOAL, IN_BALL, SCENE, START
 
 from safe_ompl import InputError, Scenario, plan
 from safe_ompl.planning import setup_scenario
@@ -11,17 +12,13 @@ from safe_ompl.robot import RobotSpec
 from safe_ompl.scene import find_scenario
 from safe_ompl.scene.scenario import Goal
 
-START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
-GOAL = START * [-1, 1, 1, 1, 1, 1]
-IN_BALL = START * [0, 1, 1, 1, 1, 1]
-
 
 @pytest.fixture
-def scenario(scene):
+def scenario():
     return Scenario(
         "ball",
         RobotSpec("ur5"),
-        scene,
+        SCENE,
         tuple(START.tolist()),
         Goal((tuple(GOAL.tolist()),)),
         planners={"SafeRRTConnect": {"range": 0.2, "alpha": 0.0}},
@@ -31,24 +28,14 @@ def scenario(scene):
 def test_a_scenario_in_one_call(scenario, tmp_path):
     result = plan(scenario, seed=4)
     assert result
+    assert result.setup_time > 0
+    assert plan(scenario, seed=4, simplify=True).report.length < result.report.length
     assert np.linalg.norm(np.diff(result.path, axis=0), axis=1).max() <= 0.2 + 1e-9, "its own parameters"
     file = tmp_path / "ball.yaml"
     scenario.save(file)
     np.testing.assert_array_equal(plan(file, seed=4).path, result.path)
     wide = plan(file, seed=4, parameters={"range": 1.0})
     assert np.linalg.norm(np.diff(wide.path, axis=0), axis=1).max() > 0.2
-
-
-def test_a_scenario_simplified_and_optimised_in_one_call(scenario):
-    plain, simplified, optimised = (
-        plan(scenario, seed=4, **options) for options in ({}, {"simplify": True}, {"optimise": 0.3})
-    )
-    assert simplified.simplification_time > plain.simplification_time == 0
-    assert simplified.report.length < plain.report.length
-    assert optimised.improvements
-    assert not simplified.improvements
-    with pytest.raises(InputError, match="simplify must be a positive number"):
-        plan(scenario, simplify=-1.0)
 
 
 def test_a_scenario_whose_start_collides_names_file_and_pair(scenario, tmp_path):

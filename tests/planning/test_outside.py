@@ -65,8 +65,6 @@ def test_the_path_of_a_plain_simple_setup_is_repaired_in_one_call(panda, wall):
     assert found, found
     assert safe_ompl.check(found.path, panda, wall)
     np.testing.assert_allclose(found.path[[0, -1]], [START, GOAL], atol=1e-9)
-    again = safe_ompl.repair(plain.getSolutionPath(), panda, wall, time=10.0)
-    np.testing.assert_allclose(again.path[[0, -1]], [START, GOAL], atol=1e-9)
 
 
 def test_a_setup_checks_under_its_own_constraints(setup, panda, wall):

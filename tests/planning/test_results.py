@@ -1,5 +1,6 @@
 """Results: what counts as solved, where paths begin and end, what is said, and how long all took."""
 
+import json
 import math
 import sys
 from types import ModuleType
@@ -7,25 +8,20 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from ball import GOAL, IN_BALL, START, setup_for
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from safe_ompl import InputError, Obstacle, PlanningError, Pose, SafeRRTConnect, Scene, Sphere, certificate, verify
-from safe_ompl.planning import PlanResult, SafeSetup, plan
+from safe_ompl import PlanningError, SafeSetup, Scene, certificate, verify
 from safe_ompl.planning.ompl import ScratchState, StateBridge
 
-START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
-GOAL = START * [-1, 1, 1, 1, 1, 1]
 ASIDE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
 
 
 @pytest.fixture
 def setup(ur5):
-    scene = Scene((Obstacle("ball", Sphere(0.15), Pose((0.45, 0.1, 0.55)), weight=1.0),))
-    setup = SafeSetup(ur5, scene)
-    setup.setConfigurations(START, GOAL)
-    return setup
+    return setup_for(ur5)
 
 
 class Fixed(ob.Planner):
@@ -52,28 +48,22 @@ def test_an_approximate_solution_is_none(setup):
     short = [START, START + ASIDE]
     for options in ({}, {"simplify": True}):
         result = setup.plan(Fixed(setup, short, approximate=True), **options)
-        assert not result
-        assert result.status == "Approximate solution"
-        assert result.path is None
-        assert result.report is None
+        assert (bool(result), result.status) == (False, "Approximate solution")
+        assert (result.path, result.report, result.certified) == (None, None, False)
         np.testing.assert_array_equal(setup.solution(), short)
-    setup.simplifySolution()
+    setup.simplifySolution(0.1)
     assert not setup.haveExactSolutionPath()
 
 
-def test_a_path_must_end_in_the_goal(setup):
+def test_a_path_is_from_a_start_to_the_goal(setup):
     with pytest.raises(PlanningError, match=r"Fixed returned a path that ends 1\.6 rad away from the goal"):
         setup.plan(Fixed(setup, [START, START + ASIDE]))
-
-
-def test_a_path_must_begin_at_a_start(setup):
+    with pytest.raises(PlanningError, match=r"not proven free: .*'ball'"):
+        setup.plan(Fixed(setup, [START, IN_BALL, GOAL]))
     setup.setConfigurations(START, START + 2 * ASIDE)
     with pytest.raises(PlanningError, match=r"begins 0\.1 rad away from every start"):
         setup.plan(Fixed(setup, [START + ASIDE, START + 2 * ASIDE]))
     assert setup.plan(Fixed(setup, [START, START + 2 * ASIDE]))
-
-
-def test_a_path_must_end_at_the_place(setup):
     setup = SafeSetup(setup.robot, setup.scene)
     setup.setStartConfiguration(START)
     setup.setWorkspaceGoal(setup.robot.tip_pose(START + ASIDE).translation + np.array([0.0, 0.0, 0.03]))
@@ -84,8 +74,13 @@ def test_a_path_must_end_at_the_place(setup):
 # -------------------------------------------------------------------------------------------------- what is said
 
 
-def test_five_lines(setup):
-    lines = str(setup.plan(seed=0, time=20.0, simplify=True)).splitlines()
+def test_in_words_and_as_the_json_of_the_command_line(setup, monkeypatch):
+    monkeypatch.setattr(setup.robot, "links_without_collision", ("cover",))
+    setup.setMaxDanger(1e3)
+    setup.setMinClearance(0.01)
+    setup.setMovingObstacles({"ball": 0.01}, 1.0)
+    result = setup.plan(seed=0, time=20.0, simplify=True)
+    lines = str(result).splitlines()
     assert len(lines) == 5
     assert lines[0] == "Exact solution: SafeRRTConnect, seed 0"
     assert lines[1].startswith("planned in ")
@@ -93,23 +88,21 @@ def test_five_lines(setup):
     assert " rad, danger mean " in lines[2]
     assert lines[3].startswith("clearance ")
     assert lines[3].endswith("from ball")
-    assert lines[4] == "certified: collision"
-
-
-def test_what_limits_are_proven(setup):
-    setup.setMaxDanger(1e3)
-    setup.setMinClearance(0.01)
-    setup.setMovingObstacles({"ball": 0.01}, 1.0)
-    result = setup.plan(seed=0, time=20.0)
-    assert str(result.report.validation) == "certified: collision, min clearance, max danger, moving obstacles"
-
-
-def test_links_without_collision_geometry_are_named(setup, monkeypatch):
-    monkeypatch.setattr(setup.robot, "links_without_collision", ("cover",))
-    result = setup.plan(seed=0, time=20.0)
-    assert result.report.links_without_collision == ("cover",)
-    assert result.as_dict()["links_without_collision"] == ["cover"]
-    assert str(result).endswith("no collision geometry: cover")
+    claims = ["collision", "min clearance", "max danger", "moving obstacles"]
+    assert lines[4] == f"certified: {', '.join(claims)}; no collision geometry: cover"
+    found = result.as_dict()
+    assert json.loads(json.dumps(found)) == found
+    assert set(found) == {
+        *("planner", "seed", "status", "solved", "joint_names", "path", "planned_path", "moving_obstacles", "counts"),
+        *("setup_time", "planning_time", "simplification_time", "report_time"),
+        *("length", "danger", "clearance", "certified", "validation", "links_without_collision"),
+    }
+    assert set(found["counts"]) == {
+        *("nodes", "collision_queries", "margin_queries", "bound_queries", "distance_queries"),
+        *("field_configurations", "field_points"),
+    }
+    assert found["validation"]["claims"] == claims
+    assert found["links_without_collision"] == ["cover"]
 
 
 @pytest.mark.parametrize("options", [{}, {"simplify": True}, {"optimise": 0.5}])
@@ -127,62 +120,18 @@ def test_times_add_up(setup, ticks, options):
 def test_simplification_keeps_to_the_time_limit(setup, monkeypatch):
     given = []
     monkeypatch.setattr(setup, "simplifySolution", lambda time: given.append(time))
-    setup.plan(seed=0, time=20.0, simplify=True)
-    setup.plan(seed=0, time=20.0, simplify=30.0)
-    setup.plan(seed=0, time=20.0, simplify=0.25)
+    for simplify in (True, 30.0, 0.25):
+        setup.plan(seed=0, time=20.0, simplify=simplify)
     assert 0 < given[0] < 20
     assert 0 < given[1] < 20
     assert given[2] == 0.25
 
 
-# ------------------------------------------------------------------------------------------------------- solve, plan
-
-
 @pytest.mark.parametrize("time", [math.inf, 1e10, np.float32(20.0), 20])
-def test_long_times(setup, time):
+def test_long_times_and_our_planner_where_none_is_set(setup, time):
     assert setup.solve(time)
     assert setup.haveExactSolutionPath()
-
-
-def test_solve_without_a_planner_takes_ours(setup):
-    assert setup.solve(20.0)
     assert setup.getPlanner().getName() == "SafeRRTConnect"
-
-
-def test_a_scenario_by_name():
-    result = plan("planar3", time=20.0)
-    assert isinstance(result, PlanResult)
-    assert result
-
-
-def test_planners_that_are_none(setup, ur5):
-    other = SafeSetup(ur5, setup.scene)
-    foreign = SafeRRTConnect(other.getSpaceInformation())
-    for wrong, message in [
-        (None, "planner must be a name of planner_names"),
-        (SafeRRTConnect, r"SafeRRTConnect is a class: give a planner, SafeRRTConnect\(setup"),
-        (og.RRTConnect, "RRTConnect is a class"),
-        (foreign, "SafeRRTConnect is a planner of another setup"),
-    ]:
-        with pytest.raises(InputError, match=message):
-            setup.plan(wrong)
-
-
-def test_a_solution_before_there_is_one(setup):
-    with pytest.raises(InputError, match="there is no solution: call solve or plan first"):
-        setup.solution()
-
-
-def test_danger_that_is_no_mapping(setup):
-    with pytest.raises(InputError, match="danger must be a mapping of options, or None for none, got True"):
-        SafeSetup(setup.robot, setup.scene, danger=True)
-
-
-def test_goals_that_hang_are_refused(setup):
-    goal = ob.GoalLazySamples(setup.getSpaceInformation(), lambda goal, state: False, False, 0.1)
-    setup.setGoal(goal)
-    with pytest.raises(InputError, match="GoalLazySamples waits for itself for ever"):
-        setup.solve(1.0)
 
 
 STRAIGHT = [START, GOAL]

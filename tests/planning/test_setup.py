@@ -1,88 +1,71 @@
 """SafeSetup and plan: from a problem to a validated path, and clear words about problems that make no sense."""
 
-import json
+import logging
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from ball import BALL, GOAL, IN_BALL, SCENE, START, setup_for
 from ompl import base as ob
+from ompl import geometric as og
 
-from safe_ompl import Box, DangerObjective, Obstacle, Pose, SafeSetup, Scene
-from safe_ompl.common import CollisionError, InputError, PlanningError, UnknownNameError
-from safe_ompl.planning.planners import SafeRRTConnect, make_planner, planner_names
-
-START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
-GOAL = START * [-1, 1, 1, 1, 1, 1]
-IN_BALL = START * [0, 1, 1, 1, 1, 1]
+from safe_ompl import (
+    Box,
+    CollisionError,
+    DangerLimit,
+    DangerObjective,
+    InputError,
+    MotionProver,
+    Obstacle,
+    PlanningError,
+    Pose,
+    SafeSetup,
+    Scene,
+    UnknownNameError,
+    check,
+    inverse_kinematics,
+    planner_data,
+    time_path,
+)
+from safe_ompl.collision import Separation
+from safe_ompl.paths import Constraints
+from safe_ompl.planning.ompl import ScratchState, StateBridge
+from safe_ompl.planning.optimise import stopping
+from safe_ompl.planning.planners import SafeRRTConnect, make_planner, planner_names, termination
+from safe_ompl.planning.run import PlanningRun
+from safe_ompl.planning.safe_setup import simplification_time
 
 
 @pytest.fixture
-def setup(ur5, scene):
-    setup = SafeSetup(ur5, scene)
-    setup.setConfigurations(START, GOAL)
-    return setup
+def setup(ur5):
+    return setup_for(ur5, SCENE)
 
 
 # -------------------------------------------------------------------------------------------------------- the result
 
 
 def test_a_solved_problem(setup, ur5):
-    result = setup.plan(time=10.0, seed=3)
-    assert result
+    planner = SafeRRTConnect(setup.getSpaceInformation(), "Mine", range=0.5)
+    result = setup.plan(planner, time=10.0, seed=3)
     assert result.solved
     assert result.status == "Exact solution"
-    assert (result.planner, result.seed, result.joint_names) == ("SafeRRTConnect", 3, ur5.joint_names)
+    assert (result.planner, result.seed, result.joint_names) == ("Mine", 3, ur5.joint_names)
     np.testing.assert_allclose(result.path[[0, -1]], [START, GOAL])
-    assert result.report.certified
+    assert result.certified
     assert result.report.length == pytest.approx(np.linalg.norm(np.diff(result.path, axis=0), axis=1).sum())
-    assert result.planning_time > 0
+    assert planner.getSeed() == 3
     counts = result.counts
-    assert counts.nodes >= len(result.path) - 2
+    assert counts.nodes == planner.counts.nodes >= len(result.path) - 2
     assert counts.bound_queries > counts.margin_queries
     assert counts.field_configurations > 0
     assert counts.distance_queries == 0, "the report's own work is not planning"
 
 
-def test_as_the_json_of_the_command_line(setup):
-    found = setup.plan(time=10.0).as_dict()
-    assert json.loads(json.dumps(found)) == found
-    assert set(found) == {
-        *(
-            "planner",
-            "seed",
-            "status",
-            "solved",
-            "setup_time",
-            "planning_time",
-            "simplification_time",
-            "report_time",
-            "joint_names",
-            "path",
-        ),
-        *("length", "danger", "clearance", "certified", "counts"),
-        *("validation", "links_without_collision"),
-    }
-    assert set(found["counts"]) == {
-        *("nodes", "collision_queries", "margin_queries", "bound_queries", "distance_queries"),
-        *("field_configurations", "field_points"),
-    }
-    assert found["certified"] is True
-    assert found["danger"]["avoidable"] >= 0
-
-
 @pytest.mark.parametrize("name", ["RRTConnect", "ClassicRRTConnect"])
 def test_other_planners_find_certified_paths(setup, name):
     result = setup.plan(name, time=10.0, seed=1)
-    assert result.planner == name
-    assert result.report.certified
+    assert (result.planner, result.certified) == (name, True)
     assert result.counts.nodes > 2
-
-
-def test_a_planner_object(setup):
-    planner = SafeRRTConnect(setup.getSpaceInformation(), "Mine", range=0.5)
-    result = setup.plan(planner, time=10.0, seed=2)
-    assert result.planner == "Mine"
-    assert planner.getSeed() == 2
-    assert result.counts.nodes == planner.counts.nodes
 
 
 def test_parameters_reach_the_planner(setup):
@@ -92,23 +75,20 @@ def test_parameters_reach_the_planner(setup):
 
 
 def test_no_solution_in_time(crank):
-    in_the_way = Scene((Obstacle("post", Box((0.1, 0.1, 0.1)), Pose((0.5, 0.0, 0.0))),))
-    setup = SafeSetup(crank, in_the_way, danger=None)
+    setup = SafeSetup(crank, Scene((Obstacle("post", Box((0.1, 0.1, 0.1)), Pose((0.5, 0.0, 0.0))),)), danger=None)
     setup.setConfigurations([-1.0], [1.0])
     result = setup.plan(time=0.2)
     assert not result
-    assert result.path is None
-    assert result.report is None
-    assert result.status == "Timeout"
+    assert (result.path, result.report, result.status) == (None, None, "Timeout")
     found = result.as_dict()
     assert (found["solved"], found["path"], found["certified"]) == (False, None, False)
 
 
 def test_a_goal_that_is_the_start(setup):
     setup.setConfigurations(START, START)
-    result = setup.plan(time=5.0)
-    assert result
-    np.testing.assert_allclose(result.path[[0, -1]], [START, START])
+    np.testing.assert_allclose(setup.plan(time=5.0).path[[0, -1]], [START, START])
+    with pytest.raises(InputError, match="SORRTstar never ends"):
+        setup.plan("SORRTstar", time=0.1)
 
 
 def test_a_path_that_nobody_checked_does_not_leave_the_package(setup):
@@ -120,43 +100,39 @@ def test_a_path_that_nobody_checked_does_not_leave_the_package(setup):
         setup.plan(Reckless(setup.getSpaceInformation(), "Reckless"))
 
 
-def test_continuous_joints_may_start_anywhere_on_the_circle(kinova):
-    setup = SafeSetup(kinova, Scene(), danger=None)
-    start = np.array([7.0, 2.9, 1.3, -9.0, 1.8, 4.0])
-    goal = np.array([6.0, 2.9, 1.3, -9.0, 1.8, 4.0])
-    setup.setConfigurations(start, goal)
-    path = setup.plan(time=10.0).path
-    np.testing.assert_allclose(kinova.difference(path[0], start), 0, atol=1e-9)
-    np.testing.assert_allclose(kinova.difference(path[-1], goal), 0, atol=1e-9)
-
-
-# --------------------------------------------------------------------------------------------------- OMPL's own doors
-
-
-def test_it_is_a_simple_setup(setup, ur5):
+def test_as_an_ompl_setup(setup):
     assert isinstance(setup.getOptimizationObjective(), DangerObjective)
-    assert setup.getStateSpace().getDimension() == 6
     setup.setPlanner(SafeRRTConnect(setup.getSpaceInformation()))
     assert setup.solve(10.0).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
-    assert setup.report(setup.solution()).certified
     assert setup.getSolutionPath().check()
-
-
-def test_printing_it_costs_no_queries(setup):
+    own = SafeRRTConnect(setup.getSpaceInformation())  # a planner may be run on its own
+    own.setProblemDefinition(setup.getProblemDefinition())
+    setup.getProblemDefinition().clearSolutionPaths()
+    assert own.solve(10.0)
+    setup.simplifySolution(0.5)
+    assert setup.is_free(setup.solution())
     setup.counts.reset()
-    for text in (str(setup), repr(setup), f"{setup}"):
-        assert text.startswith("SafeSetup(Robot('ur5'")
-    assert setup.counts.collision_queries == 0
+    assert f"{setup}".startswith("SafeSetup(Robot('ur5'")
+    assert setup.counts.collision_queries == 0, "OMPL's own words would ask thousands"
 
 
-def test_danger_is_optional(ur5, scene):
-    setup = SafeSetup(ur5, scene, danger=None)
-    assert setup.field is None
-    assert setup.getOptimizationObjective() is None
-    setup.setConfigurations(START, GOAL)
-    result = setup.plan(time=10.0)
+def test_danger_is_optional_and_has_options(ur5, setup):
+    plain = setup_for(ur5, SCENE, danger=None)
+    assert (plain.field, plain.getOptimizationObjective()) == (None, None)
+    result = plain.plan(time=10.0)
     assert result.report.danger is None
     assert result.counts.field_configurations == 0
+    assert SafeSetup(ur5, SCENE.without("ball")).field.value(START) == 0.0
+    mean = SafeSetup(ur5, SCENE, danger={"aggregate": "mean", "spacing": 0.2})
+    assert mean.field.aggregate == "mean"
+    assert len(mean.field.points) < len(setup.field.points)
+    for bad, message in (
+        ({"aggregate": "median"}, "median"),
+        ({"agregate": "mean"}, "agregate"),
+        (True, "danger must be a mapping of options, or None for none, got True"),
+    ):
+        with pytest.raises(InputError, match=message):
+            SafeSetup(ur5, SCENE, danger=bad)
 
 
 # ----------------------------------------------------------------------------------------------------------- bad input
@@ -164,58 +140,65 @@ def test_danger_is_optional(ur5, scene):
 
 @pytest.mark.parametrize("which", ["start", "goal"])
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("bad", "message"),
     [
-        ({1: np.nan}, "configuration must be finite"),
-        ({1: np.inf}, "configuration must be finite"),
-        ({2: 3.5}, r": joint 'elbow_joint' = 3.5 is outside its limits \[-3.14159, 3.14159\]"),
+        (START * [1, np.nan, 1, 1, 1, 1], "configuration must be finite"),
+        (START * [1, np.inf, 1, 1, 1, 1], "configuration must be finite"),
+        (
+            np.add(START, [0, 0, 2.3, 0, 0, 0]),
+            r": joint 'elbow_joint' = 3.5 is outside its limits \[-3.14159, 3.14159\]",
+        ),
+        (IN_BALL, r" is in collision: '.*_link' touches 'ball'"),
+        ([0.0, -1.6, 3.0, 0.0, 0.0, 0.0], r" is in collision: '\w+_link' touches '\w+_link'"),
+        *((shape, "configuration must") for shape in (START[:5], [], "home", None, [START[:3], START[3:]], [[START]])),
     ],
 )
-def test_configurations_that_make_no_sense(setup, which, change, message):
-    bad = START.copy()
-    for joint, value in change.items():
-        bad[joint] = value
-    with pytest.raises(InputError, match=which + ".*" + message):
+def test_configurations_that_make_no_sense(setup, which, bad, message):
+    with pytest.raises((InputError, CollisionError), match=rf"{which}( \d)?.*{message}"):
         setup.setConfigurations(*((bad, GOAL) if which == "start" else (START, bad)))
+    np.testing.assert_array_equal(setup.problem.goals, [GOAL])
 
 
-@pytest.mark.parametrize("bad", [START[:5], [], "home", None, [START[:3], START[3:]], [[START]]])
-def test_configurations_of_the_wrong_shape(setup, bad):
-    with pytest.raises(InputError, match="start configuration must"):
-        setup.setConfigurations(bad, GOAL)
-    with pytest.raises(InputError, match=r"goal( \d)? configuration must"):
-        setup.setConfigurations(START, bad)
+@pytest.mark.parametrize(
+    ("call", "options", "message"),
+    [
+        *(("plan", {"time": time}, "time limit must be a positive number") for time in (0, -1.0, np.nan, np.inf, "5")),
+        *(("solve", {"time": time}, "time must be") for time in ("soon", -1.0, None, float("nan"))),
+        *(("plan", {"seed": seed}, "seed must be a whole number") for seed in (-1, 2**32, 1.5, "one", None, True)),
+        ("plan", {"planner": "RTT"}, "unknown planner 'RTT'; did you mean 'RRT'"),
+        ("plan", {"parameters": {"alfa": 1.0}}, "unknown parameter of SafeRRTConnect 'alfa'; did you mean 'alpha'"),
+        ("plan", {"parameters": {"alpha": "much"}}, "alpha must be a finite number >= 0, got 'much'"),
+        ("plan", {"planner": "RRTConnect", "parameters": {"range": "far"}}, "'range' of RRTConnect: 'far' has the wr"),
+        ("plan", {"planner": None}, "planner must be a name of planner_names"),
+        ("plan", {"planner": SafeRRTConnect}, r"SafeRRTConnect is a class: give a planner, SafeRRTConnect\(setup"),
+        ("plan", {"simplify": -1.0}, "simplify must be a positive number of seconds"),
+        ("plan", {"simplify": "long"}, "simplify"),
+        ("plan", {"optimise": np.nan}, "time limit"),
+        ("simplifySolution", {}, "no solution to simplify"),
+        ("solution", {}, "there is no solution: call solve or plan first"),
+        ("setSimplification", {"weight": -1.0}, "weight"),
+    ],
+)
+def test_arguments_that_make_no_sense(setup, call, options, message):
+    with pytest.raises(InputError, match=message):
+        getattr(setup, call)(**options)
 
 
-def test_a_start_in_collision_names_the_pair(setup):
-    with pytest.raises(CollisionError, match=r"start is in collision: '.*_link' touches 'ball'"):
-        setup.setConfigurations(IN_BALL, GOAL)
-    folded = np.array([0.0, -1.6, 3.0, 0.0, 0.0, 0.0])
-    with pytest.raises(CollisionError, match=r"goal is in collision: '\w+_link' touches '\w+_link'"):
-        setup.setConfigurations(START, folded)
-
-
-@pytest.mark.parametrize("time", [0, -1.0, np.nan, np.inf, "5", None])
-def test_time_limits_that_cannot_be_met(setup, time):
-    with pytest.raises(InputError, match="time limit must be a positive number of seconds"):
-        setup.plan(time=time)
-
-
-@pytest.mark.parametrize("seed", [-1, 2**32, 1.5, "one", None, True])
-def test_seeds_that_are_none(setup, seed):
-    with pytest.raises(InputError, match="seed must be a whole number"):
-        setup.plan(seed=seed)
-
-
-def test_unknown_planner_and_parameter(setup):
-    with pytest.raises(UnknownNameError, match="unknown planner 'RTT'; did you mean 'RRT'"):
-        setup.plan("RTT")
-    with pytest.raises(UnknownNameError, match=r"unknown parameter of SafeRRTConnect 'alfa'; did you mean 'alpha'"):
-        setup.plan(parameters={"alfa": 1.0})
-    with pytest.raises(InputError, match="alpha must be a finite number >= 0, got 'much'"):
-        setup.plan(parameters={"alpha": "much"})
-    with pytest.raises(InputError, match="parameter 'range' of RRTConnect: 'far' has the wrong type"):
-        setup.plan("RRTConnect", parameters={"range": "far"})
+def test_problems_without_start_or_goal_are_refused(ur5):
+    setup = SafeSetup(ur5, SCENE)
+    for call in (setup.setup, setup.solve, setup.plan):
+        with pytest.raises(InputError, match="no goal is set"):
+            call()
+    setup.setWorkspaceGoal([0.4, 0.3, 0.4])
+    with pytest.raises(InputError, match="no start is set"):
+        setup.solve(0.1)
+    setup.setStartConfiguration(START)
+    setup.setGoal(ob.GoalLazySamples(setup.getSpaceInformation(), lambda goal, state: False, False, 0.1))
+    with pytest.raises(InputError, match="GoalLazySamples waits for itself for ever"):
+        setup.solve(1.0)
+    foreign = SafeRRTConnect(SafeSetup(ur5, SCENE).getSpaceInformation())
+    with pytest.raises(InputError, match="SafeRRTConnect is a planner of another setup"):
+        setup.plan(foreign)
 
 
 def test_every_planner_name_makes_a_planner(setup):
@@ -223,46 +206,203 @@ def test_every_planner_name_makes_a_planner(setup):
         assert isinstance(make_planner(name, setup.getSpaceInformation()), ob.Planner)
 
 
-def test_in_a_scene_in_which_nothing_is_dangerous_danger_is_zero(ur5, scene):
-    setup = SafeSetup(ur5, scene.without("ball"))
-    assert setup.field.value(np.zeros(6)) == 0.0
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda robot, scene: SafeSetup(robot, {}), "scene must be a Scene, got {}"),
+        (lambda robot, scene: SafeSetup("ur5", scene), "robot must be a Robot, got 'ur5'"),
+        (lambda robot, scene: SafeSetup(robot, scene).setConstraints([1]), "constraints must be a Constraints"),
+        (lambda robot, scene: check([START, GOAL], robot, scene, constraints=[1]), "constraints must be a Con"),
+        (lambda robot, scene: check([START, GOAL], robot, scene, limits=5.0), "limits must be a RateLimits, got"),
+        (lambda robot, scene: time_path([START, GOAL], robot, 5.0), "limits must be a RateLimits, got 5.0"),
+        (lambda robot, scene: time_path([START, GOAL], 5.0), "robot must be a Robot, got 5.0"),
+        (
+            lambda robot, scene: SafeSetup(robot, scene).setStartConfiguration(np.degrees(START)),
+            "start: joint 'shoulder_pan_joint' = 45.8366 is outside its limits [-3.14159, 3.14159]; "
+            "degrees? 45.8366° are 0.8 rad",
+        ),
+        (
+            lambda robot, scene: SafeSetup(robot, scene).setStartConfiguration(1000 * START),
+            "start: joint 'shoulder_pan_joint' = 800 is outside its limits [-3.14159, 3.14159]",
+        ),
+    ],
+)
+def test_what_is_of_the_wrong_kind(ur5, wrong, message):
+    with pytest.raises(InputError) as caught:
+        wrong(ur5, Scene(()))
+    assert str(caught.value).startswith(message)
+    assert ("degrees?" in str(caught.value)) == ("degrees?" in message)
 
 
-def test_options_of_the_danger(ur5, scene):
-    mean = SafeSetup(ur5, scene, danger={"aggregate": "mean", "spacing": 0.2})
-    assert mean.field.aggregate == "mean"
-    assert len(mean.field.points) < len(SafeSetup(ur5, scene).field.points)
-    with pytest.raises(InputError):
-        SafeSetup(ur5, scene, danger={"aggregate": "median"})
-    with pytest.raises(InputError, match="agregate"):
-        SafeSetup(ur5, scene, danger={"agregate": "mean"})
+# ------------------------------------------------------------------------------------------------------ forms of input
 
 
-def test_problems_without_start_or_goal_are_refused(ur5, scene):
-    setup = SafeSetup(ur5, scene)
-    for call in (setup.setup, setup.solve, setup.plan):
-        with pytest.raises(InputError, match="no goal is set"):
-            call()
-    setup.setWorkspaceGoal([0.4, 0.3, 0.4])
-    with pytest.raises(InputError, match="no start is set"):
-        setup.solve(0.1)
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda robot, q: tuple(q),
+        lambda robot, q: q.astype(np.float32),
+        lambda robot, q: robot.named(q),
+        lambda robot, q: [np.float32(value) for value in q],
+    ],
+)
+def test_forms_of_a_configuration(ur5, form):
+    setup, start, goal = SafeSetup(ur5, BALL), form(ur5, START), form(ur5, GOAL)
+    setup.setConfigurations(start, goal)
+    np.testing.assert_allclose(setup.problem.start, START, atol=1e-6)
+    np.testing.assert_allclose(setup.wiring.bridge.read(setup.getGoal().getState(0)), GOAL, atol=1e-6)
+    setup.setConfigurations(start, [goal, goal])
+    assert setup.getGoal().getStateCount() == 2
+    assert setup.plan(seed=np.int64(0), time=np.float32(20.0))
 
 
-def test_a_problem_on_which_ompl_hangs_is_refused(setup):
-    setup.setConfigurations(START, START)
-    with pytest.raises(InputError, match="SORRTstar never ends"):
-        setup.plan("SORRTstar", time=0.1)
+def test_names_that_are_wrong(setup):
+    named = setup.robot.named(START)
+    with pytest.raises(UnknownNameError, match="start configuration: unknown joint 'elbow'; did you mean 'elbow_j"):
+        setup.setStartConfiguration({**named, "elbow": 1.0})
+    del named["elbow_joint"]
+    with pytest.raises(InputError, match="goal configuration: no value for 'elbow_joint'"):
+        setup.setConfigurations(START, named)
 
 
-@pytest.mark.parametrize("time", ["soon", -1.0, None, float("nan")])
-def test_solve_refuses_times_that_make_no_sense(setup, time):
-    with pytest.raises(InputError, match="time must be"):
-        setup.solve(time)
+def test_one_warning_for_many_goals_in_collision(setup, caplog):
+    with caplog.at_level(logging.WARNING):
+        setup.setConfigurations(START, [IN_BALL] * 20 + [GOAL])
+    (record,) = caplog.records
+    assert record.getMessage().startswith("20 of 21 goals do not count: goal 0 is in collision: ")
+    assert record.getMessage().endswith("; and 19 more")
 
 
-def test_a_solution_that_a_planner_found_on_its_own_is_simplified(setup):
-    planner = SafeRRTConnect(setup.getSpaceInformation())
-    planner.setProblemDefinition(setup.getProblemDefinition())
-    assert planner.solve(10.0)
-    setup.simplifySolution(0.5)
-    assert setup.report(setup.solution()).certified
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda pose: (pose,),
+        lambda pose: (pose.translation, pose.rotation),
+        lambda pose: (pose.translation.tolist(), pin.Quaternion(pose.rotation)),
+        lambda pose: (pose.translation.astype(np.float32), pin.Quaternion(pose.rotation).coeffs().tolist()),
+    ],
+)
+def test_forms_of_a_pose(setup, form):
+    pose = setup.robot.tip_pose(GOAL)
+    setup.setWorkspaceGoal(*form(pose))
+    place = setup.getGoal().place
+    np.testing.assert_allclose(place.position, pose.translation, atol=1e-6)
+    np.testing.assert_allclose(place.rotation, pose.rotation, atol=1e-6)
+    with pytest.raises(InputError, match=r"quaternion \(x, y, z, w\) must be of unit length"):
+        setup.setWorkspaceGoal([0.4, 0.1, 0.5], [0, 0, 0, 2])
+    with pytest.raises(InputError, match="the pose has one already"):
+        setup.setWorkspaceGoal(pose, np.eye(3))
+
+
+def test_inverse_kinematics(setup, ur5):
+    pose = ur5.tip_pose(GOAL)
+    q = inverse_kinematics(ur5, pose)
+    assert ur5.within_limits(q).all()
+    np.testing.assert_allclose(ur5.tip_pose(q).homogeneous, pose.homogeneous, atol=1e-3)
+    np.testing.assert_array_equal(q, inverse_kinematics(ur5, pose))
+    np.testing.assert_allclose(inverse_kinematics(ur5, pose, near=GOAL + 0.05), GOAL, atol=0.01)
+    place = ur5.tip_pose(IN_BALL).translation
+    assert inverse_kinematics(ur5, place, near=IN_BALL) is not None
+    free = {"near": IN_BALL, "valid": lambda q: not setup.checker.in_collision(q)}
+    assert inverse_kinematics(ur5, place, **free) is None, "it is inside the ball"
+    assert inverse_kinematics(ur5, [9.0, 0.0, 0.0]) is None
+    with pytest.raises(InputError, match="seeds must be"):
+        inverse_kinematics(ur5, [0.4, 0.1, 0.5], seeds=0)
+    with pytest.raises(InputError, match="near must have shape"):
+        inverse_kinematics(ur5, [0.4, 0.1, 0.5], near=[0.0])
+
+
+def test_a_wider_space_does_not_widen_the_limits(robot_named):
+    """Beyond its stroke the carriage meets a wall that it never meets within: that pair is not looked at."""
+    slider = robot_named("slider")
+    joint = int(np.flatnonzero(slider.prismatic)[0])
+    middle = 0.5 * (slider.lower + slider.upper)
+    beyond = middle.copy()
+    beyond[joint] = slider.upper[joint] + 1.0
+    setup = SafeSetup(slider, Scene(), danger=None)
+    space = setup.getStateSpace()
+    for part in [space] if isinstance(space, ob.RealVectorStateSpace) else space.getSubspaces():
+        if isinstance(part, ob.RealVectorStateSpace):
+            bounds = ob.RealVectorBounds(part.getDimension())
+            bounds.setLow(-10.0)
+            bounds.setHigh(10.0)
+            part.setBounds(bounds)
+    si, bridge = setup.getSpaceInformation(), StateBridge(space)
+    start, end = ScratchState(bridge).set(middle), ScratchState(bridge).set(beyond)
+    assert space.satisfiesBounds(end)
+    assert not si.isValid(end)
+    assert not si.checkMotion(start, end)
+    assert not MotionProver(setup.checker).is_free(middle, beyond)
+
+
+def test_planner_data_outside_a_safe_setup(setup):
+    plain, scratch = og.SimpleSetup(setup.getSpaceInformation()), ScratchState(setup.wiring.bridge)
+    plain.addStartState(scratch.set(START))
+    plain.setGoalState(scratch.set(GOAL))
+    planner = SafeRRTConnect(plain.getSpaceInformation())
+    plain.setPlanner(planner)
+    assert plain.solve(20.0)
+    assert planner_data(planner).numVertices() == len(planner.plannerGraph().configurations) > 2
+    own = og.RRTConnect(plain.getSpaceInformation())
+    plain.setPlanner(own)
+    plain.clear()
+    assert plain.solve(20.0)
+    assert planner_data(own).numVertices() > 2
+
+
+# --------------------------------------------------------------------------------------------------- parts of a setup
+
+
+def test_constraints_that_are_refused_leave_those_before(setup):
+    motion, before = setup.motion_prover, setup.getConstraints()
+    with pytest.raises(UnknownNameError, match="nobody"):
+        setup.setConstraints(Constraints(Separation(speeds={"nobody": 1.0}, time=1.0)))
+    assert setup.getConstraints() is before
+    assert setup.motion_prover is motion
+
+
+def test_of_a_place_and_configurations_a_planner_gets_what_it_plans_to(setup):
+    states = setup.getGoal()
+    setup.setWorkspaceGoal(setup.robot.tip_pose(GOAL).translation)
+    place = setup.getGoal()
+    for planner, goal in (("SafeRRTConnect", states), ("SafeJTRRT", place), ("RRTConnect", states)):
+        setup.prepare(planner, 1)
+        assert setup.getGoal() is goal
+    setup.setGoal(states)
+    setup.problem.choose_place(make_planner("SafeJTRRT", setup.getSpaceInformation()))
+    assert setup.getGoal() is place
+
+
+def test_a_simplifier_is_kept_as_long_as_the_checker(setup):
+    setup.setSimplification(clearance=0.02)
+    first = setup.simplifier
+    assert setup.simplifier is first
+    setup.setMinClearance(0.01)
+    assert setup.simplifier.motion is setup.motion_prover is not first.motion
+    assert setup.simplifier.cost is first.cost
+    setup.setScene(SCENE.without("shelf"))
+    assert setup.simplifier.cost is not first.cost
+    assert setup.simplifier.obstacle_cost.distance == 0.02
+
+
+def test_a_run_keeps_to_the_limit_of_its_planner(setup):
+    planner = make_planner("SafeRRTConnect", setup.getSpaceInformation(), {"max_danger": 1e3})
+    run = PlanningRun(setup, *setup.prepare(planner, 3), 3)
+    before = setup.getConstraints()
+    with run.under_own_limit():
+        (limit,) = setup.motion_prover.limits
+        assert (type(limit), limit.limit) == (DangerLimit, 1e3)
+        assert setup.getConstraints() is before, "states are the planner's to check"
+    assert setup.motion_prover.limits == ()
+    result = run.validated(run.planned(20.0), begin=0.0)
+    np.testing.assert_array_equal(result.path, setup.plan(seed=3, parameters={"max_danger": 1e3}).path)
+
+
+def test_limits_of_time(ticks):
+    assert (simplification_time(True), simplification_time(False), simplification_time(0.5)) == (0.0, None, 0.5)
+    with pytest.raises(InputError, match="simplify must be a positive number of seconds, got 0"):
+        simplification_time(0)
+    over = termination(0.01)
+    assert [over() for _ in range(12)].index(True) == 9, "the first look was when it was made"
+    assert not any(stopping(0.0)() for _ in range(3))
+    assert stopping(ob.PlannerTerminationCondition(lambda: True))()

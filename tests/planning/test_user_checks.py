@@ -1,19 +1,17 @@
 """Whoever sets a state validity checker has it obeyed, by all who plan, judge and simplify."""
 
 import json
-from itertools import pairwise
 
 import numpy as np
 import pytest
+from ball import GOAL, START, densely, setup_for
 from ompl import base as ob
 
-from safe_ompl import SafePRM, SafeSetup
+from safe_ompl import SafePRM
 from safe_ompl.collision import Verdict
 from safe_ompl.common import CollisionError, InputError
 from safe_ompl.planning.ompl import SampledValidity, StateBridge
 
-START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
-GOAL = START * [-1, 1, 1, 1, 1, 1]
 UP = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 HIGH = START + 0.3 * UP
 LIFTED = -1.45  # the ball is easily passed above it: the checker forbids that
@@ -34,25 +32,23 @@ class Anything(ob.MotionValidator):
 
 
 @pytest.fixture
-def setup(ur5, ball):
-    setup = SafeSetup(ur5, ball)
-    setup.setConfigurations(START, GOAL)
-    return setup
+def setup(ur5):
+    return setup_for(ur5)
 
 
-def highest(path):
-    return max((a + np.linspace(0, 1, 100)[:, None] * (b - a))[:, 1].max() for a, b in pairwise(path))
+def highest(setup, path):
+    return densely(setup.robot, path)[:, 1].max()
 
 
 def test_without_it_paths_go_where_it_forbids(setup):
-    assert max(highest(setup.plan(seed=seed, time=20.0).path) for seed in range(3)) > LIFTED + 0.05
+    assert max(highest(setup, setup.plan(seed=seed, time=20.0).path) for seed in range(3)) > LIFTED + 0.05
 
 
 @pytest.mark.parametrize("as_object", [False, True])
 def test_a_checker_is_obeyed_and_named(setup, as_object):
     setup.setStateValidityChecker(LowOnly(setup.getSpaceInformation()) if as_object else low_only)
     result = setup.plan(seed=0, time=20.0)
-    assert highest(result.path) < LIFTED + 0.01
+    assert highest(setup, result.path) < LIFTED + 0.01
     name = "LowOnly" if as_object else "low_only"
     assert str(result).splitlines()[-1] == f"certified: collision; sampled at 0.01 rad: your checker {name}"
     told = json.loads(json.dumps(result.as_dict()))["validation"]
@@ -65,11 +61,11 @@ def test_all_planners_obey_it(setup, planner):
     setup.setStateValidityChecker(low_only)
     result = setup.plan(planner, time=20.0 if planner != "BITstar" else 1.0, seed=1)
     assert result or planner == "BITstar"
-    assert not result or highest(result.path) < LIFTED + 0.01
+    assert not result or highest(setup, result.path) < LIFTED + 0.01
     if planner == "SafePRM":
         setup.setPlanner(SafePRM(setup.getSpaceInformation()))
         assert setup.solve(20.0)
-        assert highest(setup.solution()) < LIFTED + 0.01
+        assert highest(setup, setup.solution()) < LIFTED + 0.01
 
 
 @pytest.mark.parametrize("danger", [{}, None])
@@ -77,12 +73,11 @@ def test_all_planners_obey_it(setup, planner):
 def test_simplification_obeys_it(setup, options, danger):
     if danger is None and "optimise" in options:
         return
-    own = SafeSetup(setup.robot, setup.scene, danger=danger)
-    own.setConfigurations(START, GOAL)
+    own = setup_for(setup.robot, danger=danger)
     own.setStateValidityChecker(low_only)
     result = own.plan(seed=0, time=20.0, **options)
     assert result.certified
-    assert highest(result.path) < LIFTED + 0.01
+    assert highest(setup, result.path) < LIFTED + 0.01
 
 
 def test_places_of_the_tip_obey_it(setup):

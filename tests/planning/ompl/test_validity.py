@@ -1,4 +1,4 @@
-"""States and motions as OMPL asks for them: free, within limits, and within the same constraints in words and quickly."""
+"""States and motions as OMPL asks for them: free, within limits, and within the same constraints."""
 
 from dataclasses import replace
 
