@@ -22,7 +22,7 @@ import pinocchio as pin
 from bench._plain import PlainGeometry
 from safe_ompl import DangerField, Pose, Robot, Scene
 from safe_ompl.common import FloatArray
-from safe_ompl.robot.loading import Attachment
+from safe_ompl.robot import Attachment
 
 SAMPLES = 12  # of an edge
 INSTANTS, BEGINS, STOPS = 150, 10, 25  # of a motion, of stops, and of one stop

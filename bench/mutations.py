@@ -68,8 +68,7 @@ from safe_ompl.collision import Separation
 from safe_ompl.io.robot_document import built_robot, links_without_collision
 from safe_ompl.io.schema import digest
 from safe_ompl.motions import check_with
-from safe_ompl.robot import robot_hash
-from safe_ompl.robot.loading import Attachment
+from safe_ompl.robot import Attachment, robot_hash
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scene import BodyRegion, Goal, MotionLimits
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import CollisionChecker, PathReport, Robot, Scene
-from safe_ompl.robot.loading import find_example, robots_folder
+from safe_ompl.robot import find_example, robots_folder
 
 EXAMPLES = Path(__file__).parent / "examples"
 PILLAR = {"name": "pillar", "box": {"size": [0.15, 0.15, 1.0]}, "position": [0.45, 0.0, 0.4], "weight": 1}

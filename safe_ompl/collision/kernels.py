@@ -95,7 +95,7 @@ def pair_bounds(
 
     The bound of the balls about both bodies comes first, then that of the box about one and the ball about the other,
     then that along an axis (`geometry.kernels.convex`), which is kept for the next configuration. What is `enough` [m]
-    is not improved any more. The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`).
+    is not improved any more. The `joints: (m,)` are a table (`safe_ompl.robot.kernels`).
     """
     m, bodies = values.shape[1], shapes.bodies
     poses, simplex = np.empty(len(bodies), POSE), np.empty((4, 3))
@@ -390,7 +390,7 @@ def prove_curve(
 ) -> tuple[int, float, int]:
     """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
 
-    The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`). `bodies`, `starts` and `vertices` are those
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels`). `bodies`, `starts` and `vertices` are those
     of `Shapes`, and the next four those of `Pairs`: as tuples each would take Python a microsecond more to hand over.
     Pair p must keep c_p, `required: (P,)`, with all allowances in it, and t·g_p more, `growth: (P,)`, which is empty
     where nothing grows. The proof stops at an interval in whose halves no two bodies approach each other by more than
@@ -499,7 +499,7 @@ def hinge_costs(
     Σ vvᵀ approximates the Hessian. d_c = x·n_c − b_c is the distance of each of C points of bodies from a plane, at
     `values[rows[c]]`; the points are carried by joints with Pinocchio's numbers.
 
-    The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`) with `values: (B, m)`; `rows` and `carriers`
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels`) with `values: (B, m)`; `rows` and `carriers`
     (C,), `points` and `normals` (C, 3) in the frame of the joint and in the world, `offsets: (C,)` b, and
     `hinges: (H, 2)` D > 0 and w. As in CHOMP and TrajOpt.
     """

@@ -14,7 +14,7 @@ from typing import Any
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
 from safe_ompl.io.schema import by_name
-from safe_ompl.robot.loading import PackageFolders, parsed, robots_folder
+from safe_ompl.robot import PackageFolders, parsed, robots_folder
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 _MOST_BYTES = 200_000_000  # of all files that travel in one document

@@ -14,8 +14,7 @@ from safe_ompl.common import documents as document
 from safe_ompl.io.carried_files import carried_files, encoded, packed_files, packed_size, unpack, unpacked_file
 from safe_ompl.io.robot_document import built_robot, carried_robot
 from safe_ompl.io.schema import key, plain, record, sha
-from safe_ompl.robot import Robot, RobotSpec
-from safe_ompl.robot.loading import UrdfFile
+from safe_ompl.robot import Robot, RobotSpec, UrdfFile
 from safe_ompl.scene import Scene
 
 

@@ -25,8 +25,7 @@ from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.io import schema
 from safe_ompl.io.carried_files import carried_files, encoded, examples_folder, place_meshes, unpack
-from safe_ompl.robot import Robot, RobotSpec, robot_hash
-from safe_ompl.robot.loading import Attachment, CollisionSource, robots_folder
+from safe_ompl.robot import Attachment, CollisionSource, Robot, RobotSpec, robot_hash, robots_folder
 
 _FILES = ("urdf", "srdf")
 _OPTIONS = ("tip", "locked", "hulls", "name", "limits", "collision", "group", "locked_state")

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.arm import arm_joints, default_tip, finger_joints, has_range
+    from safe_ompl.robot.collision import CollisionSource, links_lacking_shapes
     from safe_ompl.robot.displacement_bounds import ConvexBodies
-    from safe_ompl.robot.fingerprint import robot_hash
     from safe_ompl.robot.forward_kinematics import JointLimits
     from safe_ompl.robot.ik import (
         METRES_PER_RADIAN,
@@ -26,40 +25,67 @@ if TYPE_CHECKING:
         transpose_step,
     )
     from safe_ompl.robot.joint_tables import Mimic, frame_index, plain
+    from safe_ompl.robot.joints import (
+        arm_joints,
+        default_tip,
+        finger_joints,
+        has_range,
+        joints_without_range,
+        resting_value,
+    )
+    from safe_ompl.robot.parts import Attachment
     from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_box, bounding_hull
     from safe_ompl.robot.region import GoalRegion, RegionPlace
-    from safe_ompl.robot.robot import Robot
+    from safe_ompl.robot.robot import Robot, robot_hash
+    from safe_ompl.robot.sources import EXAMPLES, ExampleRobot, find_example, robots_folder
     from safe_ompl.robot.spec import RobotSpec
+    from safe_ompl.robot.srdf import SrdfFile, disabled_links, srdf_text
+    from safe_ompl.robot.urdf import PackageFolders, UrdfFile, parsed
 
 __all__ = [
+    "EXAMPLES",
     "METRES_PER_RADIAN",
+    "Attachment",
+    "CollisionSource",
     "ConvexBodies",
+    "ExampleRobot",
     "GoalRegion",
     "Hull",
     "JointLimits",
     "Mimic",
+    "PackageFolders",
     "Place",
     "ReachCylinder",
     "RegionPlace",
     "Robot",
     "RobotSpec",
+    "SrdfFile",
     "StepLimits",
+    "UrdfFile",
     "approach",
     "arm_joints",
     "bounding_box",
     "bounding_hull",
     "default_tip",
+    "disabled_links",
+    "find_example",
     "finger_joints",
     "frame_index",
     "has_range",
     "inverse_kinematics",
+    "joints_without_range",
     "limited_step",
+    "links_lacking_shapes",
     "motion_limits",
+    "parsed",
     "place_of",
     "plain",
     "pseudoinverse_step",
+    "resting_value",
     "robot_hash",
+    "robots_folder",
     "solve_from_seed",
+    "srdf_text",
     "tip_reach",
     "transpose_step",
 ]

@@ -21,9 +21,9 @@ from safe_ompl.common import (
     finite_array,
     polynomials,
 )
+from safe_ompl.robot import kernels as kernel
 from safe_ompl.robot.joint_tables import Coupling, KinematicTree, Skeleton, frame_index, plain
-from safe_ompl.robot.kernels import kinematics as kernel
-from safe_ompl.robot.loading.parts import RobotParts
+from safe_ompl.robot.parts import RobotParts
 
 _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
 _WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits

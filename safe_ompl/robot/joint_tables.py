@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.robot.kernels import kinematics as kernel
+from safe_ompl.robot import kernels as kernel
 from safe_ompl.robot.reach import JointChain
 
 _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
@@ -19,7 +19,7 @@ _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an eq
 class KinematicTree:
     """Forward kinematics of the m joints of a robot and of K key points that they carry.
 
-    Joints and key points are tables for kernels, see `safe_ompl.robot.kernels.kinematics`; nobody writes to them.
+    Joints and key points are tables for kernels, see `safe_ompl.robot.kernels`; nobody writes to them.
     Key points are at `offsets: (K, 3)` [m] in the frames of their `carriers: (K,)`, Pinocchio's numbers of joints: 0 is
     the base, joint i has the number i + 1.
     """

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import coal
+import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
@@ -16,9 +20,8 @@ from safe_ompl.geometry import Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 from safe_ompl.robot.joint_tables import Mimic
-from safe_ompl.robot.loading.attachment import Attachment, PoseLike, as_pose
-from safe_ompl.robot.loading.models import Models
-from safe_ompl.robot.loading.parts import RobotParts, independent
+from safe_ompl.robot.parts import Attachment, PoseLike, RobotParts, as_pose, independent
+from safe_ompl.robot.sources import Models
 from safe_ompl.robot.spec import RobotSpec
 
 
@@ -86,7 +89,7 @@ class Robot(ForwardKinematics):
 
     @classmethod
     def from_example(cls, name: str, **options: Any) -> Robot:
-        """Build a robot of example-robot-data by its key in `safe_ompl.robot.loading.EXAMPLES`: "panda", "ur5".
+        """Build a robot of example-robot-data by its key in `safe_ompl.robot.EXAMPLES`: "panda", "ur5".
 
         Other options are those of `RobotSpec`. Raises UnknownNameError if there is no such robot.
         """
@@ -245,3 +248,64 @@ class Robot(ForwardKinematics):
         bare = self.links_without_collision
         unchecked = f", links_without_collision={list(bare)}" if bare else ""
         return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r}{unchecked}{held})"
+
+
+_DIGITS = 9  # nanometres and nanoradians: what is the same to the last bit is the same here, on any machine
+
+
+def robot_hash(robot: Robot) -> str:
+    """Return the SHA-256 of joints, limits, placements, bodies, checked pairs and skeleton; file names do not count."""
+    chain, geometry = robot.shared.chain, robot.shared.collision_model
+    content = {
+        "joints": list(robot.joint_names),
+        "lower": _numbers(robot.lower),
+        "upper": _numbers(robot.upper),
+        "continuous": robot.continuous.tolist(),
+        "prismatic": robot.prismatic.tolist(),
+        "parents": chain.parents,
+        "placements": [_numbers(placement.homogeneous) for placement in chain.placements],
+        "axes": _numbers(chain.axes),
+        "tip": robot.tip,
+        "segments": robot.segments.tolist(),
+        "keypoints": _numbers(robot.keypoints(np.clip(np.zeros(robot.n), robot.lower, robot.upper))),
+        "bodies": [_body(body) for body in geometry.geometryObjects],
+        "pairs": sorted((int(pair.first), int(pair.second)) for pair in geometry.collisionPairs),
+    }
+    if not robot.coupling.trivial:
+        content["mimics"] = [_numbers(robot.coupling.matrix), _numbers(robot.coupling.offsets)]
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _body(body: pin.GeometryObject) -> dict[str, Any]:
+    return {
+        "name": body.name,
+        "joint": int(body.parentJoint),
+        "placement": _numbers(body.placement.homogeneous),
+        "shape": type(body.geometry).__name__,
+        "size": _size(body.geometry),
+    }
+
+
+def _size(shape: coal.CollisionGeometry) -> Any:
+    if isinstance(shape, coal.ConvexBase):
+        return sorted(_numbers(np.asarray(shape.points()).reshape(-1, 3)))
+    if isinstance(shape, coal.BVHModelBase):
+        return _mesh(shape)
+    names = ("halfSide", "radius", "halfLength", "radii")
+    known = {name: _numbers(getattr(shape, name)) for name in names if hasattr(shape, name)}
+    shape.computeLocalAABB()
+    return {**known, "box": [_numbers(np.ravel(corner)) for corner in (shape.aabb_local.min_, shape.aabb_local.max_)]}
+
+
+def _mesh(mesh: coal.BVHModelBase) -> dict[str, Any]:
+    """Return corners and triangles in an order that the mesh's own does not change."""
+    rounded = np.array(_numbers(np.asarray(mesh.vertices()).reshape(-1, 3)))
+    corners, ranks = np.unique(rounded, axis=0, return_inverse=True)
+    indices = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
+    triangles = ranks.ravel()[np.array([[t[0], t[1], t[2]] for t in indices], dtype=np.intp)]
+    turned = [np.roll(triangle, -int(triangle.argmin())).tolist() for triangle in triangles]
+    return {"corners": corners.tolist(), "triangles": sorted(turned)}
+
+
+def _numbers(values: ArrayLike) -> Any:
+    return (np.round(np.asarray(values, dtype=np.float64), _DIGITS) + 0.0).tolist()  # + 0.0: no negative zero

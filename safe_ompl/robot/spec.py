@@ -13,10 +13,7 @@ import pinocchio as pin
 from safe_ompl.common import RATE_BOUNDS, InputError, UnknownNameError, warn_once
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
-from safe_ompl.robot.arm import default_tip
-from safe_ompl.robot.joint_tables import Mimic, resolved
-from safe_ompl.robot.loading.attachment import Attachment, as_pose, attachments
-from safe_ompl.robot.loading.collision import (
+from safe_ompl.robot.collision import (
     CollisionSource,
     build_collision_geometry,
     check_collides,
@@ -27,12 +24,11 @@ from safe_ompl.robot.loading.collision import (
     sample_configurations,
     select_self_pairs,
 )
-from safe_ompl.robot.loading.examples import find_example, robots_folder
-from safe_ompl.robot.loading.models import Models
-from safe_ompl.robot.loading.parts import BASE_JOINTS, RobotParts, combined, independent
-from safe_ompl.robot.loading.reduction import (
+from safe_ompl.robot.joint_tables import Mimic, resolved
+from safe_ompl.robot.joints import (
     apply_mimic_limits,
     check_plannable,
+    default_tip,
     joint_limits,
     joints_that_move,
     joints_without_range,
@@ -42,8 +38,10 @@ from safe_ompl.robot.loading.reduction import (
     resting_value,
     with_mimics,
 )
-from safe_ompl.robot.loading.srdf import SrdfFile
-from safe_ompl.robot.loading.urdf import UrdfFile
+from safe_ompl.robot.parts import BASE_JOINTS, Attachment, RobotParts, as_pose, attachments, combined, independent
+from safe_ompl.robot.sources import Models, find_example, robots_folder
+from safe_ompl.robot.srdf import SrdfFile
+from safe_ompl.robot.urdf import UrdfFile
 
 _log = logging.getLogger(__name__)
 

@@ -88,7 +88,7 @@ def closing_rates(
     """Return how fast gaps of each body close in which limbs of each width may fit, by arc length (N, G, K) [m/rad].
 
     Gaps that close at a harmless rate do not count. Distances are asked only of those that close faster than another
-    of the body in which the limb fits. `joints` is a table of `safe_ompl.robot.kernels.kinematics`; cells as of
+    of the body in which the limb fits. `joints` is a table of `safe_ompl.robot.kernels`; cells as of
     `ContactLimits.speeds`, with the `values: (N, m)` of the model's joints, and a column of 0 besides `bodies`.
     """
     N, m, G, K = len(values), values.shape[1], bodies.shape[1] - 1, len(gaps.widths)

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl import CollisionChecker, Scene
-from safe_ompl.robot import Hull, ReachCylinder, bounding_hull
-from safe_ompl.robot.loading import EXAMPLES
+from safe_ompl.robot import EXAMPLES, Hull, ReachCylinder, bounding_hull
 from safe_ompl.robot.reach import JointChain
 
 SIMPLE = [*sorted(EXAMPLES), "twin_arm", "slider"]

@@ -8,9 +8,8 @@ import pytest
 from self_pairs import self_pairs
 
 from safe_ompl import InputError, Robot
-from safe_ompl.robot import default_tip
-from safe_ompl.robot.arm import finger_links
-from safe_ompl.robot.loading import robots_folder
+from safe_ompl.robot import default_tip, robots_folder
+from safe_ompl.robot.joints import finger_links
 
 
 def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):

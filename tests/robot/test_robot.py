@@ -12,8 +12,8 @@ import pytest
 from self_pairs import self_pairs
 
 from safe_ompl import InputError, Robot, Sphere, UnknownNameError
-from safe_ompl.robot.loading import EXAMPLES, find_example, robots_folder
-from safe_ompl.robot.loading.collision import sample_configurations
+from safe_ompl.robot import EXAMPLES, find_example, robots_folder
+from safe_ompl.robot.collision import sample_configurations
 
 JOINTS = {"panda": 7, "ur3": 6, "ur5": 6, "ur10": 6, "xarm7": 7, "kinova": 6, "z1": 6, "so101": 5}
 KINDS = ["panda", "kinova", "twin_arm", "slider", "gripper", "parallel"]

@@ -3,7 +3,7 @@
 import pinocchio as pin
 import pytest
 
-from safe_ompl.robot.loading.collision import always_in_contact, sample_configurations
+from safe_ompl.robot.collision import always_in_contact, sample_configurations
 
 
 def every_pair(robot):

@@ -13,8 +13,7 @@ from typing import Any, TypeVar, get_args
 from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.planning.planners import planner_names
-from safe_ompl.robot import Robot, RobotSpec
-from safe_ompl.robot.loading import CollisionSource, find_example
+from safe_ompl.robot import CollisionSource, Robot, RobotSpec, find_example
 from safe_ompl.scene import MovingObstacles, Scenario, ToolConstraint, find_scenario
 
 _Number = TypeVar("_Number", int, float)

@@ -36,7 +36,7 @@ from safe_ompl.people import TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
 from safe_ompl.planning.planners import NearestNode
-from safe_ompl.robot.loading import UrdfFile
+from safe_ompl.robot import UrdfFile
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import RateLimits, time_path
 from safe_ompl.version import __version__

@@ -16,8 +16,7 @@ from safe_ompl.common import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem
 from safe_ompl.planning.planners import make_planner
-from safe_ompl.robot import Robot, RobotSpec
-from safe_ompl.robot.loading import EXAMPLES
+from safe_ompl.robot import EXAMPLES, Robot, RobotSpec
 from safe_ompl.scene import WHERE_FROM, MbmFile, Scene
 
 USUAL_TIME = 5.0  # [s]

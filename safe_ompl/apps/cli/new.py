@@ -23,8 +23,21 @@ from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameE
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.planning import SafeSetup
-from safe_ompl.robot import Mimic, Robot, RobotSpec, arm_joints, default_tip, finger_joints, has_range
-from safe_ompl.robot.loading import SrdfFile, UrdfFile, disabled_links, joints_without_range, resting_value, srdf_text
+from safe_ompl.robot import (
+    Mimic,
+    Robot,
+    RobotSpec,
+    SrdfFile,
+    UrdfFile,
+    arm_joints,
+    default_tip,
+    disabled_links,
+    finger_joints,
+    has_range,
+    joints_without_range,
+    resting_value,
+    srdf_text,
+)
 from safe_ompl.scene import Scene
 
 _SAMPLES, _SEED = 2000, 0

@@ -16,8 +16,7 @@ from safe_ompl.apps.cli import arguments, check, compare, live, mbm, new, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError, ctrl_c_as_such
-from safe_ompl.robot import frame_index
-from safe_ompl.robot.loading import EXAMPLES, ExampleRobot, UrdfFile, links_lacking_shapes, robots_folder
+from safe_ompl.robot import EXAMPLES, ExampleRobot, UrdfFile, frame_index, links_lacking_shapes, robots_folder
 from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
 

@@ -8,9 +8,8 @@ import pytest
 
 from safe_ompl import CollisionChecker, InputError, MotionProver, Scene, UnknownNameError
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, PointCloud, Pose, Sphere
-from safe_ompl.robot import Robot, robot_hash
-from safe_ompl.robot.loading import Attachment
-from safe_ompl.robot.loading.attachment import as_pose
+from safe_ompl.robot import Attachment, Robot, robot_hash
+from safe_ompl.robot.parts import as_pose
 
 SHAPES = {"box": Box((0.04, 0.06, 0.3)), "capsule": Capsule(0.03, 0.3)}
 

@@ -7,7 +7,7 @@ from self_pairs import self_pairs
 
 from safe_ompl import Robot
 from safe_ompl.apps import main
-from safe_ompl.robot.loading import UrdfFile, disabled_links, find_example, robots_folder
+from safe_ompl.robot import UrdfFile, disabled_links, find_example, robots_folder
 
 
 def test_round_trip(data_folder, tmp_path, capsys):

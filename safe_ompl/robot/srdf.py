@@ -13,14 +13,14 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import InputError, UnknownNameError
-from safe_ompl.robot.loading.collision import (
+from safe_ompl.robot.collision import (
     adjacent_pairs,
     always_in_contact,
     build_collision_geometry,
     make_convex,
     sample_configurations,
 )
-from safe_ompl.robot.loading.urdf import UrdfFile, existing_file
+from safe_ompl.robot.urdf import UrdfFile, existing_file
 
 _log = logging.getLogger(__name__)
 
