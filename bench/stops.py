@@ -44,7 +44,7 @@ from safe_ompl.certificates.verifier.bodies import corners
 from safe_ompl.collision.broad_phase import fresh_data
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import rate_violations
-from safe_ompl.motions.stops import stops_of
+from safe_ompl.motions.rates import stops_of
 from safe_ompl.scene import find_scenario
 from safe_ompl.trajectories import State
 from safe_ompl.trajectories.stops import Stops

@@ -326,9 +326,6 @@ class PolynomialMotion:
     velocity: FloatArray | None = schema.key(schema.array(None), optional=True)
     acceleration: FloatArray | None = schema.key(schema.array(None), optional=True)
     jerk: FloatArray | None = schema.key(schema.array(None), optional=True)
-    speeds: Mapping[str, float] | None = schema.key(
-        schema.by_name(_zero_or_more, least=1, of="obstacle"), optional=True
-    )
 
     def check(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError unless it is a motion of the robot, and its claims have a meaning for it."""
@@ -350,9 +347,6 @@ class PolynomialMotion:
                 raise InputError("needs velocities, and a jerk accelerations besides", "acceleration")
             if claimed[0] and not (self.timed and self.slack is None):
                 raise InputError("needs a motion in time, without slack", "velocity")
-            if self.speeds is not None and not self.timed:
-                raise InputError("needs a motion in time", "speeds")
-            _check_known("speeds", "obstacle", self.speeds or (), scene.names)
 
     @property
     def sentences(self) -> list[str]:
@@ -362,9 +356,6 @@ class PolynomialMotion:
             least = _listed(at_least, self.slack.min(axis=0))
             said[0] += f", and whatever is within ({least}) [rad or m] of them"
         said += [] if self.velocity is None else [_rates(self)]
-        if self.speeds is not None:
-            speeds = ", ".join(f"{name} {exact(speed)} m/s" for name, speed in self.speeds.items())
-            said.append(f"the same while obstacles move from its start on no faster than {speeds}")
         return said
 
     @property
@@ -453,8 +444,7 @@ class Certificate:
         """Return what is claimed, in words, of which each is complete in itself; first what the motions are free of."""
         moving = self.moving_obstacles
         said = [f"every motion is free{about}"]
-        moves = moving is not None or (self.motion is not None and self.motion.speeds is not None)
-        said += [] if self.danger is None else [self.danger.sentence(moving=moves)]
+        said += [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
         said += [] if self.clearance is None else [self.clearance.sentence]
         if self.margin is not None:
             said.append(f"no moving link nearer than {at_least(1e3 * self.margin)} mm to any obstacle")

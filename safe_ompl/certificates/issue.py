@@ -414,8 +414,7 @@ def motion_certificate(
         "edges": [],
         **_limits(proof, scene.spacing if spacing is None else spacing),
         "motion": _motion(check.motion)
-        | ({} if check.limits is None else {kind: getattr(check.limits, kind) for kind in check.limits.kinds})
-        | ({"speeds": dict(check.speeds)} if check.speeds else {}),
+        | ({} if check.limits is None else {kind: getattr(check.limits, kind) for kind in check.limits.kinds}),
     }
     content |= {"margin": separation.margin} if separation.margin else {}
     content |= {"tube": separation.tube} if separation.tube else {}

@@ -279,9 +279,7 @@ class MotionProver:
         required = self._separation.required_during(self._checker, speeds, span)
         return self._check(*self._edge(start, end), required)
 
-    def check_curve(
-        self, coefficients: ArrayLike, speeds: Mapping[str, float] | None = None, span: tuple[float, float] = (0.0, 0.0)
-    ) -> MotionVerdict:
+    def check_curve(self, coefficients: ArrayLike) -> MotionVerdict:
         """Check the motion q(t) = Σ_k c_k t^k, t in [0, 1].
 
         Joint values are taken as they are: no continuous joint goes the short way. What is proven is the curve itself,
@@ -291,8 +289,6 @@ class MotionProver:
         ----------
         coefficients : array_like, shape (d + 1, n)
             c_0 … c_d [rad or m], d ≥ 1.
-        speeds, span
-            Obstacles that move, as `check_moving`.
 
         Returns
         -------
@@ -302,15 +298,12 @@ class MotionProver:
         Raises
         ------
         InputError
-            If the coefficients have another shape or are not finite; and as `check_moving`.
+            If the coefficients have another shape or are not finite.
         """
         curve = finite_array(coefficients, (None, self._checker.robot.n), "coefficients of a motion")
         if len(curve) < 2:
             raise InputError("a motion must have a start and a way at least, got one coefficient")
-        required = self._required
-        if speeds:
-            required = self._separation.required_during(self._checker, speeds, span)
-        return self._of_curve(tuple(curve), required)
+        return self._of_curve(tuple(curve), self._required)
 
     def required_with(self, margin: float) -> RequiredDistances:
         """Return the required distances with a margin [m] from obstacles besides; those of the last call are kept."""

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.motions.checks import TIME, MotionCheck, check, check_with, widest_tube
+    from safe_ompl.motions.checks import TIME, MotionCheck, check, check_with, objection, retime, way_of, widest_tube
     from safe_ompl.motions.motion import Motion
     from safe_ompl.motions.rates import Extremes, Violation, extremes, rate_violations
     from safe_ompl.motions.repair import Repair, repair_with
     from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
-    from safe_ompl.motions.way_points import objection, retime, way_of
 
 __all__ = [
     "FACTOR",

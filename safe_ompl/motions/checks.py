@@ -1,26 +1,34 @@
-"""Checks: proofs of motions that something else made, and what stands in the way of one."""
+"""Checks: proofs of motions that something else made, what stands in the way of one, and way points timed anew."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Separation, ToolLimit, Verdict
-from safe_ompl.common import FloatArray, InputError, clock, finite_array, instance, notebook_html, polynomials, positive
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    PlanningError,
+    clock,
+    finite_array,
+    instance,
+    notebook_html,
+    polynomials,
+    positive,
+)
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
-from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations
-from safe_ompl.motions.stops import stops_of
+from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations, stops_of
 from safe_ompl.motions.tube import tube_of
 from safe_ompl.paths import Constraints, claims_of
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import RateLimits, Stops
+from safe_ompl.trajectories import RateLimits, Stops, Trajectory, time_path
 
 TIME = 60.0  # [s] that a check may take by default
 _OUT_OF_TIME = "out of time"
@@ -43,8 +51,6 @@ class MotionCheck(NamedTuple):
         By which it was to be proven: robot, scene, distances and the tube, danger and tool.
     limits : RateLimits or None
         Of velocities, accelerations and jerks; None where these were not looked at.
-    speeds : mapping of str to float
-        Of obstacles that move from the start of the motion on [m/s].
     people : People or None
         Beside whom it was to be proven to stop.
     stops : Stops or None
@@ -56,13 +62,8 @@ class MotionCheck(NamedTuple):
     violations: tuple[Violation, ...]
     proof: MotionProver
     limits: RateLimits | None = None
-    speeds: Mapping[str, float] = MappingProxyType({})
     people: People | None = None
     stops: Stops | None = None
-
-    def __reduce__(self) -> tuple[Any, ...]:  # stops hold what cannot be pickled, and are made anew
-        *kept, people, _ = self
-        return _unpickled, (*kept[:-1], dict(self.speeds), people)
 
     @property
     def separation(self) -> Separation:
@@ -83,13 +84,6 @@ class MotionCheck(NamedTuple):
         return notebook_html(self)
 
 
-def _unpickled(*kept: Any) -> MotionCheck:
-    found = MotionCheck(*kept)
-    if found.people is None or found.limits is None:
-        return found
-    return found._replace(stops=stops_of(found.motion, found.proof, found.limits, found.people))
-
-
 def _widths(tube: tuple[float, ...]) -> str:
     same = max(tube) - min(tube) < 1e-12
     return f"±{tube[0]:.3g} rad" if same else "±[" + ", ".join(f"{w:.3g}" for w in tube) + "]"
@@ -103,9 +97,7 @@ def check(
     constraints: Constraints | None = None,
     tube: ArrayLike | Mapping[str, float] | None = None,
     limits: RateLimits | None = None,
-    speeds: Mapping[str, float] | None = None,
     people: People | None = None,
-    time: float = TIME,
 ) -> MotionCheck:
     """Prove a motion that something else made, or find what stands in the way.
 
@@ -123,19 +115,16 @@ def check(
         Prove it of every motion whose joints are so near to this one at any time [rad or m].
     limits : RateLimits, optional
         Largest velocities, accelerations and jerks; for a motion in time. Default: these are not looked at.
-    speeds : mapping of str to float, optional
-        Bounds of the speed [m/s] of obstacles that move, from where the scene has them, from the start of the motion.
     people : People, optional
         Who may begin to move at any instant, from where the scene has them: a stop on the motion, from whatever instant
         on, within the accelerations of `limits`, is over before they are nearer than their clearance; or, where contact
         is allowed, the robot is slow enough. The motion must be in time, and end at rest.
-    time : float
-        [s] What of its way is not proven free by then stays undecided: violations of the kind "out of time" say where.
 
     Returns
     -------
     MotionCheck
-        True if all is proven; `violations` says what is not.
+        True if all is proven; `violations` says what is not. What is not proven free within a minute stays undecided:
+        violations of the kind "out of time" say where. `SafeSetup.check` takes another time.
 
     Raises
     ------
@@ -154,29 +143,22 @@ def check(
     wanted = Constraints() if constraints is None else instance("constraints", constraints, Constraints)
     if tube is not None:
         wanted = wanted.with_tube(tube_of(tube, robot))
-    return check_with(motion, _proof(robot, scene, wanted), limits, speeds, people, time)
+    return check_with(motion, _proof(robot, scene, wanted), limits, people)
 
 
 def check_with(
-    motion: Any,
-    proof: MotionProver,
-    limits: RateLimits | None = None,
-    speeds: Mapping[str, float] | None = None,
-    people: People | None = None,
-    time: float = TIME,
+    motion: Any, proof: MotionProver, limits: RateLimits | None = None, people: People | None = None, time: float = TIME
 ) -> MotionCheck:
-    """Return the same as `check` with a `MotionProver` that is there already; arguments and errors as `check`."""
+    """Return the same as `check` with a `MotionProver` that is there already, within a time [s]."""
     end = clock() + positive(time, "time", "number of seconds")
     limits = None if limits is None else instance("limits", limits, RateLimits)
     robot = proof.checker.robot
     motion = Motion.of(motion, space=robot).for_robot(robot)
-    if speeds and not motion.timed:
-        raise InputError("has no times, and obstacles that move need them", "motion")
     stops = None if people is None else stops_of(motion, proof, limits, people)
     found = rate_violations(motion, robot, limits)
     outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
-    for piece in piece_proofs(motion, proof.until(lambda: clock() > end), speeds):
+    for piece in piece_proofs(motion, proof.until(lambda: clock() > end)):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
         known = what == "its limits" and joint in outside  # pairs and radii hold within the limits only
@@ -184,13 +166,12 @@ def check_with(
             stretches += piece.unproven()
     limits = limits if motion.rated else None
     claims = ["joint limits", *(limits.kinds if limits is not None else ()), *claims_of(proof)]
-    claims += ["obstacles that move from its start on"] * bool(speeds)
     found += _joined(stretches)
     if stops is not None and people is not None:
         claims += [f"stops{' or slow contact' * people.contact} beside people"]
         found += _joined(list(_late(stops, people)))
     found.sort(key=lambda violation: (violation.at, violation.kind))
-    return MotionCheck(motion, tuple(claims), tuple(found), proof, limits, dict(speeds or {}), people, stops)
+    return MotionCheck(motion, tuple(claims), tuple(found), proof, limits, people, stops)
 
 
 def widest_tube(
@@ -257,28 +238,20 @@ def widest_tube(
     return widest
 
 
-class PieceProof:
-    """The proof of one piece of a motion, and of parts of it.
+class PieceProof(NamedTuple):
+    """The proof of piece `number` of a motion, and of parts of it: coefficients (d + 1, n), in a time span [s].
 
-    Piece `number` has the coefficients `curve: (d + 1, n)` and the times `span` [s]; `proof` has the allowance of the
-    piece in its tube. Obstacles move with their `speeds` [m/s] from `begin` [s] on, the start of the motion.
+    `proof` has the allowance of the piece in its tube.
     """
 
-    def __init__(
-        self,
-        number: int,
-        curve: FloatArray,
-        span: tuple[float, float],
-        proof: MotionProver,
-        speeds: Mapping[str, float],
-        begin: float,
-    ) -> None:
-        self.number, self.proof = number, proof
-        self._curve, self._span, self._speeds, self._begin = curve, span, speeds, begin
+    number: int
+    curve: FloatArray
+    span: tuple[float, float]
+    proof: MotionProver
 
     def place(self, u: float) -> FloatArray:
         """Return the joint values (n,) at a fraction of the piece."""
-        return np.array(np.polynomial.polynomial.polyval(u, self._curve))
+        return np.array(np.polynomial.polynomial.polyval(u, self.curve))
 
     def proven(self) -> bool:
         """Return whether the whole piece is proven."""
@@ -286,16 +259,14 @@ class PieceProof:
 
     def time(self, u: float) -> float:
         """Return the time [s] at a fraction of the piece."""
-        return self._span[0] + u * (self._span[1] - self._span[0])
+        return self.span[0] + u * (self.span[1] - self.span[0])
 
     def verdict(self, low: float = 0.0, high: float = 1.0) -> MotionVerdict:
         """Return the verdict on the piece from one fraction to another; its `at` is a fraction of this part."""
         if self.proof.stopped:
             return MotionVerdict(Verdict.UNDECIDED, 0.0)
         whole = (low, high) == (0.0, 1.0)
-        curve = self._curve if whole else polynomials.restricted(self._curve, low, high)
-        span = self.time(low) - self._begin, self.time(high) - self._begin
-        return self.proof.check_curve(curve, self._speeds, span)
+        return self.proof.check_curve(self.curve if whole else polynomials.restricted(self.curve, low, high))
 
     def unproven(self, low: float = 0.0, high: float = 1.0) -> Iterator[Violation]:
         """Yield short stretches between two fractions of the piece that are not proven, by time."""
@@ -311,19 +282,14 @@ class PieceProof:
             yield from self.unproven(low, middle)
             yield from self.unproven(middle, high)
             return
-        yield self._violation(found, low, high)
-
-    def _violation(self, found: MotionVerdict, low: float, high: float) -> Violation:
         u = low + (0.5 if found.at is None else found.at) * (high - low)
         kind, names, value, bound = _values(self.proof, found, self.place(u))
         decided = found.verdict is Verdict.BLOCKED
-        return Violation(kind, self.time(low), self.time(high), self.time(u), names, value, bound, decided)
+        yield Violation(kind, self.time(low), self.time(high), self.time(u), names, value, bound, decided)
 
 
-def piece_proofs(
-    motion: Motion, proof: MotionProver, speeds: Mapping[str, float] | None = None
-) -> Iterator[PieceProof]:
-    """Yield the proofs of the pieces of a motion, its joints in the order of the robot's; `speeds` as for `check`."""
+def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
+    """Yield the proofs of the pieces of a motion, its joints in the order of the robot's."""
     separation, allowance = proof.separation, motion.allowance
     if motion.slack is None:  # rounding alone: the same for all pieces
         allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
@@ -332,8 +298,7 @@ def piece_proofs(
         if row.tobytes() not in within:
             within[row.tobytes()] = proof.with_separation(replace(separation, tube=tuple(row.tolist())))
         span = float(motion.times[k]), float(motion.times[k + 1])
-        prover, begin = within[row.tobytes()], float(motion.times[0])
-        yield PieceProof(k, motion.coefficients[k], span, prover, dict(speeds or {}), begin)
+        yield PieceProof(k, motion.coefficients[k], span, within[row.tobytes()])
 
 
 def _proof(robot: Robot, scene: Scene, wanted: Constraints) -> MotionProver:
@@ -395,3 +360,68 @@ def _late(stops: Stops, people: People) -> Iterator[Violation]:
         decided = bool(stops.left[j] + stops.loss[j] < 0)
         value = people.clearance + room
         yield Violation("separation", edges[j], edges[j + 1], edges[j], names, value, people.clearance, decided)
+
+
+# ---------------------------------------------------------------------------------------- way points, timed
+
+
+def retime(
+    motion: Any,
+    robot: Robot,
+    scene: Scene,
+    limits: RateLimits | None = None,
+    *,
+    constraints: Constraints | None = None,
+    tube: ArrayLike | None = None,
+    **options: Any,
+) -> Trajectory:
+    """Return the fastest trajectory along way points that something else made; times that they have are thrown away.
+
+    The straight motions between them are proven first, and blends that round the corners are, too.
+
+    Parameters
+    ----------
+    motion : Motion or what `Motion.of` takes
+        Such as way points (N, n), or what `read_motion` returns; of curved pieces only the ends count.
+    robot, scene, constraints, tube
+        As for `safe_ompl.check`.
+    limits : RateLimits, optional
+        Of the joints; default: `RateLimits.of(robot)`.
+    **options
+        Those of `time_path`: `people`, beside whom it is no faster than what is proven to stop in time, `tolerance` of
+        blends, `tool_speed`, `link_speed`, `danger` and `max_danger`.
+
+    Raises
+    ------
+    PlanningError
+        If a way point, or the straight motion to the next one, is not proven: says which, counted from 0.
+    InputError, StandstillError
+        As `check` and `time_path`.
+    """
+    found = check(way_of(motion, robot), robot, scene, constraints=constraints, tube=tube)
+    if not found:
+        raise PlanningError(objection(found))
+    return time_path(found.motion.knots, robot, limits, motion=found.proof, **options)
+
+
+def way_of(motion: Any, robot: Robot) -> Motion:
+    """Return the straight lines through the way points of a motion, without times."""
+    given = Motion.of(motion, space=robot).for_robot(robot)
+    return Motion.through(given.knots, names=robot.joint_names)
+
+
+def objection(found: MotionCheck) -> str:
+    """Return which way point of a way that is not proven is at fault, or between which two it is, and why."""
+    proof = found.proof
+    for k, q in enumerate(found.motion.knots):
+        beyond = proof.checker.robot.beyond_limits(q)
+        if beyond is not None:
+            return f"way point {k}: {beyond}"
+        verdict = proof.check(q, q)
+        if verdict.verdict is not Verdict.FREE:
+            return f"way point {k} is not proven to be free: {' – '.join(verdict.pair or ())}".rstrip(": ")
+    first = found.violations[0]
+    value, limit = first.quantities
+    begin = min(int(first.at), found.motion.pieces - 1)
+    said = ", ".join(part for part in (" – ".join(first.names), value, limit and f"limit {limit}") if part)
+    return f"between way points {begin} and {begin + 1}, at {first.at:.3f}: {first.kind}: {said}"

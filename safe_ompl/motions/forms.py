@@ -86,17 +86,17 @@ def bspline(knots: ArrayLike, coefficients: ArrayLike, degree: int) -> Pieces:
     return polynomials.spline(at, held, degree)
 
 
-def phases(
-    start: ArrayLike, durations: ArrayLike, kind: str, pushes: ArrayLike, rates: dict[str, ArrayLike | None]
-) -> Pieces:
-    """Return phases of constant pushes of a kind, "accelerations" or "jerks", and with `rates` (n,) at the start."""
-    q = finite_array(start, (None,), "start")
+def phases(start: ArrayLike, durations: ArrayLike, kind: str, pushes: Any) -> Pieces:
+    """Return phases of constant pushes of a kind, "accelerations" or "jerks"; as `Motion.profile`."""
+    order = 2 if kind == "accelerations" else 3
+    given = np.atleast_2d(finite_array(start, (None,) if np.ndim(start) < 2 else (None, None), "start"))
+    if len(given) > order:
+        raise InputError(f"must have {order} rows at most, the position and its rates, got {len(given)}", "start")
     spans = finite_array(durations, (None,), "durations")
     if (spans < 0).any():
         raise InputError(f"must not be negative, got {spans.min():g}", "durations")
-    held = finite_array(pushes, (len(spans), len(q)), kind)
-    given = (np.zeros(len(q)) if r is None else finite_array(r, q.shape, name) for name, r in rates.items())
-    state, moving = np.array([q, *given]), spans > 0
+    held = finite_array(pushes, (len(spans), given.shape[1]), kind)
+    state, moving = np.vstack([given, np.zeros((order - len(given), given.shape[1]))]), spans > 0
     made = polynomials.integrated(state, spans[moving], held[moving])
     return np.append(0.0, np.cumsum(spans[moving])), *made
 

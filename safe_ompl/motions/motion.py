@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from math import perm
 from typing import Any
 
@@ -177,24 +178,13 @@ class Motion:
             return np.zeros((self.pieces, 1, self.n))
         factors = np.array([float(perm(k, order)) for k in range(order, self.degree + 1)])
         spans = np.diff(self.times)[:, None, None]
-        found: FloatArray = self.coefficients[:, order:] * factors[:, None] / spans**order
-        return found
+        return np.asarray(self.coefficients[:, order:] * factors[:, None] / spans**order)
 
     def for_robot(self, robot: Robot, degrees: bool = False) -> Motion:
         """Return the same motion with its columns in the order of the robot's joints.
 
-        Parameters
-        ----------
-        robot : Robot
-            The robot.
-        degrees : bool
-            Whether joints that turn are in degrees.
-
-        Raises
-        ------
-        InputError
-            If joints are missing or there are more; without names, if the number of columns differs. If a joint that
-            has limits moves beyond 4π rad, which degrees look like.
+        With `degrees` joints that turn have these. Raises InputError if joints are missing or there are more; without
+        names, if the number of columns differs; if a joint that has limits moves beyond 4π rad, as degrees would.
         """
         order = forms.columns(self.joint_names, self.n, robot)
         units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
@@ -216,6 +206,24 @@ class Motion:
         if self.short_way and robot.continuous.any():
             coefficients, rounding = forms.unwound(coefficients, rounding, robot)
         return Motion(self.times, coefficients, robot.joint_names, slack, self.timed, rounding, short_way=False)
+
+    def cut(self, cuts: Mapping[int, FloatArray]) -> Motion:
+        """Return the same motion with some of its pieces cut at fractions in (0, 1), which increase."""
+        if not cuts:
+            return self
+        times, of, coefficients = [float(self.times[0])], [], []
+        for k, curve in enumerate(self.coefficients):
+            ends = [0.0, *cuts.get(k, np.zeros(0)).tolist(), 1.0]
+            begin, end = float(self.times[k]), float(self.times[k + 1])
+            for low, high in pairwise(ends):
+                coefficients.append(curve if len(ends) == 2 else polynomials.restricted(curve, low, high))
+                times.append(end if high == 1.0 else begin + high * (end - begin))
+                of.append(k)
+        size = np.abs(self.coefficients).sum(axis=1)
+        rounding = np.zeros_like(size) if self.rounding is None else self.rounding
+        rounding = (rounding + 4 * (self.degree + 1) * polynomials.EPS * size)[of]
+        slack = None if self.slack is None else self.slack[of]
+        return replace(self, times=np.array(times), coefficients=np.array(coefficients), slack=slack, rounding=rounding)
 
     def __repr__(self) -> str:
         lasts = f", {self.duration:.3f} s" if self.timed else ""
@@ -259,10 +267,8 @@ class Motion:
         names : sequence of str, optional
             The joints.
 
-        Raises
-        ------
-        InputError
-            As the class, or if a point has accelerations but no velocities, which the controller does not interpolate.
+        Raises InputError as the class, or if a point has accelerations but no velocities, which the controller does not
+        interpolate.
         """
         return cls._made(forms.hermite(times, positions, velocities, accelerations), names)
 
@@ -277,19 +283,9 @@ class Motion:
     def bspline(
         cls, knots: ArrayLike, coefficients: ArrayLike, degree: int, names: Sequence[str] | None = None
     ) -> Motion:
-        """Return a B-spline where it is defined, from knot `degree` to knot N [s].
+        """Return a B-spline where it is defined, from knot `degree` (1 to 15) to knot N [s].
 
-        Parameters
-        ----------
-        knots : array_like, shape (N + degree + 1,)
-            Not decreasing [s].
-        coefficients : array_like, shape (N, n)
-            Control points [rad or m].
-        degree : int
-            1 to 15.
-        names : sequence of str, optional
-            The joints.
-
+        It has N control points (N, n), its `coefficients` [rad or m], and N + degree + 1 knots that do not decrease.
         Raises InputError as the class, or if the knots are none of such a spline.
         """
         return cls._made(forms.bspline(knots, coefficients, degree), names)
@@ -302,62 +298,38 @@ class Motion:
         accelerations: ArrayLike | None = None,
         *,
         jerks: ArrayLike | None = None,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
         names: Sequence[str] | None = None,
     ) -> Motion:
         """Return phases of constant acceleration (a trapezoidal profile) or of constant jerk (an S-curve).
 
         Parameters
         ----------
-        start : array_like, shape (n,)
-            Where it begins [rad or m].
+        start : array_like, shape (n,) or (k, n)
+            Where it begins [rad or m], at rest; or position, velocity and, where jerks are given, acceleration.
         durations : array_like, shape (K,)
             Of the phases, ≥ 0; those of 0 are left out [s].
         accelerations, jerks : array_like, shape (K, n)
             One of them [rad/s² or rad/s³; m where a joint slides].
-        velocity, acceleration : array_like, shape (n,), optional
-            At the start; an acceleration where jerks are given. Default: 0.
         names : sequence of str, optional
             The joints.
 
-        Raises
-        ------
-        InputError
-            As the class, or if a duration is negative, or both or none of accelerations and jerks are given.
+        Raises InputError as the class, or if a duration is negative, or both or none of accelerations and jerks are
+        given.
         """
-        if acceleration is not None and jerks is None:
-            raise InputError("is for phases of constant jerk", "acceleration")
-        if jerks is None and accelerations is not None:
-            pieces = forms.phases(start, durations, "accelerations", accelerations, {"velocity": velocity})
-        elif jerks is not None and accelerations is None:
-            rates = {"velocity": velocity, "acceleration": acceleration}
-            pieces = forms.phases(start, durations, "jerks", jerks, rates)
-        else:
+        if (accelerations is None) == (jerks is None):
             raise InputError("needs either accelerations or jerks", "profile")
-        return cls._made(pieces, names)
+        kind, pushes = ("jerks", jerks) if accelerations is None else ("accelerations", accelerations)
+        return cls._made(forms.phases(start, durations, kind, pushes), names)
 
     @classmethod
     def sampled(
         cls, times: ArrayLike, positions: ArrayLike, max_velocity: float | ArrayLike, names: Sequence[str] | None = None
     ) -> Motion:
-        """Return bare samples: lines, and a slack for what a joint of bounded velocity may do in between.
+        """Return bare samples (N, n): lines, and a slack for what a joint of bounded velocity may do in between.
 
         In Δt a joint that moves by Δq no faster than v is at most (v² − (Δq/Δt)²) Δt / 2v ≤ ½ v Δt from the line.
-        Numbers of continuous joints are taken as they are.
-
-        Parameters
-        ----------
-        times : array_like, shape (N,)
-            Increasing [s].
-        positions : array_like, shape (N, n)
-            [rad or m]
-        max_velocity : float or array_like, shape (n,)
-            No joint is faster at any time, > 0 [rad/s or m/s].
-        names : sequence of str, optional
-            The joints.
-
-        Raises InputError as the class, or if samples are farther apart than that velocity allows.
+        Numbers of continuous joints are taken as they are. `max_velocity`, a number or (n,), is what no joint exceeds
+        at any time [rad/s or m/s]. Raises InputError as the class, or if samples are farther apart than it allows.
         """
         pieces, slack = forms.sampled(times, positions, max_velocity)
         return cls._made(pieces, names, slack=slack)
@@ -434,8 +406,7 @@ class Motion:
     @cached_property
     def _jumps(self) -> FloatArray:
         """How far (K − 1, n) each piece begins from where the one before ends."""
-        jumps: FloatArray = np.abs(self.coefficients[1:, 0] - self.coefficients[:-1].sum(axis=1))
-        return jumps
+        return np.asarray(np.abs(self.coefficients[1:, 0] - self.coefficients[:-1].sum(axis=1)))
 
 
 def _freeze(motion: Motion, name: str, array: FloatArray) -> None:

@@ -1,18 +1,35 @@
-"""Proven extremes of positions, velocities, accelerations and jerks of a motion; what violates limits."""
+"""Proven extremes of positions, velocities, accelerations and jerks of a motion; violations; stops beside people."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from math import factorial, perm
 from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, polynomials
+from safe_ompl.collision import MotionProver
+from safe_ompl.common import FloatArray, InputError, polynomials
 from safe_ompl.motions.motion import Motion
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import RATE_TOLERANCE, RateLimits
+from safe_ompl.scene import People
+from safe_ompl.trajectories import (
+    CELL_LENGTH,
+    CELLS,
+    RATE_TOLERANCE,
+    BodySpeeds,
+    Boxes,
+    Cells,
+    CurvePoints,
+    MotionCaps,
+    PeopleDistances,
+    RateLimits,
+    Stops,
+    divided_edges,
+    stops_beside,
+    within_tube,
+)
 
 _KINDS = ("position", "velocity", "acceleration", "jerk")
 _UNITS = ("", "/s", "/s²", "/s³")
@@ -21,10 +38,10 @@ _WITHIN = 1e-9  # [rad or m] by which a position may be outside its limits, as f
 
 
 class Extremes(NamedTuple):
-    """Bounds of a derivative on every piece, each (K, n): no value is below `low` or above `high`.
+    """Bounds (K, n) of a derivative on every piece: none of its values is below `low` or above `high`.
 
-    Both are within 1e-9 of what is taken, relative to the largest control point, but for slack and rounding; it is
-    taken at the times `low_at` and `high_at` [s].
+    Both are within 1e-9 of what is taken at the times `low_at` and `high_at` [s], relative to the largest control
+    point, but for slack and rounding.
     """
 
     low: FloatArray
@@ -42,10 +59,8 @@ class Violation:
     kind : str
         "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
         "position", "velocity", "acceleration" or "jerk"; "separation": a stop that begins there is too late.
-    first, last : float
-        [s] All of the stretch is between them.
-    at : float
-        [s] Where it is worst, of the places looked at.
+    first, last, at : float
+        [s] All of the stretch is between the first two; it is worst, of the places looked at, at the third.
     names : tuple of str
         The pair that touches or is too near, or the joint; the link and who comes to it.
     value, limit : float or None
@@ -91,8 +106,7 @@ def extremes(
 ) -> Extremes:
     """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities.
 
-    Bounds that are not below `low`, or not above `high`, numbers or (n,), need not be near to what is taken; by default
-    all are.
+    Bounds that are not below `low`, or not above `high`, numbers or (n,), need not be near to what is taken.
     """
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
@@ -125,8 +139,7 @@ def roughness(motion: Motion, order: int) -> FloatArray:
 def _jumps(motion: Motion, order: int) -> FloatArray:
     """Return how far (K − 1, n) a derivative jumps between pieces."""
     held = motion.derivative_coefficients(order)
-    jumps: FloatArray = held[1:, 0] - held[:-1].sum(axis=1)
-    return jumps
+    return np.asarray(held[1:, 0] - held[:-1].sum(axis=1))
 
 
 def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -140,28 +153,25 @@ def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArr
     return bound, at
 
 
-def rate_violations(
-    motion: Motion, robot: Robot, limits: RateLimits | None = None, kinds: Sequence[str] | None = None
-) -> list[Violation]:
+def rate_violations(motion: Motion, robot: Robot, limits: RateLimits | None = None) -> list[Violation]:
     """Return where a motion exceeds limits of joints; none are proven not to be exceeded anywhere.
 
     They come by time; of each joint and each run of pieces on which it exceeds a limit the worst is named. Positions,
     those of continuous joints aside, may be 1e-9 rad or m outside, rates `RATE_TOLERANCE` above their limit. Rates are
-    looked at where there are `limits`, and the motion is a function of time and no bare samples; `kinds` are which of
-    them: "velocity", "acceleration", "jerk", by default all that are limited. With accelerations, velocities must not
-    jump between pieces, and with jerks, neither must accelerations.
+    looked at where there are `limits`, and the motion is a function of time and no bare samples. Velocities must not
+    jump between pieces, and with a limit of the jerk, neither must accelerations.
 
-    Raises InputError if the motion or the limits are not this robot's, or have no limit of a kind.
+    Raises InputError if the motion or the limits are not this robot's.
     """
     motion = motion.for_robot(robot)
-    found = list(_outside(motion, robot))
+    low, high, low_at, high_at = extremes(motion, 0, robot.lower, robot.upper)
+    free = np.where(robot.continuous, np.inf, _WITHIN)
+    found = list(_worst(robot, 0, "position", low_at, low, robot.lower - free - low, robot.lower))
+    found += _worst(robot, 0, "position", high_at, high, high - robot.upper - free, robot.upper)
     if limits is not None and motion.rated:
         if limits.joint_names != robot.joint_names:
             raise InputError(f"are of other joints than the robot's: {', '.join(limits.joint_names)}", "limits")
-        for kind in limits.kinds if kinds is None else kinds:
-            if kind not in limits.kinds:
-                raise UnknownNameError("limit", kind, limits.kinds)
-            order = _KINDS.index(kind)
+        for order, kind in enumerate(limits.kinds, start=1):
             most: FloatArray = getattr(limits, kind)
             bounds = extremes(motion, order, -most, most)
             is_low = -bounds.low > bounds.high
@@ -170,24 +180,12 @@ def rate_violations(
             excess = np.abs(values) - most - RATE_TOLERANCE[order]
             found += _worst(robot, order, kind, times, values, excess, most)
             if order > 1:
-                found += _jumping(motion, robot, order - 1)
+                jumps = _jumps(motion, order - 1)
+                times = np.broadcast_to(motion.times[1:-1, None], jumps.shape)
+                excess = np.abs(jumps) - RATE_TOLERANCE[order - 1]
+                none = np.zeros(robot.n)
+                found += _worst(robot, order - 1, f"{_KINDS[order - 1]} jump", times, jumps, excess, none)
     return sorted(found, key=lambda violation: (violation.at, violation.names, violation.kind))
-
-
-def _outside(motion: Motion, robot: Robot) -> Iterator[Violation]:
-    """Yield where positions are outside limits."""
-    low, high, low_at, high_at = extremes(motion, 0, robot.lower, robot.upper)
-    free = np.where(robot.continuous, np.inf, _WITHIN)
-    yield from _worst(robot, 0, "position", low_at, low, robot.lower - free - low, robot.lower)
-    yield from _worst(robot, 0, "position", high_at, high, high - robot.upper - free, robot.upper)
-
-
-def _jumping(motion: Motion, robot: Robot, order: int) -> Iterator[Violation]:
-    """Yield where a derivative jumps too far between pieces."""
-    jumps = _jumps(motion, order)
-    times = np.broadcast_to(motion.times[1:-1, None], jumps.shape)
-    excess = np.abs(jumps) - RATE_TOLERANCE[order]
-    yield from _worst(robot, order, f"{_KINDS[order]} jump", times, jumps, excess, np.zeros(robot.n))
 
 
 def _worst(
@@ -204,3 +202,83 @@ def _worst(
             at, name = float(times[worst, joint]), robot.joint_names[joint]
             value, limit = float(values[worst, joint]), float(limits[joint])
             yield Violation(kind, at, at, at, (name,), value, limit, True, unit)
+
+
+# -------------------------------------------------------------------------------------- stops beside people
+
+
+class MotionCurve:
+    """A motion in time, without slack, as a curve whose parameter is its time [s]; `limits` are those of its joints."""
+
+    def __init__(self, motion: Motion, limits: RateLimits) -> None:
+        self._motion = motion
+        self._rates = [motion.derivative_coefficients(order) for order in (1, 2, 3)]
+        self._rough = [roughness(motion, order) for order in (1, 2, 3)]
+        rates = self._rates[0]
+        ends = np.abs(np.stack([rates[:, 0], rates.sum(axis=1)])) + self._rough[0]
+        moves = (ends > RATE_TOLERANCE[1]).any(axis=2)
+        if moves[1, -1]:
+            joint = int((ends[1, -1] / limits.velocity).argmax())
+            raise InputError(
+                f"must end at rest where it is to stop before people, and {limits.joint_names[joint]!r} ends at "
+                f"{ends[1, -1, joint]:.3g} rad/s or m/s; without people it need not",
+                "motion",
+            )
+        self._rests = np.flatnonzero(~(moves[0, 1:] | moves[1, :-1])) + 1  # knots at which it is at rest
+
+    def at(self, s: FloatArray) -> CurvePoints:
+        """Return the places (S, n) at times `s: (S,)`."""
+        return CurvePoints(*(self._motion.derivative(s, order) for order in range(4)))
+
+    def cells(self) -> Cells:
+        """Return cells in which the joints move little, in all no fewer than a trajectory has."""
+        motion = self._motion
+        fastest = np.linalg.norm(np.abs(polynomials.bernstein(self._rates[0])).max(axis=1), axis=1)
+        lengths = fastest * np.diff(motion.times)
+        step = min(CELL_LENGTH, float(lengths.sum()) / CELLS)
+        parts = np.ceil(lengths / step) if step > 0 else np.ones(motion.pieces)
+        return self.between(divided_edges(motion.times, np.maximum(parts, 1).astype(np.intp)))
+
+    def between(self, edges: FloatArray) -> Cells:
+        """Return the cells between times, the knots among them."""
+        times = self._motion.times
+        piece = np.searchsorted(times, (edges[1:] + edges[:-1]) / 2, side="right") - 1
+        span = np.diff(times)[piece]
+        first, last = ((ends - times[piece]) / span for ends in (edges[:-1], edges[1:]))
+        roughest = [rough[piece] for rough in self._rough]
+        half = np.diff(edges)[:, None] / 2  # velocities at centres are those of the polynomials
+        roughest[1] = np.maximum(roughest[1], roughest[0] / half)
+        boxes = []
+        for rates, rough in zip(self._rates, roughest, strict=True):
+            held = rates[piece]
+            points = polynomials.bernstein(polynomials.restricted(held, first, last))
+            error = 16 * (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1) + rough
+            boxes.append((points.min(axis=1) - error, points.max(axis=1) + error))
+        swings = np.maximum(np.abs(boxes[2][0]), np.abs(boxes[2][1]))
+        rests = np.searchsorted(edges, times[self._rests])
+        return Cells(edges, Boxes(*boxes[0], *boxes[1]), swings, rests)
+
+
+def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, people: People) -> Stops:
+    """Return how a motion, its joints in the order of the robot's, stops beside people within a proof's tube.
+
+    Raises InputError as `safe_ompl.check`, or if people are not in the scene.
+    """
+    if not motion.rated:
+        why = "bare samples have no rates" if motion.timed else "it has no times"
+        raise InputError(f"stops beside people cannot be proven: {why}", "motion")
+    if limits is None:
+        raise InputError("give limits: stops beside people need to know how hard the robot may brake", "limits")
+    if limits.jerk is not None:
+        raise InputError(
+            "stops that keep a limit of the jerk are proven of our own trajectories only; without it, stops that keep "
+            "velocities and accelerations are",
+            "limits",
+        )
+    checker = proof.checker
+    people = within_tube(MotionCaps(people), proof).people or people
+    off = motion.allowance.sum(axis=0)  # of jumps, too: distances are kept from one piece to the next
+    nearer = float((checker.robot.bounds.displacement_radii @ off).max(initial=0.0))
+    distances = PeopleDistances(checker.robot, checker.scene, replace(people, clearance=people.clearance + nearer))
+    curve = MotionCurve(motion, limits)
+    return stops_beside(curve, curve.cells(), BodySpeeds(checker.robot), limits, distances)

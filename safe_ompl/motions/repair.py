@@ -3,41 +3,39 @@
 A motion is q(t) + Σ_j B_j(t) x_j, where q is the one given and the B_j are B-splines of its degree, as smooth at its
 knots as it is itself; those that move its ends are left out. Where a pair p is too near at t, its distance must grow by
 what is missing: ∇d_p · Σ_j B_j(t) x_j ≥ missing, to the first order. The least Σ_j |x_j|² that does so for all places
-found so far is a small quadratic programme; it is solved, the motion is proven anew, and new places are found, until
-nothing is left. Where that does not succeed, a planner finds a way round, and B-splines follow it. Where only rates
-exceed their limits, or stops are too late for people, the motion keeps its way and takes longer.
+found so far is a small quadratic programme; the motion is proven anew, and new places are found, until nothing is left.
+Where that does not succeed, a planner finds a way round, and B-splines follow it. Where only rates exceed their limits,
+or stops are too late for people, the motion keeps its way and takes longer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import CollisionChecker, MotionProver, Verdict, fresh_data
+from safe_ompl.collision import MotionProver, Verdict, fresh_data
 from safe_ompl.common import FloatArray, InputError, IntArray, notebook_html, polynomials
 from safe_ompl.motions.checks import MotionCheck, PieceProof, check_with, piece_proofs
 from safe_ompl.motions.motion import Motion
 from safe_ompl.paths import unrolled
+from safe_ompl.robot import Robot
 from safe_ompl.scene import People
 from safe_ompl.trajectories import RateLimits
 
-# Of M distances and limits of joints: the row of the configuration at which each is looked at (M,), its gradient
-# (M, n), and by how much it is too small (M,) [m or rad].
+# Of M distances and limits of joints: the row of the configuration (M,), gradients (M, n), and what is missing (M,).
 Shortfalls = tuple[IntArray, FloatArray, FloatArray]
 # Finds a proven path (N, n) from one configuration to another.
 Connect = Callable[[FloatArray, FloatArray], "FloatArray | None"]
 
-# Pieces that are not proven, and those beside them, are divided into spans no longer than this [rad or m], and this
-# many displacements are attempted. Short spans come first: they change less of the motion, but cannot move it as far.
+# Spans [rad or m] into which pieces that are not proven, and those beside them, are divided, and how many displacements
+# are attempted. Short spans come first: they change less of the motion, but cannot move it as far.
 _SPANS = ((0.06, 6), (0.2, 16))
 _PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)  # fractions of a piece not proven, at which distances are looked at
-# [m] What distances should exceed the required ones by, in turn, and how many attempts are made with each.
-_SPARE = (5e-4, 1e-3, 2e-3, 4e-3)
-_ATTEMPTS = 4
+_SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m] What distances should exceed the required ones by, in turn,
+_ATTEMPTS = 4  # and how many attempts are made with each
 # Share of the moves found before that is kept: none in the first attempts, then more with each, so that attempts do not
 # alternate between two motions.
 _KEPT, _MOST_KEPT = 0.25, 0.9
@@ -69,12 +67,9 @@ class Repair:
     how : str
         "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; "slowed",
         or one of these before; or why nothing near could be proven.
-    deviation : float
-        How far [rad or m] any joint is from where it was, at most.
-    tool_deviation : float
-        How far [mm] the tip is from where it was, at most, at the places looked at.
-    at : float
-        [s] Where the deviation is largest, before it is slowed.
+    deviation, tool_deviation, at : float
+        How far any joint [rad or m], and the tip [mm], is from where it was at most, at the places looked at; and when
+        [s] joints are, before it is slowed.
     changed : tuple of (float, float)
         [s] The stretches that differ.
     slower : float
@@ -126,8 +121,7 @@ def repair_with(
     exceed `limits`, or stops are too late for `people` (both as for `check`). Where moving pieces aside does not
     succeed, `connect` finds proven paths between two configurations.
     """
-    robot = proof.checker.robot
-    motion = Motion.of(motion, space=robot).for_robot(robot)
+    motion = Motion.of(motion, space=proof.checker.robot).for_robot(proof.checker.robot)
     displacement, how = Displacement(motion, proof), "moved"
 
     def proven(candidate: Motion) -> MotionCheck:
@@ -151,8 +145,10 @@ def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
     """Return the repair with a motion that takes longer, where that proves it."""
     worst, motion = repair.check.violations, repair.motion
     kinds = {violation.kind for violation in worst}
-    if not kinds or not kinds <= set(_SLOWER):
-        return repair if not kinds else replace(repair, how=f"{repair.how}, but not proven: {worst[0]}")
+    if not kinds:
+        return repair
+    if not kinds <= set(_SLOWER):
+        return replace(repair, how=f"{repair.how}, but not proven: {worst[0]}")
 
     def slower(factor: float) -> tuple[Motion, MotionCheck]:
         begin = motion.times[0]
@@ -164,7 +160,7 @@ def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
         for violation in worst
         if _SLOWER[violation.kind] and violation.value is not None and violation.limit
     ]
-    low, high = 1.0, max([*excess, 1.0]) if "separation" not in kinds else max([*excess, _SLOW_STEP])
+    low, high = 1.0, max([*excess, _SLOW_STEP if "separation" in kinds else 1.0])
     found, check = slower(high)
     while not check and high < _SLOWEST:
         low, high = high, _SLOW_STEP * high
@@ -186,17 +182,17 @@ class Displacement:
     """Moves a motion by B-splines until it is proven; `bad` are the pieces that are not."""
 
     def __init__(self, motion: Motion, proof: MotionProver) -> None:
-        self._proof, self._gaps = proof, Gaps(proof.checker)
+        self._proof, self._given = proof, motion
+        self._kinematics = proof.checker.robot.shared.model.createData()
+        self._known: dict[int, pin.GeometryData] = {}  # by the pairs
         self.bad = [piece.number for piece in piece_proofs(motion, proof) if not piece.proven()]
-        self._given = motion
 
     def moved(self) -> Motion | None:
         """Return the motion, moved away from what is too near; None if that cannot be proven."""
         motion = self._given
         near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
         for span, attempts in _SPANS:
-            fine = _divided(motion, {k: _parts(motion.coefficients[k], span) for k in near})
-            found = self._proven_near(fine, attempts)
+            found = self._proven_near(_divided(motion, near, span), attempts)
             if found is not None:
                 return found
         return None
@@ -276,26 +272,17 @@ class Displacement:
         proofs = {id(pieces[k].proof): pieces[k].proof for k, _ in places}
         for number, proof in proofs.items():
             rows = np.array([row for row, (k, _) in enumerate(places) if id(pieces[k].proof) == number])
-            of, slopes, missing = self._gaps.missing(Q[rows], proof, spare[rows])
+            of, slopes, missing = self._too_near(Q[rows], proof, spare[rows])
             found.append((rows[of], slopes, missing))
         of, slopes, missing = map(np.concatenate, zip(*found, strict=True))
         return of, slopes, missing
 
-
-class Gaps:
-    """Distances of pairs of bodies, negative where they overlap, with their gradients."""
-
-    def __init__(self, checker: CollisionChecker) -> None:
-        self._robot = checker.robot
-        self._kinematics = checker.robot.shared.model.createData()
-        self._known: dict[int, pin.GeometryData] = {}  # by the geometry
-
-    def missing(self, Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
+    def _too_near(self, Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
         """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small.
 
         The proof says what pairs must keep; they should keep `spare: (B,)` [m] more.
         """
-        robot, required = self._robot, proof.required
+        robot, required = proof.checker.robot, proof.required
         pairs, wanted = required.pairs, required.at_start + spare[:, None]
         near, geometry = wanted + _BAND, required.pairs.geometry
         bounds = pairs.bounds.of(Q, np.arange(wanted.shape[1]), float(near.max(initial=0.0)))
@@ -316,54 +303,32 @@ class Gaps:
                     missing.append(wanted[row, k] - found.min_distance)
         if not of:
             return np.zeros(0, dtype=np.intp), np.zeros((0, robot.n)), np.zeros(0)
-        _, origins, axes = robot.kinematics.frames(robot.coupling.values(Q[of]))
-        speeds = [self._speeds(np.array(joints)[:, side], np.array(points)[:, side], origins, axes) for side in (0, 1)]
+        frames = robot.kinematics.frames(robot.coupling.values(Q[of]))[1:]
+        speeds = [_speeds(robot, np.array(joints)[:, side], np.array(points)[:, side], *frames) for side in (0, 1)]
         slopes = robot.coupling.columns(np.einsum("kmx,kx->km", speeds[1] - speeds[0], np.array(normals)))
         moving = slopes.any(axis=1)
         return np.array(of)[moving], slopes[moving], np.array(missing)[moving]
 
-    def _speeds(self, joints: IntArray, points: FloatArray, origins: FloatArray, axes: FloatArray) -> FloatArray:
-        """Return the velocities (K, m, 3) that the model's joints give points (K, 3) carried by joints (K,)."""
-        turning = np.cross(axes, points[:, None] - origins)
-        speeds = np.where(self._robot.joint_prismatic[:, None], axes, turning)
-        known, of = np.unique(joints, return_inverse=True)
-        carried: FloatArray = speeds * self._robot.supporting_joints(known)[of][:, :, None]
-        return carried
+
+def _speeds(robot: Robot, joints: IntArray, points: FloatArray, origins: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return the velocities (K, m, 3) that the model's joints give points (K, 3) carried by joints (K,)."""
+    speeds = np.where(robot.joint_prismatic[:, None], axes, np.cross(axes, points[:, None] - origins))
+    known, of = np.unique(joints, return_inverse=True)
+    return np.asarray(speeds * robot.supporting_joints(known)[of][:, :, None])
 
 
 # ------------------------------------------------------------------------------------------------------ B-splines
 
 
-def _parts(curve: FloatArray, span: float) -> int:
-    """Return in how many parts a piece (d + 1, n) is divided so that none moves farther than about a span."""
-    at = np.polynomial.polynomial.polyval(np.array(_PLACES), curve).T
-    return max(1, int(np.ceil(np.linalg.norm(np.diff(at, axis=0), axis=1).sum() / span)))
-
-
-def _divided(motion: Motion, parts: dict[int, int]) -> Motion:
-    """Return the same motion with some of its pieces divided into equal parts."""
-    return _cut(motion, {k: np.linspace(0.0, 1.0, n + 1)[1:-1] for k, n in parts.items() if n > 1})
-
-
-def _cut(motion: Motion, cuts: dict[int, FloatArray]) -> Motion:
-    """Return the same motion with some of its pieces cut at fractions in (0, 1), which increase."""
-    if not cuts:
-        return motion
-    times, of, coefficients = [float(motion.times[0])], [], []
-    for k, curve in enumerate(motion.coefficients):
-        ends = [0.0, *cuts.get(k, np.zeros(0)).tolist(), 1.0]
-        begin, end = float(motion.times[k]), float(motion.times[k + 1])
-        for low, high in pairwise(ends):
-            coefficients.append(curve if len(ends) == 2 else polynomials.restricted(curve, low, high))
-            times.append(end if high == 1.0 else begin + high * (end - begin))
-            of.append(k)
-    rounding = np.zeros((motion.pieces, motion.n)) if motion.rounding is None else motion.rounding
-    size = np.abs(motion.coefficients).sum(axis=1)
-    rounding = rounding + 4 * (motion.degree + 1) * polynomials.EPS * size
-    slack = None if motion.slack is None else motion.slack[of]
-    return replace(
-        motion, times=np.array(times), coefficients=np.array(coefficients), slack=slack, rounding=rounding[of]
-    )
+def _divided(motion: Motion, pieces: set[int], span: float) -> Motion:
+    """Return the same motion with some of its pieces divided so that none moves farther than about a span."""
+    cuts = {}
+    for k in pieces:
+        at = np.polynomial.polynomial.polyval(np.array(_PLACES), motion.coefficients[k]).T
+        parts = int(np.ceil(np.linalg.norm(np.diff(at, axis=0), axis=1).sum() / span))
+        if parts > 1:
+            cuts[k] = np.linspace(0.0, 1.0, parts + 1)[1:-1]
+    return motion.cut(cuts)
 
 
 def _basis(motion: Motion) -> FloatArray:
@@ -391,8 +356,7 @@ def _values(basis: FloatArray, places: list[tuple[int, float]]) -> FloatArray:
     """Return the values (M, N) of B-splines at fractions of pieces."""
     of, u = (np.array(column) for column in zip(*places, strict=True))
     powers = u[:, None] ** np.arange(basis.shape[1])
-    found: FloatArray = np.einsum("md,mdN->mN", powers, basis[of])
-    return found
+    return np.asarray(np.einsum("md,mdN->mN", powers, basis[of]))
 
 
 def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:
@@ -422,7 +386,7 @@ def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motio
             here = even if not len(here) else np.union1d(even, here)
         here = here[np.diff(here, prepend=0.0, append=1.0)[:-1] > 1e-3]
         cuts[k] = here[here < 1.0 - 1e-3]
-    fine = _cut(motion, {k: here for k, here in cuts.items() if len(here)})
+    fine = motion.cut({k: here for k, here in cuts.items() if len(here)})
     basis = _basis(fine)
     inside = (fine.times[:-1] >= begin) & (fine.times[1:] <= end)
     free = ~(np.abs(basis[~inside]).max(axis=(0, 1), initial=0.0) > 0.0)
@@ -466,8 +430,7 @@ def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> Fl
             weights[chosen] = now + share * (best - now)
             dropped = chosen[pulls & (weights[chosen] <= _NOTHING)]
             weights[dropped], active[dropped] = 0.0, False
-    found: FloatArray = np.einsum("m,mj,mi->ji", weights, rows, slopes)
-    return found
+    return np.asarray(np.einsum("m,mj,mi->ji", weights, rows, slopes))
 
 
 def _measured(given: Motion, found: Motion, check: MotionCheck, how: str, proof: MotionProver) -> Repair:
@@ -479,13 +442,8 @@ def _measured(given: Motion, found: Motion, check: MotionCheck, how: str, proof:
     robot = proof.checker.robot
     worst = int(apart.argmax())
     differs = np.flatnonzero(apart > _NOTHING)
-    tool = max(
-        (
-            float(np.linalg.norm(robot.tip_pose(Q[k]).translation - robot.tip_pose(P[k]).translation))
-            for k in differs.tolist()
-        ),
-        default=0.0,
-    )
+    tips = (robot.tip_pose(Q[k]).translation - robot.tip_pose(P[k]).translation for k in differs.tolist())
+    tool = max((float(np.linalg.norm(tip)) for tip in tips), default=0.0)
     pieces = (apart > _NOTHING).reshape(places.shape).any(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces, [0]])))
     changed = tuple((float(found.times[a]), float(found.times[b])) for a, b in edges.reshape(-1, 2))

@@ -35,21 +35,9 @@ def tube_of(given: ArrayLike | Mapping[str, float], robot: Robot, key: str = "tu
 class MeasuredTube:
     """How far the joints of a robot were from where they should have been, at equal times.
 
-    Attributes
-    ----------
-    joint_names : tuple of str
-        The n joints.
-    errors : ndarray, shape (n,)
-        The largest error at the instants of a log [rad or m].
-    times : ndarray, shape (n,)
-        When [s].
-    between : ndarray, shape (n,)
-        A bound of how much larger errors are between two instants, if nothing accelerates more there than the samples
-        around them show: |second difference quotient| Δt² / 8 [rad or m].
-    samples : int
-        Number of instants.
-    factor : float
-        The tube is so many times as wide as the errors are large.
+    The largest `errors: (n,)` [rad or m] at the instants of a log, at `times: (n,)` [s]. Errors are larger by no more
+    than `between: (n,)` between two instants, if nothing accelerates more there than the samples around them show:
+    |second difference quotient| Δt² / 8. The tube is wider than the errors by a factor.
     """
 
     joint_names: tuple[str, ...]
@@ -69,22 +57,11 @@ class MeasuredTube:
 def measured_tube(
     commanded: Motion, measured: Motion, factor: float = FACTOR, continuous: ArrayLike | None = None
 ) -> MeasuredTube:
-    """Return the tube of a log of commanded and measured positions.
+    """Return the tube of a log of commanded and measured positions; of samples the lines through them.
 
-    Parameters
-    ----------
-    commanded, measured : Motion
-        In time, with names of the same joints; of samples the lines through them. They are compared at the instants of
-        both, as long as both last.
-    factor : float
-        ≥ 1
-    continuous : array_like of bool, shape (n,), optional
-        Which joints of `commanded` turn without end: whole turns are no error. Default: none.
-
-    Raises
-    ------
-    InputError
-        If one has no times or names, joints differ, or they have no time in common.
+    They are compared at the instants of both, as long as both last. Whole turns of `continuous` joints (n,) of the
+    commanded ones are no error. An InputError if one has no times or names, joints differ, or they have no time in
+    common.
     """
     factor = number("factor", factor, at_least=1.0)
     for name, motion in (("commanded", commanded), ("measured", measured)):

@@ -77,7 +77,7 @@ def written(ur5, clutter, fast):
     setting = Separation(tube=TUBE, margin=0.01)
     limit = ToolOrientation.as_at(ur5, POINTS[0], [0, 0, 1], 1.2)
     wanted = Constraints(separation=setting, tool=(limit,))
-    found = check(spline(), ur5, clutter, constraints=wanted, limits=fast, speeds={"ball": 0.02})
+    found = check(spline(), ur5, clutter, constraints=wanted, limits=fast)
     return travelled(motion_certificate(found))
 
 
@@ -109,7 +109,6 @@ def test_all_that_is_proven_is_claimed_and_said(ur5, clutter, written, fast):
     assert said.claims[3] == "the same with joints off by up to (0.004, 0.004, 0.006, 0.01, 0.02, 0.02) [rad or m]"
     assert said.claims[4] == "a motion of 3 polynomials in 2.400 s"
     assert said.claims[5].startswith("the joints within velocities of (1.5, 1.5, ")
-    assert said.claims[6] == "the same while obstacles move from its start on no faster than ball 0.02 m/s"
     assert said.not_claimed == ("clearance", "danger", "moving obstacles", "jerk")
     assert verify(written, ur5, clutter, terms=Terms(motion={"velocity": fast.velocity, "jerk": None}))
     with pytest.raises(CertificateError, match="motion: velocity is"):
@@ -151,7 +150,6 @@ def raised(*at, by):
         (raised("motion", "velocity", 0, by=lambda x: 0.2 * x), "velocity of joint 'shoulder_pan_joint' above"),
         (raised("motion", "acceleration", 2, by=lambda x: 0.1 * x), "acceleration of joint 'elbow_joint' above"),
         (raised("motion", by=lambda motion: {**motion, "jerk": [0.1] * 6}), "jerk of joint .* above its limit"),
-        (raised("motion", "speeds", "ball", by=lambda x: 50 * x), "'ball' are .* mm apart near"),
         (raised("tube", by=lambda tube: [10 * x for x in tube]), "mm apart near .* of piece .* are needed"),
         (raised("margin", by=lambda x: 30 * x), "mm apart near .* of piece"),
         (raised("tool", "orientation", "angle", by=lambda x: 0.05 * x), "motion: the orientation of the tool"),
@@ -166,7 +164,7 @@ def test_what_is_tampered_with_is_refused(ur5, clutter, written, change, words):
 def test_a_motion_into_an_obstacle_and_one_outside_its_limits_are_refused(ur5, clutter, written):
     def led_to(q, content):
         straight = Motion.through([POINTS[0], q])
-        for key in ("velocity", "acceleration", "speeds"):
+        for key in ("velocity", "acceleration"):
             content["motion"].pop(key)
         content["motion"] |= {key: straight.to_mapping()[key] for key in ("times", "coefficients", "timed")}
         content["motion"].pop("rounding")
@@ -207,7 +205,6 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
         ({"jerk": [0] * 6}, r"motion\.jerk: must be 6 numbers in \[0\.1, 1e\+08\]"),
         ({"velocity": [3e6] * 6}, r"motion\.velocity: must be 6 numbers in"),
         ({"acceleration": [1e308] * 6}, r"motion\.acceleration: must be 6 numbers in"),
-        ({"speeds": {"bell": 1}}, "unknown obstacle 'bell'"),
         ({"extra": 1}, "unknown key"),
     ],
 )

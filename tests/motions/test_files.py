@@ -93,7 +93,7 @@ def test_our_own_files(tmp_path, ur5):
     same(read_motion(file), Motion.through(path, names=ur5.joint_names))
     limits = RateLimits(ur5.joint_names, np.ones(6), np.ones(6))
     trajectory = time_path(path, ur5, limits)
-    (tmp_path / "t.csv").write_text(trajectory.to_csv(50.0))
+    save(trajectory, tmp_path / "t.csv")
     (tmp_path / "t.json").write_text(trajectory.to_json(50.0))
     for read in (read_motion(tmp_path / "t.csv"), read_motion(tmp_path / "t.json", ur5)):
         at = np.linspace(0, trajectory.duration, 333)

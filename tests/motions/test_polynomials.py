@@ -162,7 +162,7 @@ def test_profiles_have_the_accelerations_and_jerks_that_they_were_made_of(seed):
     spans[0] = 0.5
     for kind, order in (("accelerations", 2), ("jerks", 3)):
         start, velocity = rng.normal(size=(2, N))
-        motion = Motion.profile(start, spans, **{kind: pushes}, velocity=velocity)
+        motion = Motion.profile([start, velocity], spans, **{kind: pushes})
         middles = 0.5 * (motion.times[1:] + motion.times[:-1])
         np.testing.assert_allclose(motion.derivative(middles, order), pushes[spans > 0], rtol=1e-12)
         np.testing.assert_allclose(motion.derivative(motion.times[0], 1), velocity)
@@ -295,6 +295,7 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
         (lambda: Motion.bspline([0] * 5, Q, 0), r"degree of the B-spline must be a whole number in \[1, 15\], got 0"),
         (lambda: Motion.profile([0, 0], [1, -1], Q[:2]), "durations: must not be negative, got -1"),
         (lambda: Motion.profile([0, 0], [1, 1]), "needs either accelerations or jerks"),
+        (lambda: Motion.profile(Q, [1, 1], Q[:2]), "start: must have 2 rows at most"),
         (lambda: Motion.sampled(T, [[0.0], [0.5], [3.0]], 1.0), "column 0 moves at 2.5 after 1 s, faster than"),
         (lambda: Motion.sampled(T, Q, 0.0), "largest velocity must be a finite number in"),
         (lambda: Motion.of(interpolate.CubicSpline(T, Q + 1j)), r"coefficients must be numbers, got array"),

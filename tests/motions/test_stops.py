@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from limbs import Limbs
+from limbs import Limbs, least_left
 from scipy.interpolate import CubicSpline
 
 from safe_ompl import InputError, Motion, Obstacle, People, Person, Pose, RateLimits, Scenario, Scene, time_path
@@ -12,12 +12,16 @@ from safe_ompl.certificates import motion_certificate
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.motions import check
 from safe_ompl.scene import find_scenario
-from safe_ompl.trajectories import contact_speed
 
 
 @pytest.fixture(scope="module")
-def shelf():
-    return Scenario.load(find_scenario("panda_shelf")).scene
+def scenario():
+    return Scenario.load(find_scenario("panda_shelf"))
+
+
+@pytest.fixture(scope="module")
+def shelf(scenario):
+    return scenario.scene
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +30,8 @@ def limits(panda):
 
 
 @pytest.fixture(scope="module")
-def spline(panda):
+def spline(panda, scenario):
     """Return a function that makes a spline past the operator that takes so long."""
-    scenario = Scenario.load(find_scenario("panda_shelf"))
     ends = scenario.start_configuration(panda), scenario.goal_configurations(panda)[0]
     between = [[0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785]]
 
@@ -40,29 +43,21 @@ def spline(panda):
     return make
 
 
-def least_left(found, limbs, number, people=None):
-    """Return the least that is left [m] when people run at the robot while it stops, over stops from many instants.
-
-    Where contact is allowed only limbs that would be harmed count.
-    """
+def left_beside(found, limbs, number):
+    """Return the least that is left [m] when people run at the robot while it stops, over stops from many instants."""
     motion = found.motion
-    people = people or found.people
-    speeds = np.array([people.speed_of(name) for name in limbs.names])
-    bears = np.zeros(len(speeds))
-    if people.contact:
-        bears = np.array([contact_speed(people.region_of(name)) for name in limbs.names])
-    least = np.inf
-    for begin in np.random.default_rng(0).uniform(*motion.times[[0, -1]], number):
+
+    def stop_from(begin):
         law = found.stops.stop_from(begin)
-        for t in np.linspace(0, 1 - 1e-6, 6) * law.duration:
-            _, at, rate, _ = (x[0] for x in law.at(np.array([t])))
-            q, qd = motion.at(at), motion.derivative(at) * rate
-            if np.abs(qd).max() <= 1e-9:
-                continue
-            left = limbs.at(q) - speeds * (people.reaction_time + t) - people.clearance
-            harmed = (left > 0) | (limbs.fastest(q, qd) > bears)
-            least = min(least, left[harmed].min(initial=np.inf))
-    return least
+
+        def at(t):
+            _, time, rate, _ = (x[0] for x in law.at(np.array([t])))
+            return motion.at(time), motion.derivative(time) * rate
+
+        return law.duration, at
+
+    begins = np.random.default_rng(0).uniform(*motion.times[[0, -1]], number)
+    return least_left(stop_from, begins, limbs, found.people)
 
 
 @pytest.mark.parametrize(
@@ -80,13 +75,13 @@ def test_nobody_is_reached_in_a_stop_of_a_proven_motion(panda, shelf, limits, sp
     assert found, found
     assert pickle.loads(pickle.dumps(found)).claims == found.claims
     assert found.claims[-1].endswith("beside people")
-    assert 0 < least_left(found, limbs, 40) < 0.1
+    assert 0 < left_beside(found, limbs, 40) < 0.1
     hasty = check(spline(0.6 * slow), panda, shelf, limits=limits, people=people)
     (worst, *_) = [v for v in hasty.violations if v.kind == "separation" and v.decided]
     assert worst.names[1].startswith("operator (")
     assert worst.value < worst.limit == people.clearance
     assert hasty.motion.times[0] <= worst.first <= worst.at <= worst.last <= hasty.motion.times[-1]
-    assert least_left(hasty, limbs, 40) < 0  # the adversary can win
+    assert left_beside(hasty, limbs, 40) < 0  # the adversary can win
 
 
 def stairs(at, count=4000, step=0.99e-6, span=1e-7):

@@ -20,7 +20,6 @@ from safe_ompl.certificates.claims import Certificate, PolynomialMotion
 from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.common import CertificateError, FloatArray
-from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -53,13 +52,7 @@ def check_polynomials(
     widths = [row + tube + _ROUNDING * np.abs(piece[0]).max(axis=0) for row, piece in zip(allowed, pieces, strict=True)]
     _check_danger_and_tool(claims, robot, scene, pieces, widths, separations.budget)
     parts = distances = 0
-    speeds = {
-        schema.OBSTACLE + part: speed
-        for name, speed in (claim.speeds or {}).items()
-        for part, _, _ in scene[name].geometries()
-    }
     for k, ((points, *_), width) in enumerate(zip(pieces, widths, strict=True)):
-        start, span = float(claim.times[k] - claim.times[0]), float(spans[k])
         waiting = [(points, 0.0, 1.0, set(separations.names))]
         while waiting:
             part, first, last, pairs = waiting.pop()
@@ -68,7 +61,7 @@ def check_polynomials(
             half, near = (high - low) / 2, set()
             for pair, distance, approach, kept in separations.examined((low + high) / 2, half + width, pairs):
                 distances += 1
-                wanted = approach + kept + speeds.get(pair[1], 0.0) * (start + last * span)
+                wanted = approach + kept
                 if distance - GJK > wanted:
                     continue
                 if half.max() < _SMALLEST:
