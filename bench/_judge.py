@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from bench._plain import PlainGeometry
-from safe_ompl import DangerField, Pose, Robot, Scene
+from safe_ompl import DangerField, KinetostaticField, Pose, Robot, Scene
 from safe_ompl.common import FloatArray
 from safe_ompl.robot import Attachment
 
@@ -343,7 +343,7 @@ class Judge:
             bound, aggregate, sharpness, weighting, k1, k2, gamma, spacing = said["moving danger"]
             kind = {"aggregate": aggregate, "weighting": weighting, "k1": float(k1), "k2": float(k2)}
             danger = self._field({**kind, "gamma": float(gamma), "spacing": float(spacing)}, sharpness)
-            if danger is None or danger.moving.values(q, qd).max() > float(bound) * (1 + ROUNDING):
+            if danger is None or KinetostaticField(danger).values(q, qd).max() > float(bound) * (1 + ROUNDING):
                 return False
         return "stops" not in said or self._stops(said["stops"], motion, claim, acceleration)
 

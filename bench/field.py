@@ -1,9 +1,9 @@
 """Time of the danger field on a skeleton of 7 links, against the textbook formula, and in motion against at rest.
 
 Rows are sizes (configurations × points). `naive` is a logarithm of sums broadcast over (…, M, 3) arrays; `field` is the
-package's; `lengths known` the same for a robot without prismatic joints, as `DangerField` calls it. Kinematics are not
-included, but in the last rows: danger and exact C-space gradient of a UR5 at the samples of a path, as a descent asks
-for them; and the kinetostatic danger of 200 configurations of two scenarios in motion, over the static one.
+package's. Kinematics are not included, but in the last rows: danger and exact C-space gradient of a UR5 at the samples
+of a path, as a descent asks for them; and the kinetostatic danger of 200 configurations of two scenarios in motion,
+over the static one.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from bench._harness import Report, in_turn
 from safe_ompl import DangerField, KinetostaticField, Robot, Scenario
 from safe_ompl.common import FloatArray
-from safe_ompl.danger.link_field import Segments, field
+from safe_ompl.danger.link_field import field
 from safe_ompl.scene import find_scenario
 
 CLAIM = "danger in motion costs less than three times that at rest"
@@ -48,16 +48,11 @@ def size_row(configurations: int, number: int, rounds: int) -> tuple[object, ...
     keypoints = skeletons(rng, configurations)
     points = np.asfortranarray(rng.normal(size=(number, 3)) * 0.3 + [0.5, 0.5, 0.5])
     pairs = np.array([[k, k + 1] for k in range(len(LENGTHS))])
-    segments, rigid = Segments(pairs), Segments(pairs, LENGTHS)
-    np.testing.assert_allclose(field(keypoints, rigid, points), naive(keypoints, pairs, points), rtol=1e-9)
-    calls = {
-        "naive": lambda: naive(keypoints, pairs, points),
-        "field": lambda: field(keypoints, segments, points),
-        "lengths known": lambda: field(keypoints, rigid, points),
-    }
+    np.testing.assert_allclose(field(keypoints, pairs, points), naive(keypoints, pairs, points), rtol=1e-9)
+    calls = {"naive": lambda: naive(keypoints, pairs, points), "field": lambda: field(keypoints, pairs, points)}
     times = in_turn(calls, 1, rounds)
     size = f"{configurations} × {number}"
-    return size, *map(times.microseconds, calls), times.ratio("lengths known", "naive")
+    return size, *map(times.microseconds, calls), times.ratio("field", "naive")
 
 
 def path_gradient(rounds: int) -> float:
@@ -99,7 +94,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace, report: Report) -> None:
     """Report the tables."""
     rows = [size_row(*size, options.rounds) for size in SIZES]
-    report.table(("size", "naive [µs]", "field", "lengths known", "ratio"), rows)
+    report.table(("size", "naive [µs]", "field", "ratio"), rows)
     report.figure(f"{PATH[0]} × {PATH[1]}: danger and C-space gradient, UR5 [µs]", path_gradient(options.rounds))
     rows = [in_motion(scenario, max(1, options.rounds // 5)) for scenario in ("panda_shelf", "ur5_handover")]
     header = ("kinetostatic over static", "γ = 0", "γ = 1", "γ = 0 with gradients", "γ = 1 with gradients")

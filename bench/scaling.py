@@ -20,7 +20,7 @@ from bench._harness import Report
 from bench._scenes import scattered
 from safe_ompl import CollisionChecker, DangerField, DangerObjective, MotionProver, Robot, SafeSetup
 from safe_ompl.common import FloatArray
-from safe_ompl.danger.points import AGGREGATES
+from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners.parts.tree import Tree
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from ompl import geometric as og
 
-from safe_ompl import Box, CertifiedDanger, DangerField, Obstacle, Pose, Scene
+from safe_ompl import Box, CertifiedDanger, DangerField, KinetostaticField, Obstacle, Pose, Scene
 from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, Proximity
 from safe_ompl.collision import pairs as distance_bounds
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateBridge, joint_space
@@ -78,7 +78,7 @@ def questions(scene, robot):
         "witnesses": lambda a, b: proximity.witnesses(np.array([a, b])).joints.tolist(),
         "danger": lambda a, b: field.value(a),
         "gradient": lambda a, b: field.gradient(a).tolist(),
-        "danger in motion": lambda a, b: field.moving.value(a, qd),
+        "danger in motion": lambda a, b: KinetostaticField(field).value(a, qd),
         "proven danger": lambda a, b: proven.of_path(np.array([a, b])).upper,
         "isValid": lambda a, b: validity.isValid(*states(a)),
         "checkMotion": lambda a, b: validator.checkMotion(*states(a, b)),

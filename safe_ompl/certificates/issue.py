@@ -145,7 +145,7 @@ def certificate(
         content["tube"] = widths.tolist()
     if trajectory is not None:
         content["trajectory"] = trajectory_claim(trajectory, robot, scene)
-        moving_field = trajectory.danger_field or (None if field is None else field.moving)
+        moving_field = trajectory.danger_field or (None if field is None else KinetostaticField(field))
         if moving_field is not None:
             danger = moving_danger_claim(trajectory, moving_field, apart, scene)
             content["trajectory"] |= {} if danger is None else {"danger": danger}
@@ -295,7 +295,7 @@ def _danger_claim(
 
 def _check_points(field: DangerField, spacing: float, scene: Scene) -> None:
     """Raise InputError if the field's danger points are not those of the scene: no verification would look at them."""
-    if field.points is None or not np.array_equal(field.points, scene.danger_points(spacing)[0]):
+    if not np.array_equal(field.points, scene.danger_points(spacing)[0]):
         raise InputError(f"the danger points of the field are not those of the scene, {spacing:g} m apart", "spacing")
 
 

@@ -10,8 +10,7 @@ if TYPE_CHECKING:
     from safe_ompl.danger.certified import CertifiedDanger, DangerBounds, DangerLimit
     from safe_ompl.danger.field import DangerField
     from safe_ompl.danger.kinetostatic import KinetostaticField
-    from safe_ompl.danger.motion_rates import JointMotions
 
-__all__ = ["CertifiedDanger", "DangerBounds", "DangerField", "DangerLimit", "JointMotions", "KinetostaticField"]
+__all__ = ["CertifiedDanger", "DangerBounds", "DangerField", "DangerLimit", "KinetostaticField"]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -8,7 +8,7 @@ from math import inf
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, motion_ends, positive
+from safe_ompl.common import FloatArray, motion_ends, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.link_field import segment_bounds
 from safe_ompl.danger.search import PeakSearch
@@ -36,7 +36,7 @@ class CertifiedDanger:
     Parameters
     ----------
     field : DangerField
-        The danger; its danger points must be fixed.
+        The danger.
     tolerance : float
         Bounds are narrowed until upper ≤ (1 + tolerance)·lower.
     floor : float
@@ -45,7 +45,7 @@ class CertifiedDanger:
     Raises
     ------
     InputError
-        If the danger points come from a callable; if tolerance or floor is not positive.
+        If tolerance or floor is not positive.
 
     Notes
     -----
@@ -56,21 +56,12 @@ class CertifiedDanger:
     """
 
     def __init__(self, field: DangerField, tolerance: float = 0.05, floor: float = 1e-4) -> None:
-        if field.points is None:
-            raise InputError(
-                "danger cannot be certified where the danger points depend on the configuration "
-                "(a callable gives them); give the points themselves"
-            )
         self.field = field
         self.tolerance = positive(tolerance, "tolerance")
         self.floor = positive(floor, "floor")
 
     def __repr__(self) -> str:
         return f"CertifiedDanger({self.field!r}, tolerance={self.tolerance:g}, floor={self.floor:g})"
-
-    def of_edge(self, start: ArrayLike, end: ArrayLike) -> DangerBounds:
-        """Return bounds of the peak danger of the straight motion between two configurations (n,)."""
-        return self.of_path(motion_ends(start, end, self.field.robot.n))
 
     def of_path(self, path: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of a path (N, n) of straight motions.
@@ -92,7 +83,7 @@ class DangerLimit:
     Parameters
     ----------
     field : DangerField
-        The danger; its danger points must be fixed.
+        The danger.
     limit : float
         The largest danger that is allowed, > 0.
     floor : float
@@ -103,19 +94,15 @@ class DangerLimit:
 
     def __init__(self, field: DangerField, limit: float, floor: float = 1e-4) -> None:
         self.limit = positive(limit, "max danger")
-        self._bounds = CertifiedDanger(field, floor=floor)
+        self.field = field
+        self._floor = positive(floor, "floor")
 
     def __repr__(self) -> str:
-        return f"DangerLimit({self._bounds.field!r}, {self.limit:g})"
-
-    @property
-    def field(self) -> DangerField:
-        """The danger."""
-        return self._bounds.field
+        return f"DangerLimit({self.field!r}, {self.limit:g})"
 
     def danger(self, q: ArrayLike) -> float:
         """Return the danger at `q: (n,)`."""
-        return self._bounds.field.value(q)
+        return self.field.value(q)
 
     def allows(self, q: ArrayLike) -> bool:
         """Return whether the danger at `q: (n,)` is within the limit."""
@@ -123,7 +110,13 @@ class DangerLimit:
 
     def holds_within(self, q: FloatArray, steps: FloatArray) -> bool:
         """Return whether no configuration is more dangerous, proven, whose joints are within `steps: (n,)` of `q`."""
-        return _danger_within(self.field, q, steps) <= self.limit
+        field, robot = self.field.frozen(), self.field.robot
+        if field.factors is None:
+            return False
+        fields, distances = field.link_fields(robot.keypoints(q)[None])
+        moved = (robot.bounds.keypoint_radii @ steps)[field.links].max(axis=1)
+        grown = segment_bounds(fields, distances, moved[:, None]) * field.factors[:, None]
+        return bool(field.aggregated(grown.sum(axis=1))[0] <= self.limit)
 
     def allows_motion(self, start: ArrayLike, end: ArrayLike) -> bool:
         """Return whether the danger is proven to keep to the limit on the straight motion between two (n,)."""
@@ -138,26 +131,11 @@ class DangerLimit:
             FREE: no configuration is more dangerous, proven. BLOCKED: the one at `at` is. UNDECIDED: near `at` the
             danger is too near to the limit to tell. The `pair` is "danger" and "its limit".
         """
-        bounds = self._bounds
-        ends = motion_ends(start, end, bounds.field.robot.n)
-        ceiling = self.limit
-        search = PeakSearch(bounds.field, ends, bounds.floor, lambda low: inf if low > ceiling else ceiling)
+        ends, ceiling = motion_ends(start, end, self.field.robot.n), self.limit
+        search = PeakSearch(self.field, ends, self._floor, lambda low: inf if low > ceiling else ceiling)
         search.narrow(give_up=True)
         if search.best.danger > self.limit:
             return MotionVerdict(Verdict.BLOCKED, search.best.t, _WITNESS)
         if search.upper > self.limit:
             return MotionVerdict(Verdict.UNDECIDED, search.undecided_at, _WITNESS)
         return MotionVerdict(Verdict.FREE)
-
-
-def _danger_within(field: DangerField, q: FloatArray, steps: FloatArray) -> float:
-    """Return a proven bound of the danger while the joints are within `steps: (n,)` of `q: (n,)`; +inf: not known."""
-    robot = field.robot
-    fields, distances = field.link_fields(robot.keypoints(q)[None])
-    moved = (robot.bounds.keypoint_radii @ steps)[robot.segments].max(axis=1)
-    grown = segment_bounds(fields, distances, moved[:, None])
-    if field.weighting == "length":
-        if field.segments.lengths is None:
-            return float("inf")
-        grown *= field.segments.lengths.reshape(1, -1, 1)
-    return float(field.aggregated(grown.sum(axis=1))[0])

@@ -2,28 +2,65 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, documents, number, positive
-from safe_ompl.danger.kernels import PointDanger
-from safe_ompl.danger.kernels.groups import Points
-from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
-from safe_ompl.danger.link_field import RobotField, Weighting, segment_distances, segment_fields
-from safe_ompl.danger.points import AGGREGATES, Aggregate, DangerousObstacles, DangerPoints, Evaluation, PointSource
-from safe_ompl.robot import Robot
+from safe_ompl.common import (
+    Counts,
+    FloatArray,
+    InputError,
+    IntArray,
+    UnknownNameError,
+    configuration,
+    configurations,
+    documents,
+    finite_array,
+    number,
+    positive,
+)
+from safe_ompl.danger import link_field
+from safe_ompl.danger.kernels import danger as kernel
+from safe_ompl.danger.kernels.kinetostatic_peak import Groups
+from safe_ompl.danger.points import DangerPoints
+from safe_ompl.robot import Robot, plain
 from safe_ompl.scene import Scene
 
-_OPTIONS = ("spacing", "aggregate", "weighting", "k1", "k2", "gamma", "sharpness")
-_MANY = 5000  # points from which on a maximum is sought by groups, and not by a bound for each point
+Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
+AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
+_LEAD = 0.25  # [s] k₂/k₁ of the authors' own code
 
 
-class DangerField(RobotField):
+@dataclass(frozen=True)
+class DangerKind:
+    """What kind of danger, as `DangerField` has it."""
+
+    aggregate: Aggregate = "max"
+    weighting: link_field.Weighting = "unit"
+    k1: float = 1.0
+    sharpness: float = 10.0
+    k2: float | None = None
+    gamma: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.aggregate not in AGGREGATES:
+            raise UnknownNameError("aggregate", self.aggregate, AGGREGATES)
+        if self.weighting not in link_field.WEIGHTINGS:
+            raise UnknownNameError("weighting", self.weighting, link_field.WEIGHTINGS)
+        positive(self.k1, "k1")
+        positive(self.sharpness, "sharpness")
+        if self.k2 is not None:
+            number("k2", self.k2, at_least=0.0)
+        number("gamma", self.gamma, at_least=0.0)
+
+
+class DangerField:
     """Cumulative danger field of a robot at danger points, CDF(q) = aggregate_m w_m CDF(p_m; q) (paper §3).
 
     The field of the robot at a point is the sum over its links of k₁ ∫ dt/‖p − r_t‖, eq. (5)–(7). The danger
@@ -33,29 +70,24 @@ class DangerField(RobotField):
     ----------
     robot : Robot
         Gives the key points and segments of the skeleton.
-    points : array_like, shape (M, 3), or callable
-        Danger points in the world frame [m]. A callable maps a configuration (n,) to its danger points,
-        always equally many, such as the nearest point of each obstacle (see Notes). Without any point the danger
-        is zero everywhere.
+    points : array_like, shape (M, 3)
+        Danger points in the world frame [m]. Without any point the danger is zero everywhere.
     weights : array_like, shape (M,), optional
         w > 0 for each point, the danger weight of its obstacle; 1 by default.
+    counts : Counts, optional
+        Where evaluations are counted.
     aggregate : {"max", "mean", "softmax"}
         With levels x_m = w_m CDF(p_m): the largest; their mean; or the smooth (1/β) log Σ_m exp(β x_m), which
         exceeds the largest by no more than log(M)/β.
     weighting : {"unit", "length"}
         Every link weighs the same (eq. 4), or in proportion to its length (eq. 1).
     k1 : float
-        k₁ > 0 of the elementary field (6). The danger is in k₁/m with unit weighting, else in k₁.
+        k₁ > 0 of the elementary field (6). The danger is in k₁/m with unit weighting, else in k₁. Default: 1.
     sharpness : float
-        β > 0 of the softmax, in units of 1/danger. Large values approach the maximum.
-    tolerance : float
-        Relative error, from 0 to 0.1, that a mean or a softmax over more than 400 fixed points may have; 0: none but
-        rounding. See Notes.
+        β > 0 of the softmax, in units of 1/danger. Large values approach the maximum. Default: 10.
     k2, gamma : float, optional
         k₂ ≥ 0 and γ ≥ 0 of the kinetostatic field of the robot in motion, see `KinetostaticField`.
         Default: k₁ · 0.25 s, and 1.
-    counts : Counts, optional
-        Where evaluations are counted.
 
     Attributes
     ----------
@@ -69,18 +101,9 @@ class DangerField(RobotField):
 
     Notes
     -----
-    Gradients hold the danger points where they are. For points that a callable moves with the configuration
-    this leaves out (∂CDF/∂p)·(dp/dq). It vanishes where a point stays (on a corner, say) and where it is the
-    point of its obstacle at which the field is greatest (envelope theorem). The point *nearest* to the robot
-    is close to that one but not the same: there the gradient is an approximation, the better the smaller the
-    obstacle. With "max" the gradient is that of the most dangerous point: one of the subgradients where two points tie.
-
-    A maximum is exact. Points that cannot have it are left out: by bounds in single precision, of 5000 fixed points and
-    more by groups of neighbours. More than 400 fixed points of a mean or a softmax are kept in such groups, too: far
-    groups count by their centre, as many as have proven errors that together stay within `tolerance`
-    (`safe_ompl.danger.kernels.groups`). The danger is within that of the exact one, and may jump by as much where a
-    group begins or ceases to count so; its gradient is that of the field at those centres. All else, above all what is
-    proven (`CertifiedDanger`), looks at every point.
+    Gradients hold the danger points where they are. With "max" the gradient is that of the most dangerous point: one
+    of the subgradients where two points tie. A maximum is exact; points that cannot have it are left out by bounds in
+    single precision.
 
     Any number of threads may ask at the same time, also while one of them moves the field; they share the `counts`,
     which may then lose some.
@@ -89,32 +112,28 @@ class DangerField(RobotField):
     def __init__(
         self,
         robot: Robot,
-        points: ArrayLike | PointSource,
+        points: ArrayLike,
         weights: ArrayLike | None = None,
         *,
-        aggregate: Aggregate = "max",
-        weighting: Weighting = "unit",
-        k1: float = 1.0,
-        sharpness: float = 10.0,
-        tolerance: float = 0.01,
-        k2: float | None = None,
-        gamma: float = 1.0,
         counts: Counts | None = None,
+        **kind: Any,
     ) -> None:
-        if aggregate not in AGGREGATES:
-            raise UnknownNameError("aggregate", aggregate, AGGREGATES)
-        super().__init__(robot, weighting, k1, counts)
-        self.aggregate = aggregate
-        self.sharpness = positive(sharpness, "sharpness")
-        self.k2 = LEAD * self.k1 if k2 is None else number("k2", k2, at_least=0.0)
-        self.gamma = number("gamma", gamma, at_least=0.0)
-        self.tolerance = number("tolerance", tolerance, at_least=0.0, at_most=0.1)
-        measure = aggregate, self.sharpness, self.tolerance
-        self._evaluation = Evaluation(robot, self.segments, self._by_length, measure)
-        self._obstacles: DangerousObstacles | None = None
-        self._frozen: DangerField | None = None
+        chosen = DangerKind(**kind)
+        if not len(robot.segments):
+            raise InputError(f"{robot.name!r} has no link of any length for a danger; give a tip beyond its joints")
+        self.robot = robot
+        self.aggregate, self.weighting, self.sharpness = chosen.aggregate, chosen.weighting, float(chosen.sharpness)
+        self.k1, self.gamma = float(chosen.k1), float(chosen.gamma)
+        self.k2 = _LEAD * self.k1 if chosen.k2 is None else float(chosen.k2)
+        self.counts = Counts() if counts is None else counts
         self.revision = 0
-        self._danger_points = DangerPoints(points, weights, self.k1)
+        self.links: IntArray = np.array(robot.segments, dtype=np.intp, order="C")
+        tree = robot.kinematics
+        self.tables = kernel.Tables(tree.joints, tree.keypoints, self.links, self.weighting == "length")
+        self._measure = kernel.Aggregate(AGGREGATES.index(self.aggregate), self.sharpness)
+        self._no_gradients = np.empty((0, len(tree.joints)))
+        self._scene: tuple[Scene, float | None] | None = None
+        self._take(DangerPoints(points, weights, self.k1))
 
     @classmethod
     def of_scene(cls, robot: Robot, scene: Scene, spacing: float | None = None, **options: Any) -> DangerField:
@@ -122,10 +141,9 @@ class DangerField(RobotField):
 
         `spacing` is the distance between danger points [m], by default the scene's own; options are those of the class.
         """
-        obstacles = DangerousObstacles(scene, spacing)
-        field = cls(robot, *obstacles.points, **options)
-        field._obstacles = obstacles
-        field._take_points(field._danger_points)
+        field = cls(robot, *scene.danger_points(spacing)[:2], **options)
+        field._scene = scene, spacing
+        field._take(field._points)
         return field
 
     @classmethod
@@ -136,45 +154,33 @@ class DangerField(RobotField):
         if not isinstance(options, Mapping):
             raise InputError(f"danger must be a mapping of options, or None for none, got {options!r}")
         with documents.within("danger"):
-            documents.check_keys(options, _OPTIONS)
-        options = dict(options)
-        return cls.of_scene(robot, scene, options.pop("spacing", None), counts=counts, **options)
+            documents.check_keys(options, ("spacing", *DangerKind.__dataclass_fields__))
+        return cls.of_scene(robot, scene, counts=counts, **options)
 
     def move(self, scene: Scene) -> None:
-        """Take the danger points of a scene in which nothing but places of obstacles differs, such as `Scene.moved`.
+        """Take the danger points of another scene, such as `Scene.moved`; the danger is that of a field made anew.
 
-        From here on the danger is that of a field made anew for that scene. Raises InputError if anything else differs,
-        or the field was not made by `of_scene`. Then it stays as it was.
+        Raises InputError if the field was not made by `of_scene`.
         """
-        self._follow(self._of_known_scene.move(scene))
-
-    def stand_in(self, scene: Scene) -> None:
-        """Take the danger points of any other scene; errors as `move`."""
-        self._follow(self._of_known_scene.replace(scene))
-
-    @property
-    def _of_known_scene(self) -> DangerousObstacles:
-        if self._obstacles is None:
+        if self._scene is None:
             raise InputError("this field knows points, not a scene; DangerField.of_scene makes one that can move")
-        return self._obstacles
-
-    def _follow(self, moved: bool) -> None:
-        if moved:
-            self._take_points(DangerPoints(*self._of_known_scene.points, self.k1))
+        before, spacing = self._scene
+        dangerous = [[obstacle for obstacle in one if obstacle.weight > 0] for one in (before, scene)]
+        self._scene = scene, spacing
+        if dangerous[0] != dangerous[1] or scene.spacing != before.spacing:
+            self._take(DangerPoints(*scene.danger_points(spacing)[:2], self.k1))
             self.revision += 1
 
-    def _take_points(self, points: DangerPoints) -> None:
+    def _take(self, points: DangerPoints) -> None:
         """Take danger points and what follows from them, at once, as other threads may ask."""
-        frozen = self._at(points)
-        self._danger_points = points
-        self._frozen = frozen
+        self._points = points
+        self._frozen = None if self._scene is None else self._at(points)
 
     def _at(self, points: DangerPoints) -> DangerField:
         """Return the field at other danger points, which stay where they are."""
-        other = object.__new__(DangerField)
-        vars(other).update(vars(self), _danger_points=points, _obstacles=None, _frozen=None)
-        for followed in ("moving", "_minimum"):
-            vars(other).pop(followed, None)
+        other = copy.copy(self)
+        other._points, other._scene, other._frozen = points, None, None
+        vars(other).pop("_minimum", None)
         return other
 
     def frozen(self) -> DangerField:
@@ -185,66 +191,72 @@ class DangerField(RobotField):
         return self if self._frozen is None else self._frozen
 
     def __repr__(self) -> str:
-        points = repr(self._danger_points.source) if self.points is None else f"<{len(self.points)} points>"
         return (
-            f"DangerField({self.robot!r}, {points}, aggregate={self.aggregate!r}, "
+            f"DangerField({self.robot!r}, <{len(self.points)} points>, aggregate={self.aggregate!r}, "
             f"weighting={self.weighting!r}, k1={self.k1:g}, sharpness={self.sharpness:g})"
         )
 
     @property
-    def points(self) -> FloatArray | None:
-        """The danger points (M, 3) [m], read-only; None where a callable gives them."""
-        return self._danger_points.fixed
-
-    def for_kernels(self) -> PointDanger | None:
-        """Return what `safe_ompl.danger.kernels.dangers` needs for the danger at present; None where points are moved.
-
-        The joints of its values and gradients are those of Pinocchio's model. Whoever calls it counts the evaluations.
-        """
-        field = self.frozen()
-        if field.points is None or not len(field.points):
-            return None
-        points = field._choice(field._danger_points.prepared(field.points[:0]))
-        return PointDanger(field._evaluation.tables, points, field._evaluation.aggregate)
+    def points(self) -> FloatArray:
+        """The danger points (M, 3) [m], read-only."""
+        return self._points.points
 
     @property
     def weights(self) -> FloatArray | None:
         """The weights (M,) of the danger points, read-only; None where all are 1."""
-        return self._danger_points.weights
+        return self._points.weights
 
     @cached_property
-    def moving(self) -> KinetostaticField:
-        """The danger of the robot in motion, at (q, q̇), with the same danger points."""
-        return KinetostaticField(self)
+    def factors(self) -> FloatArray | None:
+        """What the unit field of each link is multiplied by, (L,): 1, or its length [m]; None where that may change."""
+        if self.weighting == "unit":
+            return np.ones(len(self.links))
+        if self.robot.joint_prismatic.any():
+            return None
+        start, end = self.robot.keypoints(np.zeros(self.robot.n))[self.links.T]
+        lengths: FloatArray = np.linalg.norm(end - start, axis=-1)
+        return lengths
+
+    def for_kernels(self) -> kernel.PointDanger | None:
+        """Return what `safe_ompl.danger.kernels.dangers` needs for the danger at present; None where it is zero.
+
+        The joints of its values and gradients are those of Pinocchio's model. Whoever calls it counts the evaluations.
+        """
+        points = self._points
+        return kernel.PointDanger(self.tables, points.prepared, self._measure) if len(points) else None
+
+    def count(self, configurations: int, points: int) -> None:
+        """Count an evaluation of so many points at every one of so many configurations."""
+        self.counts.field_configurations += configurations
+        self.counts.field_points += configurations * points
 
     def value(self, q: ArrayLike) -> float:
         """Return the danger CDF(q) at `q: (n,)`; +inf where a segment passes through a danger point.
 
         Raises InputError if `q` has the wrong shape or is not finite.
         """
-        return float(self._danger(self._single(q))[0])
+        return float(self._dangers(self._single(q), self._no_gradients)[0])
 
     def values(self, Q: ArrayLike) -> FloatArray:
         """Return the danger (B,) at a batch of configurations `Q: (B, n)`; see `value`."""
-        return self._danger(self._batch(Q))
+        return self._dangers(configurations(Q, self.robot.n), self._no_gradients)
 
     def mean(self, start: ArrayLike, end: ArrayLike, tolerance: float = 0.01) -> float:
         """Return the mean danger ∫ CDF dt on the straight way q(t) between two configurations (n,), 0 ≤ t ≤ 1.
 
         By Simpson's rule on pieces of at most 1 rad, which are halved, six times at most, until the trapezoidal rule is
-        within the relative `tolerance` > 0 of the mean from it. Errors as `value`; also if the points are a callable's.
+        within the relative `tolerance` > 0 of the mean from it. Errors as `value`.
         """
         positive(tolerance, "tolerance")
-        ends, field = np.concatenate([self._single(start), self._single(end)]), self.frozen()
-        if field.points is None:
-            raise InputError("the danger points depend on the configuration; a mean needs fixed ones")
-        if not len(field.points):
+        ends, points = np.concatenate([self._single(start), self._single(end)]), self._points
+        if not len(points):
             return 0.0
         delta = ends[1] - ends[0]
         panels = 1 + int(math.sqrt(delta.dot(delta)))
-        mean, evaluations = self._evaluation.mean(ends, field._points_for(ends[:0]), panels, tolerance)
-        self.counts.field_configurations += evaluations
-        self.counts.field_points += evaluations * len(field.points)
+        values = plain(self.robot.coupling.values(ends))
+        mean: float
+        mean, evaluations = kernel.mean_danger(self.tables, values, points.prepared, self._measure, panels, tolerance)
+        self.count(evaluations, len(points))
         return mean
 
     def gradient(self, q: ArrayLike) -> FloatArray:
@@ -258,11 +270,10 @@ class DangerField(RobotField):
 
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` at the cost of the gradients."""
-        Q = self._batch(Q)
-        points = self.frozen()._points_for(Q)
-        if not points.columns.size:
-            return np.zeros(len(Q)), np.zeros(Q.shape)
-        return self._evaluation.values_and_gradients(Q, points)
+        Q = configurations(Q, self.robot.n)
+        gradients = np.zeros((len(Q), self._no_gradients.shape[1]))
+        dangers = self._dangers(Q, gradients)
+        return dangers, self.robot.coupling.columns(gradients)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return rows (C,), values (C,) and gradients (C, n) of the terms of the danger above a level at `Q: (B, n)`.
@@ -270,83 +281,73 @@ class DangerField(RobotField):
         Where the danger is the maximum over danger points, its terms are w_m CDF(p_m); else it is its own only term.
         Gradients are in danger/rad or danger/m, errors as `value`.
         """
-        Q = self._batch(Q)
+        Q = configurations(Q, self.robot.n)
         if self.aggregate != "max":
             values, gradients = self.values_and_gradients(Q)
             above = np.flatnonzero(values > level)
             return above, values[above], gradients[above]
-        least = math.nextafter(level, math.inf)
-        rows, _, levels, slopes = self._evaluation.high_levels(Q, self._every_point(Q), least, sloped=True)
+        rows, _, levels, slopes = self._high_levels(Q, self._points, math.nextafter(level, math.inf), 0.0)
         return rows, levels, slopes
-
-    def most_dangerous_point(self, q: ArrayLike) -> int:
-        """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`.
-
-        Errors as `value`; also if there are no danger points.
-        """
-        Q = self._single(q)
-        highest = self._evaluation.high_levels(Q, self._every_point(Q), share=1.0)[1]
-        if not len(highest):
-            raise InputError("there are no danger points; give an obstacle a weight > 0")
-        return int(highest[0])
 
     @property
     def minimum(self) -> float:
         """A proven lower bound of the danger at any configuration: every link as far away as it can get.
 
-        Zero where there are no danger points, a callable gives them, or prismatic joints make the links' lengths
-        change (eq. 1).
+        Zero where there are no danger points, or prismatic joints make the links' lengths change (eq. 1).
         """
         return self.frozen()._minimum
 
     @cached_property
     def _minimum(self) -> float:
-        if self.points is None or not len(self.points):
+        if not len(self.points) or self.factors is None:
             return 0.0
-        if self.weighting == "length" and self.segments.lengths is None:
-            return 0.0
-        ends = self.robot.bounds.keypoint_reaches(self.points)[self.robot.segments]
-        farthest = ends.max(axis=1)  # (L, M): no point of a segment is farther away than both of its ends
-        lengths = self.segments.lengths if self.weighting == "length" else None
-        charges = np.ones(len(farthest)) if lengths is None else lengths
-        return float(self.aggregated(self.k1 * (charges @ (1.0 / farthest))[None])[0])
+        # (L, M): no point of a segment is farther away than both of its ends
+        farthest = self.robot.bounds.keypoint_reaches(self.points)[self.links].max(axis=1)
+        return float(self.aggregated(self.k1 * (self.factors @ (1.0 / farthest))[None])[0])
 
     def link_fields(self, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the field of every link at the danger points, and their distances from the links [m], (B, L, M) each.
 
         `keypoints: (B, K, 3)` are those of the skeleton at B configurations [m]. The fields are φ_l(p_m) with unit
-        weighting (4), unweighted; +inf on a segment. Raises InputError if a callable gives the danger points.
+        weighting (4), unweighted; +inf on a segment.
         """
         points = self.points
-        if points is None:
-            raise InputError("the danger points depend on the configuration; fields of links need fixed ones")
-        self.count(keypoints, points)
-        if not len(points):
-            nothing = np.zeros((len(keypoints), len(self.segments.pairs), 0))
-            return nothing, nothing
-        fields = self.k1 * segment_fields(keypoints, self.segments, points)
-        return fields, segment_distances(keypoints, self.segments, points)
+        self.count(len(keypoints), len(points))
+        fields = self.k1 * link_field.segment_fields(keypoints, self.links, points)
+        return fields, link_field.segment_distances(keypoints, self.links, points)
 
     def aggregated(self, fields: FloatArray) -> FloatArray:
         """Return the danger (B,) where the robot's field at the danger points is `fields: (B, M)`, unweighted."""
-        return self._evaluation.aggregated(fields if self.weights is None else fields * self.weights)
+        if not fields.shape[1]:
+            return np.zeros(len(fields))
+        levels = fields if self.weights is None else fields * self.weights
+        return kernel.aggregates(plain(levels), *self._measure)
+
+    def shares(self, fields: FloatArray) -> FloatArray:
+        """Return the derivatives (B, M) of `aggregated` by the fields (B, M)."""
+        levels = fields if self.weights is None else fields * self.weights
+        shares: FloatArray = kernel.all_shares(plain(levels), *self._measure)
+        return shares if self.weights is None else shares * self.weights
+
+    @property
+    def groups(self) -> Groups:
+        """The danger points, one at least, in groups of neighbours."""
+        return self._points.groups
 
     def active(self, Q: ArrayLike, share: float) -> DangerField:
         """Return the field of those danger points that matter near the configurations `Q: (B, n)`; errors as `value`.
 
         These are the points whose w_m CDF(p_m) reaches the given share of the maximum at one of them, at least. Where
-        the danger is a mean, or a callable gives the points, all of them matter, and the field itself is returned.
+        the danger is a mean, all of them matter, and the field itself is returned.
         """
-        field = self.frozen()
-        points, weights = field.points, field.weights
-        if points is None or not len(points) or self.aggregate != "max":
+        points = self._points
+        if not len(points) or self.aggregate != "max":
             return self
-        Q = self._batch(Q)
         near = np.zeros(len(points), dtype=bool)
-        near[self._evaluation.high_levels(Q, field._every_point(Q), share=share)[1]] = True
+        near[self._high_levels(configurations(Q, self.robot.n), points, 0.0, share, sloped=False)[1]] = True
         if near.all():
             return self
-        return self.with_points(points[near], None if weights is None else weights[near])
+        return self.with_points(points.points[near], None if points.weights is None else points.weights[near])
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""
@@ -358,48 +359,50 @@ class DangerField(RobotField):
         J_l is the Jacobian of the distal end of link l; the sum goes over all danger points (paper, §4.3). It is not
         finite where a segment passes through a danger point.
         """
-        Q, field = self._single(q), self.frozen()
-        keypoints, points = self._scene(Q[0], field.points_at(Q).reshape(-1, 3))
-        vectors = self._vector(keypoints, points)
-        total = vectors.sum(axis=0) if field.weights is None else field.weights @ vectors
+        Q, points = self._single(q), self._points
+        keypoints = self.robot.keypoints_batch(Q)
+        self.count(1, len(points))
+        vectors = self.k1 * link_field.vectors(keypoints, self.links, points.points, self.weighting)[0]
+        total = vectors.sum(axis=0) if points.weights is None else points.weights @ vectors
         pushes = np.zeros(keypoints.shape)
-        np.add.at(pushes[0], self.robot.segments[:, 1], total)
+        np.add.at(pushes[0], self.links[:, 1], total)
         motion: FloatArray = self.robot.pull_back(Q, pushes)[0]
         return motion
 
-    def points_at(self, Q: FloatArray) -> FloatArray:
-        """Return the danger points, (M, 3) or, where they depend on the configuration, (B, M, 3)."""
-        return self._danger_points.at(Q)
+    def field(self, q: ArrayLike, points: ArrayLike) -> FloatArray:
+        """Return the field CDF(p), (M,), of the robot at `q: (n,)` at any `points: (M, 3)` [m], unweighted.
 
-    def contributions(self, levels: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the points that matter, (B, m, 3) or (M, 3), and ∂CDF/∂CDF(p) for each, (B, m)."""
-        if self.aggregate == "max":
-            return self._danger_points.chosen(points, np.arange(len(levels)), levels.argmax(axis=1))
-        shares: FloatArray = self._evaluation.shares(levels)
-        return points, shares if self.weights is None else shares * self.weights
+        Raises InputError if `q` or `points` has the wrong shape or is not finite.
+        """
+        keypoints = self.robot.keypoints_batch(self._single(q))
+        places = finite_array(points, (None, 3), "points")
+        self.count(1, len(places))
+        values: FloatArray = self.k1 * link_field.field(keypoints, self.links, places, self.weighting)[0]
+        return values
 
-    def _danger(self, Q: FloatArray) -> FloatArray:
-        points = self.frozen()._points_for(Q)
-        return self._evaluation.values(Q, points) if points.columns.size else np.zeros(len(Q))
+    def _single(self, q: ArrayLike) -> FloatArray:
+        return configuration(q, self.robot.n)[None]
 
-    @property
-    def groups(self) -> Points | None:
-        """The danger points in groups, where there are many of which a maximum is sought; else None."""
-        return self._danger_points.groups if self.aggregate == "max" else None
+    def _dangers(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
+        """Return the danger (B,), and write its gradients by the joints of Pinocchio's model, (B or 0, m)."""
+        points = self._points
+        self.count(len(Q), len(points))
+        if not len(points):
+            return np.zeros(len(Q))
+        values = plain(self.robot.coupling.values(Q))
+        return kernel.dangers(self.tables, values, points.prepared, self._measure, gradients)
 
-    def _every_point(self, Q: FloatArray) -> Points:
-        """Return the danger points for kernels, without groups, and count an evaluation."""
-        points = self._danger_points.prepared(Q)
-        self.count(Q, points.columns.transpose(0, 2, 1))
-        return points
+    def _high_levels(
+        self, Q: FloatArray, points: DangerPoints, least: float, share: float, *, sloped: bool = True
+    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Return rows, points and values (C,) of high levels k₁w CDF(p) at `Q: (B, n)`, and their gradients (C, n).
 
-    def _points_for(self, Q: FloatArray) -> Points:
-        """Return the same, in groups where not all of them need be looked at, and count an evaluation."""
-        return self._choice(self._every_point(Q))
-
-    def _choice(self, points: Points) -> Points:
-        """Return points, or groups of them where not all need be looked at."""
-        if self.aggregate == "max":
-            return points if points.charges.shape[1] < _MANY else self.groups or points
-        groups = self._danger_points.groups if self.tolerance > 0.0 else None
-        return points if groups is None else groups
+        These are at least `least`, and at least a share of the highest of their row. No gradients unless `sloped`.
+        """
+        self.count(len(Q), len(points))
+        if not len(points):
+            nothing = np.zeros(0, dtype=np.int64)
+            return nothing, nothing, np.zeros(0), np.zeros((0, Q.shape[1]))
+        values = plain(self.robot.coupling.values(Q))
+        found = kernel.high_levels(self.tables, values, points.prepared, least, share, sloped)
+        return *found[:3], self.robot.coupling.columns(found[3])

@@ -12,23 +12,17 @@ the static field. They are exact to 1e-8 for points that are no farther than som
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, IntArray, configuration, finite_array, number
+from safe_ompl.common import FloatArray, IntArray, configuration, configurations, finite_array, number
+from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kernels import kinetostatic as kernel
 from safe_ompl.danger.kernels import kinetostatic_peak as peak_kernel
-from safe_ompl.danger.kernels.groups import Points
-from safe_ompl.danger.link_field import Segments, Weighting, by_length
 from safe_ompl.robot import plain
 from safe_ompl.robot.kernels import pull_back_motion
-
-if TYPE_CHECKING:
-    from safe_ompl.danger.field import DangerField
-
-LEAD = 0.25  # [s] k₂/k₁ of the authors' own code
 
 
 class Terms(NamedTuple):
@@ -40,57 +34,20 @@ class Terms(NamedTuple):
 
 
 def terms(
-    keypoints: FloatArray,
+    places: FloatArray,
     velocities: FloatArray,
-    segments: Segments,
+    links: IntArray,
     points: FloatArray,
     *,
-    weighting: Weighting = "unit",
+    by_length: bool = False,
     isotropic: bool = True,
 ) -> Terms:
-    """Return the three parts of the kinetostatic field, summed over the links; +inf on a segment.
+    """Return the three parts of the kinetostatic field, summed over the links (L, 2), at points (M, 3); +inf on a link.
 
-    Parameters
-    ----------
-    keypoints, velocities : ndarray, shape (B, K, 3)
-        Key points [m] and their velocities [m/s].
-    segments : Segments
-        The links.
-    points : ndarray, shape (M, 3) or (B, M, 3)
-        Field points [m].
-    weighting : {"unit", "length"}
-        As for `safe_ompl.danger.link_field.field`.
-    isotropic : bool
-        Whether the isotropic part is wanted; it is zero otherwise, and a third of the time is saved.
+    Key points have `places` [m] and `velocities` [m/s], (B, K, 3) each. The isotropic part is zero unless wanted: a
+    third of the time is saved.
     """
-    state = plain(keypoints), plain(velocities), segments.pairs, _rows(points)
-    return Terms(*kernel.link_terms(*state, by_length(weighting), isotropic))
-
-
-def gradients(
-    keypoints: FloatArray,
-    velocities: FloatArray,
-    segments: Segments,
-    points: FloatArray,
-    weights: FloatArray,
-    factors: tuple[float, float],
-    *,
-    weighting: Weighting = "unit",
-) -> tuple[FloatArray, FloatArray]:
-    """Return the gradients of Σ_m w_m (static + a·directional + b·isotropic)_m by the key points and their velocities.
-
-    `weights: (B, M)` are w, `factors` a and b [s]; the points are held fixed, and those on a segment contribute
-    nothing. The rest is as for `terms`; returned are two arrays (B, K, 3).
-    """
-    state = plain(keypoints), plain(velocities), segments.pairs, _rows(points)
-    ahead, spread = map(float, factors)
-    found = kernel.pulls(*state, plain(weights), ahead, spread, by_length(weighting))
-    return found[0], found[1]
-
-
-def _rows(points: FloatArray) -> FloatArray:
-    """Return points (M, 3) or (B, M, 3) as (1 or B, M, 3), in C order."""
-    return plain(points if points.ndim == 3 else points[None])
+    return Terms(*kernel.link_terms(plain(places), plain(velocities), links, plain(points), by_length, isotropic))
 
 
 class KinetostaticField:
@@ -136,9 +93,10 @@ class KinetostaticField:
         """Return the danger (B,) at `Q: (B, n)` while the joints move at `Qd: (B, n)`."""
         Q, Qd = self._states(Q, Qd)
         field = self.field.frozen()
-        if field.groups is None:
-            return field.aggregated(self._fields(*self._motions(Q, Qd), field.points_at(Q)))
-        return self._highest(Q, Qd, field.groups)[0]
+        if field.aggregate == "max" and len(field.points):
+            dangers: FloatArray = self._highest(field, Q, Qd)[0]
+            return dangers
+        return field.aggregated(self._fields(field, *field.robot.keypoint_motions(Q, Qd)[:2]))
 
     def gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the gradients (B, n) of the danger by the configuration and by the joint velocities.
@@ -151,45 +109,45 @@ class KinetostaticField:
         """Return the danger (B,) and its gradients (B, n) by configuration and by joint velocities."""
         Q, Qd = self._states(Q, Qd)
         field = self.field.frozen()
-        groups = field.groups
-        if groups is not None:
-            dangers, best, (places, velocities) = self._highest(Q, Qd, groups)
-            chosen, rates = groups.columns[0].T[best][:, None], groups.charges[0][best][:, None]
+        points = field.points
+        if not len(points):
+            return np.zeros(len(Q)), np.zeros(Q.shape), np.zeros(Q.shape)
+        if field.aggregate == "max":
+            dangers, best, *motions = self._highest(field, Q, Qd)
+            groups = field.groups
+            chosen, rates = groups.columns.T[best][:, None], groups.charges[best][:, None]
         else:
-            points = field.points_at(Q)
-            places, velocities = self._motions(Q, Qd)
-            fields = self._fields(places, velocities, points)
-            if not fields.size:
-                return np.zeros(len(Q)), np.zeros(Q.shape), np.zeros(Q.shape)
-            levels = fields if field.weights is None else fields * field.weights
-            chosen, rates = field.contributions(levels, points)
-            dangers, rates = field.aggregated(fields), field.k1 * rates
+            *motions, _ = field.robot.keypoint_motions(Q, Qd)
+            fields = self._fields(field, *motions)
+            chosen, rates, dangers = points[None], field.k1 * field.shares(fields), field.aggregated(fields)
         factors = self.lead, self.lead * self.gamma
-        pulls = gradients(places, velocities, field.segments, chosen, rates, factors, weighting=field.weighting)
+        places, velocities = map(plain, motions)
+        pulls = kernel.pulls(places, velocities, field.links, plain(chosen), plain(rates), *factors, self._by_length)
         tree, coupling = field.robot.kinematics, field.robot.coupling
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
-        by_q, by_qd = pull_back_motion(tree.joints, tree.keypoints, *joints, np.array(pulls))
+        by_q, by_qd = pull_back_motion(tree.joints, tree.keypoints, *joints, pulls)
         return dangers, coupling.columns(by_q), coupling.columns(by_qd)
 
-    def _highest(self, Q: FloatArray, Qd: FloatArray, groups: Points) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Return the largest danger (B,) of all points, of which one, and key points (2, B, K, 3)."""
-        field, coupling = self.field, self.field.robot.coupling
-        field.count(Q, groups.charges.T)
+    @property
+    def _by_length(self) -> bool:
+        return self.field.weighting == "length"
+
+    def _highest(self, field: DangerField, Q: FloatArray, Qd: FloatArray) -> tuple[Any, ...]:
+        """Return the largest danger (B,) of all points, of which one, and places and velocities (B, K, 3)."""
+        coupling = field.robot.coupling
+        field.count(len(Q), len(field.points))
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
-        return peak_kernel.highest(field._evaluation.tables, *joints, groups, self.lead, self.lead * self.gamma)
+        return peak_kernel.highest(field.tables, *joints, field.groups, self.lead, self.lead * self.gamma)
 
-    def _motions(self, Q: FloatArray, Qd: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return places and velocities (B, K, 3) of the key points."""
-        return self.field.robot.keypoint_motions(Q, Qd)[:2]
-
-    def _fields(self, keypoints: FloatArray, velocities: FloatArray, points: FloatArray) -> FloatArray:
+    def _fields(self, field: DangerField, places: FloatArray, velocities: FloatArray) -> FloatArray:
         """Return KDF(p_m), (B, M)."""
-        field, isotropic = self.field, self.gamma > 0
-        field.count(keypoints, points)
-        part = terms(keypoints, velocities, field.segments, points, weighting=field.weighting, isotropic=isotropic)
+        field.count(len(places), len(field.points))
+        isotropic = self.gamma > 0
+        state = places, velocities, field.links, field.points
+        part = terms(*state, by_length=self._by_length, isotropic=isotropic)
         with np.errstate(invalid="ignore"):  # on a segment: ∞, whatever the motion
             return field.k1 * part.static + self.k2 * (part.directional + self.gamma * part.isotropic)
 
     def _states(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        Q = self.field._batch(Q)
+        Q = configurations(Q, self.field.robot.n)
         return Q, finite_array(Qd, Q.shape, "joint velocities")

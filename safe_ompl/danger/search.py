@@ -13,11 +13,54 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import FloatArray, InputError, IntArray, finite_array
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kernels.danger import Ends, chords
-from safe_ompl.danger.motion_rates import KeypointRates
 from safe_ompl.robot import Robot
 
 _BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
 _ROUNDING = 1e-8  # of the arithmetic, relative
+
+
+@dataclass(frozen=True)
+class KeypointRates:
+    """Proven bounds of speed, acceleration and jerk (E, K) [m] of the key points over whole edges q₁ + tΔ, t ∈ [0, 1].
+
+    Differentiated by joints i ≤ j, counted from the base, key point k changes by at most R̄_kj, the proven radius, if
+    joint i turns, and not at all if it slides; and so on for more joints.
+    """
+
+    speed: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot, deltas: FloatArray) -> KeypointRates:
+        """Return them for edges with `deltas: (E, n)`.
+
+        With r_j = R̄_kj|Δ_j|, w_j = |Δ_j| if joint j turns, else 0, and W_j the sum of w over the joints between
+        base and j: Σ r_j, Σ r_j (2W_j + w_j), Σ r_j (3W_j² + 3W_j w_j + w_j²).
+        """
+        steps = np.abs(robot.coupling.motions(deltas))[:, None, :]
+        moved = steps * robot.bounds.joint_keypoint_radii
+        turn = np.where(robot.joint_keypoint_support & ~robot.joint_prismatic, steps, 0.0)
+        below = np.cumsum(turn, axis=2) - turn  # Pinocchio counts joints from the base
+        return cls(
+            moved.sum(axis=2),
+            (moved * (2 * below + turn)).sum(axis=2),
+            (moved * (3 * below * (below + turn) + turn * turn)).sum(axis=2),
+        )
+
+    def between(
+        self, edges: IntArray, h: FloatArray, first: FloatArray, last: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of speed and acceleration, each (I, K), between two configurations of an edge, of I intervals.
+
+        `h: (I,)` is the length of each as a fraction of its edge, `first` and `last` (I, 2, K) are the exact speed and
+        acceleration at its ends.
+        """
+        middle = (first + last) / 2
+        speed, acceleration = middle[:, 0], middle[:, 1]
+        step = h[:, None] / 2
+        acceleration = np.minimum(self.acceleration[edges], acceleration + step * self.jerk[edges])
+        return np.minimum(self.speed[edges], speed + step * acceleration), acceleration
 
 
 @dataclass(frozen=True)
@@ -63,7 +106,6 @@ class PeakSearch:
         _check_strokes(robot, points)
         field = field.frozen()  # what is proven is of the same danger points from the beginning to the end
         self._field, self._floor, self._ceiling = field, floor, ceiling
-        self._lengths = field.segments.lengths
         points = points if len(points) > 1 else points[[0, 0]]
         self._starts, ends = points[:-1], points[1:]
         self._deltas = robot.difference(self._starts, ends)
@@ -159,11 +201,9 @@ class PeakSearch:
 
     def _link_lengths(self, points: FloatArray) -> FloatArray:
         """Return what each link's unit field is multiplied by, (B, L): 1, or its length [m]."""
-        pairs = self._field.robot.segments
-        if self._field.weighting == "unit":
-            return np.ones((len(points), len(pairs)))
-        if self._lengths is not None:
-            return np.broadcast_to(self._lengths, (len(points), len(pairs)))
+        pairs = self._field.links
+        if self._field.factors is not None:
+            return np.broadcast_to(self._field.factors, (len(points), len(pairs)))
         lengths: FloatArray = np.linalg.norm(points[:, pairs[:, 1]] - points[:, pairs[:, 0]], axis=2)
         return lengths
 
@@ -193,7 +233,7 @@ class PeakSearch:
     def _longest(self, pairs: Sequence[tuple[Sample, Sample]], edges: IntArray, h: FloatArray) -> FloatArray:
         """Return the most that each link's unit field is multiplied by in each interval, (I, L)."""
         lengths = np.array([(first.lengths + last.lengths) / 2 for first, last in pairs])
-        if self._field.weighting == "length" and self._lengths is None:
+        if self._field.factors is None:
             lengths += (self._stroke_rates[edges] * h / 2)[:, None]
         return lengths
 

@@ -280,8 +280,8 @@ class ActiveSetCost:
         if besides is not None:
             samples = np.concatenate([samples, besides])
         active = self.everywhere.field.active(samples, _SHARE)
-        known = None if active.points is None else active.points.tobytes()
-        if known is not None and known == self._active:
+        known = active.points.tobytes()
+        if known == self._active:
             return False
         self._active = known
         danger = self.everywhere.restricted(active)

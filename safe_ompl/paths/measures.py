@@ -177,7 +177,7 @@ def forced_danger(values: FloatArray) -> FloatArray:
 
 
 def _proven_peak(field: DangerField, path: FloatArray) -> DangerBounds | None:
-    if field.points is None or not all(field.robot.within_limits(q).all() for q in path):
+    if not all(field.robot.within_limits(q).all() for q in path):
         return None
     return CertifiedDanger(field).of_path(path)
 

@@ -248,7 +248,7 @@ class _Examination:
         if field is None or self._points is None:
             return None
         points, weights, revision = self._points
-        if points is not None and field.revision != revision:
+        if field.revision != revision:
             field = field.with_points(points, weights)
         return danger_along(self._path, field, self._places, self._samples)
 

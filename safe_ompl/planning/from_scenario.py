@@ -14,6 +14,7 @@ import safe_ompl.motions as motions
 import safe_ompl.trajectories as trajectories
 from safe_ompl.common import clock
 from safe_ompl.common import documents as document
+from safe_ompl.danger import KinetostaticField
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
@@ -90,7 +91,7 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
 def path_timer(scenario: Scenario, setup: SafeSetup) -> trajectories.PathTimer:
     """Return what times paths of a setup within the limits, and beside the people, of its scenario."""
     limits, field = scenario.motion, setup.field
-    danger = None if limits.max_danger is None or field is None else field.moving
+    danger = None if limits.max_danger is None or field is None else KinetostaticField(field)
     rates = trajectories.RateLimits.of(setup.robot, limits.velocity, limits.acceleration, limits.jerk)
     caps = {key: getattr(limits, key) for key in ("tool_speed", "link_speed", "max_danger")}
     motion, people = setup.motion_prover, scenario.people

@@ -115,7 +115,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
             checker = CollisionChecker(self.robot, scene, self.counts, movable=movable)
             self.wiring.put(self.wiring.constraints.in_scene_of(checker), checker)
         if self.field is not None:
-            self.field.stand_in(scene)
+            self.field.move(scene)
         self.clear()
         self.problem.scene_changed()
 

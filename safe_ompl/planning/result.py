@@ -9,7 +9,7 @@ from typing import Any
 import safe_ompl.trajectories as trajectories
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError, notebook_html
-from safe_ompl.danger import DangerField
+from safe_ompl.danger import DangerField, KinetostaticField
 from safe_ompl.paths import PathReport
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -96,11 +96,11 @@ class PlanResult:
         if self.motion.checker.scene != self.scene:
             raise StaleSceneError("obstacles have moved since this was planned: plan again, or call time_path")
         if options.get("max_danger") is not None and self.danger is not None:
-            options = {"danger": self.danger_field().moving, **options}
+            options = {"danger": KinetostaticField(self.danger_field()), **options}
         return trajectories.time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
 
     def danger_field(self) -> DangerField:
-        """Return the danger field that was planned with; that of the robot in motion is its `moving`.
+        """Return the danger field that was planned with; `KinetostaticField` has that of the robot in motion.
 
         An InputError if the plan knew no danger, or the result comes from another process.
         """

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray
+from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.danger.kernels import CellMotions, cell_bounds
 from safe_ompl.robot import plain
@@ -50,17 +50,9 @@ class SpanDanger(NamedTuple):
 
 
 class MovingDanger:
-    """Bounds of the kinetostatic danger of a robot along a curve.
-
-    An InputError if a callable gives the danger points.
-    """
+    """Bounds of the kinetostatic danger of a robot along a curve."""
 
     def __init__(self, field: KinetostaticField) -> None:
-        if field.field.points is None:
-            raise InputError(
-                "danger cannot be bounded where the danger points depend on the configuration "
-                "(a callable gives them); give the points themselves"
-            )
         self.field = field
 
     def bounds(self, curve: BlendedCurve, spans: Spans, rates: FloatArray, enough: float = -np.inf) -> SpanDanger:
@@ -71,7 +63,6 @@ class MovingDanger:
         """
         field = self.field.field
         robot, points = field.robot, field.points
-        assert points is not None
         place = curve.at(spans.centres)
         keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
         steps, bends = (plain(robot.coupling.reach(bound)) for bound in (spans.slopes, spans.bends))
@@ -80,12 +71,12 @@ class MovingDanger:
         accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, steps, bends)
         speeds = np.linalg.norm(velocities, axis=2) + spans.halves[:, None] * accelerations
         weights = np.ones(len(points)) if field.weights is None else field.weights
-        field.count(keypoints, points)
+        field.count(len(keypoints), len(points))
         strokes = steps[:, sliding].sum(axis=1)
         state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
         level, push = cell_bounds(
             CellMotions(*state, speeds, accelerations, spans.halves, strokes),
-            field.segments.pairs,
+            field.links,
             plain(points),
             self.field.gamma,
             field.weighting == "length",

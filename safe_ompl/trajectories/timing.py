@@ -70,7 +70,7 @@ class PathTimer:
         What else bounds the speed: `people`, who may come near, so that the robot is nowhere faster than what is proven
         to stop before they touch it; this needs `motion`, whose scene says where people are. `tool_speed` and
         `link_speed`, the largest ones of the tip, and of any point of any link [m/s]. `max_danger`, the largest that
-        the `danger` of the robot in motion, such as `DangerField(...).moving`, may reach anywhere.
+        the `danger` of the robot in motion, a `KinetostaticField`, may reach anywhere.
 
     Raises
     ------

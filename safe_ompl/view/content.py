@@ -163,7 +163,7 @@ class ViewerContent:
         if self.danger is None:
             return None
         found = DangerField.of_options(self.robot, self.scene, self.danger)
-        return found if found.points is not None and len(found.points) else None
+        return found if len(found.points) else None
 
     def along(self, name: str, shares: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at fractions (S,) of the length of a path, or of the playing time."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench._plain import PlainGeometry
-from safe_ompl import CertificateError, DangerField, InputError, Obstacle, People
+from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import at_most
 from safe_ompl.certificates.issue import terms_of_field
@@ -179,7 +179,7 @@ def test_danger_in_motion_is_claimed_and_verified(endangering, ur5):
     assert found.claims[-1].startswith(f"danger in motion at most {at_most(claim['bound'])}")
     assert "danger in motion" not in found.not_claimed
     state = made.at(np.linspace(0, made.duration, 500))
-    peak = field.moving.values(state.q, state.qd).max()
+    peak = KinetostaticField(field).values(state.q, state.qd).max()
     assert peak < claim["bound"] < 1.06 * peak
     assert field.values(state.q).max() < 0.9 * peak  # it is the motion that makes it so large
 
@@ -218,7 +218,7 @@ def test_the_limit_of_the_danger_is_what_is_claimed(endangering, ur5):
     limit = 0.9 * content["trajectory"]["danger"]["bound"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
-        slow = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), danger=field.moving, max_danger=limit)
+        slow = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), danger=KinetostaticField(field), max_danger=limit)
     assert slow.duration > made.duration
     capped = certificate(PATH, ur5, scene, trajectory=slow)
     assert capped["trajectory"]["danger"]["bound"] == limit

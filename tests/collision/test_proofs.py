@@ -62,7 +62,7 @@ def test_proofs_in_all_kinds_of_scenes(robot_named, plain_check, name, scene, se
     points, weights, _ = scene.danger_points()
     if len(points):
         field = DangerField(robot, points, weights)
-        bounds = CertifiedDanger(field).of_edge(start, end)
+        bounds = CertifiedDanger(field).of_path([start, end])
         assert field.values(edge).max() <= bounds.upper * (1 + 1e-9)
 
 

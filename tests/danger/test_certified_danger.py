@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.numpy_chords import numpy_chords
 
 from safe_ompl import CertifiedDanger, DangerField, DangerLimit, InputError, Verdict
-from safe_ompl.danger.link_field import Segments, segment_distances, segment_fields
-from safe_ompl.danger.motion_rates import KeypointRates
-from safe_ompl.danger.points import AGGREGATES
-from safe_ompl.danger.search import Ends, chords
+from safe_ompl.danger.field import AGGREGATES
+from safe_ompl.danger.link_field import segment_distances, segment_fields
+from safe_ompl.danger.search import Ends, KeypointRates, chords
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider", "gripper", "parallel"]
 ROUNDING = 1e-9
@@ -104,9 +102,9 @@ def test_chords_lie_above_the_field_of_a_moving_link(seed, duration):
     t = np.linspace(0, duration, 50)[:, None, None]
     keypoints = begin + t * velocity + t**2 / 2 * acceleration
     speed = np.linalg.norm(velocity + t * acceleration, axis=2).max()
-    segments, points = Segments([[0, 1]]), rng.normal(size=(5, 3))
-    fields = segment_fields(keypoints, segments, points)
-    distances = segment_distances(keypoints, segments, points)
+    links, points = np.array([[0, 1]]), rng.normal(size=(5, 3))
+    fields = segment_fields(keypoints, links, points)
+    distances = segment_distances(keypoints, links, points)
     first, last = (Ends(fields[side], distances[side]) for side in (0, -1))
     push = np.linalg.norm(acceleration, axis=1).max()
     low, high = chords(first, last, duration, np.array([speed]), np.array([push]), np.ones(1))
@@ -114,17 +112,6 @@ def test_chords_lie_above_the_field_of_a_moving_link(seed, duration):
     assert (fields[1:-1] <= (low * (1 - along) + high * along) * (1 + ROUNDING)).all()
     assert (fields[0] <= low).all()
     assert (fields[-1] <= high).all()
-
-
-@settings(max_examples=100)
-@given(seeds, st.floats(0.0, 0.3), st.sampled_from([0.0, 1.0]))
-def test_chords_of_links_add_up_to_the_formula(seed, duration, speed):
-    rng = np.random.default_rng(seed)
-    first, last = (Ends(*rng.uniform(0.1, 2.0, (2, 4, 30))) for _ in range(2))
-    speeds, pushes, lengths = speed * rng.uniform(size=4), rng.uniform(size=4), rng.uniform(0.2, 1.0, 4)
-    expected = numpy_chords(first, last, duration, speeds[:, None], pushes[:, None])
-    for found, line in zip(chords(first, last, duration, speeds, pushes, lengths), expected, strict=True):
-        np.testing.assert_allclose(found, lengths @ line, rtol=1e-12)
 
 
 # --------------------------------------------------------------------------------------------- edges and paths
@@ -171,18 +158,11 @@ def test_a_proof_asks_less_than_a_profile(panda):
     assert max(asked) < 202
 
 
-def test_a_path_of_one_configuration(panda):
-    q = (panda.lower + panda.upper) / 2
-    bounds = certified(panda).of_path([q])
-    assert bounds.lower == certified(panda).field.value(q)
-    assert bounds.upper == pytest.approx(bounds.lower, rel=1e-7)
-
-
 def test_a_link_that_passes_through_a_danger_point_is_not_bounded(panda):
     start, end = panda.lower + 0.5, panda.lower + 0.9
     inside = panda.keypoints(start + 0.3 * (end - start))[-2:].mean(axis=0)
     danger = CertifiedDanger(DangerField(panda, [inside]))
-    assert danger.of_edge(start, end).upper == np.inf
+    assert danger.of_path([start, end]).upper == np.inf
     verdict = DangerLimit(danger.field, 1e4).check(start, end)
     assert verdict.verdict is not Verdict.FREE
     assert verdict.at == pytest.approx(0.3, abs=0.01)
@@ -193,9 +173,9 @@ def test_the_short_way_round(kinova):
     start, end = np.full(6, 2.0), np.full(6, 2.0)
     start[0], end[0] = 3.0, -3.0
     whole_turns = 2 * np.pi * kinova.continuous
-    assert danger.of_edge(start, end).upper == pytest.approx(danger.of_edge(start + whole_turns, end).upper)
+    assert danger.of_path([start, end]).upper == pytest.approx(danger.of_path([start + whole_turns, end]).upper)
     dense = danger.field.values(densely(kinova, np.array([start, end])))
-    assert dense.max() <= danger.of_edge(start, end).upper
+    assert dense.max() <= danger.of_path([start, end]).upper
 
 
 # -------------------------------------------------------------------------------------------------------- limits
@@ -211,6 +191,7 @@ def test_verdicts_on_limits(robot_named, name, seed, share):
     limit = share * values.max()
     checked = DangerLimit(danger.field, limit)
     found = checked.check(start, end)
+    assert [checked.allows(q) for q in (start, end)] == [danger.field.value(q) <= limit for q in (start, end)]
     assert checked.allows_motion(start, end) == (found.verdict is Verdict.FREE)
     if found.verdict is Verdict.FREE:
         assert values.max() <= limit
@@ -223,28 +204,16 @@ def test_verdicts_on_limits(robot_named, name, seed, share):
         assert share == pytest.approx(1.0, abs=1e-2)
 
 
-def test_configurations_within_a_limit(panda):
-    q = (panda.lower + panda.upper) / 2
-    danger = certified(panda).field.value(q)
-    assert DangerLimit(certified(panda).field, danger).allows(q)
-    assert not DangerLimit(certified(panda).field, 0.999 * danger).allows(q)
-
-
 def test_a_generous_limit_costs_little(panda):
     danger = certified(panda)
     start, end = random_path(panda, 1, 1, 0.5)
-    peak = danger.of_edge(start, end).upper
+    peak = danger.of_path([start, end]).upper
     danger.field.counts.reset()
     assert DangerLimit(danger.field, 3 * peak).allows_motion(start, end)
     assert danger.field.counts.field_configurations <= 4
 
 
 # -------------------------------------------------------------------------------------------------------- errors
-
-
-def test_moving_danger_points_are_refused(panda):
-    with pytest.raises(InputError, match=r"danger cannot be certified .* callable"):
-        CertifiedDanger(DangerField(panda, lambda q: [[1.0, 0.0, 0.0]]))
 
 
 @pytest.mark.parametrize("bad", [0.0, -0.1, np.nan, np.inf, "5"])
@@ -261,9 +230,9 @@ def test_paths_are_checked(robot_named):
     slider = robot_named("slider")
     danger = certified(slider)
     inside, outside = np.array([0.2, 0.0, 0.3, 0.0]), np.array([0.2, 0.0, 0.36, 0.0])
-    assert np.isfinite(danger.of_edge(inside, inside).upper)
+    assert np.isfinite(danger.of_path([inside, inside]).upper)
     with pytest.raises(InputError, match=r"joint 'right_slide' = 0.36 is outside its limits"):
-        danger.of_edge(inside, outside)
+        danger.of_path([inside, outside])
     with pytest.raises(InputError, match="a configuration at least"):
         danger.of_path(np.empty((0, 4)))
     with pytest.raises(InputError, match="path must be finite"):
@@ -279,7 +248,7 @@ def test_configurations_are_checked(panda, bad):
     assert limit.check(q, q).verdict is Verdict.FREE
     assert limit.allows_motion(q, q)
     assert limit.allows(q)
-    for ask in (danger.of_edge, limit.check, limit.allows_motion):
+    for ask in (limit.check, limit.allows_motion):
         with pytest.raises(InputError, match="start of a motion must"):
             ask(bad, q)
         with pytest.raises(InputError, match="end of a motion must"):
@@ -289,9 +258,26 @@ def test_configurations_are_checked(panda, bad):
             ask(bad)
 
 
-def test_without_danger_points_the_peak_is_zero(panda):
-    field = DangerField(panda, [])
+@pytest.mark.parametrize("points", [[], None])
+def test_the_peak_of_one_configuration_and_without_danger_points(panda, points):
+    field = certified(panda).field if points is None else DangerField(panda, points)
     path = random_path(panda, 1, 3, 1.0)
-    bounds = CertifiedDanger(field).of_path(path)
-    assert (bounds.lower, bounds.upper) == (0.0, 0.0)
-    assert DangerLimit(field, 0.1).check(path[0], path[1]).verdict is Verdict.FREE
+    bounds = CertifiedDanger(field).of_path(path[:1])
+    assert bounds.lower == field.value(path[0])
+    assert bounds.upper == pytest.approx(bounds.lower, rel=1e-7)
+    if points is not None:
+        assert CertifiedDanger(field).of_path(path).upper == 0.0
+        assert DangerLimit(field, 0.1).check(path[0], path[1]).verdict is Verdict.FREE
+
+
+@settings(max_examples=40)
+@given(robots, st.sampled_from(["unit", "length"]), seeds, st.floats(0.0, 0.2))
+def test_what_holds_within_a_box_of_configurations(robot_named, name, weighting, seed, width):
+    robot, rng = robot_named(name), np.random.default_rng(seed)
+    field = certified(robot, weighting=weighting).field
+    steps = width * rng.uniform(size=robot.n)
+    q = rng.uniform(robot.lower + steps, np.maximum(robot.upper - steps, robot.lower + steps))
+    worst = field.values(np.clip(q + steps * rng.choice([-1, 0.5, 1], (50, robot.n)), robot.lower, robot.upper)).max()
+    assert not DangerLimit(field, worst * (1 - 1e-6)).holds_within(q, steps)
+    constant = field.weighting == "unit" or not robot.joint_prismatic.any()
+    assert DangerLimit(field, field.value(q) * 1.001).holds_within(q, 0 * steps) == constant

@@ -1,153 +1,109 @@
-"""Danger of configurations: aggregates, C-space gradients, moving danger points, counters, bad input."""
+"""Danger of configurations: aggregates, gradients, means of motions, fields that move, counters, bad input."""
 
 import math
 import pickle
 
 import numpy as np
-import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from safe_ompl import DangerField, InputError, Robot
+from safe_ompl import Box, CertifiedDanger, DangerField, InputError, Obstacle, Person, Pose, Robot, Scene
 from safe_ompl.common import Counts
-from safe_ompl.danger.link_field import WEIGHTINGS, Segments, field
-from safe_ompl.danger.points import AGGREGATES
-from safe_ompl.robot.joint_tables import Coupling, KinematicTree
-from safe_ompl.robot.reach import JointChain
+from safe_ompl.danger.field import AGGREGATES
+from safe_ompl.danger.link_field import WEIGHTINGS, field, vectors
+from safe_ompl.geometry import STANDING
 
-
-class PlanarArm:
-    """Turning joints in the plane z = 0, links of the given lengths; on request the last joint slides."""
-
-    def __init__(self, lengths=(0.4, 0.3, 0.2), slides=False):
-        self.n = len(lengths)
-        self.lengths = np.array(lengths)
-        self.segments = np.array([[k, k + 1] for k in range(self.n)])
-        self.prismatic = np.zeros(self.n, dtype=bool)
-        self.prismatic[-1] = slides
-        self.joint_prismatic = self.prismatic
-        self.coupling = Coupling.of([f"joint{k}" for k in range(self.n)], {})
-        chain = JointChain(
-            list(range(self.n)),
-            [pin.SE3(np.eye(3), np.array([at, 0.0, 0.0])) for at in (0.0, *lengths[:-1])],
-            np.where(self.prismatic[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]),
-            self.prismatic,
-            np.full(self.n, -1.0),
-            np.full(self.n, 1.0),
-        )
-        offsets = np.array([[length, 0.0, 0.0] for length in (0.0, *lengths)])
-        self.kinematics = KinematicTree(chain, np.arange(self.n + 1), offsets)
-
-    def __repr__(self):
-        return f"PlanarArm({self.lengths.tolist()})"
-
-    def directions(self, Q):
-        """Return unit vectors (B, n, 3) along the links."""
-        angle = np.cumsum(np.where(self.prismatic, 0, Q), axis=1)
-        return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
-
-    def keypoints_batch(self, Q):
-        links = (self.lengths + np.where(self.prismatic, Q, 0))[..., None] * self.directions(Q)
-        return np.concatenate([np.zeros((len(Q), 1, 3)), np.cumsum(links, axis=1)], axis=1)
-
-    def keypoints(self, q):
-        return self.keypoints_batch(q[None])[0]
-
-    def pull_back(self, Q, gradients):
-        keypoints, directions, out = self.keypoints_batch(Q), self.directions(Q), np.zeros(Q.shape)
-        for i, k in np.ndindex(self.n, self.n + 1):
-            if k > i:
-                arm = keypoints[:, k] - keypoints[:, i]
-                turn = np.stack([-arm[:, 1], arm[:, 0], 0 * arm[:, 2]], axis=-1)
-                motion = directions[:, i] if self.prismatic[i] else turn
-                out[:, i] += np.einsum("bc,bc->b", motion, gradients[:, k])
-        return out
-
-
-ARM = PlanarArm()
-Q = np.random.default_rng(1).uniform(-1, 1, (6, 3))
+ROBOTS = ("panda", "kinova", "twin_arm", "slider", "gripper")  # continuous, sliding and mimic joints, branches
 POINTS = np.random.default_rng(2).normal(size=(9, 3)) * [0.5, 0.5, 0.1] + [0.4, 0.3, 0.15]
 WEIGHTS = np.random.default_rng(3).uniform(0.5, 2, 9)
 
 
-def levels(q, points=POINTS, weights=WEIGHTS, weighting="unit"):
-    return weights * field(ARM.keypoints(q)[None], Segments(ARM.segments), points, weighting=weighting)[0]
+def some(robot, rng, number):
+    return rng.uniform(robot.lower, robot.upper, (number, robot.n))
+
+
+def levels(danger, q):
+    weights = np.ones(len(danger.points)) if danger.weights is None else danger.weights
+    keypoints = danger.robot.keypoints(q)[None]
+    return danger.k1 * weights * field(keypoints, danger.links, danger.points, danger.weighting)[0]
+
+
+def aggregated(x, aggregate, sharpness):
+    if aggregate == "softmax":
+        return x.max() + math.log(np.exp(sharpness * (x - x.max())).sum()) / sharpness
+    return x.max() if aggregate == "max" else x.mean()
 
 
 def differences(function, q, step=1e-6):
     return np.array([(function(q + h) - function(q - h)) / (2 * step) for h in step * np.eye(len(q))])
 
 
-# ---------------------------------------------------------------------------------------------------- values
+# ---------------------------------------------------------------------------------------- values and gradients
 
 
-def test_maximum_by_default():
-    danger = DangerField(ARM, POINTS, WEIGHTS)
-    for q in Q:
-        assert danger.value(q) == pytest.approx(levels(q).max(), rel=1e-12)
-        assert danger.most_dangerous_point(q) == levels(q).argmax()
-
-
-def test_weights_are_one_by_default():
-    np.testing.assert_allclose(
-        DangerField(ARM, POINTS).values(Q), DangerField(ARM, POINTS, np.ones(9)).values(Q), rtol=1e-15
-    )
-
-
-def test_softmax_is_a_smooth_maximum_from_above():
-    peaks = DangerField(ARM, POINTS, WEIGHTS).values(Q)
-    for sharpness in (1e-2, 1.0, 10.0, 1e6):
-        soft = DangerField(ARM, POINTS, WEIGHTS, aggregate="softmax", sharpness=sharpness).values(Q)
-        assert (soft >= peaks).all()
-        assert (soft <= peaks + math.log(9) / sharpness + 1e-12).all()
-    q = Q[0]
-    soft = DangerField(ARM, POINTS, WEIGHTS, aggregate="softmax", sharpness=2.0).value(q)
-    assert soft == pytest.approx(np.log(np.exp(2 * levels(q)).sum()) / 2, rel=1e-12)
-
-
-@pytest.mark.parametrize("aggregate", AGGREGATES)
-def test_empty_batch(aggregate):
-    danger = DangerField(ARM, POINTS, aggregate=aggregate)
-    values, gradients = danger.values_and_gradients(np.empty((0, 3)))
-    assert values.shape == (0,)
-    assert gradients.shape == (0, 3)
-    assert DangerField(ARM, lambda q: POINTS, WEIGHTS).values(np.empty((0, 3))).shape == (0,)
-
-
-@pytest.mark.parametrize("aggregate", AGGREGATES)
-def test_infinite_at_contact(aggregate):
-    touched = ARM.keypoints(Q[0])[2]
-    danger = DangerField(ARM, [touched, *POINTS], aggregate=aggregate)
-    values, gradients = danger.values_and_gradients(Q)
-    assert values[0] == np.inf
-    assert np.isfinite(values[1:]).all()
-    assert np.isfinite(gradients).all()
-
-
-def test_softmax_does_not_overflow():
-    near = ARM.keypoints(Q[0])[2] + [0, 0, 1e-6]
-    danger = DangerField(ARM, [near, *POINTS], aggregate="softmax", sharpness=1e4)
-    assert danger.value(Q[0]) == pytest.approx(DangerField(ARM, [near]).value(Q[0]), rel=1e-12)
-
-
-# ------------------------------------------------------------------------------------------------- gradients
-
-
+@pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("aggregate", AGGREGATES)
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
-@pytest.mark.parametrize("slides", [False, True])
-def test_gradient_against_differences(aggregate, weighting, slides):
-    robot = PlanarArm(slides=slides)
-    danger = DangerField(robot, POINTS, WEIGHTS, aggregate=aggregate, weighting=weighting, k1=0.7, sharpness=3.0)
-    for q in Q:
-        np.testing.assert_allclose(danger.gradient(q), differences(danger.value, q), rtol=1e-6, atol=1e-7)
+def test_values_and_gradients_of_every_robot(robot_named, rng, name, aggregate, weighting):
+    robot = robot_named(name)
+    kind = {"aggregate": aggregate, "weighting": weighting, "k1": 0.7, "sharpness": 3.0}
+    danger = DangerField(robot, rng.normal(size=(9, 3)), rng.uniform(0.5, 2.0, 9), **kind)
+    Q = some(robot, rng, 4)
+    values, gradients = danger.values_and_gradients(Q)
+    np.testing.assert_array_equal(danger.values(Q), values)
+    for q, value, gradient in zip(Q, values, gradients, strict=True):
+        assert value == pytest.approx(aggregated(levels(danger, q), aggregate, 3.0), rel=1e-12)
+        assert danger.value(q) == value
+        np.testing.assert_allclose(danger.gradient(q), gradient, rtol=1e-12, atol=1e-12)
+        expected = differences(danger.value, q)
+        np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6 * (1 + np.abs(expected).max()))
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10**6), st.integers(1, 6000), st.sampled_from(AGGREGATES), st.sampled_from(WEIGHTINGS))
+def test_values_of_any_number_of_points(robot_named, seed, number, aggregate, weighting):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(number, 3)) * rng.choice([0.0, 0.3, 1.0], 3) + [0.5, 0.0, 0.4]
+    kind = {"aggregate": aggregate, "weighting": weighting}
+    danger = DangerField(robot_named("panda"), points, rng.choice([0.5, 1.0, 3.0], number), **kind)
+    for q in some(danger.robot, rng, 2):
+        expected = levels(danger, q)
+        assert danger.value(q) == pytest.approx(aggregated(expected, aggregate, 10.0), rel=1e-12)
+        if aggregate == "max":
+            alone = danger.with_points(points[[expected.argmax()]], danger.weights[[expected.argmax()]])
+            np.testing.assert_allclose(danger.gradient(q), alone.gradient(q), rtol=1e-9, atol=1e-9)
+
+
+def test_softmax_is_a_smooth_maximum_from_above(panda, rng):
+    Q = some(panda, rng, 6)
+    peaks = DangerField(panda, POINTS, WEIGHTS).values(Q)
+    for sharpness in (1e-2, 1.0, 10.0, 1e6):
+        soft = DangerField(panda, POINTS, WEIGHTS, aggregate="softmax", sharpness=sharpness).values(Q)
+        assert (soft >= peaks).all()
+        assert (soft <= peaks + math.log(9) / sharpness + 1e-12).all()
+
+
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+def test_infinite_at_contact(panda, rng, aggregate):
+    Q = some(panda, rng, 4)
+    keys = panda.keypoints(Q[0])
+    danger = DangerField(panda, [*rng.normal(size=(1000, 3)), keys[panda.segments[0, 1]]], aggregate=aggregate)
+    values, gradients = danger.values_and_gradients(Q[:1])
+    assert values == [np.inf]
+    assert np.isfinite(gradients).all()
+    assert aggregate == "mean" or not gradients.any()
+    near = DangerField(panda, [*POINTS, keys[-1] + [0, 0, 1e-6]], aggregate=aggregate, sharpness=1e4)
+    assert np.isfinite(near.values_and_gradients(Q)[1]).all()
+    assert aggregate != "softmax" or near.value(Q[0]) == pytest.approx(levels(near, Q[0]).max(), rel=1e-12)
 
 
 @pytest.mark.parametrize("weights", [None, WEIGHTS])
-def test_the_terms_above_a_level_are_the_fields_of_single_points(weights):
-    danger = DangerField(ARM, POINTS, weights)
+def test_the_terms_above_a_level_are_the_fields_of_single_points(panda, rng, weights):
+    danger, Q = DangerField(panda, POINTS, weights), some(panda, rng, 6)
     level = float(np.median(danger.values(Q)))
     rows, values, gradients = danger.terms_above(Q, level)
-    single = [DangerField(ARM, POINTS[[m]], None if weights is None else weights[[m]]) for m in range(9)]
+    single = [danger.with_points(POINTS[[m]], None if weights is None else weights[[m]]) for m in range(9)]
     expected = [
         (row, one.value(q), one.gradient(q)) for row, q in enumerate(Q) for one in single if one.value(q) > level
     ]
@@ -155,124 +111,150 @@ def test_the_terms_above_a_level_are_the_fields_of_single_points(weights):
     np.testing.assert_array_equal(rows, [row for row, _, _ in expected])
     np.testing.assert_allclose(values, [value for _, value, _ in expected], rtol=1e-12)
     np.testing.assert_allclose(gradients, [slope for _, _, slope in expected], rtol=1e-10, atol=1e-12)
+    active = danger.active(Q, 0.5)
+    np.testing.assert_array_equal(active.values(Q), danger.values(Q))
+    assert len(active.points) <= 9
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "softmax"])
-def test_a_danger_that_is_no_maximum_is_its_own_term(aggregate):
-    danger = DangerField(ARM, POINTS, aggregate=aggregate)
+def test_a_danger_that_is_no_maximum_is_its_own_term(panda, rng, aggregate):
+    danger, Q = DangerField(panda, POINTS, aggregate=aggregate), some(panda, rng, 6)
     values, gradients = danger.values_and_gradients(Q)
-    level = float(np.median(values))
-    rows, above, slopes = danger.terms_above(Q, level)
-    np.testing.assert_array_equal(rows, np.flatnonzero(values > level))
+    rows, above, slopes = danger.terms_above(Q, float(np.median(values)))
+    np.testing.assert_array_equal(rows, np.flatnonzero(values > np.median(values)))
     np.testing.assert_array_equal(above, values[rows])
     np.testing.assert_array_equal(slopes, gradients[rows])
 
 
-def test_vector_field_and_workspace_gradient():
-    danger, q = DangerField(ARM, POINTS, weighting="length"), Q[0]
-    values, slopes, vectors = (danger.field(q, POINTS), danger.workspace_gradient(q, POINTS), danger.vector(q, POINTS))
-    np.testing.assert_allclose(values, levels(q, weights=1, weighting="length"), rtol=1e-12)
-    for p, slope in zip(POINTS, slopes, strict=True):
-        expected = differences(lambda x: danger.field(q, x[None])[0], p)
-        np.testing.assert_allclose(slope, expected, rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), values, rtol=1e-12)
-    np.testing.assert_allclose(vectors * np.linalg.norm(slopes, axis=1)[:, None], slopes * values[:, None], rtol=1e-12)
+def test_the_push_is_the_sum_over_all_points_and_the_ends_of_all_links(ur5):
+    """Σ_m Σ_l J_lᵀ w_m CDF(p_m) with the Jacobians themselves (paper, §4.3)."""
+    q = np.array([0.3, -1.0, 1.2, 0.1, 0.4, -0.2])
+    danger = DangerField(ur5, POINTS, WEIGHTS)
+    found, jacobians = vectors(ur5.keypoints(q)[None], ur5.segments, POINTS)[0], ur5.keypoint_jacobians(q)
+    expected = sum(jacobians[end].T @ (WEIGHTS @ found) for _, end in ur5.segments)
+    np.testing.assert_allclose(danger.push(q), expected, rtol=1e-10, atol=1e-9)
 
 
-# ----------------------------------------------------------------------------------- points that move with q
+# ------------------------------------------------------------------------------------------ means of motions
 
 
-def test_points_from_a_callable():
-    def above_the_tip(q):
-        return ARM.keypoints(q)[-1] + np.array([[0, 0, 0.2], [0, 0, 0.3]])
-
-    danger = DangerField(ARM, above_the_tip, [1.0, 5.0])
-    expected = [DangerField(ARM, above_the_tip(q), [1.0, 5.0]).value(q) for q in Q]
-    np.testing.assert_allclose(danger.values(Q), expected, rtol=1e-12)
-    assert danger.most_dangerous_point(Q[0]) == 1
-    assert danger.points is None
-
-
-def test_gradient_holds_moving_points_fixed():
-    def beside_the_elbow(q):
-        return ARM.keypoints(q)[[1]] + np.array([0, 0, 0.1])
-
-    q = Q[0]
-    fixed = DangerField(ARM, beside_the_elbow(q)).gradient(q)
-    np.testing.assert_allclose(DangerField(ARM, beside_the_elbow).gradient(q), fixed, rtol=1e-12)
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+@pytest.mark.parametrize("name", ["panda", "slider", "gripper"])
+def test_the_mean_of_a_motion(robot_named, rng, name, aggregate):
+    robot = robot_named(name)
+    danger = DangerField(robot, rng.normal([1.5, 0, 0], 1.0, (100, 3)), aggregate=aggregate)
+    for start, end in rng.uniform(robot.lower, robot.upper, (5, 2, robot.n)):
+        t = np.linspace(0, 1, 2001)[:, None]
+        exact = np.trapezoid(danger.values(start + t * (end - start)), t[:, 0])
+        assert danger.mean(start, end, 1e-4) == pytest.approx(exact, rel=1e-3)
+        assert danger.mean(end, start, 1e-4) == pytest.approx(danger.mean(start, end, 1e-4), rel=1e-12)
+    before = danger.counts.field_configurations
+    assert danger.mean(start, start) == pytest.approx(danger.value(start))
+    assert danger.counts.field_configurations == before + 4
 
 
-def test_gradient_is_exact_for_the_point_of_greatest_field():
-    """Envelope theorem: on a wall y = 1 the most dangerous point slides along as the robot moves."""
-    x = np.linspace(-1, 2, 60001)
-    wall = np.stack([x, np.full_like(x, 1.0), np.zeros_like(x)], axis=1)
-    fixed = DangerField(ARM, wall)
+def test_the_mean_of_a_motion_through_a_danger_point_is_infinite(panda):
+    q = np.zeros(panda.n)
+    danger = DangerField(panda, panda.keypoints(q)[-1:])
+    assert danger.mean(q - 0.1, q + 0.1) == np.inf
+    for tolerance in (0.0, -1.0, np.nan):
+        with pytest.raises(InputError, match="tolerance"):
+            danger.mean(q, q, tolerance)
 
-    def worst(q):
-        return wall[fixed.most_dangerous_point(q)][None]
 
-    q = np.array([0.4, 0.5, -0.3])
-    danger = DangerField(ARM, worst)
-    np.testing.assert_allclose(danger.gradient(q), differences(danger.value, q, 1e-3), rtol=1e-4, atol=1e-5)
+# ------------------------------------------------------------------------------------------------ moving obstacles
+
+SCENE = Scene(
+    (
+        Obstacle("table", Box((1.2, 0.8, 0.05)), Pose((0.4, 0.0, -0.2))),
+        Obstacle("box", Box((0.1, 0.2, 0.3)), Pose((0.5, 0.3, 0.4)), weight=0.5),
+        Obstacle("colleague", Person(), Pose((0.9, 0.2, -0.8))),
+    )
+)
+
+
+@pytest.mark.parametrize(("aggregate", "spacing"), [("max", None), ("softmax", 0.2)])
+def test_after_any_moves_the_danger_is_that_of_a_field_made_anew(panda, rng, aggregate, spacing):
+    scene = SCENE
+    danger = DangerField.of_scene(panda, scene, spacing, aggregate=aggregate)
+    proof, changes = CertifiedDanger(danger), 0
+    for k in range(12):
+        place = np.array([*rng.uniform(-1.5, 1.5, 2), -0.8])
+        body = {name: 1.75 * point + place + rng.normal(0.0, 0.03, 3) for name, point in STANDING.items()}
+        places = {"colleague": body, "box": Pose(tuple(rng.uniform(-1, 1, 3))), "table": Pose((0, 0, -k / 9))}
+        names = rng.choice(list(places), rng.integers(1, 3), replace=False)
+        scene = scene.moved({str(name): places[str(name)] for name in names})
+        scene = scene.without("box") if k == 9 else scene
+        before, kept = danger.minimum, danger.frozen()
+        danger.move(scene)
+        assert kept.minimum == before
+        anew = DangerField.of_scene(panda, scene, spacing, aggregate=aggregate)
+        Q = some(panda, rng, 5)
+        np.testing.assert_array_equal(danger.values(Q), anew.values(Q))
+        np.testing.assert_array_equal(danger.gradients(Q), anew.gradients(Q))
+        assert danger.minimum == anew.minimum
+        changes += danger.minimum != before
+        assert proof.of_path(Q[:2]) == CertifiedDanger(anew).of_path(Q[:2])
+        if k == 9:
+            break
+    assert changes > 3
+
+
+def test_the_revision_counts_moves_of_what_is_dangerous(panda):
+    danger = DangerField.of_scene(panda, SCENE)
+    danger.move(SCENE.moved({"table": Pose()}))
+    assert danger.revision == 0, "a table that is not dangerous moves no danger point"
+    danger.move(SCENE.moved({"box": Pose()}))
+    assert danger.revision == 1
+    with pytest.raises(InputError, match=r"DangerField\.of_scene"):
+        DangerField(panda, [[1.0, 0.0, 0.0]]).move(SCENE)
 
 
 # --------------------------------------------------------------------------------------------- house keeping
 
 
-def test_counts_configurations_and_points():
-    counts = Counts()
-    danger = DangerField(ARM, POINTS, counts=counts)
+def test_counts_configurations_and_points(panda, rng):
+    counts, Q = Counts(), some(panda, rng, 6)
+    danger = DangerField(panda, POINTS, counts=counts)
     danger.value(Q[0])
     danger.values(Q)
     danger.gradient(Q[0])
     danger.values_and_gradients(Q)
-    assert danger.counts is counts
     assert (counts.field_configurations, counts.field_points) == (14, 14 * 9)
-    for method in (danger.field, danger.workspace_gradient, danger.vector):
-        method(Q[0], POINTS[:4])
-    assert (counts.field_configurations, counts.field_points) == (17, 14 * 9 + 3 * 4)
+    danger.field(Q[0], POINTS[:4])
+    assert (counts.field_configurations, counts.field_points) == (15, 14 * 9 + 4)
 
 
-def test_survives_pickling():
-    danger = DangerField(ARM, POINTS, WEIGHTS, aggregate="softmax", weighting="length", sharpness=4.0)
-    again = pickle.loads(pickle.dumps(danger))
-    assert np.array_equal(again.values(Q), danger.values(Q))
-    assert repr(again) == repr(danger)
-
-
-def test_points_and_weights_cannot_change():
-    points, weights = POINTS.copy(), WEIGHTS.copy()
-    danger = DangerField(ARM, points, weights)
-    before = danger.value(Q[0])
+def test_survives_pickling_and_changes_of_what_it_was_given(panda, rng):
+    points, weights, Q = POINTS.copy(), WEIGHTS.copy(), some(panda, rng, 3)
+    danger = DangerField(panda, points, weights, aggregate="softmax", weighting="length", sharpness=4.0)
+    before = danger.values(Q)
     points += 1
     weights *= 2
-    assert danger.value(Q[0]) == before
-    np.testing.assert_array_equal(danger.points, POINTS)
-    np.testing.assert_array_equal(danger.weights, WEIGHTS)
+    again = pickle.loads(pickle.dumps(danger))
+    for one in (danger, again):
+        np.testing.assert_array_equal(one.values(Q), before)
+        np.testing.assert_array_equal(one.points, POINTS)
+        np.testing.assert_array_equal(one.weights, WEIGHTS)
+    assert repr(again) == repr(danger)
     with pytest.raises(ValueError, match="read-only"):
         danger.points[0] = 0
-    assert DangerField(ARM, POINTS).weights is None
+    assert DangerField(panda, POINTS).weights is None
 
 
-# ------------------------------------------------------------------------------------------- no danger points
-
-
-@pytest.mark.parametrize("points", [[], np.empty((0, 3)), lambda q: np.empty((0, 3))])
+@pytest.mark.parametrize("points", [[], np.empty((0, 3))])
 @pytest.mark.parametrize("aggregate", AGGREGATES)
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
-def test_without_danger_points_danger_is_zero(points, aggregate, weighting):
-    danger = DangerField(ARM, points, aggregate=aggregate, weighting=weighting)
+def test_without_danger_points_danger_is_zero(panda, rng, points, aggregate, weighting):
+    danger, Q = DangerField(panda, points, aggregate=aggregate, weighting=weighting), some(panda, rng, 3)
     values, gradients = danger.values_and_gradients(Q)
     np.testing.assert_array_equal(values, np.zeros(len(Q)))
     np.testing.assert_array_equal(gradients, np.zeros(Q.shape))
-    assert danger.value(Q[0]) == danger.minimum == 0.0
+    assert danger.value(Q[0]) == danger.minimum == danger.mean(Q[0], Q[1]) == 0.0
     assert danger.active(Q, 0.5) is danger
     assert len(danger.terms_above(Q, 0.0)[0]) == 0
-    with pytest.raises(InputError, match="no danger points"):
-        danger.most_dangerous_point(Q[0])
-
-
-# ------------------------------------------------------------------------------------------------- bad input
+    some_points = DangerField(panda, POINTS, aggregate=aggregate)
+    assert [part.shape for part in some_points.values_and_gradients(np.empty((0, 7)))] == [(0,), (0, 7)]
 
 
 @pytest.mark.parametrize(
@@ -283,8 +265,7 @@ def test_without_danger_points_danger_is_zero(points, aggregate, weighting):
         ({"points": [0.0, 0, 0]}, r"danger points must have shape \(any, 3\), got \(3,\)"),
         ({"points": "here"}, "danger points must be numbers"),
         ({"weights": [1.0]}, r"danger weights must have shape \(9\), got \(1,\)"),
-        ({"weights": [-1.0] * 9}, r"danger weights must be positive, got \[-1.0"),
-        ({"weights": [0.0] + [1.0] * 8}, r"danger weights must be positive, got \[0.0\]"),
+        ({"weights": [0.0] + [-1.0] * 8}, r"danger weights must be positive, got \[0.0, -1.0"),
         ({"weights": [np.nan] * 9}, "danger weights must be finite"),
         ({"aggregate": "sum"}, "unknown aggregate 'sum'; known: max, mean, softmax"),
         ({"weighting": "mass"}, "unknown weighting 'mass'; known: unit, length"),
@@ -292,11 +273,13 @@ def test_without_danger_points_danger_is_zero(points, aggregate, weighting):
         ({"k1": "one"}, "k1 must be a positive number, got 'one'"),
         ({"sharpness": -1.0}, "sharpness must be a positive number, got -1.0"),
         ({"sharpness": math.inf}, "sharpness must be a positive number, got inf"),
+        ({"k2": -1}, "k2 must be a finite number >= 0"),
+        ({"gamma": np.nan}, "gamma must be a finite number >= 0"),
     ],
 )
-def test_refuses(options, message):
+def test_refuses(panda, options, message):
     with pytest.raises(InputError, match=message):
-        DangerField(**{"robot": ARM, "points": POINTS} | options)
+        DangerField(**{"robot": panda, "points": POINTS} | options)
 
 
 def test_refuses_a_robot_without_links(tmp_path):
@@ -308,41 +291,15 @@ def test_refuses_a_robot_without_links(tmp_path):
         DangerField(Robot.from_urdf(tmp_path / "wheel.urdf", collision="optional"), [[1.0, 0.0, 0.0]])
 
 
-def test_refuses_bad_configurations():
-    danger = DangerField(ARM, POINTS)
-    with pytest.raises(InputError, match=r"configuration must have shape \(3,?\), got \(2,\)"):
+def test_refuses_bad_configurations_and_points(panda):
+    danger = DangerField(panda, POINTS)
+    with pytest.raises(InputError, match=r"configuration must have shape \(7,?\), got \(2,\)"):
         danger.value([0.0, 0.0])
-    with pytest.raises(InputError, match=r"configurations must have shape \(any, 3\), got \(3,\)"):
-        danger.values(Q[0])
-    for q in ([np.nan, 0, 0], [0, np.inf, 0]):
-        with pytest.raises(InputError, match="configuration must be finite, got"):
-            danger.gradient(q)
-        with pytest.raises(InputError, match="configurations must be finite, got"):
-            danger.gradients([q])
-
-
-def test_refuses_bad_points_of_a_field():
-    danger = DangerField(ARM, POINTS)
-    for method in (danger.field, danger.workspace_gradient, danger.vector):
-        with pytest.raises(InputError, match=r"points must have shape \(any, 3\)"):
-            method(Q[0], [0.0, 0.0, 0.0])
-
-
-def test_refuses_a_source_that_changes_its_number_of_points():
-    with pytest.raises(InputError, match=r"the number of danger points must not change, got \[1, 9\]"):
-        DangerField(ARM, lambda q: POINTS if q[0] == Q[0, 0] else POINTS[:1]).values(Q)
-    with pytest.raises(InputError, match=r"the number of danger points must not change, got \[2, 9\]"):
-        DangerField(ARM, lambda q: POINTS, [1.0, 2.0]).value(Q[0])
-
-
-def test_the_push_is_the_sum_over_all_points_and_the_ends_of_all_links(ur5):
-    """Σ_m Σ_l J_lᵀ w_m CDF(p_m) with the Jacobians themselves (paper, §4.3)."""
-    weights, q = np.linspace(0.5, 2.0, len(POINTS)), np.array([0.3, -1.0, 1.2, 0.1, 0.4, -0.2])
-    field = DangerField(ur5, POINTS, weights)
-    vectors, jacobians = field.vector(q, POINTS), ur5.keypoint_jacobians(q)
-    expected = sum(
-        weight * jacobians[end].T @ vector
-        for weight, vector in zip(weights, vectors, strict=True)
-        for _, end in ur5.segments
-    )
-    np.testing.assert_allclose(field.push(q), expected, rtol=1e-10, atol=1e-9)
+    with pytest.raises(InputError, match=r"configurations must have shape \(any, 7\), got \(7,\)"):
+        danger.values(np.zeros(7))
+    with pytest.raises(InputError, match="configuration must be finite, got"):
+        danger.gradient([np.nan] + [0.0] * 6)
+    with pytest.raises(InputError, match="configurations must be finite, got"):
+        danger.gradients([[np.inf] + [0.0] * 6])
+    with pytest.raises(InputError, match=r"points must have shape \(any, 3\)"):
+        danger.field(np.zeros(7), [0.0, 0.0, 0.0])

@@ -1,17 +1,17 @@
-"""The parts of the kinetostatic field against quadrature and finite differences."""
+"""The kinetostatic field: its parts against quadrature and differences, the danger of robots in motion."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from oracles.numpy_bracket import isotropic_bracket
 from scipy.integrate import quad
 
-from safe_ompl.danger import link_field as static_field
-from safe_ompl.danger.kinetostatic import gradients, terms
-from safe_ompl.danger.link_field import Segments
+from safe_ompl import DangerField, InputError, KinetostaticField
+from safe_ompl.danger import link_field
+from safe_ompl.danger.kernels.kinetostatic import pulls
+from safe_ompl.danger.kinetostatic import terms
 
-LINK = Segments([[0, 1]])
+LINK = np.array([[0, 1]])
 
 
 def exactly(a, b, va, vb, p, integrand):
@@ -70,70 +70,163 @@ def test_parts_are_what_quadrature_says(part):
         assert abs(found - expected) <= 1e-8 * abs(scale)
 
 
-def test_static_part_is_the_static_field_of_whole_skeletons_with_both_weightings():
-    rng = np.random.default_rng(1)
+@pytest.mark.parametrize("weighting", link_field.WEIGHTINGS)
+def test_static_part_is_the_static_field_of_whole_skeletons(rng, weighting):
     keys, v, points = rng.normal(size=(4, 3, 3)), rng.normal(size=(4, 3, 3)), rng.normal(size=(5, 3))
-    chain = Segments([[0, 1], [1, 2]])
-    for weighting in ("unit", "length"):
-        found = terms(keys, v, chain, points, weighting=weighting)
-        np.testing.assert_allclose(
-            found.static, static_field.field(keys, chain, points, weighting=weighting), rtol=1e-13
-        )
-        both = terms(keys, v, chain, np.broadcast_to(points, (4, 5, 3)), weighting=weighting, isotropic=False)
-        np.testing.assert_array_equal(both.directional, found.directional)
-        assert not both.isotropic.any()
+    chain, by_length = np.array([[0, 1], [1, 2]]), weighting == "length"
+    found = terms(keys, v, chain, points, by_length=by_length)
+    np.testing.assert_allclose(found.static, link_field.field(keys, chain, points, weighting), rtol=1e-13)
+    fewer = terms(keys, v, chain, points, by_length=by_length, isotropic=False)
+    np.testing.assert_array_equal(fewer.directional, found.directional)
+    assert not fewer.isotropic.any()
+    assert np.isinf(terms(keys[:1], v[:1], chain, keys[0, 1:2]).static).all(), "on a link"
 
 
-def test_a_point_on_the_link_is_infinitely_in_danger():
-    found = terms(np.array([[[0, 0, 0], [1.0, 0, 0]]]), np.ones((1, 2, 3)), LINK, np.array([[0.5, 0, 0]]))
-    assert np.isinf(found.static).all()
-
-
-def test_gradients_are_those_of_finite_differences():
+@pytest.mark.parametrize("by_length", [False, True])
+def test_gradients_of_the_parts_are_those_of_finite_differences(by_length):
     step = 1e-5
-    for weighting in ("unit", "length"):
-        for a, b, va, vb, p in cases(80):
-            if np.linalg.norm(np.cross(p - a, b - a)) < 1e-2 * np.linalg.norm(b - a):
-                continue  # too steep for differences
-            if np.linalg.norm(vb - va) < 1e-2 or min(np.linalg.norm(v) for v in (va, vb)) < 1e-2:
-                continue
-            if np.linalg.norm(np.cross(va, vb - va)) < 1e-2:
-                continue  # |v| has a kink on the link
-            state = np.array([[a, b], [va, vb]])
+    for a, b, va, vb, p in cases(80):
+        if np.linalg.norm(np.cross(p - a, b - a)) < 1e-2 * np.linalg.norm(b - a):
+            continue  # too steep for differences
+        if min(np.linalg.norm(v) for v in (va, vb, vb - va, np.cross(va, vb - va))) < 1e-2:
+            continue  # |v| has a kink on the link
+        state = np.array([[a, b], [va, vb]])
 
-            def value(state, p=p, weighting=weighting):
-                found = terms(state[:1], state[1:], LINK, p[None], weighting=weighting)
-                return float(2 * (found[0] + 0.3 * found[1] + 0.5 * found[2])[0, 0])
+        def value(state, p=p):
+            found = terms(state[:1], state[1:], LINK, p[None], by_length=by_length)
+            return float(2 * (found[0] + 0.3 * found[1] + 0.5 * found[2])[0, 0])
 
-            by_place, by_velocity = gradients(
-                state[:1], state[1:], LINK, p[None], np.full((1, 1), 2.0), (0.3, 0.5), weighting=weighting
-            )
-            found = np.array([by_place[0], by_velocity[0]])
-            expected = np.empty_like(state)
-            for at in np.ndindex(state.shape):
-                aside = state.copy()
-                aside[at] += step
-                back = state.copy()
-                back[at] -= step
-                expected[at] = (value(aside) - value(back)) / (2 * step)
-            np.testing.assert_allclose(found, expected, atol=2e-5 * (1 + abs(expected).max()))
+        found = pulls(state[:1], state[1:], LINK, p[None, None], np.full((1, 1), 2.0), 0.3, 0.5, by_length)[:, 0]
+        expected = np.empty_like(state)
+        for at in np.ndindex(state.shape):
+            aside = np.zeros(state.shape)
+            aside[at] = step
+            expected[at] = (value(state + aside) - value(state - aside)) / (2 * step)
+        np.testing.assert_allclose(found, expected, atol=2e-5 * (1 + abs(expected).max()))
 
 
 def test_gradients_stay_finite_for_links_that_stand_still_or_do_not_turn():
     keys = np.array([[[0.0, 0, 0], [0.3, 0, 0]]])
     for velocity in (np.zeros(3), np.ones(3)):
         v = np.array([[velocity, velocity]])
-        parts = gradients(keys, v, LINK, np.array([[0.1, 0.5, 0.2]]), np.ones((1, 1)), (0.2, 0.2))
-        assert np.isfinite(parts).all()
+        assert np.isfinite(pulls(keys, v, LINK, np.array([[[0.1, 0.5, 0.2]]]), np.ones((1, 1)), 0.2, 0.2, False)).all()
 
 
-def test_the_bracket_holds_the_isotropic_part():
-    ratios = []
-    for a, b, va, vb, p in cases(160):
-        state = np.array([[a, b]]), np.array([[va, vb]])
-        value = terms(*state, LINK, p[None]).isotropic[0, 0]
-        lower, upper = isotropic_bracket(*state, LINK, p[None])
-        assert lower[0, 0, 0] <= value * (1 + 1e-8)
-        assert upper[0, 0, 0] >= value * (1 - 1e-8)
-        ratios.append(upper[0, 0, 0] / value)
-    assert np.median(ratios) < 1.1
+# ------------------------------------------------------------------------------------------------- of robots
+
+POINTS = [[0.6, 0.4, 0.5], [-0.5, 0.3, 0.2], [0.1, -0.7, 0.9]]
+
+
+def states(robot, number, seed=0):
+    rng = np.random.default_rng(seed)
+    low, high = np.maximum(robot.lower, -2.0), np.minimum(robot.upper, 2.0)
+    Q = (low + high) / 2 + 0.4 * (high - low) * rng.uniform(-1, 1, (number, robot.n))
+    return Q, rng.normal(size=(number, robot.n))
+
+
+@pytest.mark.parametrize("aggregate", ["max", "mean", "softmax"])
+def test_at_rest_it_is_the_static_danger(panda, aggregate):
+    field = DangerField(panda, POINTS, [1.0, 2.0, 0.5], aggregate=aggregate, k1=2.0)
+    Q, _ = states(panda, 6)
+    found = KinetostaticField(field).values(Q, np.zeros_like(Q))
+    np.testing.assert_allclose(found, field.values(Q), rtol=1e-12)
+
+
+def test_without_the_isotropic_part_it_is_the_danger_ahead(panda):
+    field = DangerField(panda, POINTS[:1])
+    moving = KinetostaticField(field, k2=1e-5, gamma=0.0)
+    Q, Qd = states(panda, 6)
+    np.testing.assert_allclose(moving.values(Q, Qd), field.values(Q + 1e-5 * Qd), rtol=1e-8)
+
+
+def test_with_gamma_of_one_motion_never_makes_it_less_dangerous(panda):
+    field = DangerField(panda, POINTS)
+    Q, Qd = states(panda, 200)
+    assert (KinetostaticField(field, gamma=1.0).values(Q, Qd) >= field.values(Q)).all()
+    assert (KinetostaticField(field, gamma=0.0).values(Q, Qd) < field.values(Q)).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "gamma", "aggregate"),
+    [("panda", 1.0, "max"), ("twin_arm", 0.0, "softmax"), ("slider", 1.0, "mean"), ("kinova", 0.0, "max")],
+)
+def test_gradients_are_those_of_finite_differences(robot_named, name, gamma, aggregate):
+    robot = robot_named(name)
+    moving = KinetostaticField(DangerField(robot, POINTS, [1.0, 2.0, 0.5], aggregate=aggregate), gamma=gamma, k2=0.3)
+    Q, Qd = states(robot, 4, seed=2)
+    _, by_q, by_qd = moving.values_and_gradients(Q, Qd)
+    for i, e in enumerate(1e-6 * np.eye(robot.n)):
+        slope = (moving.values(Q + e, Qd) - moving.values(Q - e, Qd)) / 2e-6
+        np.testing.assert_allclose(by_q[:, i], slope, atol=1e-5 * (1 + abs(by_q).max()))
+        slope = (moving.values(Q, Qd + e) - moving.values(Q, Qd - e)) / 2e-6
+        np.testing.assert_allclose(by_qd[:, i], slope, atol=1e-5 * (1 + abs(by_qd).max()))
+
+
+def test_one_state_no_points_and_what_is_refused(panda):
+    moving = KinetostaticField(DangerField(panda, POINTS, k1=2.0, k2=0.5, gamma=0.5))
+    Q, Qd = states(panda, 1)
+    assert moving.value(Q[0], Qd[0]) == moving.values(Q, Qd)[0]
+    assert "k2=0.5, gamma=0.5" in repr(moving)
+    assert KinetostaticField(DangerField(panda, POINTS, k1=2.0)).lead == 0.25
+    nothing = KinetostaticField(DangerField(panda, []))
+    assert not nothing.values(Q, Qd).any()
+    assert not np.concatenate(nothing.gradients(Q, Qd)).any()
+    with pytest.raises(InputError, match="joint velocities must be finite"):
+        moving.value(Q[0], np.full(panda.n, np.nan))
+    with pytest.raises(InputError, match="k2 must be a finite number >= 0"):
+        KinetostaticField(moving.field, k2=-1)
+    with pytest.raises(InputError, match="gamma must be a finite number >= 0"):
+        KinetostaticField(moving.field, gamma=np.nan)
+
+
+@pytest.mark.parametrize("number", [1, 80, 1000])
+@pytest.mark.parametrize("weighting", ["unit", "length"])
+@pytest.mark.parametrize("gamma", [0.0, 1.0])
+def test_the_maximum_is_that_of_all_points_though_few_are_evaluated(panda, number, weighting, gamma):
+    rng = np.random.default_rng(3)
+    points, weights = rng.uniform(-0.9, 0.9, (number, 3)), rng.choice([0.2, 1.0, 3.0], number)
+    kind = {"weighting": weighting, "k1": 2.0, "gamma": gamma}
+    moving = KinetostaticField(DangerField(panda, points, weights, **kind))
+    Q, Qd = states(panda, 12)
+    # A mean over one point takes no bounds.
+    alone = [
+        KinetostaticField(DangerField(panda, p[None], w[None], aggregate="mean", **kind))
+        for p, w in zip(points, weights, strict=True)
+    ]
+    levels = np.array([one.values(Q, Qd) for one in alone])
+    values, *slopes = moving.values_and_gradients(Q, Qd)
+    np.testing.assert_allclose(values, levels.max(axis=0), rtol=1e-12)
+    np.testing.assert_array_equal(moving.values(Q, Qd), values)
+    for b, most in enumerate(levels.argmax(axis=0)):
+        expected = alone[most].gradients(Q[[b]], Qd[[b]])
+        np.testing.assert_allclose([slope[b] for slope in slopes], np.concatenate(expected), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("weighting", ["unit", "length"])
+def test_a_danger_point_on_a_link_or_at_its_end_is_found_among_many(panda, weighting):
+    points = np.random.default_rng(3).uniform(-0.9, 0.9, (80, 3))
+    Q, Qd = states(panda, 4)
+    for q, qd in zip(Q, Qd, strict=True):
+        a, b = panda.keypoints(q)[panda.segments[3]]
+        for touching in (a, b, (a + b) / 2):
+            field = DangerField(panda, np.vstack([points, touching]), weighting=weighting)
+            moving = KinetostaticField(field)
+            alone = KinetostaticField(DangerField(panda, [touching], weighting=weighting))
+            for rates in (0 * qd, qd):
+                assert moving.value(q, rates) >= alone.value(q, rates) * (1 - 1e-12)
+            assert moving.value(q, 0 * qd) == pytest.approx(field.value(q), rel=1e-9)
+
+
+@pytest.mark.parametrize("number", [1, 64, 65, 1025, 5000])
+@pytest.mark.parametrize("flat", [1.0, 0.0])
+def test_groups_hold_their_points(panda, rng, number, flat):
+    points, charges = rng.normal(size=(number, 3)) * [1.0, flat, flat], rng.choice([1.0, 2.0], number)
+    groups = DangerField(panda, points, charges).groups
+    places, centres = groups.columns.T[:number], groups.columns.T[number:]
+    given, held = (np.column_stack(parts) for parts in ((points, charges), (places, groups.charges)))
+    np.testing.assert_array_equal(held[np.lexsort(held.T)], given[np.lexsort(given.T)])
+    assert (groups.begins[0], groups.begins[-1]) == (0, number)
+    for g, (begin, end) in enumerate(pairwise(groups.begins)):
+        assert 0 < end - begin <= 64
+        assert (np.linalg.norm(places[begin:end] - centres[g], axis=1) <= groups.radii[g]).all()
+        assert (groups.charges[begin:end] <= groups.heaviest[g]).all()

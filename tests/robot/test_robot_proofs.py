@@ -72,7 +72,7 @@ def test_a_certificate_of_a_robot_without_its_load_is_refused(robot, free_edges)
 def test_no_danger_exceeds_its_bound(robot, free_edges):
     field = danger_of(robot)
     for start, end in free_edges:
-        bounds = CertifiedDanger(field).of_edge(start, end)
+        bounds = CertifiedDanger(field).of_path([start, end])
         samples = field.values(start + np.linspace(0.0, 1.0, 300)[:, None] * (end - start))
         assert samples.max() <= bounds.upper * (1 + 1e-9)
         assert bounds.upper <= 1.06 * bounds.lower

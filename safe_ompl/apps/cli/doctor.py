@@ -27,7 +27,7 @@ from rich.table import Table
 from safe_ompl.apps import exchange
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.common import PlanningError, compile_together
-from safe_ompl.danger import CertifiedDanger, DangerField
+from safe_ompl.danger import CertifiedDanger, DangerField, KinetostaticField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.geometry.kernels import gaps
@@ -192,7 +192,7 @@ def ask_for_many_points() -> None:
     """Call what the danger of many points needs, and a mean on an edge."""
     q, many = np.zeros(2), _field(_MANY, "mean")
     many.values_and_gradients([q])
-    many.moving.values_and_gradients([q], [q + 1.0])
+    KinetostaticField(many).values_and_gradients([q], [q + 1.0])
     _field(1).mean(q, q)
 
 
@@ -200,10 +200,8 @@ def ask_for_motions() -> None:
     """Call what danger in motion needs, its gradients, and bounds on paths and in time."""
     q, field = np.zeros(2), _field(1)
     limits = RateLimits.of(field.robot, acceleration=10.0)
-    time_path([q, q + 1.0], field.robot, limits, danger=field.moving, max_danger=1e3)
-    field.moving.value(q, q + 1.0)
-    _field(_MANY).moving.value(q, q + 1.0)
-    field.moving.values_and_gradients([q], [q + 1.0])
+    time_path([q, q + 1.0], field.robot, limits, danger=KinetostaticField(field), max_danger=1e3)
+    KinetostaticField(field).values_and_gradients([q], [q + 1.0])
     CertifiedDanger(field).of_path([q, q + 1.0])
     field.push(q)
     motion = Motion.hermite([0.0, 2.0], [q, q + 1.0], [q, q])

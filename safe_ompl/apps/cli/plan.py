@@ -17,6 +17,7 @@ from safe_ompl.apps.cli import arguments, output, tables
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError, files
+from safe_ompl.danger import KinetostaticField
 from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
 from safe_ompl.motions import Motion
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
@@ -145,7 +146,7 @@ def show_timed(
     """
     danger = None
     if any(obstacle.weight > 0 for obstacle in scenario.scene):
-        danger = trajectory.danger(result.danger_field().moving)
+        danger = trajectory.danger(KinetostaticField(result.danger_field()))
     if options.json != output.STANDARD_OUTPUT and options.trajectory != output.STANDARD_OUTPUT:
         output.console().print(describe_timing(trajectory))
         if danger is not None:

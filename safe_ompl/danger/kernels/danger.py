@@ -12,17 +12,25 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
 from safe_ompl.danger.kernels.field import Block, Skeleton, add_pull, ceilings, new_block, potential, potentials
-from safe_ompl.danger.kernels.groups import (
-    MAXIMUM,
-    MEAN,
-    Aggregate,
-    Points,
-    Room,
-    highest_level,
-    most_points,
-    total_level,
-)
 from safe_ompl.robot.kernels import place_joints, place_keypoints, pull
+
+MAXIMUM, MEAN, SOFTMAX = 0, 1, 2
+
+
+class Points(NamedTuple):
+    """Danger points: columns (3, M ≥ 1) [m], charges k₁w (M,), columns in single precision, and the largest number."""
+
+    columns: FloatArray
+    charges: FloatArray
+    short: Any
+    reach: float
+
+
+class Aggregate(NamedTuple):
+    """`MAXIMUM`, `MEAN` or `SOFTMAX`, and β of the latter."""
+
+    kind: int
+    sharpness: float
 
 
 class Tables(NamedTuple):
@@ -35,7 +43,7 @@ class Tables(NamedTuple):
 
 
 class PointDanger(NamedTuple):
-    """Danger at fixed points, as `dangers` computes it: points have columns (1, 3, M ≥ 1) and charges (1, M)."""
+    """Danger as `dangers` computes it."""
 
     tables: Tables
     points: Points
@@ -91,7 +99,7 @@ def _shares(levels: FloatArray, kind: int, sharpness: float, out: FloatArray) ->
 
 
 class _Work(NamedTuple):
-    """Room for the danger of one configuration: of joints, of key points, of points, and of balls."""
+    """Room for the danger of one configuration: of joints, of key points, and of points."""
 
     rotation: FloatArray
     origin: FloatArray
@@ -101,50 +109,39 @@ class _Work(NamedTuple):
     forces: FloatArray
     levels: FloatArray
     share: FloatArray
-    short: Any
     far: Any
-    reach: Any
     bounds: Any
     tops: Any
     alone: FloatArray
     block: Block
-    room: Room
 
 
 @maker
-def _room(tables: Tables, charges: FloatArray, balls: Any) -> _Work:
-    """Return room for the work; levels, and what follows them, only where every point is looked at."""
-    m, K, M, N, most = len(tables.joints), len(tables.keys), 0, 0, 0
-    if balls is None:
-        M = charges.shape[1]
-    else:
-        N, most = len(balls), most_points(balls)
-    room = Room(np.empty((len(tables.links), N)), np.empty((3, N)), np.empty((1, most)))
+def _room(tables: Tables, M: int) -> _Work:
+    m, K = len(tables.joints), len(tables.keys)
     return _Work(
         np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6)), np.empty((K, 3)), np.empty((K, 3)),
-        np.empty(M), np.empty(M), np.empty((3, M), np.float32), np.empty((K, M), np.float32), np.empty(1, np.uint32),
-        np.empty(M, np.float32), np.empty((M + _CHUNK - 1) // _CHUNK, np.uint32), np.empty((4, len(tables.links))),
-        new_block(K), room,
+        np.empty(M), np.empty(M), np.empty((K, M), np.float32), np.empty(M, np.float32),
+        np.empty((M + _CHUNK - 1) // _CHUNK, np.uint32), np.empty((4, len(tables.links))), new_block(K),
     )  # fmt: skip
 
 
 _CHUNK = 32  # points of which the highest bound is known
-_SIZE = np.uint32(0x7FFFFFFF)  # all bits of a float32 but its sign
 
 
 @part
 def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[float, int]:
-    """Return the largest level of points without balls, and where the first of these is; exact.
+    """Return the largest level, and where the first of these is; exact.
 
     Levels are computed where a bound in single precision does not tell that they are lower.
     """
     columns, charges, bounds = points.columns, points.charges, work.bounds
     M = len(charges)
-    reach = np.float64(work.reach.view(np.float32)[0])
+    reach = points.reach
     for k in range(len(skeleton.places)):
         for x in range(3):
             reach = max(reach, abs(skeleton.places[k, x]))
-    ceilings(skeleton, work.short, reach, work.far, bounds)
+    ceilings(skeleton, points.short, reach, work.far, bounds)
     for k in range(M):
         bounds[k] *= np.float32(charges[k])
     # As integers numbers that are not negative have the same order, and what is no number is above all others.
@@ -172,49 +169,24 @@ def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[flo
 
 
 @part
-def _shorten(points: FloatArray, work: _Work) -> None:
-    """Write points (3, M) in single precision, and their largest coordinate."""
-    largest = np.uint32(0)
-    for x in range(3):
-        short = work.short[x]
-        bits = short.view(np.uint32)
-        for k in range(len(short)):
-            short[k] = points[x, k]
-        for k in range(len(short)):
-            size = bits[k] & _SIZE
-            largest = size if size > largest else largest
-    work.reach[0] = largest
+def _place(tables: Tables, values: FloatArray, work: _Work) -> None:
+    """Place joints and key points at `values: (m,)` of the joints."""
+    place_joints(tables.joints, values, work.rotation, work.origin, work.axis)
+    place_keypoints(tables.keys, work.rotation, work.origin, work.places)
 
 
 @part
 def _danger(
-    tables: Tables,
-    values: FloatArray,
-    points: Points,
-    balls: Any,
-    aggregate: Aggregate,
-    gradient: FloatArray,
-    work: _Work,
+    tables: Tables, values: FloatArray, points: Points, aggregate: Aggregate, gradient: FloatArray, work: _Work
 ) -> float:
-    """Return the danger at `values: (m,)` of the joints, and write its gradient (m or 0,).
-
-    `balls`, those of the points, are an argument of their own: so Numba compiles only the branch of their type. The
-    work comes last: behind `balls` it took 5 % longer.
-    """
-    joints, keys, kind, sloped = tables.joints, tables.keys, aggregate.kind, len(gradient) > 0
-    place_joints(joints, values, work.rotation, work.origin, work.axis)
-    place_keypoints(keys, work.rotation, work.origin, work.places)
+    """Return the danger at `values: (m,)` of the joints, and write its gradient (m or 0,)."""
+    kind, sloped = aggregate.kind, len(gradient) > 0
+    _place(tables, values, work)
     skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
     columns, charges = points.columns, points.charges
     levels, share, forces = work.levels, work.share, work.forces
     forces[:] = 0.0
-    if balls is not None:
-        out = 0.0
-        if kind != MEAN:
-            out = highest_level(skeleton, points, work.room, forces, sloped and kind == MAXIMUM)
-        if kind != MAXIMUM:
-            out = total_level(skeleton, points, aggregate, out, work.room, forces, sloped)
-    elif kind == MAXIMUM:
+    if kind == MAXIMUM:
         out, best = _highest_level(skeleton, points, work)
         if sloped:
             add_pull(skeleton, columns, best, charges[best], forces)
@@ -230,7 +202,8 @@ def _danger(
                 if share[k] != 0.0:
                     add_pull(skeleton, columns, k, charges[k] * share[k], forces)
     if sloped:
-        pull(joints, keys, (work.origin, work.axis, work.wrench), work.places, forces, gradient)
+        frames = work.origin, work.axis, work.wrench
+        pull(tables.joints, tables.keys, frames, work.places, forces, gradient)
     return float(out)
 
 
@@ -240,12 +213,10 @@ def dangers(
 ) -> FloatArray:
     """Return the danger (B,) at `values: (B, m)` of the joints, and write its gradients (B or 0, m).
 
-    Points have columns (1 or B, 3, M ≥ 1) and charges (1 or B, M), the same or others for every configuration; where
-    their balls are None every point is looked at. Gradients are not written where there is no room; points on a link
-    have none.
+    Gradients are not written where there is no room; points on a link have none.
     """
     out = np.empty(len(values))
-    _each_danger(tables, values, points, aggregate, _room(tables, points.charges, points.balls), gradients, out)
+    _each_danger(tables, values, points, aggregate, gradients, out, _room(tables, len(points.charges)))
     return out
 
 
@@ -255,19 +226,14 @@ def _each_danger(
     values: FloatArray,
     points: Points,
     aggregate: Aggregate,
-    work: _Work,
     gradients: FloatArray,
     out: FloatArray,
+    work: _Work,
 ) -> None:
     """Write what `dangers` returns: within a part Numba does not count who holds an array, once for each row."""
     for b in range(len(values)):
-        own = points.columns[b if len(points.columns) > 1 else 0]
-        charge = points.charges[b if len(points.charges) > 1 else 0]
-        if b == 0 or len(points.columns) > 1:
-            _shorten(own, work)
         gradient = gradients[b] if len(gradients) > 0 else work.share[:0]
-        here = Points(own, charge, points.balls)
-        out[b] = _danger(tables, values[b], here, here.balls, aggregate, gradient, work)
+        out[b] = _danger(tables, values[b], points, aggregate, gradient, work)
 
 
 @compiled
@@ -276,32 +242,27 @@ def high_levels(
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Return the levels (C,) at `values: (B, m)` that are at least `least`, and at least a share of the row's highest.
 
-    Before them come their rows and points (C,), after them, if `sloped`, their gradients (C, m), else (0, m). Points
-    are those of `dangers`, without balls.
+    Before them come their rows and points (C,), after them, if `sloped`, their gradients (C, m), else (0, m).
     """
     columns, charges, C = points.columns, points.charges, 0
-    B, M = len(values), columns.shape[2]
+    B, M = len(values), len(charges)
     rows, found, levels = np.empty(B * M, np.int64), np.empty(B * M, np.int64), np.empty(B * M)
     gradients = np.empty((B * M if sloped else 0, values.shape[1]))
-    work = _room(tables, charges, None)
+    work = _room(tables, M)
     skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
     for b in range(B):
-        here = Points(columns[b if len(columns) > 1 else 0], charges[b if len(charges) > 1 else 0], None)
-        if b == 0 or len(columns) > 1:
-            _shorten(here.columns, work)
-        place_joints(tables.joints, values[b], work.rotation, work.origin, work.axis)
-        place_keypoints(tables.keys, work.rotation, work.origin, work.places)
-        lowest = max(least, share * _highest_level(skeleton, here, work)[0])
+        _place(tables, values[b], work)
+        lowest = max(least, share * _highest_level(skeleton, points, work)[0])
         enough = np.float32(lowest * (1.0 - 1e-7))
         for k in range(M):
             if work.bounds[k] < enough:
                 continue
-            level = potential(skeleton, here.columns, k, work.alone) * here.charges[k]
+            level = potential(skeleton, columns, k, work.alone) * charges[k]
             if level >= lowest:
                 rows[C], found[C], levels[C] = b, k, level
                 if sloped:
                     work.forces[:] = 0.0
-                    add_pull(skeleton, here.columns, k, here.charges[k], work.forces)
+                    add_pull(skeleton, columns, k, charges[k], work.forces)
                     frames = work.origin, work.axis, work.wrench
                     pull(tables.joints, tables.keys, frames, work.places, work.forces, gradients[C])
                 C += 1
@@ -319,16 +280,13 @@ def mean_danger(
 
     By Simpson's rule. Of a panel, at first one of `panels`, the trapezoidal rule with the same three values differs by
     |f₀ − 2f₁ + f₂|/12 from it. The panel is halved where that is more than the relative tolerance times the mean.
-    Points have columns (1, 3, M ≥ 1) and charges (1, M).
     """
-    work, nothing = _room(tables, points.charges, points.balls), np.empty(0)
-    here = Points(points.columns[0], points.charges[0], points.balls)
-    _shorten(here.columns, work)
+    work, nothing = _room(tables, len(points.charges)), np.empty(0)
     q, first, evaluations = np.empty(ends.shape[1]), np.empty(2 * panels + 1), 2 * panels + 1
     mean = 0.0
     for k in range(evaluations):
         _between(ends, k / (2 * panels), q)
-        first[k] = _danger(tables, q, here, here.balls, aggregate, nothing, work)
+        first[k] = _danger(tables, q, points, aggregate, nothing, work)
         mean += first[k] * (4.0 if k % 2 else 1.0 if k in (0, 2 * panels) else 2.0) / (6 * panels)
     if not mean < inf:
         return mean, evaluations
@@ -345,9 +303,9 @@ def mean_danger(
                 depth -= 1
                 continue
             _between(ends, begin + 0.25 * length, q)
-            left = _danger(tables, q, here, here.balls, aggregate, nothing, work)
+            left = _danger(tables, q, points, aggregate, nothing, work)
             _between(ends, begin + 0.75 * length, q)
-            right = _danger(tables, q, here, here.balls, aggregate, nothing, work)
+            right = _danger(tables, q, points, aggregate, nothing, work)
             evaluations += 2
             _put(pending[depth], begin + 0.5 * length, 0.5 * length, (f1, right, f2))
             depth += 1

@@ -94,20 +94,25 @@ def half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
 
 
 @part
-def slopes(length: float, S: float, half: float) -> tuple[float, float, float]:
-    """Return φ = θ/ℓ, c = 2/(S² − ℓ²) and κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)²."""
-    if half <= 0.0:
-        return inf, inf, inf
-    c = 1.0 / half
-    phi = np.log1p(length * (S + length) * c) / length
+def kappa_of(S: float, length: float, c: float, phi: float) -> tuple[float, float, float]:
+    """Return κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)², c = 2/(S² − ℓ²), and ∂κ/∂S, ∂κ/∂ℓ."""
     y = (length / S) ** 2
     if y > _SERIES:
-        return phi, c, (c * S - phi) / (length * length)
-    total, power = 0.0, 1.0
+        squared = length * length
+        kappa = (c * S - phi) / squared
+        # φ = (2/ℓ) atanh(ℓ/S): ∂φ/∂S = −c and ∂φ/∂ℓ = (cS − φ)/ℓ; ∂c/∂S = −c²S, ∂c/∂ℓ = c²ℓ
+        by_S = (c - c * c * S * S + c) / squared
+        by_length = (c * c * length * S - kappa * length) / squared - 2 * kappa / length
+        return kappa, by_S, by_length
+    total, slope, power = 0.0, 0.0, 1.0
     for k in range(1, 10):
-        total += 2.0 * k / (2 * k + 1) * power
+        factor = 2.0 * k / (2 * k + 1)
+        total += factor * power
+        if k > 1:
+            slope += factor * (k - 1) * power / y if y > 0 else (factor if k == 2 else 0.0)
         power *= y
-    return phi, c, 2.0 * total / (S * S * S)
+    cubed = S * S * S
+    return 2.0 * total / cubed, -2 * (3 * total + 2 * y * slope) / (cubed * S), 4 * slope * length / (cubed * S * S)
 
 
 @part
@@ -318,7 +323,9 @@ def add_pull(skeleton: Skeleton, points: FloatArray, m: int, weight: float, forc
         length, half = link_length(places, start, end), half_gap(u, v, d1, d2)
         if half <= 0.0:
             return
-        phi, c, kappa = slopes(length, d1 + d2, half)
+        S, c = d1 + d2, 1.0 / half
+        phi = np.log1p(length * (S + length) * c) / length
+        kappa = kappa_of(S, length, c, phi)[0]
         scale = weight
         if skeleton.by_length:
             scale *= length
@@ -350,34 +357,32 @@ def _space_slope(skeleton: Skeleton, points: FloatArray, m: int, out: FloatArray
             out[x] -= scale * (u[x] / d1 + v[x] / d2)
 
 
-# ---------------------------------------- batches: of skeletons (B, K, 3) and points (1 or B, 3, M), for Python
+# ---------------------------------------- batches: of skeletons (B, K, 3) and points (3, M), for Python
 
 
 @compiled
 def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool, summed: bool) -> FloatArray:
     """Return the field of each link (B, L, M), or their sum (B, 1, M), which is CDF(p)."""
     rows, block = 1 if summed else len(links), new_block(places.shape[1])
-    out = np.empty((len(places), rows, points.shape[2]))
+    out = np.empty((len(places), rows, points.shape[1]))
     for b in range(len(places)):
-        skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
-        potentials(skeleton, at, 0, out.shape[2], out[b])
+        potentials(Skeleton(places[b], links, by_length, block), points, 0, out.shape[2], out[b])
     return out
 
 
 @compiled
 def link_distances(places: FloatArray, links: IntArray, points: FloatArray) -> FloatArray:
     """Return the distance of each point from each link (B, L, M)."""
-    B, L, M = len(places), len(links), points.shape[2]
+    B, L, M = len(places), len(links), points.shape[1]
     out, w = np.empty((B, L, M)), np.empty(3)
     for b in range(B):
-        at = points[b if len(points) > 1 else 0]
         for k in range(L):
             a, end = places[b, links[k, 0]], places[b, links[k, 1]]
             for x in range(3):
                 w[x] = end[x] - a[x]
             squared = max(dot(w, w), ZERO)
             for m in range(M):
-                ux, uy, uz = at[0, m] - a[0], at[1, m] - a[1], at[2, m] - a[2]
+                ux, uy, uz = points[0, m] - a[0], points[1, m] - a[1], points[2, m] - a[2]
                 t = min(max((ux * w[0] + uy * w[1] + uz * w[2]) / squared, 0.0), 1.0)
                 ux, uy, uz = ux - t * w[0], uy - t * w[1], uz - t * w[2]
                 out[b, k, m] = sqrt(ux * ux + uy * uy + uz * uz)
@@ -387,9 +392,9 @@ def link_distances(places: FloatArray, links: IntArray, points: FloatArray) -> F
 @compiled
 def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
     """Return ∂CDF/∂p (B, M, 3)."""
-    out, block = np.empty((len(places), points.shape[2], 3)), new_block(places.shape[1])
+    out, block = np.empty((len(places), points.shape[1], 3)), new_block(places.shape[1])
     for b in range(len(places)):
-        skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
-        for m in range(points.shape[2]):
-            _space_slope(skeleton, at, m, out[b, m])
+        skeleton = Skeleton(places[b], links, by_length, block)
+        for m in range(points.shape[1]):
+            _space_slope(skeleton, points, m, out[b, m])
     return out

@@ -23,35 +23,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
-from safe_ompl.danger.kernels.field import ZERO, cross_norm, dot, half_gap
+from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
+from safe_ompl.danger.kernels.field import ZERO, cross_norm, dot, half_gap, kappa_of
 
 _BESIDE = 3e-5  # floor of h, in distances from the segment
 _TURNING = 1e-10  # floor of c₂, in squared speeds
 _SHARP = 1e-9  # floor of g
-_SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
-
-
-@part
-def _stretch(S: float, length: float, c: float, phi: float) -> tuple[float, float, float]:
-    """κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)², and ∂κ/∂S, ∂κ/∂ℓ."""
-    y = (length / S) ** 2
-    if y > _SERIES:
-        squared = length * length
-        kappa = (c * S - phi) / squared
-        # φ = (2/ℓ) atanh(ℓ/S): ∂φ/∂S = −c and ∂φ/∂ℓ = (cS − φ)/ℓ; ∂c/∂S = −c²S, ∂c/∂ℓ = c²ℓ
-        by_S = (c - c * c * S * S + c) / squared
-        by_length = (c * c * length * S - kappa * length) / squared - 2 * kappa / length
-        return kappa, by_S, by_length
-    total, slope, power = 0.0, 0.0, 1.0
-    for k in range(1, 10):
-        factor = 2.0 * k / (2 * k + 1)
-        total += factor * power
-        if k > 1:
-            slope += factor * (k - 1) * power / y if y > 0 else (factor if k == 2 else 0.0)
-        power *= y
-    cubed = 2 / (S * S * S)
-    return cubed * total, -cubed * (3 * total + 2 * y * slope) / S, cubed * slope * 2 * length / (S * S)
 
 
 @part
@@ -126,35 +103,42 @@ def link_parts(
     length = max(sqrt(dot(w, w)), ZERO)
     S, c = d1 + d2, 1 / half
     phi = log1p(length * (S + length) * c) / length
-    kappa = _stretch(S, length, c, phi)[0]
+    kappa = kappa_of(S, length, c, phi)[0]
     rate = c * (dot(u, va) / d1 + dot(v, vb) / d2) + kappa * dot(w, D)
     return phi, rate, _isotropic(u, w, va, D)[0] if isotropic else 0.0
+
+
+@maker
+def link_sums(
+    places: FloatArray, velocities: FloatArray, links: IntArray, by_length: bool, point: FloatArray, isotropic: bool
+) -> tuple[float, float, float]:
+    """Return Σφ, Σφ̇ and ΣI (0 unless wanted) over the links at a point (3,), of key points (K, 3); +inf on a link."""
+    w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    fields, rates, spreads = 0.0, 0.0, 0.0
+    for k in range(len(links)):
+        i, j = links[k, 0], links[k, 1]
+        difference(places[j], places[i], w)
+        difference(velocities[j], velocities[i], D)
+        difference(point, places[i], u)
+        difference(point, places[j], v)
+        phi, rate, iso = link_parts(u, v, w, velocities[i], velocities[j], D, isotropic)
+        if phi == inf:
+            return inf, inf, inf
+        scale = max(sqrt(dot(w, w)), ZERO) if by_length else 1.0
+        fields, rates, spreads = fields + scale * phi, rates + scale * rate, spreads + scale * iso
+    return fields, rates, spreads
 
 
 @compiled
 def link_terms(
     keypoints: FloatArray, velocities: FloatArray, links: IntArray, points: FloatArray, by_length: bool, isotropic: bool
 ) -> FloatArray:
-    """Return φ, φ̇ and I summed over the links (L, 2), (3, B, M); points (1 or B, M, 3)."""
-    B, M = len(keypoints), points.shape[1]
-    out = np.zeros((3, B, M))
-    w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for b in range(B):
-        fields = points[b if len(points) > 1 else 0]
-        for k in range(len(links)):
-            i, j = links[k, 0], links[k, 1]
-            start, end, va, vb = keypoints[b, i], keypoints[b, j], velocities[b, i], velocities[b, j]
-            difference(end, start, w)
-            difference(vb, va, D)
-            scale = max(sqrt(dot(w, w)), ZERO) if by_length else 1.0
-            for p in range(M):
-                difference(fields[p], start, u)
-                difference(fields[p], end, v)
-                phi, rate, iso = link_parts(u, v, w, va, vb, D, isotropic)
-                out[0, b, p] += scale * phi
-                out[1, b, p] += scale * rate
-                if isotropic:
-                    out[2, b, p] += scale * iso
+    """Return φ, φ̇ and I summed over the links (L, 2), (3, B, M); points (M, 3)."""
+    out = np.empty((3, len(keypoints), len(points)))
+    for b in range(len(keypoints)):
+        for m in range(len(points)):
+            found = link_sums(keypoints[b], velocities[b], links, by_length, points[m], isotropic)
+            out[0, b, m], out[1, b, m], out[2, b, m] = found
     return out
 
 
@@ -192,7 +176,7 @@ def pulls(
                 weight = scale * weights[b, p]
                 S, c = d1 + d2, 1 / half
                 phi = log1p(length * (S + length) * c) / length
-                kappa, kappa_S, kappa_length = _stretch(S, length, c, phi)
+                kappa, kappa_S, kappa_length = kappa_of(S, length, c, phi)
                 # φ̇ and, as the Hessian is symmetric, its gradient: how ∂φ/∂a, ∂φ/∂b change while the ends move
                 speed1, speed2 = -dot(u, va) / d1, -dot(v, vb) / d2
                 growth = dot(w, D) / length

@@ -1,7 +1,7 @@
 """The largest kinetostatic danger of many points, found without closed forms at most of them; exact.
 
-Points lie in groups, and these in blocks, as in `safe_ompl.danger.kernels.groups`. Of a ball of radius r whose centre c
-is D > r from a link, whose points are no faster than V, every point p is D − r = R away at least: with U = φ(c)D/R
+Points lie in groups of neighbours. Of a ball of radius r whose centre c is D > r from a link, whose points are no
+faster than V, every point p is D − r = R away at least: with U = φ(c)D/R
 
     φ(p) ≤ U,    φ̇(p) ≤ φ̇(c) + 2rVU/R²,    I(p) ≤ I(c) + 2rVU/R²,
 
@@ -19,17 +19,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
+from safe_ompl.common import FloatArray, IntArray, compiled, part
 from safe_ompl.danger.kernels.danger import Tables
-from safe_ompl.danger.kernels.field import ZERO, Skeleton, dot, new_block, potentials, ray
-from safe_ompl.danger.kernels.groups import Points
-from safe_ompl.danger.kernels.kinetostatic import difference, link_parts
+from safe_ompl.danger.kernels.field import ZERO, Skeleton, new_block, potentials
+from safe_ompl.danger.kernels.kinetostatic import link_sums
 from safe_ompl.robot.kernels import move_joints, move_keypoints, place_joints, place_keypoints
 
 _SLACK = 1 + 1e-7  # of rounding in the bounds
 _LOST = 1e-7  # (S² − ℓ²)/S² below which too many digits of it are lost: then the bound is infinite
 _SHORT = 1e-6  # [m] links that are as good as a point
 _RIGID = 1e-9  # relative: links that become no longer than this do not
+
+
+class Groups(NamedTuple):
+    """M ≥ 1 danger points in G groups: columns (3, M + G), the points and a centre of each group; charges k₁w (M,).
+
+    Where the groups begin, and the last one ends, (G + 1,); radii (G,) [m] about the centres; largest charges (G,).
+    """
+
+    columns: FloatArray
+    charges: FloatArray
+    begins: IntArray
+    radii: FloatArray
+    heaviest: FloatArray
 
 
 class Motion(NamedTuple):
@@ -121,24 +133,6 @@ def _bound(motion: Motion, balls: _Balls, begin: int, end: int, room: FloatArray
         bounds[g] = level if level == level else inf  # ∞ − ∞ or 0·∞ where a point may be on a link
 
 
-@maker
-def _level(motion: Motion, points: FloatArray, m: int) -> float:
-    """Return Σ φ + ahead·φ̇ + spread·I over the links at p_m."""
-    skeleton, velocities, spread = motion.skeleton, motion.velocities, motion.spread
-    w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    total = 0.0
-    for k in range(len(skeleton.links)):
-        i, j = skeleton.links[k, 0], skeleton.links[k, 1]
-        difference(skeleton.places[j], skeleton.places[i], w)
-        difference(velocities[j], velocities[i], D)
-        ray(skeleton, points, m, i, u)
-        ray(skeleton, points, m, j, v)
-        phi, rate, iso = link_parts(u, v, w, velocities[i], velocities[j], D, spread > 0)
-        scale = sqrt(max(dot(w, w), ZERO)) if skeleton.by_length else 1.0
-        total += inf if phi == inf else scale * (phi + motion.ahead * rate + spread * iso)
-    return total
-
-
 @part
 def _highest(bounds: FloatArray, begin: int, end: int) -> int:
     best = begin
@@ -150,27 +144,25 @@ def _highest(bounds: FloatArray, begin: int, end: int) -> int:
 
 @compiled
 def highest(
-    tables: Tables, values: FloatArray, rates: FloatArray, points: Points, ahead: float, spread: float
-) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return the largest level charge·Σ(φ + ahead·φ̇ + spread·I) (B,), of which point, and key points (2, B, K, 3).
+    tables: Tables, values: FloatArray, rates: FloatArray, points: Groups, ahead: float, spread: float
+) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
+    """Return the largest level charge·Σ(φ + ahead·φ̇ + spread·I) (B,), and of which point.
 
-    Joints have `values` and `rates` (B, m), the key points places and velocities. Points have columns (1, 3, ·) and
-    charges (1, M), and the balls that hold the points; `ahead` and `spread` are in seconds.
+    Besides them places and velocities of the key points (B, K, 3). Joints have `values` and `rates` (B, m); `ahead` and
+    `spread` are in seconds.
     """
     B, m = values.shape
-    joints, keys, links, balls = tables.joints, tables.keys, tables.links, points.balls
+    joints, keys, links = tables.joints, tables.keys, tables.links
     out, chosen, motions = np.empty(B), np.empty(B, dtype=np.int64), np.empty((2, B, len(keys), 3))
-    own, charge, blocks = points.columns[0], points.charges[0], balls[0].begin
-    M, N = len(charge), len(balls)
-    groups = _Balls(own, M, np.empty(N), np.empty(N), np.empty(N))
-    alone = _Balls(own, 0, np.empty(0), charge, np.empty(M))
-    bounds, levels, most = groups.bounds, alone.bounds, max(blocks, N - blocks)
-    for g in range(N):
-        groups.radii[g], groups.tops[g] = balls[g].radius, balls[g].heaviest
-        most = max(most, balls[g].end - balls[g].begin)
-    room = np.empty((len(links) + 2 * len(keys), most))
+    columns, charges, begins = points.columns, points.charges, points.begins
+    M, G = len(charges), len(points.radii)
+    groups = _Balls(columns, M, points.radii, points.heaviest, np.empty(G))
+    alone = _Balls(columns, 0, np.empty(0), charges, np.empty(M))
+    most = G
+    for g in range(G):
+        most = max(most, begins[g + 1] - begins[g])
+    room, place, memory = np.empty((len(links) + 2 * len(keys), most)), np.empty(3), new_block(len(keys))
     rotation, origin, axis, twists = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6))
-    memory = new_block(len(keys))
     for b in range(B):
         places, velocities = motions[0, b], motions[1, b]
         place_joints(joints, values[b], rotation, origin, axis)
@@ -179,31 +171,24 @@ def highest(
         move_keypoints(keys, twists, places, velocities)
         motion = Motion(Skeleton(places, links, tables.by_length, memory), velocities, ahead, spread)
         best, peak = 0, -inf
-        if blocks == 1:
-            bounds[0] = inf
-        else:
-            _bound(motion, groups, 0, blocks, room)
+        _bound(motion, groups, 0, G, room)
         while True:
-            block = _highest(bounds, 0, blocks)
-            if bounds[block] <= peak:
+            group = _highest(groups.bounds, 0, G)
+            if groups.bounds[group] <= peak:
                 break
-            begin, end = balls[block].begin, balls[block].end
-            _bound(motion, groups, begin, end, room)
-            bounds[block] = -inf
+            groups.bounds[group] = -inf
+            first, last = begins[group], begins[group + 1]
+            _bound(motion, alone, first, last, room)
             while True:
-                group = _highest(bounds, begin, end)
-                if bounds[group] <= peak:
+                point = _highest(alone.bounds, first, last)
+                if alone.bounds[point] <= peak:
                     break
-                bounds[group] = -inf
-                first, last = balls[group].begin, balls[group].end
-                _bound(motion, alone, first, last, room)
-                while True:
-                    point = _highest(levels, first, last)
-                    if levels[point] <= peak:
-                        break
-                    levels[point] = -inf
-                    level = charge[point] * _level(motion, own, point)
-                    if level > peak:
-                        best, peak = point, level
+                alone.bounds[point] = -inf
+                for x in range(3):
+                    place[x] = columns[x, point]
+                phi, rate, iso = link_sums(places, velocities, links, tables.by_length, place, spread > 0)
+                level = inf if phi == inf else charges[point] * (phi + ahead * rate + spread * iso)
+                if level > peak:
+                    best, peak = point, level
         out[b], chosen[b] = peak, best
-    return out, chosen, motions
+    return out, chosen, motions[0], motions[1]

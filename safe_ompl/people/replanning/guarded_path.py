@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
-from safe_ompl.danger import JointMotions
 from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
 from safe_ompl.robot import Robot, bounding_hull
@@ -74,13 +73,12 @@ class RobotBodies:
             middles,
             np.array(extents),
         )
-        self._joints = JointMotions(robot)
-        self._first_axis = self._joints.frames(np.zeros((1, robot.n)))[2][0, 0]
+        self._first_axis = robot.kinematics.frames(robot.coupling.values(np.zeros((1, robot.n))))[2][0, 0]
         self._speeds = BodySpeeds(robot)
 
     def frames(self, Q: FloatArray, travel: FloatArray = _NOWHERE) -> CellFrames:
         """Return the frames of the joints at `Q: (B, n)`, and how far (B, G) the bodies get from there [m]."""
-        return CellFrames(*self._joints.frames(Q)[:2], travel)
+        return CellFrames(*self.robot.kinematics.frames(self.robot.coupling.values(Q))[:2], travel)
 
     def vertices(self, body: int, frames: CellFrames) -> FloatArray:
         """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
@@ -91,7 +89,7 @@ class RobotBodies:
     @cached_property
     def turning(self) -> BoolArray:
         """Which moving bodies (G,) only turn, about the axis of the first joint."""
-        return np.asarray((self.arrays.carriers == 0) & ~self._joints.prismatic[0])
+        return np.asarray((self.arrays.carriers == 0) & ~self.robot.shared.chain.prismatic[0])
 
     def swept(self, body: int, frames: CellFrames, axes: FloatArray) -> FloatArray:
         """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""

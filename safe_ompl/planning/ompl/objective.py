@@ -26,31 +26,11 @@ _OWN_THREAD = (
     "the planner asks its objective in a thread of its own, as OMPL's PRM and PRMstar do, and will wait for it for "
     "ever: end this process, as Ctrl-C does not, and take SafePRM"
 )
-_MOTION_STEP = 0.2  # [rad] between the first samples of a motion's cost
-_REFINEMENTS = 6  # halvings of that step
 _KEPT = 20_000  # motions, some 5 MB
 
 _SLOPE_SAMPLES = 50
 _SLOPE_SEED = 0  # the scale belongs to robot and scene: it must not change with a planner's seed
 _VALUE_SAMPLES = 100
-
-
-def _mean(field: DangerField, start: FloatArray, delta: FloatArray, tolerance: float) -> float:
-    """Return the mean danger of a motion whose danger points depend on the configuration.
-
-    By the trapezoidal rule, whose step is halved until the relative error is below the tolerance.
-    """
-    panels = 1 + int(math.sqrt(delta.dot(delta)) / _MOTION_STEP)
-    values = field.values(start + np.linspace(0.0, 1.0, panels + 1)[:, None] * delta)
-    mean = float(np.trapezoid(values)) / panels
-    for _ in range(_REFINEMENTS):
-        between = field.values(start + ((np.arange(panels) + 0.5) / panels)[:, None] * delta)
-        coarse, mean = mean, (mean + float(between.mean())) / 2
-        panels *= 2
-        # The error of the finer rule is a third of the change, where the density is smooth.
-        if abs(mean - coarse) <= 3 * tolerance * abs(mean):
-            break
-    return mean
 
 
 def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes, bytes, float, int], float]:
@@ -61,11 +41,7 @@ def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes,
     def integral(first: bytes, second: bytes, tolerance: float, revision: int) -> float:
         start = np.frombuffer(first)
         delta = bridge.difference(start, np.frombuffer(second))
-        if field.points is None:
-            mean = _mean(field, start, delta, tolerance)
-        else:
-            mean = field.mean(start, start + delta, tolerance)
-        return mean * math.sqrt(delta.dot(delta))
+        return field.mean(start, start + delta, tolerance) * math.sqrt(delta.dot(delta))
 
     return integral
 
@@ -73,8 +49,7 @@ def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes,
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The danger field of a robot as a cost: of a state CDF(q), of a motion ∫ CDF(q(s)) ds.
 
-    The integral is that of `DangerField.mean` with the relative `tolerance` > 0; where the danger points depend on the
-    configuration the trapezoidal rule, refined until its last change is as small. Planners ask for many motions again,
+    The integral is that of `DangerField.mean` with the relative `tolerance` > 0. Planners ask for many motions again,
     also the other way round: the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
     `motionCostHeuristic` is CDF_min times the distance, with a proven lower bound CDF_min of the danger
     (`DangerField.minimum`).
@@ -114,8 +89,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         motions from a start, whose costs the informed forms take for bounds when they prune.
         """
         q = np.zeros(self.field.robot.n)
-        if self.field.points is not None:
-            self.field.mean(q, q)  # compiled here, and not as part of the planner's time
+        self.field.mean(q, q)  # compiled here, and not as part of the planner's time
         try:
             if isinstance(planner, og.RRTstar) and planner.getRange() > 0:
                 starts = ob.PlannerInputStates()

@@ -40,7 +40,6 @@ class DangerPoints:
     """The danger points, coloured by their levels w·CDF(p) up to `most`, and the most dangerous one with its level."""
 
     def __init__(self, view: Any, name: str, field: DangerField, most: float) -> None:
-        assert field.points is not None
         self._field, self._most = field, most
         count = min(len(field.points), _MOST_POINTS)
         self._shown = np.unique(np.linspace(0, len(field.points) - 1, count).astype(int))
@@ -51,7 +50,6 @@ class DangerPoints:
 
     def pose(self, q: FloatArray) -> None:
         """Show the levels at `q: (n,)`."""
-        assert self._field.points is not None
         levels = self._field.field(q, self._field.points)
         if self._field.weights is not None:
             levels = levels * self._field.weights

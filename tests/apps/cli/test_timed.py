@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from safe_ompl import InputError, People, Scenario, plan, read_motion
+from safe_ompl import InputError, KinetostaticField, People, Scenario, plan, read_motion
 from safe_ompl.apps import main
 from safe_ompl.scene import MotionLimits, find_scenario
 from safe_ompl.trajectories import Trajectory
@@ -124,10 +124,10 @@ def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
     free = result.timed()
     field = result.danger_field()
     assert field.gamma == 1
-    limit = 0.5 * (free.danger(field.moving).peak + field.values(free.at(free.law.times).q).max())
+    limit = 0.5 * (free.danger(KinetostaticField(field)).peak + field.values(free.at(free.law.times).q).max())
     capped = result.timed(max_danger=limit)
     assert capped.duration > free.duration
-    assert capped.danger(field.moving).peak <= limit
+    assert capped.danger(KinetostaticField(field)).peak <= limit
     file = tmp_path / "dangerous.yaml"
     motion = replace(beside_her.motion, max_danger=limit)
     replace(beside_her, motion=motion, people=None, danger={"gamma": 0.0}).save(file)

@@ -10,7 +10,7 @@ pytest.importorskip("matplotlib")
 import matplotlib
 from matplotlib.image import imread
 
-from safe_ompl import DangerField, InputError, RateLimits, SafeOmplError, SafeSetup, Scene, time_path
+from safe_ompl import DangerField, InputError, KinetostaticField, RateLimits, SafeOmplError, SafeSetup, Scene, time_path
 from safe_ompl.geometry import Box, Obstacle, Person, Pose
 from safe_ompl.io import ACCELERATION
 from safe_ompl.view.pictures.path import _clearances
@@ -238,7 +238,7 @@ def test_nothing_is_cut_at_the_edges(trajectory, tmp_path):
 
 
 def test_danger_and_its_proven_peak(trajectory, panda, tmp_path):
-    danger = trajectory.danger(DangerField(panda, [[0.6, 0.4, 0.5]]).moving)
+    danger = trajectory.danger(KinetostaticField(DangerField(panda, [[0.6, 0.4, 0.5]])))
     figure = plot_motion(trajectory, tmp_path / "motion.svg", danger=danger, title="mine")
     axes = figure.axes
     assert figure.get_suptitle() == "mine"

@@ -206,6 +206,6 @@ class StepKernel:
     def _count(self, evaluations: int) -> None:
         """Count dangers that the kernel computed."""
         field = self._problem.cost.field
-        if field is not None and field.points is not None:
+        if field is not None:
             field.counts.field_configurations += evaluations
             field.counts.field_points += evaluations * len(field.points)

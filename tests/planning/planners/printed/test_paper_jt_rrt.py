@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import Scenario
-from safe_ompl.danger.link_field import vector_field
+from safe_ompl.danger.link_field import vectors
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import ScratchState, StateBridge
 from safe_ompl.scene import find_scenario
@@ -74,11 +74,9 @@ class Transcription:
             dq = self.k2 * J.T @ dx
         else:
             dq0 = np.zeros(self.robot.n)
-            vectors = vector_field(
-                self.field.field(q, self.field.points), self.field.workspace_gradient(q, self.field.points)
-            )
+            found = vectors(self.robot.keypoints(q)[None], self.robot.segments, self.field.points)[0]
             jacobians = self.robot.keypoint_jacobians(q)
-            for vector in vectors:
+            for vector in found:
                 for _, end in self.robot.segments:
                     dq0 += self.k1 * jacobians[end].T @ vector
             inverse = np.linalg.pinv(J)
