@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
@@ -15,17 +15,16 @@ import numpy as np
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.live import add_mcap, add_reach, limits_of_still, people_who_move, timed_way
-from safe_ompl.apps.cli.plan import describe_timing, timed
-from safe_ompl.apps.exchange import Answer, Cell, ControlOptions, Frames, LiveController, in_metres
+from safe_ompl.apps.exchange import Cell, ControlOptions, Frames, LiveController, in_metres
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
-from safe_ompl.people import KEYPOINTS, CalibratedReach, Surroundings, TrackedBody, Tracker, find_skeleton
+from safe_ompl.people import CalibratedReach, Surroundings, TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
-from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene, find_scenario
+from safe_ompl.scene import Goal, MotionLimits, People, Scenario, find_scenario
 from safe_ompl.trajectories import RateLimits
 
 _PLANNER = "SafeRRTConnect"
@@ -41,7 +40,7 @@ def add_commands(commands: Any) -> None:
         prepare,
         "a node of ROS 2 that drives a robot to goals beside people and things that move",
         "Subscribe to joint states, people, obstacles, a point cloud and goals, and publish what the robot should do, "
-        "in pieces that end in a stop, with diagnostics and markers; and plan whole trajectories on request. "
+        "in pieces that end in a stop, with diagnostics and markers. "
         "Obstacles of limits.moving move.",
     )
     arguments.add_scenario(parser)
@@ -139,53 +138,27 @@ def cell_of(
     setup_scenario(limited, robot)  # what cannot be used is said now
     Surroundings(scenario.scene, trackers, moving, people)
 
-    def with_cloud(scene: Scene, cloud: Obstacle | None) -> Scene:
-        return scene if cloud is None else scene.with_obstacles(cloud)
-
-    def asked(of: Scenario, scene: Scene, start: FloatArray, goal: FloatArray) -> SafeSetup:
-        aim = Goal(configurations=(tuple(goal.tolist()),))
-        return setup_scenario(replace(of, scene=scene, start=tuple(start.tolist()), goal=aim), robot)
-
-    def planned(setup: SafeSetup) -> PlanResult:
-        result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
-        if result.path is None:
-            raise PlanningError(result.status)
-        return result
-
     def plan(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Replanner | Shield:
-        setup = asked(limited, with_cloud(still, cloud), start, goal)
+        seen, own = () if cloud is None else (cloud,), scenario.motion
+        aim = Goal(configurations=(tuple(goal.tolist()),))
+        asked = replace(limited, scene=still.with_obstacles(*seen), start=tuple(start.tolist()), goal=aim)
+        setup = setup_scenario(asked, robot)
         everything = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
-        beside = robot, with_cloud(everything, cloud), trackers, moving
+        beside = robot, everything.with_obstacles(*seen), trackers, moving
         how: dict[str, Any] = {"people": people, "prover": setup.motion_prover}
         if options.shield:
-            own = scenario.motion
-            rates = RateLimits.of(robot, own.velocity, own.acceleration)
-            limits = PathLimits(rates, own.tool_speed, own.link_speed)
+            limits = PathLimits(RateLimits.of(robot, own.velocity, own.acceleration), own.tool_speed, own.link_speed)
             shield = Shield(*beside, options=replace(control.replanning, limits=limits), **how)
             shield.start(start)
             return shield
-        way = planned(setup).path
-        assert way is not None
+        result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
+        if result.path is None:
+            raise PlanningError(result.status)
         replanner = Replanner(*beside, options=control.replanning, **how)
-        replanner.start(timed_way(way, robot, setup.motion_prover, scenario))
+        replanner.start(timed_way(result.path, robot, setup.motion_prover, scenario))
         return replanner
 
-    def request(start: FloatArray, goal: FloatArray, seen: Mapping[str, Any], cloud: Obstacle | None) -> Answer:
-        around = Surroundings(scenario.scene, trackers, moving, People())
-        around.update({name: seen[name] for name in trackers}, {name: seen[name] for name in moving}, 0.0)
-        scene = around.scene.moved({name: thing.pose for name, thing in around.objects.items()})
-        for name, person in around.people.items():
-            assert person.keypoints is not None
-            named = zip(KEYPOINTS, person.keypoints.tolist(), strict=True)
-            points = {key: place for key, place in named if key in STANDING}
-            scene = scene.with_obstacles(Obstacle(name, Person(person.tracker.body.height, points)))
-        result = planned(asked(scenario, with_cloud(scene, cloud), start, goal))
-        own = scenario.motion
-        trajectory = timed(result, scenario, RateLimits.of(robot, own.velocity, own.acceleration, own.jerk))
-        clearance = "" if result.report is None else f", at least {1e3 * result.report.clearance.min:.0f} mm away"
-        return Answer(trajectory, f"proven free of contact{clearance}; {describe_timing(trajectory)}")
-
-    return Cell(robot, trackers, moving, plan, request, shielded=options.shield)
+    return Cell(robot, trackers, moving, plan, shielded=options.shield)
 
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
@@ -198,7 +171,6 @@ def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     start, (goal,) = scenario.start_configuration(robot), scenario.goal_configurations(robot)
     cloud = Obstacle("cloud", PointCloud(0.01, points=np.array([[-0.9, -0.9, 0.0]])))
     body = 1.75 * np.array(list(STANDING.values())) + np.array([0.9, 0.0, -0.75])
-    cell.request(start, goal, {_SOMEBODY: body}, cloud)
     pilot = cell.plan(start, goal, cloud)
     for k in range(_REHEARSED):
         time = control.replanning.tick * k

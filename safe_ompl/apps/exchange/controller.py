@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -30,9 +30,7 @@ from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
 from safe_ompl.people import Tracker, who_moves
 from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions, Shield, stop_as_dict
-from safe_ompl.people.simulation import ContactMonitor, Nearest, Solid, limb_solids, part_solids
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import Trajectory
 
 _log = logging.getLogger(__name__)
 
@@ -41,13 +39,6 @@ _JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
 _RESTING = 0.01  # [rad/s] joints that are slower stand still
 _ARRIVED = "at the goal"
 _SAME = 1e-6  # [rad or m] a goal that is nearer is reached
-
-
-class Answer(NamedTuple):
-    """What came of a request for a plan."""
-
-    trajectory: Trajectory | None  # None: there is none
-    what: str  # What is proven, or why there is none
 
 
 @dataclass(frozen=True)
@@ -60,8 +51,6 @@ class Cell:
     # Of start and goal (n,), and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
     # A shield has no goal: it begins at the start.
     plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner | Shield]
-    # Of start and goal, where people and obstacles were seen, and the cloud: a whole trajectory, and what is proven
-    request: Callable[[FloatArray, FloatArray, Mapping[str, Any], Obstacle | None], Answer]
     shielded: bool = False  # Whether proposals are followed, and not goals
 
 
@@ -96,10 +85,8 @@ class LiveController:
     ) -> None:
         self.cell, self.options, self._clock = cell, options, clock
         self._executor = ThreadPoolExecutor(1) if executor is None else executor
-        self._monitor = ContactMonitor(cell.robot)
         self._now = -np.inf
         self._planning: Future[Replanner | Shield] | None = None
-        self._request: Future[Answer] | None = None
         self._goal: FloatArray | None = None
         self._why, self.blocked = "nothing was proposed yet" if cell.shielded else "no goal yet", ""
         self._forget()
@@ -177,38 +164,6 @@ class LiveController:
             self._pilot.propose(motion, start=start)
         else:
             self._pilot.propose_velocity(motion)
-
-    def request(self, names: Sequence[str], position: Sequence[float]) -> None:
-        """Plan a whole trajectory from where the robot stands, for `answer`; a request before it is forgotten."""
-        goal = goal_of(self.cell.robot, names, position)
-        self._request = None
-        if self._joints is None or self._clock() - self._joints.time > _JOINTS_LATE:
-            raise InputError("is not planned: there are no joint states")
-        if self.blocked or self._moves():
-            raise InputError(f"is not planned: {self.blocked or 'the robot moves'}")
-        seen = self._sightings.places(self._clock())
-        cloud = None if self._cloud is None else self._cloud.obstacle()
-        self._request = self._executor.submit(self.cell.request, self._joints.q, goal, seen, cloud)
-
-    def answer(self) -> Answer | None:
-        """Return the answer to the last request, once; None: there is none yet."""
-        if self._request is None or not self._request.done():
-            return None
-        request, self._request = self._request, None
-        try:
-            answer = request.result()
-        except SafeOmplError as error:
-            return Answer(None, str(error))
-        assert answer.trajectory is not None
-        away = np.inf if self._joints is None else self._apart(answer.trajectory.at(0.0).q, self._joints.q).max()
-        if self._moves() or away > self.options.tolerance:
-            return Answer(None, "the robot has moved meanwhile")
-        return answer
-
-    def _moves(self) -> bool:
-        """Return whether the robot moves, or is about to."""
-        driven = self._driving and not self.cell.shielded
-        return driven or (self._joints is not None and np.abs(self._joints.qd).max() > _RESTING)
 
     # ------------------------------------------------------------------------------------------------------- ticks
 
@@ -368,36 +323,20 @@ class LiveController:
     def _record(self) -> dict[str, Any]:
         times, states = self.stop()
         still = np.full(self.cell.robot.n, np.nan) if self._joints is None else self._joints.q
-        seen, solids = self._seen()
-        known = self._joints is not None and solids
-        nearest = self._monitor.nearest(still, solids)._asdict() if known else dict.fromkeys(Nearest._fields)
-        command = self.command
+        command, nothing = self.command, {"people": {}, "objects": {}}
         return {
             "time": self._now,
             "joints_measured": None if self._joints is None else self._joints.time,
             "q": still.tolist(),
             "qd": (np.full(len(still), np.nan) if self._joints is None else self._joints.qd).tolist(),
             "stop": stop_as_dict(times, states),
-            **seen,
+            **(nothing if self._pilot is None else self._pilot.surroundings.seen()),
             "state": self.state,
             "margin": None if command is None else command.left.margin,
-            **nearest,
+            **dict.fromkeys(("distance", "link", "who", "limb")),
             "reason": self.blocked or self._why,
             "measured": None if command is None else command.measured,
         }
-
-    def _seen(self) -> tuple[dict[str, Any], list[Solid]]:
-        """Return key points of people and poses of objects where they were seen last, and their bodies."""
-        if self._pilot is None:
-            return {"people": {}, "objects": {}}, []
-        around = self._pilot.surroundings
-        solids: list[Solid] = []
-        for name, person in around.people.items():
-            if person.keypoints is not None:
-                solids += limb_solids(name, person.tracker.body, person.keypoints)
-        for name, thing in around.objects.items():
-            solids += part_solids(name, around.shapes[name], thing.pose)
-        return around.seen(), solids
 
     def close(self) -> None:
         """End the thread in which plans are made, once the one that is being made is ready."""

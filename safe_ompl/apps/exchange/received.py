@@ -169,14 +169,6 @@ class Sightings:
         """Begin anew: nobody was told of anything yet."""
         self._fed = -np.inf
 
-    def places(self, now: float) -> dict[str, Any]:
-        """Return what was seen last; raise InputError if somebody or something was not seen lately."""
-        for name in self._names:
-            age = now - self._newest[name][0] if name in self._newest else np.inf
-            if age > self._lost_after:
-                raise InputError("was not seen yet" if np.isinf(age) else f"was not seen for {age:.2f} s", name)
-        return {name: value for name, (_, value) in self._newest.items()}
-
     def due(self, now: float) -> tuple[float, dict[str, Any]] | None:
         """Return what the replanner should be told, and of which time [s]; None: nothing new."""
         if not self._names:

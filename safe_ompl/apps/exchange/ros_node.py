@@ -26,7 +26,6 @@ from safe_ompl.scene import Scene
 
 NODE = "safe_ompl"
 CLOUD, POSE = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped"
-_RATE = 100.0  # [Hz] points of a whole trajectory
 _AGAIN = 5.0  # [s] after which the same complaint is made again
 _CHECK = 1.0  # [s] between two looks for other nodes that command the same robot
 _LOOK = 0.1  # [s] between two looks whether the node is to end
@@ -85,7 +84,6 @@ class RosNode:
         self._said: dict[str, float] = {}
         self._units = 10.0
         self._commands = self._publisher(messages.JOINT_TRAJECTORY, "command")
-        self._trajectories = self._publisher(messages.JOINT_TRAJECTORY, "trajectory")
         self._diagnostics = self._publisher(messages.DIAGNOSTICS, "/diagnostics")
         self._limbs = self._publisher(messages.MARKERS, "limbs")
         self._still = self._publisher(messages.MARKERS, "scene", latched=True)
@@ -157,22 +155,18 @@ class RosNode:
             time, pose = pose_of(message, frames)
             controller.see_object(time, name, pose)
 
-        def goal(take: Callable[..., None], message: Any) -> None:
-            take(message.name, message.position)
-
         self._subscribe(messages.JOINT_STATE, "joint_states", joints)
         self._subscribe(messages.MARKERS, "people", people)
         self._subscribe(CLOUD, "cloud", lambda message: controller.see_cloud(*cloud_of(message, cloud_radius, frames)))
         for name in cell.objects:
             self._subscribe(POSE, f"obstacles/{name}", partial(thing, name))
-        goals: dict[str, Callable[..., None]] = {"plan": controller.request}
         if cell.shielded:
             proposal = messages.JOINT_TRAJECTORY, "proposal"
             self._subscribe(*proposal, lambda message: controller.propose(*proposal_of(message, self._robot)))
         else:
-            goals["goal"] = controller.go_to
-        for topic, take in goals.items():
-            self._subscribe(messages.JOINT_STATE, topic, partial(goal, take), reliable=True)
+            goal = messages.JOINT_STATE, "goal"
+            go_to = controller.go_to
+            self._subscribe(*goal, lambda message: go_to(message.name, message.position), reliable=True)
 
     # ----------------------------------------------------------------------------------------------------- ticks
 
@@ -186,8 +180,6 @@ class RosNode:
             self._limbs(messages.limb_markers(time, tick["people"], self._bodies["people"]))
         if self._log is not None and np.isfinite([tick["q"], tick["qd"]]).all():
             self._log.write(tick)
-
-        self._answer(time)
         begin = perf_counter()
         self._controller.think(int(self._units))
         allowed = _SHARE * self._controller.options.replanning.tick
@@ -205,21 +197,6 @@ class RosNode:
         begin = messages.nanoseconds(times[0])
         after = (times - times[0]).tolist()
         self._commands(messages.joint_trajectory(begin, self._robot.joint_names, after, **rows))
-
-    def _answer(self, time: int) -> None:
-        """Publish what came of a request for a plan, if there is an answer."""
-        answer = self._controller.answer()
-        if answer is None:
-            return
-        name, trajectory = f"{self._robot.name}: plan", answer.trajectory
-        state = "not planned" if trajectory is None else "planned"
-        self._diagnostics(messages.diagnostics(time, name, {"state": state, "reason": answer.what}))
-        if trajectory is None:
-            return
-        times, points = trajectory.points(_RATE)
-        rows: dict[str, Any] = {**points}
-        # Without a stamp: it begins when it is followed.
-        self._trajectories(messages.joint_trajectory(0, self._robot.joint_names, times.tolist(), **rows))
 
     def _look_for_others(self) -> None:
         """Keep the robot still while another node commands it, too."""

@@ -302,24 +302,6 @@ def test_two_nodes_keep_the_robot_still(world):
     world.arrives(GOAL)
 
 
-def test_a_whole_trajectory_on_request(world, folder):
-    plans, found = world.node.create_publisher(JointState, "plan", 1), []
-    world.node.create_subscription(JointTrajectory, "trajectory", found.append, 10)
-    world.wait(plans.get_subscription_count)
-    plans.publish(JointState(name=NAMES, position=START))
-    world.hears("planned: proven free of contact, at least")
-    world.wait(lambda: found, "no trajectory")
-    (trajectory,) = found
-    assert trajectory.joint_names == NAMES
-    first, last = trajectory.points[0], trajectory.points[-1]
-    np.testing.assert_allclose([first.positions, last.positions], [world.q, START], atol=1e-9)
-    np.testing.assert_allclose([first.velocities, last.velocities], np.zeros((2, 7)), atol=1e-9)
-    assert last.time_from_start.sec + 1e-9 * last.time_from_start.nanosec > 1.0
-    plans.publish(JointState(name=NAMES, position=[99.0] * 7))
-    line = "plan: position: is out of the limits of 'panda_joint1': 99"
-    world.wait(lambda: line in (folder / "node.log").read_text(), line)
-
-
 def test_behind_a_shield_the_robot_follows_what_is_proposed(world, folder):
     names = [f"{name}:=/{name}" for name in ("joint_states", "people")]
     words = [word for name in ("__ns:=/shielded", *names) for word in ("-r", name)]
