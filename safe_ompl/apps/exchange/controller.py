@@ -323,7 +323,8 @@ class LiveController:
     def _record(self) -> dict[str, Any]:
         times, states = self.stop()
         still = np.full(self.cell.robot.n, np.nan) if self._joints is None else self._joints.q
-        command, nothing = self.command, {"people": {}, "objects": {}}
+        command = self.command
+        nothing: dict[str, Any] = {"people": {}, "objects": {}}
         return {
             "time": self._now,
             "joints_measured": None if self._joints is None else self._joints.time,

@@ -151,10 +151,10 @@ def people_markers(time: int, people: Mapping[str, Mapping[str, ArrayLike]]) -> 
 def diagnostics(time: int, name: str, tick: Mapping[str, Any]) -> Message:
     """Return what a tick says of the robot as a `diagnostic_msgs/DiagnosticArray`, with all that is not an array.
 
-    The level is OK while the robot moves or has arrived, or for a plan that was made, WARN while it brakes or stands,
-    and ERROR after somebody moved farther than promised.
+    The level is OK while the robot moves or has arrived, WARN while it brakes or stands, and ERROR after somebody moved
+    farther than promised.
     """
-    level = OK if tick["state"] in ("moving", "slowed", "done", "planned") else WARN
+    level = OK if tick["state"] in ("moving", "slowed", "done") else WARN
     level = ERROR if tick.get("obeyed") is False else level
     values = [
         {"key": key, "value": f"{value:.6g}" if isinstance(value, float) else str(value)}

@@ -3,17 +3,28 @@
 import logging
 from typing import NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import Box, InputError, Obstacle, People, Pose, RateLimits, Replanner, Scene, UnknownNameError, time_path
+from safe_ompl import (
+    Box,
+    InputError,
+    Obstacle,
+    People,
+    Pose,
+    RateLimits,
+    Replanner,
+    Scene,
+    Sphere,
+    UnknownNameError,
+    time_path,
+)
 from safe_ompl.geometry import STANDING
 from safe_ompl.people import TrackedBody
 from safe_ompl.people.replanning import Doing, ReplanningOptions
 from safe_ompl.people.replanning.replanner import contact_limits
-from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
+from safe_ompl.people.simulation import ContactMonitor, limb_solids, part_solids
 from safe_ompl.trajectories import contact_speed
 
 FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
@@ -61,7 +72,7 @@ class Attack(NamedTuple):
             moving = bool(np.abs(state.qd).max() > 1e-9) and command.doing is not Doing.RETREATING
             if time < self.begin and not moving:
                 continue
-            solids = [Solid("ball", "", coal.Sphere(0.1), pin.SE3(np.eye(3), place))]
+            solids = part_solids("ball", Sphere(0.1), pin.SE3(np.eye(3), place))
             if self.limbs:
                 body = tracker.body
                 solids = limb_solids("anna", body, body.completed(tracker.skeleton.keypoints(points))[0])
