@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from safe_ompl.people.replanning import Around, Command, Doing, GuardedPath, MotionMargin, Replanner, StopMotion
+from safe_ompl.people.replanning import Command, Doing, Replanner
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, StopMotion
 from safe_ompl.trajectories.trajectory import Trajectory
 
 

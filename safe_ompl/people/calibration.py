@@ -37,27 +37,13 @@ _SAME = 1e-9  # [s] or relative
 
 @dataclass(frozen=True)
 class Windows:
-    """How far limbs went in a recording of T frames, up to K frames after each of them.
+    """How far limbs went in a recording of T frames, up to K frames after each of them."""
 
-    Attributes
-    ----------
-    limbs : tuple of str
-        The M limbs whose place the key points say; the tracker assumes the others.
-    moved : ndarray, shape (T, K, M)
-        How far a limb is from where it was seen last, 1 to K frames after each frame [m]; NaN beyond the end.
-    times : ndarray, shape (T, K, M)
-        How long ago it was seen there [s].
-    rate : float
-        Frames per second.
-    seen, refused : int
-        Numbers of key points that were shown to the gate, and that it refused.
-    """
-
-    limbs: tuple[str, ...]
-    moved: FloatArray
-    times: FloatArray
-    rate: float
-    seen: int
+    limbs: tuple[str, ...]  # The M limbs whose place the key points say; the tracker assumes the others
+    moved: FloatArray  # (T, K, M), how far a limb is from where it was seen last [m]; NaN beyond the end
+    times: FloatArray  # (T, K, M), how long ago it was seen there [s]
+    rate: float  # Frames per second
+    seen: int  # Numbers of key points that were shown to the gate, and that it refused
     refused: int
 
     @classmethod
@@ -110,13 +96,7 @@ def measured_limbs(skeleton: Skeleton) -> tuple[str, ...]:
 
 
 def conformal_quantile(scores: ArrayLike, level: float) -> float:
-    """Return the ⌈(N + 1)·level⌉-th smallest of N scores.
-
-    Raises
-    ------
-    InputError
-        If that is more than N: no finite one has this level.
-    """
+    """Return the ⌈(N + 1)·level⌉-th smallest of N scores; raise InputError if that is more than N."""
     ordered = np.sort(np.asarray(scores, dtype=np.float64))
     N = len(ordered)
     rank = ceil((N + 1) * level * (1 - _SAME))
@@ -130,35 +110,16 @@ def conformal_quantile(scores: ArrayLike, level: float) -> float:
 
 @dataclass(frozen=True)
 class Calibration:
-    """How reach is calibrated.
+    """How reach is calibrated; raises InputError if a value is out of its range."""
 
-    Parameters
-    ----------
-    level : float
-        Share of the units that are to keep to it.
-    gate : float
-        Key points that are faster are not seen [m/s].
-    horizons : sequence of float
-        Times at which the shapes have corners [s].
-    fit : float
-        Share of the recordings, rounded up, that the shapes come from; the factor comes from the others.
-    seed : int
-        Draws those recordings from all, which are ordered by name.
-    block : float, optional
-        Length of units [s]: recordings are cut, and what is left of one belongs to its last block. Default: a unit is a
-        recording.
-
-    Raises
-    ------
-    InputError
-        If a value is out of its range.
-    """
-
-    level: float
-    gate: float = GATE
-    horizons: tuple[float, ...] = HORIZONS
+    level: float  # Share of the units that are to keep to it
+    gate: float = GATE  # Key points that are faster are not seen [m/s]
+    horizons: tuple[float, ...] = HORIZONS  # Times at which the shapes have corners [s]
+    # Share of the recordings, rounded up, that the shapes come from; the factor comes from the others. The seed draws
+    # them from all, which are ordered by name.
     fit: float = 0.1
     seed: int = 0
+    # Length of units [s]: recordings are cut, and what is left of one belongs to its last block; default: a recording
     block: float | None = None
 
     def __post_init__(self) -> None:
@@ -175,11 +136,8 @@ class Calibration:
 def calibrate(recordings: Sequence[Recording], options: Calibration) -> CalibratedReach:
     """Return the reach that a share `options.level` of units like those of the recordings keeps to.
 
-    Raises
-    ------
-    InputError
-        If the recordings are fewer than two, or of several skeletons; if the first horizon is shorter than a frame;
-        if there are too few units for the level.
+    Raises InputError if the recordings are fewer than two, or of several skeletons; if the first horizon is shorter
+    than a frame; if there are too few units for the level.
     """
     if len(recordings) < 2:
         raise InputError(f"needs two recordings at least, got {len(recordings)}", "recordings")

@@ -102,43 +102,21 @@ class CalibratedReach:
     No key point that passes the gate is faster than it, so that growth is never larger than gate · time. A limb
     without lengths keeps to `People.speed_of` it.
 
-    Parameters
-    ----------
-    skeleton : str
-        Name of the skeleton of the recordings; a tracker must have the same one.
-    gate : float
-        The gate that was used; a tracker must have the same one [m/s].
-    level : float
-        Probability that all of a unit that is exchangeable with the calibrated ones keeps to it; see `calibrate`.
-    units : int
-        Number of units of the calibration.
-    horizons : sequence of float
-        Times since the limb was seen, ascending [s].
-    growth : mapping of str to sequence of float
-        By limb how far its ends are from there at the most at each of the horizons, never falling [m].
-    shaped_with, calibrated_with : sequence of str
-        Recordings that the shapes come from, and those that the factor comes from.
-    block : float, optional
-        Length of a unit [s]; default: a unit is a recording.
-    refused : float
-        Share of the key points that the gate refused.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used; the message starts with its key.
+    Raises InputError if a value cannot be used; the message starts with its key.
     """
 
-    skeleton: str
-    gate: float
+    skeleton: str  # Of the recordings; a tracker must have the same one
+    gate: float  # That was used; a tracker must have the same one [m/s]
+    # Probability that all of a unit that is exchangeable with the calibrated ones keeps to it; see `calibrate`
     level: float
-    units: int
-    horizons: tuple[float, ...]
+    units: int  # Of the calibration
+    horizons: tuple[float, ...]  # Times since the limb was seen, ascending [s]
+    # By limb how far its ends are from there at the most at each of the horizons, never falling [m]
     growth: Mapping[str, tuple[float, ...]] = field(hash=False)
-    shaped_with: tuple[str, ...]
+    shaped_with: tuple[str, ...]  # Recordings that the shapes come from, and those that the factor comes from
     calibrated_with: tuple[str, ...]
-    block: float | None = None
-    refused: float = 0.0
+    block: float | None = None  # Length of a unit [s]; None: a unit is a recording
+    refused: float = 0.0  # Share of the key points that the gate refused
 
     def __post_init__(self) -> None:
         with document.within("skeleton", ": "):

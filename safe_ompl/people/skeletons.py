@@ -22,26 +22,14 @@ _CAMERA = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))  # x to the righ
 
 @dataclass(frozen=True)
 class Skeleton:
-    """A skeleton of key points as one tracker gives it.
+    """A skeleton of key points as one tracker gives it."""
 
-    Attributes
-    ----------
-    name : str
-        Such as "coco17".
-    points : tuple of str
-        Names of its J key points, in the tracker's order.
-    sources : mapping of str to tuple of str
-        For key points of our body the tracker's points whose mean they are; the others the tracker does not see.
-    scale : float
-        Length of its unit [m].
-    axes : 3 × 3 float
-        Its axes in a frame with x forward, y to the left and z up: the rows are x, y, z.
-    """
-
-    name: str
-    points: tuple[str, ...]
+    name: str  # Such as "coco17"
+    points: tuple[str, ...]  # Its J key points, in the tracker's order
+    # For key points of our body the tracker's points whose mean they are; the others the tracker does not see
     sources: Mapping[str, tuple[str, ...]] = field(hash=False)
-    scale: float = 1.0
+    scale: float = 1.0  # Length of its unit [m]
+    # Its axes in a frame with x forward, y to the left and z up: the rows are x, y, z
     axes: tuple[tuple[float, ...], ...] = _Z_UP
 
     def __repr__(self) -> str:
@@ -50,15 +38,8 @@ class Skeleton:
     def keypoints(self, points: ArrayLike) -> FloatArray:
         """Return the key points of our body (18, 3) [m], x forward, y left, z up, in the order of `KEYPOINTS`.
 
-        Parameters
-        ----------
-        points : array_like, shape (J, 3)
-            What the tracker gave, in its units and axes. NaN: not seen.
-
-        Raises
-        ------
-        InputError
-            If the shape is another, or a key point is infinite or NaN in part.
+        `points: (J, 3)` are what the tracker gave, in its units and axes; NaN: not seen. Raises InputError if the shape
+        is another, or a key point is infinite or NaN in part.
         """
         given = float_array(points, (len(self.points), 3), f"key points of {self.name}")
         seen = np.isfinite(given).all(axis=1)
@@ -207,23 +188,11 @@ class TrackedBody:
     others are where a body that stands upright has them, relative to the next known joint, turned to where shoulders or
     hips face.
 
-    Parameters
-    ----------
-    height : float
-        Body height, from 0.3 to 2.8 [m]; radii and assumed lengths follow from it.
-    only : sequence of str
-        Limbs that there are; default: all of `safe_ompl.geometry.person.LIMBS`.
-
-    Raises
-    ------
-    InputError
-        If the height is not a person's.
-    UnknownNameError
-        If there is no limb of such a name.
+    Raises InputError if the height is not a person's, or there is no limb of a name.
     """
 
-    height: float = HEIGHT
-    only: tuple[str, ...] = ()
+    height: float = HEIGHT  # From 0.3 to 2.8 [m]; radii and assumed lengths follow from it
+    only: tuple[str, ...] = ()  # Limbs that there are; default: all of `safe_ompl.geometry.person.LIMBS`
 
     def __post_init__(self) -> None:
         number("height", self.height, at_least=_HEIGHTS[0], at_most=_HEIGHTS[1])
@@ -239,16 +208,15 @@ class TrackedBody:
     def radii(self, ends: FloatArray) -> FloatArray:
         """Return the radii (M,) of the limbs with these ends (M, 2, 3); a hand without a length is a ball [m]."""
         short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) == 0
-        return np.asarray(self._radii + np.where(short, self._spans, 0.0))
+        thin, hands = self._radii
+        return np.asarray(thin + np.where(short, hands, 0.0))
 
     @cached_property
-    def _radii(self) -> FloatArray:
-        return np.array([LIMBS[name][2] * self.height for name in self.limbs])
-
-    @cached_property
-    def _spans(self) -> FloatArray:
+    def _radii(self) -> tuple[FloatArray, FloatArray]:
+        """Radii of the limbs, and how much larger the ball of a hand is that is somewhere about its wrist (M,)."""
         hand = self.height * float(np.linalg.norm(STANDING["left_hand"] - STANDING["left_wrist"]))
-        return np.array([hand if name.endswith("hand") else 0.0 for name in self.limbs])
+        thin = [LIMBS[name][2] * self.height for name in self.limbs]
+        return np.array(thin), np.array([hand if name.endswith("hand") else 0.0 for name in self.limbs])
 
     @cached_property
     def weights(self) -> FloatArray:
@@ -262,10 +230,7 @@ class TrackedBody:
     def completed(self, keypoints: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the key points (18, 3) with those that are NaN assumed, and on which one each rests (18,).
 
-        Raises
-        ------
-        InputError
-            If none of head, shoulders, hips and pelvis is known.
+        Raises InputError if none of head, shoulders, hips and pelvis is known.
         """
         points = keypoints.copy()
         rests: IntArray = np.arange(len(KEYPOINTS))
@@ -355,15 +320,7 @@ class Recording:
 
     @classmethod
     def load(cls, file: str | Path, clip: str = "clip_0") -> Recording:
-        """Read a clip.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be read, lacks a key or holds something else; names file and key.
-        UnknownNameError
-            If there is no such clip; lists those that there are.
-        """
+        """Read a clip; an InputError names file and key of what cannot be used, or lists the clips that there are."""
         path = Path(file)
         arrays = formats.read_arrays(path)
         for key in ("names", "rate"):

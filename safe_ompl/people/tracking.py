@@ -67,12 +67,7 @@ class Gate:
     """Takes glitches for what they are: a key point that is too fast counts as not seen.
 
     What it says of a frame depends on that frame and those before it only. A key point that is not seen may be farther
-    away the longer that lasts, so that each one comes back.
-
-    Attributes
-    ----------
-    seen, refused : int
-        How many key points it was shown so far, and how many of them were too fast.
+    away the longer that lasts, so that each one comes back. It counts key points that were `seen` and `refused`.
     """
 
     def __init__(self, tracker: Tracker) -> None:
@@ -135,9 +130,6 @@ class PersonTrack:
         self._sets: ReachSets | None = None  # of the last measurement, once they were asked for
         self._rests: IntArray = np.arange(len(KEYPOINTS))
 
-    def __repr__(self) -> str:
-        return f"PersonTrack({self.name!r}, {self.tracker.skeleton.name})"
-
     @property
     def assumed(self) -> tuple[str, ...]:
         """Key points that were never seen, and are assumed from the others."""
@@ -157,12 +149,8 @@ class PersonTrack:
     def observe(self, points: ArrayLike | None, time: float) -> ReachViolation | None:
         """Take what the sensor saw at a time [s], and return the limb that moved farther than was promised, if one did.
 
-        Key points (J, 3) are as the skeleton has them; NaN, or None for all of them: not seen.
-
-        Raises
-        ------
-        InputError
-            If the time goes backwards, or as `Skeleton.keypoints`.
+        Key points (J, 3) are as the skeleton has them; NaN, or None for all of them: not seen. Raises InputError if the
+        time goes backwards, or as `Skeleton.keypoints`.
         """
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
@@ -220,9 +208,6 @@ class ObjectTrack:
         self.time, self.seen = -np.inf, -np.inf
         self._hulls = hulls
 
-    def __repr__(self) -> str:
-        return f"ObjectTrack({self.name!r}, {self.speed:g} m/s)"
-
     @property
     def age(self) -> float:
         """How long ago it was seen [s]."""
@@ -260,14 +245,8 @@ class ObjectTrack:
 class Surroundings:
     """All people and objects that move around a robot, each with its track; parameters as of `Guard`.
 
-    Attributes
-    ----------
-    scene, still : Scene
-        All obstacles except the people that are tracked; and those of them that stand still.
-    time : float
-        Time of the last measurement [s]; −inf: there was none.
-    sets : ReachSets
-        Where all of them may be from that time on; none until all were seen.
+    `scene` has all obstacles but the people that are tracked, `still` those of them that stand still. `sets` are where
+    all may be from the `time` of the last measurement on [s] (−inf: there was none); none until all were seen.
     """
 
     def __init__(

@@ -8,7 +8,7 @@ from numba import njit
 from safe_ompl import RateLimits, time_path
 from safe_ompl.geometry.kernels import hull_gaps
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning import Around, GuardedPath, PathLimits, RobotBodies, StopMotion
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, RobotBodies, StopMotion
 
 
 @njit

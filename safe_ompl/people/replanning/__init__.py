@@ -8,35 +8,19 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.people.replanning.command import Command, Doing, ReplanningOptions, stop_as_dict
-    from safe_ompl.people.replanning.detours import Detours
-    from safe_ompl.people.replanning.guarded_path import (
-        Around,
-        GuardedPath,
-        MotionMargin,
-        PathLimits,
-        RobotBodies,
-        StopMotion,
-        line,
-    )
+    from safe_ompl.people.replanning.guarded_path import PathLimits
     from safe_ompl.people.replanning.replanner import Guard, Replanner
     from safe_ompl.people.replanning.shield import Shield, ShieldCommand
 
 __all__ = [
-    "Around",
     "Command",
-    "Detours",
     "Doing",
     "Guard",
-    "GuardedPath",
-    "MotionMargin",
     "PathLimits",
     "Replanner",
     "ReplanningOptions",
-    "RobotBodies",
     "Shield",
     "ShieldCommand",
-    "StopMotion",
-    "line",
     "stop_as_dict",
 ]
 

@@ -30,36 +30,18 @@ class Command:
     """A motion of one tick and the stop after it, both proven against what was measured.
 
     A controller follows `at`. If no other command comes, it follows this one to its end, and stands.
-
-    Attributes
-    ----------
-    time : float
-        From when on it holds [s].
-    measured : float
-        When that was measured against which it is proven [s].
-    path : GuardedPath
-        The path that it follows.
-    motion : StopMotion
-        The motion and the stop.
-    doing : Doing
-        What the robot does.
-    left : MotionMargin
-        The smallest margin along the motion. Where that is the rest of an earlier stop, or the robot stands: the margin
-        of the motion that could not be proven.
-    reason : str
-        Why the robot is not as fast as it could be; empty if it is.
-    rule : str
-        Which rule keeps people from making it faster: ``separation``, ``contact`` or ``clamping``; empty if none does.
     """
 
-    time: float
-    measured: float
-    path: GuardedPath
+    time: float  # From when on it holds [s]
+    measured: float  # When that was measured against which it is proven [s]
+    path: GuardedPath  # That it follows
     motion: StopMotion
     doing: Doing
+    # The smallest margin along the motion; where that is the rest of an earlier stop, or the robot stands, of the
+    # motion that could not be proven.
     left: MotionMargin
-    reason: str = ""
-    rule: str = ""
+    reason: str = ""  # Why the robot is not as fast as it could be
+    rule: str = ""  # Which rule keeps people from making it faster: ``separation``, ``contact`` or ``clamping``
 
     @property
     def standstill(self) -> float:
@@ -109,30 +91,15 @@ def stop_as_dict(times: FloatArray, states: Sequence[State]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ReplanningOptions:
-    """How a `Replanner` or a `Shield` works.
+    """How a `Replanner` or a `Shield` works; raises InputError if a number is out of its range."""
 
-    Parameters
-    ----------
-    tick : float
-        Time between two commands [s].
-    lost_after : float
-        A person or object that is not seen for so long is lost: the robot stops [s].
-    limits : PathLimits, optional
-        Of joints, tool and links, for a `Shield`; default: those of the robot's joints. A `Replanner` keeps the limits
-        of its trajectories.
-    detours, retreats : bool
-        Whether `Replanner.think` searches detours, and motions away from people who are near a robot that stands. A
-        robot that retreats may be touched by who runs after it, as one that stands.
-
-    Raises
-    ------
-    InputError
-        If a number is out of its range.
-    """
-
-    tick: float = 0.05
-    lost_after: float = 0.5
+    tick: float = 0.05  # Time between two commands [s]
+    lost_after: float = 0.5  # A person or object that is not seen for so long is lost: the robot stops [s]
+    # Of joints, tool and links, for a `Shield`; default: those of the robot's joints. A `Replanner` keeps the limits
+    # of its trajectories.
     limits: PathLimits | None = None
+    # Whether `Replanner.think` searches detours, and motions away from people who are near a robot that stands. A robot
+    # that retreats may be touched by who runs after it, as one that stands.
     detours: bool = True
     retreats: bool = True
 

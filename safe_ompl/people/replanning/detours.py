@@ -51,14 +51,8 @@ class Detours:
 
     Milestones are drawn around the trajectories that `cover` is given. An edge between two is proven free of still
     obstacles when it is first needed. An estimate of how long it takes beside people holds until anyone can be near
-    enough to slow it down, at the earliest: for T = (distance − what a full-speed stop needs)/v.
-
-    Attributes
-    ----------
-    limits : PathLimits
-        What paths keep.
-    left : int
-        Units of work that are left for now.
+    enough to slow it down, at the earliest: for T = (distance − what a full-speed stop needs)/v. Paths keep `limits`;
+    `left` units of work may be done now.
     """
 
     def __init__(
@@ -75,18 +69,6 @@ class Detours:
         # A path that nobody can slow down before a time [s].
         self._undisturbed: tuple[GuardedPath | None, float] = (None, 0.0)
         self._paths = lru_cache(_KEPT)(self._straight)
-
-    def __repr__(self) -> str:
-        known = [edge.free for edge in self._edges.values() if edge.free is not None]
-        return f"Detours({len(self.milestones)} milestones, {sum(known)} of {len(known)} edges free)"
-
-    def keep_to(self, limits: PathLimits) -> None:
-        """Have paths keep other limits from now on: proofs are kept, times are estimated anew."""
-        if not limits.same_as(self.limits):
-            self._paths.cache_clear()
-            for edge in self._edges.values():
-                edge.full, edge.until = None, -np.inf
-        self.limits = limits
 
     # ------------------------------------------------------------------------------------------------- milestones
 

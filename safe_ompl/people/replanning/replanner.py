@@ -315,9 +315,8 @@ class Replanner(Guard):
         retreats = self.options.retreats and not self.prover.separation.tube
         self._retreats = Retreats(self.prover, self.bodies, path.limits) if retreats else None
         if self.options.detours:
-            if self.detours is None:
+            if self.detours is None or not path.limits.same_as(self.detours.limits):
                 self.detours = Detours(self.prover, self.bodies, path.limits, self.tick)
-            self.detours.keep_to(path.limits)
             self.detours.cover(trajectory.curve)
 
     def command(self, time: float) -> Command:

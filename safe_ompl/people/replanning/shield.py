@@ -49,18 +49,10 @@ _NOTHING = "nothing was proposed"
 
 @dataclass(frozen=True)
 class ShieldCommand(Command):
-    """A `Command`, and what the shield changed of the proposal; `reason` says why.
+    """A `Command`, and what the shield changed of the proposal; `reason` says why."""
 
-    Attributes
-    ----------
-    follows : bool
-        Whether it follows the newest proposal. If not it is the rest of an earlier stop, or the robot stands.
-    delay : float
-        How far the robot will be behind the timing of the newest proposal when the tick is over [s].
-    """
-
-    follows: bool = True
-    delay: float = 0.0
+    follows: bool = True  # The newest proposal. If not it is the rest of an earlier stop, or the robot stands
+    delay: float = 0.0  # How far it will be behind the timing of the newest proposal when the tick is over [s]
 
 
 class Shield(Guard):

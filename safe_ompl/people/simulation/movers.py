@@ -162,13 +162,8 @@ class Walker:
     No end of a limb is ever faster than `People.speed_of` it times `speed`, as is promised at 1. The person stays in a
     sector of a ring about a centre (3,) at the height of the floor [m], begins as near to a place `start: (2,)` [m] as
     the ring is, and walks through obstacles and the robot. A stance (9,) is the place about the centre (distance [m],
-    angle [rad]), the direction that is faced, and three angles of each arm [rad].
-
-    Raises
-    ------
-    InputError
-        If the skeleton of the tracker, which says size, limbs and errors, is not `ALL_KEYPOINTS` in the world's frame;
-        if the seed is no whole number ≥ 0.
+    angle [rad]), the direction that is faced, and three angles of each arm [rad]. Raises InputError if the skeleton of
+    the tracker, which says size, limbs and errors, is not `ALL_KEYPOINTS` in the world's frame.
     """
 
     def __init__(

@@ -6,8 +6,8 @@ from scipy.optimize import nnls
 
 from safe_ompl import Pose
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning import Doing, GuardedPath, PathLimits, RobotBodies, line
-from safe_ompl.people.replanning.guarded_path import RETREAT_SPEED
+from safe_ompl.people.replanning import Doing, PathLimits
+from safe_ompl.people.replanning.guarded_path import RETREAT_SPEED, GuardedPath, RobotBodies, line
 from safe_ompl.people.replanning.retreat import Receding, Retreats
 from safe_ompl.trajectories import RateLimits
 
