@@ -142,7 +142,7 @@ def check(
     """
     wanted = Constraints() if constraints is None else instance("constraints", constraints, Constraints)
     if tube is not None:
-        wanted = wanted.with_tube(tube_of(tube, robot))
+        wanted = wanted.with_separation(tube=tube_of(tube, robot))
     return check_with(motion, _proof(robot, scene, wanted), limits, people)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 from weakref import ProxyType, proxy
@@ -79,13 +79,9 @@ class Constraints:
         from_dangerous = (distance, tuple(exempt)) if obstacles is None else None
         return replace(self, separation=separation, from_dangerous=from_dangerous)
 
-    def with_moving_obstacles(self, speeds: Mapping[str, float], time: float) -> Constraints:
-        """Return the same among obstacles that move; arguments as `MotionProver.with_moving_obstacles`."""
-        return replace(self, separation=replace(self.separation, speeds=speeds, time=time))
-
-    def with_tube(self, widths: tuple[float, ...]) -> Constraints:
-        """Return the same within a tube: how far each of the n joints may be from where it should be [rad or m]."""
-        return replace(self, separation=replace(self.separation, tube=widths))
+    def with_separation(self, **changed: Any) -> Constraints:
+        """Return the same with other `speeds`, `time` or `tube` of the separation."""
+        return replace(self, separation=replace(self.separation, **changed))
 
     def in_scene_of(self, checker: CollisionChecker) -> Constraints:
         """Return the same in another scene, in which other obstacles may be dangerous."""

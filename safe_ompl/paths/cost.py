@@ -130,17 +130,10 @@ class PathCost:
         return costs
 
     def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
-        """Return J with two Gauss points on each segment of an unrolled path (N, n), and its exact gradient (N, n).
-
-        See `safe_ompl.paths.kernels`.
-        """
+        """Return J with two Gauss points on each segment of an unrolled path (N, n), and its exact gradient (N, n)."""
         nodes = self.nodes(path)
-        values, slopes = np.ones(len(nodes)), np.zeros(nodes.shape)
-        for density in self.densities:
-            more, steeper = density.values_and_gradients(nodes)
-            values += more
-            slopes += steeper
-        return kernel.integrated(plain(path), values, slopes)
+        found = [density.values_and_gradients(nodes) for density in self.densities]
+        return self._integrated(path, found)
 
     def model(self, path: FloatArray) -> QuadraticModel:
         """Return the same with about the Hessian of J.
@@ -150,11 +143,7 @@ class PathCost:
         """
         nodes = self.nodes(path)
         expansions = [density.expansion(nodes) for density in self.densities]
-        value, gradient = kernel.integrated(
-            plain(path),
-            sum((expansion.values for expansion in expansions), np.ones(len(nodes))),
-            sum((expansion.gradients for expansion in expansions), np.zeros(nodes.shape)),
-        )
+        value, gradient = self._integrated(path, [expansion[:2] for expansion in expansions])
         lengths = np.linalg.norm(path[1:] - path[:-1], axis=1)
         mean = value / max(lengths.sum(), _TINY)
         blocks, beside = _springs(mean / np.maximum(lengths, max(_SHORT * lengths.mean(), _TINY)), path.shape[1])
@@ -167,6 +156,13 @@ class PathCost:
     def nodes(self, path: FloatArray) -> FloatArray:
         """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
         return kernel.nodes(plain(path))
+
+    def _integrated(self, path: FloatArray, found: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, FloatArray]:
+        values, slopes = np.ones(2 * len(path) - 2), np.zeros((2 * len(path) - 2, path.shape[1]))
+        for more, steeper in found:
+            values += more
+            slopes += steeper
+        return kernel.integrated(plain(path), values, slopes)
 
     def _total(self, Q: FloatArray) -> FloatArray:
         total = np.ones(len(Q))
@@ -194,11 +190,8 @@ class ObstacleCost:
     """Obstacle cost of a radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
 
     d [m] is the distance of the two, D > 0 where obstacles begin to count; d₀ ≤ D what the ends of a path allow, 0 at
-    first: where these are near an obstacle themselves, the path between them shall at least not come nearer. w > 0 is
-    the cost of a radian of path at which one pair touches and d₀ = 0.
-
-    Exact distances cost more than all else. While a path descends, `anchor` keeps their witnesses, and these move with
-    the links until it is anchored again.
+    first: where these are near an obstacle themselves, the path between them shall at least not come nearer. Exact
+    distances cost most: `anchor` keeps their witnesses, which move with the links.
     """
 
     def __init__(self, checker: CollisionChecker, distance: float) -> None:
@@ -256,11 +249,10 @@ _SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
 
 
 class ActiveSetCost:
-    """J of a path, and its obstacle cost, for the danger points that matter near the path that was last looked at.
+    """J of a path for the danger points that matter near the path last looked at: others can only add to it.
 
-    Paths that have moved far may be near other danger points: these can only add to what is said here. `danger` is J
-    alone; `total` has the obstacle cost, whose witnesses are those of the path that was last anchored; `everywhere` is
-    the density of all danger points.
+    `danger` is J alone; `total` has the obstacle cost, by the witnesses of the path that was last anchored;
+    `everywhere` is the density of all danger points.
     """
 
     def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
@@ -270,10 +262,7 @@ class ActiveSetCost:
         self.look_at(path)
 
     def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
-        """Take the danger points that matter near a path (N, n), and at some configurations (B, n) besides.
-
-        Returns whether they are others than before: if not, J is what it was.
-        """
+        """Take the danger points that matter near a path (N, n), and besides; return whether they are others now."""
         robot = self.everywhere.field.robot
         curve = Curve(robot, path)
         samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _SCAN)))

@@ -25,10 +25,9 @@ _TRIALS = 6
 class Descent:
     """Minimises a cost over a path's way points (N, n), by L-BFGS (Nocedal & Wright, alg. 7.4 and 7.5).
 
-    The first Hessian of every step is that of the path: a chain of springs between way points, as in CHOMP (Ratliff
-    et al. 2009), whose inverse makes smooth moves cheap and moves of single way points dear; and the Gauss-Newton part
-    of what the densities add. Both are blocks on and beside the diagonal, and solved in O(N). A step that does not
-    lower the cost is shortened to where a parabola has its minimum.
+    The first Hessian of every step is a chain of springs between way points, as in CHOMP (Ratliff et al. 2009), and the
+    Gauss-Newton part of the densities: blocks on and beside the diagonal, solved in O(N). A step that does not lower
+    the cost is shortened to where a parabola has its minimum.
     """
 
     def __init__(
@@ -50,7 +49,9 @@ class Descent:
         """Evaluate the cost anew, at a path near the last one, or after it has changed a little, or take its model."""
         model = model or self._cost.model(path)
         self.path, self.value, self._gradient = path, model.value, self._allowed(model.gradient.copy())
-        self._hessian = BlockChain(model.blocks, model.beside, self._moving)
+        moving = self._moving  # rows and columns of the others are those of the unit matrix
+        blocks = np.where(moving[:, None, None], model.blocks, np.eye(path.shape[1]))
+        self._hessian = factored(blocks, model.beside * (moving[1:] & moving[:-1])[:, None, None])
 
     def step(self, largest: float = LARGEST) -> bool:
         """Take one step, in which no joint moves farther than `largest`; return False if none lowers the cost."""
@@ -85,7 +86,7 @@ class Descent:
             share = float(np.vdot(step, q)) / curvature
             q -= share * change
             shares.append(share)
-        direction = self._hessian.solve(q)
+        direction = solved(self._hessian, q.ravel()).reshape(q.shape)
         for (step, change, curvature), share in zip(self._pairs, reversed(shares), strict=True):
             direction += (share - float(np.vdot(change, direction)) / curvature) * step
         return -self._allowed(direction)
@@ -102,30 +103,13 @@ def _shortened(promised: float, change: float) -> float:
     return min(_LONGEST, max(_SHORTEST, -0.5 * promised / bend)) if bend < np.inf else _SHORTEST
 
 
-class BlockChain:
-    """A positive symmetric matrix of blocks (N, n, n) on the diagonal and (N − 1, n, n) right of them, factored once.
-
-    Block rows and columns that do not move, `moving: (N,)`, count as those of the unit matrix.
-    """
-
-    def __init__(self, blocks: FloatArray, beside: FloatArray, moving: BoolArray) -> None:
-        blocks = np.where(moving[:, None, None], blocks, np.eye(blocks.shape[1]))
-        self._band = factored(blocks, beside * (moving[1:] & moving[:-1])[:, None, None])
-
-    def solve(self, right: FloatArray) -> FloatArray:
-        """Return the solution (N, n) for the right-hand side (N, n)."""
-        x: FloatArray = solved(self._band, right.ravel())
-        return x.reshape(right.shape)
-
-
 Better = Callable[[FloatArray, float], None]
 
 
 class BestPath:
-    """The path that was taken last: none is taken whose J is above that of the given path.
+    """The path that was taken last: none is taken whose J is above that of the given path, as far as J is known.
 
-    J is known for the danger points that matter near a path when it is offered. When others turn out to matter, it is
-    `confirmed` anew, and a path that has become dearer than the given one is taken back.
+    When other danger points turn out to matter J is `confirmed` anew, and a path that is dearer is taken back.
     """
 
     def __init__(self, path: FloatArray, on_better: Better | None) -> None:
@@ -187,8 +171,7 @@ class Price(NamedTuple):
 class ProvenDescent:
     """Descent of the part of a path, `path: (N, n)`, between two `retreats` that stay, the ends included.
 
-    Every path on the way is offered as the best one. One that is dearer than the given one may become cheaper later:
-    `leads` says whether the best path is one of this descent; not so at first.
+    Every path on the way is offered as the best one; `leads` says whether the best path is one of this descent.
     """
 
     def __init__(
@@ -301,10 +284,7 @@ class ProvenDescent:
         return not self.leads or self._best.confirm(cost)
 
     def _resolve_peaks(self) -> bool:
-        """Put way points where danger peaks beside the ends, between those that there are; return whether it does.
-
-        There danger changes quickly, and a peak that no node of the cost sees is one that the descent does not lower.
-        """
+        """Put way points where danger peaks beside the ends, which no node of the cost sees; return whether it does."""
         field = self._cost.everywhere.field
         forced = float(field.values(self._best.path[[0, -1]]).max())
         places, peaks = peaks_beside_ends(Curve(field.robot, self.path), field, forced)

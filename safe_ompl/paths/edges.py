@@ -40,10 +40,7 @@ class EdgeProofs:
         self._proven.update(_keys(path))
 
     def inherit(self, path: FloatArray) -> None:
-        """Accept the edges of a path (N, n), parts of accepted ones, as soon as they are proven without the margin.
-
-        Parts of what is free are free but for rounding; they are proven when they are asked for: few of them ever are.
-        """
+        """Accept the edges of a path (N, n), parts of accepted ones, as soon as they are proven without the margin."""
         self._inherited.update(_keys(path))
 
     def keep(self, margin: float) -> None:
@@ -76,10 +73,10 @@ class EdgeProofs:
             self._proven.update(compress(keys, proven.tolist()))
 
     def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return `path: (N, n)`, held back to a known one where edges are refused, and which way points are there (N,).
+        """Return `path: (N, n)`, held back to an accepted one where edges are refused, and which way points are there.
 
-        Way points beside a refused edge go back to where they were in the accepted path `known: (N, n)`, and those
-        around them in part, so that there is no kink; if that does not help, more of them, and in the end all.
+        Those beside a refused edge go back to where they were, those around them in part, so that there is no kink; if
+        that does not help, more of them, and in the end all.
         """
         refused, reach = self.refused(path), _REACH
         if not refused:
@@ -128,11 +125,10 @@ def retreat(
 ) -> FloatArray:
     """Return a way (K, n) from an end (n,) of a path to where obstacles and danger are less; K = 1: there is none.
 
-    The steepest descent of what is near, Σ over pairs of link and obstacle, and of what is dangerous, the field of the
-    danger points over that of the most dangerous one at the end: w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊². Sums of hinges have
-    no kinks, unlike the danger, which is a maximum; and each step of 0.02 rad is the best of its length for their
-    Gauss-Newton model (Nocedal & Wright, ch. 4). So it goes along the floor of the valley between two fingers'
-    obstacles, where gradient steps would go from wall to wall. It is not proven free, and `obstacles` is anchored anew.
+    The steepest descent of what is near, and of what is dangerous, w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊²: sums of hinges
+    have no kinks, unlike the danger, which is a maximum. Each step of 0.02 rad is the best of its length for their
+    Gauss-Newton model (Nocedal & Wright, ch. 4), along the floor of a valley, where gradient steps would go from wall
+    to wall. It is not proven free, and `obstacles` is anchored anew.
     """
     reference = field.value(end)
     q, way, enough = end, [end], None
@@ -199,9 +195,8 @@ def shortcut(
 ) -> FloatArray | None:
     """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
 
-    Estimates the cost of the edges between up to `most` way points and of the path's own, and proves only those of the
-    chain that is cheapest so far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000), or
-    it is estimated to cost more than the share `worth` of the path.
+    Of the edges between up to `most` way points only those of the chain that is cheapest so far are proven (as in lazy
+    roadmaps: Bohlin & Kavraki, ICRA 2000), unless it is estimated to cost more than the share `worth` of the path.
     """
     candidates = np.rint(np.linspace(0, len(path) - 1, min(len(path), most))).astype(int)
     wanted = np.eye(len(path), k=1, dtype=bool)
@@ -232,7 +227,10 @@ def _cheapest_proven_chain(
     costs = _edge_costs(path, wanted, cost, stop)
     most = worth * float(np.diagonal(costs, 1).sum()) if worth < np.inf else np.inf
     while not stop():
-        chain = _cheapest_chain(costs)
+        before, chain = chained(costs), [len(costs) - 1]
+        while chain[-1]:
+            chain.append(int(before[chain[-1]]))
+        chain.reverse()
         expected = sum(float(costs[edge]) for edge in pairwise(chain))
         if not expected <= most or expected == np.inf:
             return None
@@ -256,12 +254,3 @@ def _edge_costs(path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Calla
         i, j = first[k : k + _BATCH], second[k : k + _BATCH]
         costs[i, j] = cost.of_edges(path[i], path[j], samples[k : k + _BATCH])
     return costs
-
-
-def _cheapest_chain(costs: FloatArray) -> list[int]:
-    """Return the way points of the cheapest chain from the first to the last."""
-    before = chained(costs)
-    chain = [len(costs) - 1]
-    while chain[-1]:
-        chain.append(int(before[chain[-1]]))
-    return chain[::-1]

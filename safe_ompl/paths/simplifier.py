@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import FloatArray, InputError, StaleSceneError, clock, finite_array, number, until_ctrl_c
+from safe_ompl.common import FloatArray, InputError, clock, finite_array, number, until_ctrl_c
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import STEP, WEIGHT, ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
 from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
@@ -191,7 +191,6 @@ class SimplificationRun:
     ) -> None:
         self._simplifier = copy(simplifier)  # its settings as they are now
         self._danger = simplifier.danger
-        self._revisions = self._known_revisions()
         self._robot = simplifier.robot
         self._stop = stop
         self._best = BestPath(path, on_better)
@@ -210,9 +209,7 @@ class SimplificationRun:
         return self._best.path
 
     def improve(self) -> None:
-        """Make the path cheaper until the cost falls no more; StaleSceneError if obstacles have moved meanwhile."""
-        if self._revisions != self._known_revisions():
-            raise StaleSceneError("obstacles have moved since this run began: begin another one")
+        """Make the path cheaper until the cost falls no more."""
         if self._stop():
             return
         self._look_around()
@@ -303,6 +300,3 @@ class SimplificationRun:
         start, goal = retreats
         self._cost.look_at(np.concatenate([start[:-1], path, goal[1:]]))
         return ProvenDescent(path, retreats, self._cost, self._terms, self._best, self._stop)
-
-    def _known_revisions(self) -> tuple[int, int]:
-        return self._simplifier.motion.checker.revision, self._danger.field.revision

@@ -101,10 +101,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setScene(self, scene: Scene) -> None:
         """Plan in another scene from here on, under all constraints that are set.
 
-        Where nothing differs but places of obstacles that were `movable`, or have moved before, it takes a millisecond;
-        else the checker is made anew. The solution is forgotten, and so is what the planner has built. Whether start
-        and goals are still free is found out when planning begins. An InputError if it is no scene, an UnknownNameError
-        if a constraint is about an obstacle that it does not have: then the scene stays what it was.
+        Where only places of obstacles differ that were `movable`, or have moved before, it takes a millisecond. The
+        solution and what the planner has built are forgotten; start and goals are checked when planning begins. An
+        InputError if it is no scene, an UnknownNameError if a constraint is about an obstacle that it does not have:
+        then the scene stays what it was.
         """
         instance("scene", scene, Scene)
         try:
@@ -163,40 +163,30 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.setConstraints(constraints.with_min_clearance(self.checker, distance, obstacles, exempt))
 
     def setTube(self, widths: ArrayLike | Mapping[str, float]) -> None:
-        """Require that every motion whose joints are so near to the one planned is free, too.
+        """Require that every motion whose joints are so near to the one planned is free, too; 0 for no tube.
 
-        Parameters
-        ----------
-        widths : float or array_like, shape (n,)
-            How far each joint may be from where it should be, such as errors of control [rad or m]; 0 for no tube.
+        The widths, one for all joints, one for each (n,), or by name, are how far each may be from where it should be,
+        such as errors of control [rad or m].
         """
-        self.setConstraints(self.getConstraints().with_tube(motions.tube_of(widths, self.robot)))
+        tube = motions.tube_of(widths, self.robot)
+        self.setConstraints(self.wiring.constraints.with_separation(tube=tube))
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
 
         Arguments and errors of `MotionProver.with_moving_obstacles`; errors as `setConstraints`, too.
         """
-        self.setConstraints(self.wiring.constraints.with_moving_obstacles(speeds, time))
+        self.setConstraints(self.wiring.constraints.with_separation(speeds=speeds, time=time))
 
     def setToolConstraint(
         self, axis: ArrayLike | None = None, direction: ArrayLike = UP, angle: float | None = None
     ) -> None:
-        """Have only paths on which an axis of the tool stays near a direction; without arguments on any.
+        """Have only paths on which an axis of the tool (3,) stays within an angle [rad] of a direction (3,).
 
-        Parameters
-        ----------
-        axis : array_like, shape (3,), optional
-            The axis in the frame of the tip; default: the one that points in the direction at the start.
-        direction : array_like, shape (3,)
-            In the world frame; default: up.
-        angle : float, optional
-            [rad] The largest angle between the two: 0.5 alone keeps upright what is upright at the start.
-
-        Raises
-        ------
-        InputError, CollisionError
-            As `ToolOrientation` and `setConstraints`; without an axis if no start is set; an axis without an angle.
+        The axis is in the frame of the tip, by default the one that points in the direction at the start; the direction
+        is in the world frame. An angle alone keeps upright what is upright at the start; without arguments there is no
+        such constraint any more. Errors as `ToolOrientation` and `setConstraints`; an InputError without an axis if no
+        start is set, and for an axis without an angle.
         """
         limit: ToolOrientation | None = None
         if angle is None and axis is not None:
@@ -239,19 +229,11 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     # ------------------------------------------------------------------------------------------ start and goal
 
     def setConfigurations(self, start: Any, goals: Any) -> None:
-        """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m], numbers or by name.
+        """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m].
 
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, unknown or missing joint, or outside the limits: names joint, value and limits.
-        CollisionError
-            In collision, or against a constraint: says which. Of several goals only those that are allowed count; one
-            must be.
-
-        Notes
-        -----
-        Numbers are in the order of the robot's joints. By name: mappings, as `Robot.named` gives them.
+        They are numbers in the order of the robot's joints, or mappings by name, as `Robot.named` gives them. An
+        InputError for a wrong shape, NaN, an unknown or missing joint, or what is outside the limits; a CollisionError
+        in collision, or against a constraint. Of several goals only those that are allowed count; one must be.
         """
         self.problem.set_configurations(start, goals)
 

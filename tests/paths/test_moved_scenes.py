@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl import CollisionChecker, DangerField, MotionProver, Scene, StaleSceneError
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Scene
 from safe_ompl.geometry import Obstacle, Pose, Sphere
 from safe_ompl.paths import PathReport, Simplifier
 
@@ -37,13 +37,6 @@ def test_a_simplifier_follows(models, path):
     assert simplifier.danger.reference == anew.danger.reference != before
     assert simplifier.cost.of(path) == anew.cost.of(path)
     np.testing.assert_allclose(simplifier.simplify(path, lambda: False), anew.simplify(path, lambda: False), atol=1e-6)
-
-
-def test_a_run_that_began_before_refuses(models, path):
-    run = Simplifier(*models).begin(path, lambda: False)
-    move(models)
-    with pytest.raises(StaleSceneError, match="begin another one"):
-        run.improve()
 
 
 def test_a_report_is_of_the_scene_in_which_its_path_was_validated(models, path):

@@ -25,11 +25,10 @@ _SAME = 0.05  # [rad] solutions nearer to each other than this are one
 class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     """The configurations whose tip is at a place (the paper's goal region, §2).
 
-    Planners see it as a growing list of configurations: valid solutions of the inverse kinematics from random
-    seeds. The first to be offered is the safest of several; planners that go on asking get the next ones, and new
-    ones are searched for. The search runs in the planner's own thread, when OMPL asks; if nothing is found
-    planners wait until their time is up, and `failure` says how near the tip came. The same seed gives the same
-    solutions; `setSeed` begins anew.
+    Planners see it as a growing list of configurations: valid solutions of the inverse kinematics from random seeds,
+    the safest of several first. Planners that go on asking get new ones. The search runs in the planner's own thread;
+    if nothing is found planners wait until their time is up, and `failure` says how near the tip came. The same seed
+    gives the same solutions; `setSeed` begins anew.
 
     Parameters
     ----------
@@ -73,12 +72,8 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         if self._bridge.n != robot.n:
             raise InputError(f"the space has {self._bridge.n} coordinates, but {robot.name!r} {robot.n} joints")
         self._scratch = ScratchState(self._bridge)
-        self._reach = tip_reach(self.place.robot)
         self._check_reach()
         self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed)
-
-    def __repr__(self) -> str:
-        return f"WorkspaceGoal({self.place!r}, tolerance={self.tolerance:g}, seed={self._seed})"
 
     def setSeed(self, seed: int) -> None:
         """Start the random numbers anew and forget all solutions."""
@@ -91,7 +86,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._tries = 0  # seeds that were searched from,
         self._arrived = 0  # and how many of them led to the place
         self._nearest = np.inf, np.zeros(0)  # of the others, the least distance and where it was
-        self._refused: FloatArray | None = None  # the last one that led to the place, but is not valid
+        self.refused: FloatArray | None = None  # the last one that led to the place, but is not valid
 
     def getSeed(self) -> int:
         """Return the seed."""
@@ -101,11 +96,6 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     def solutions(self) -> FloatArray:
         """The goal configurations (G, n) offered so far [rad or m]."""
         return np.array(self._found[: self._offered]).reshape(-1, self._bridge.n)
-
-    @property
-    def refused(self) -> FloatArray | None:
-        """A configuration (n,) at the place that is not valid [rad or m]; None if none was found."""
-        return self._refused
 
     def failure(self) -> str | None:
         """Return why there is no goal configuration, as far as is known; None if there is one, or no search yet."""
@@ -118,7 +108,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         off = f"{1e3 * np.linalg.norm(error[:3]):.0f} mm"
         if len(error) > 3:
             off += f" and {np.degrees(np.linalg.norm(error[3:]) / METRES_PER_RADIAN):.1f} deg"
-        centre, radius = self._reach
+        centre, radius = tip_reach(self.place.robot)
         return (
             f"{begin}: the tip {self.place.robot.tip!r} comes within {off} of the goal at best; "
             f"its reach is at most {radius:.2f} m from {centre.round(3).tolist()}"
@@ -126,7 +116,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
 
     def _check_reach(self) -> None:
         """Raise an error if the tip can be proven not to come near enough."""
-        centre, radius = self._reach
+        centre, radius = tip_reach(self.place.robot)
         nearest = self.place.nearest_position(centre)
         away = float(np.linalg.norm(nearest - centre))
         if away > radius + self.tolerance:
@@ -195,7 +185,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
             if si.satisfiesBounds(state) and si.isValid(state):
                 new.append(q)
             else:
-                self._refused = q
+                self.refused = q
         if self._field is None or not new:
             return new
         return [new[k] for k in np.argsort(self._field.values(np.array(new)), kind="stable")]
@@ -223,9 +213,6 @@ class RegionGoal(WorkspaceGoal):
         self.region = region
         self._inside = RegionPlace(robot, region)
         super().__init__(si, robot, self._inside, tolerance=tolerance, **options)
-
-    def __repr__(self) -> str:
-        return f"RegionGoal({self.region!r}, tolerance={self.tolerance:g}, seed={self.getSeed()})"
 
     def _target(self) -> Place:
         return self._inside.sample(self._rng)

@@ -49,10 +49,9 @@ def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes,
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The danger field of a robot as a cost: of a state CDF(q), of a motion ∫ CDF(q(s)) ds.
 
-    The integral is that of `DangerField.mean` with the relative `tolerance` > 0. Planners ask for many motions again,
+    The integral is that of `DangerField.mean` with the relative `tolerance` > 0; planners ask for many motions again,
     also the other way round: the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
-    `motionCostHeuristic` is CDF_min times the distance, with a proven lower bound CDF_min of the danger
-    (`DangerField.minimum`).
+    `motionCostHeuristic` is `DangerField.minimum`, a proven bound, times the distance.
     """
 
     def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
@@ -66,9 +65,6 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self._thread = threading.get_ident()  # that asked last
         self._longest, self._starts = math.inf, set[bytes]()
 
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
-
     @property
     def scales(self) -> dict[Any, float]:
         """What `StateCost` has measured of the danger once, for all planners; empty again when obstacles move."""
@@ -76,17 +72,12 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
             self._scales, self._revision = {}, self.field.revision
         return self._scales
 
-    def getDescription(self) -> str:
-        """Return a line about the objective."""
-        return "integral of the danger field (Lacevic & Rocco 2013)"
-
     @contextmanager
     def asked_by(self, planner: Any) -> Iterator[None]:
         """Within, cost what a planner of OMPL's that is set up needs to know, and no more.
 
-        RRT* and its informed forms ask for the motions from a new node to its k nearest ones, at first the whole tree,
-        and refuse those that are longer than their range. These cost infinity, and no danger is looked at; but for
-        motions from a start, whose costs the informed forms take for bounds when they prune.
+        RRT* and its informed forms ask for motions that they refuse then, as longer than their range. These cost
+        infinity; but for motions from a start, whose costs the informed forms take for bounds when they prune.
         """
         q = np.zeros(self.field.robot.n)
         self.field.mean(q, q)  # compiled here, and not as part of the planner's time
@@ -144,9 +135,8 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 class StateCost:
     """The cost of configurations as planners read it from a problem's objective.
 
-    Objectives that answer batches (`values(Q)`, as `DangerObjective` does) are asked for batches; any other
-    `ob.OptimizationObjective` is asked state by state. Without an objective, or with path length, every configuration
-    costs nothing and planning is classical.
+    It is asked for batches if it answers them (`values(Q)`, as `DangerObjective` does), else state by state. Without an
+    objective, or with path length, every configuration costs nothing and planning is classical.
     """
 
     def __init__(self, objective: Any, bridge: StateBridge) -> None:
@@ -200,8 +190,7 @@ class StateCost:
     def slope(self, si: Any) -> float:
         """Return the median of ‖∇c‖ over valid configurations, what α is measured in; 0 where that is of no use.
 
-        A `DangerObjective` keeps it, as long as the same `CollisionFreeValidity` says with the same settings what is
-        valid. Nothing is known of how a user's own checker decides, so with one it is measured at each call.
+        It is kept for the settings that decide what is valid; with a checker of the user's it is measured each time.
         """
         if self.is_zero:
             return 0.0

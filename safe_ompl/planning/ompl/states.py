@@ -51,14 +51,11 @@ def _real_vector(lower: FloatArray, upper: FloatArray) -> Any:
 
 
 class StateBridge:
-    """Moves configurations between OMPL states of one space and arrays `q: (n,)`.
+    """Moves configurations between OMPL states and arrays `q: (n,)`; an InputError if the space is of another kind.
 
-    Works on real-vector spaces, SO(2), and compounds of these; angles of SO(2) parts wrap at ±π. An InputError if the
-    space has parts of another kind.
-
-    `circular: (n,)` says which coordinates wrap; `lower` and `upper: (n,)` are their bounds, ±π for those that wrap.
-    OMPL's `satisfiesBounds` takes finite coordinates within `held: (2, n)`, lower and upper, whatever those that wrap;
-    `extent` is the length of the diagonal of the bounds, no side longer than one turn.
+    It knows real vectors, SO(2), whose angles wrap at ±π, and compounds of these. `circular: (n,)` says which
+    coordinates wrap; `lower` and `upper: (n,)` are their bounds. OMPL's `satisfiesBounds` takes finite coordinates
+    within `held: (2, n)`; `extent` is the length of the diagonal of the bounds, no side longer than one turn.
     """
 
     def __init__(self, space: Any) -> None:
@@ -83,9 +80,6 @@ class StateBridge:
         self._memory = PerThread(partial(_buffer, self.n))
         if not self._buffer_works():
             raise PlanningError("this version of OMPL's bindings does not read and write states through a buffer")
-
-    def __repr__(self) -> str:
-        return f"StateBridge({self.space.getName()!r}, n={self.n})"
 
     def read(self, state: Any) -> FloatArray:
         """Return the configuration (n,) of a state as a new array."""

@@ -28,9 +28,6 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         self._space = si.getStateSpace()
         self.bridge = StateBridge(self._space)
 
-    def __repr__(self) -> str:
-        return f"CollisionFreeValidity({self.checker!r})"
-
     @property
     def checker(self) -> CollisionChecker:
         """Robot and scene."""
@@ -84,9 +81,6 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
         self._bridge = StateBridge(self._space)
         self.setConstraints(constraints or Constraints(), checker)
-
-    def __repr__(self) -> str:
-        return f"CertifiedMotionValidator({self.motion!r})"
 
     @property
     def checker(self) -> CollisionChecker:

@@ -41,15 +41,9 @@ def test_the_cost_of_a_known_path():
     path = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])  # ∫₀² (1 + x²) dx, then 1 · (1 + 4)
     assert PathCost(Plane(), [SQUARES]).of(path) == pytest.approx(2 + 8 / 3 + 5, rel=1e-3)
     assert PathCost(Plane(), []).of(path) == pytest.approx(3.0)
-
-
-def test_gauss_points_integrate_cubic_densities_exactly():
     cubic = Density(lambda Q: Q[:, 0] ** 3, lambda Q: np.stack([3 * Q[:, 0] ** 2, 0 * Q[:, 0]], axis=1))
     value, _ = PathCost(Plane(), [cubic]).value_and_gradient(np.array([[0.0, 0.0], [2.0, 0.0]]))
-    assert value == pytest.approx(2 + 4, rel=1e-12)
-
-
-def test_edges_one_by_one():
+    assert value == pytest.approx(2 + 4, rel=1e-12), "Gauss points integrate cubic densities exactly"
     starts, ends = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[2.0, 0.0], [1.0, 3.0]])
     found = PathCost(Plane(), [SQUARES]).of_edges(starts, ends, np.array([200, 3]))
     np.testing.assert_allclose(found, [2 + 8 / 3, 3 * 2], rtol=1e-4)

@@ -31,17 +31,12 @@ def descended(path, steps=60):
 def test_the_cheapest_path_of_the_half_plane():
     path = divided(np.array([[-2.0, 0.5], [2.0, 0.5]]), 0.2)
     descent, values = descended(path)
-    assert values[-1] == pytest.approx(np.arccosh(1 + 16 / (2 * 0.25)), rel=2e-3)
+    best = np.arccosh(1 + 16 / (2 * 0.25))
+    assert values[-1] == pytest.approx(best, rel=2e-3)
+    assert values[12] - best < 0.05 * (values[0] - best), "few steps go most of the way"
     assert (np.diff(values) < 0).all()
     np.testing.assert_allclose(np.linalg.norm(descent.path, axis=1), np.hypot(2, 0.5), atol=0.05)
     np.testing.assert_array_equal(descent.path[[0, -1]], path[[0, -1]])
-
-
-def test_few_steps_go_most_of_the_way():
-    path = divided(np.array([[-2.0, 0.5], [2.0, 0.5]]), 0.2)
-    best = np.arccosh(1 + 16 / (2 * 0.25))
-    _, values = descended(path, steps=12)
-    assert values[-1] - best < 0.05 * (values[0] - best)
 
 
 def test_way_points_that_are_held_stay():
@@ -55,16 +50,13 @@ def test_way_points_that_are_held_stay():
     assert (descent.path[2] != path[2]).any()
 
 
-def test_no_step_is_longer_than_allowed():
+def test_no_step_is_longer_than_allowed_nor_taken_where_there_is_nothing_to_gain():
     path = divided(np.array([[-2.0, 0.5], [2.0, 0.5]]), 0.2)
     descent = Descent(PathCost(Plane(), [HYPERBOLIC]), path, anywhere)
     assert descent.step(0.03)
     assert np.abs(descent.path - path).max() <= 0.03 + 1e-12
-
-
-def test_where_there_is_nothing_to_gain_no_step_is_taken():
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    assert not Descent(PathCost(Plane(), []), path, anywhere).step()
+    straight = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    assert not Descent(PathCost(Plane(), []), straight, anywhere).step()
 
 
 # ---------------------------------------------------------------------------------------------------------- division
@@ -130,31 +122,20 @@ def test_a_step_that_fails_is_shortened_to_where_the_parabola_has_its_minimum():
 GIVEN, FIRST, SECOND = np.zeros((2, 3)), np.ones((2, 3)), 2 * np.ones((2, 3))
 
 
-def best_path(told):
-    best = BestPath(GIVEN, lambda path, cost: told.append(cost))
-    best.ceiling = 10.0
-    return best
-
-
 def test_paths_are_taken_while_j_is_not_above_that_of_the_given_one():
     told = []
-    best = best_path(told)
+    best = BestPath(GIVEN, lambda path, cost: told.append(cost))
+    best.ceiling = 10.0
     assert not best.take(FIRST, 11.0)
     assert best.path is GIVEN
     assert best.take(FIRST, 9.0)
     assert not best.take(SECOND, np.nan)
     assert best.path is FIRST
+    assert best.confirm(9.0)
     assert best.take(SECOND, 9.5)
     assert told == [9.0, 9.5]
-
-
-def test_a_path_that_turns_out_to_be_dearer_than_the_given_one_is_taken_back():
-    best = best_path([])
-    best.take(FIRST, 9.0)
-    assert best.confirm(9.0)
-    best.take(SECOND, 8.0)
     assert not best.is_confirmed
-    assert not best.confirm(10.5)
+    assert not best.confirm(10.5), "it turns out to be dearer than the given one"
     assert best.path is FIRST
 
 
@@ -167,5 +148,3 @@ def test_configurations_by_arc_length(panda, rng):
     s = np.concatenate([rng.uniform(-0.5, 1.1 * arc[-1], 50), arc, [2.0 * arc[-1]]])
     expected = np.stack([np.interp(s, arc, column) for column in path.T], axis=1)
     np.testing.assert_allclose(curve.at(s), expected, rtol=0, atol=1e-13)
-    at_way_points = curve.at(curve.length * np.array([0.0, 1.0]))
-    np.testing.assert_allclose(at_way_points, path[[0, -1]], rtol=0, atol=1e-14)

@@ -1,42 +1,65 @@
 """Simplified paths: cheaper, proven, no less clear, no longer than allowed, and there whenever it stops."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from ball import GOAL, IN_BALL, SCENE, START, setup_for
 from ompl import util as ou
 
-from safe_ompl import CollisionChecker, InputError, MotionProver, SafeSetup, Scene
-from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
-from safe_ompl.paths import PathReport, Simplifier
+from safe_ompl import (
+    Box,
+    Capsule,
+    CollisionChecker,
+    Cylinder,
+    DangerField,
+    InputError,
+    MotionProver,
+    Obstacle,
+    Pose,
+    Robot,
+    SafeSetup,
+    Scenario,
+    Scene,
+    Sphere,
+)
+from safe_ompl.paths import PathReport, Simplifier, unrolled
 from safe_ompl.paths.cost import ObstacleCost, PathCost
-from safe_ompl.paths.edges import EdgeProofs, shortcut
+from safe_ompl.paths.edges import RETREAT_STEP, EdgeProofs, retreat, shortcut, within_limits
+from safe_ompl.paths.simplifier import SimplificationRun
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
-START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
-GOAL = START * [-1, 1, 1, 1, 1, 1]
-SEEDS = range(4)
+PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
+GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])
+AWAY = GRASP * [-1, 1, 1, 1, 1, 1, 1] - [0, 0.3, 0, 0, 0, 0, 0]
 
 
 @pytest.fixture(scope="module")
-def setup(ur5):
-    scene = Scene(
-        (
-            Obstacle("ball", Sphere(0.15), Pose((0.45, 0.1, 0.55)), weight=1.0),
-            Obstacle("shelf", Box((0.3, 0.6, 0.02)), Pose((0.5, 0.0, 0.1)), weight=1.0),
-        )
-    )
+def quiet():
     handler = ou.getOutputHandler()
     ou.noOutputHandler()
-    setup = SafeSetup(ur5, scene)
-    setup.setConfigurations(START, GOAL)
-    yield setup
+    yield
     ou.useOutputHandler(handler)
+
+
+@pytest.fixture(scope="module")
+def setup(ur5, quiet):
+    dangerous = Obstacle("shelf", Box((0.3, 0.6, 0.02)), Pose((0.5, 0.0, 0.1)), weight=1.0)
+    return setup_for(ur5, SCENE.without("shelf").with_obstacles(dangerous))
+
+
+@pytest.fixture(scope="module")
+def planar2():
+    return Robot.from_urdf(PLANAR2, tip="tip")
 
 
 @pytest.fixture(scope="module")
 def raw(setup):
     """Paths of OMPL's RRT-Connect, as they come."""
-    return [setup.plan("RRTConnect", time=10.0, seed=seed).path for seed in SEEDS]
+    return [setup.plan("RRTConnect", time=10.0, seed=seed).path for seed in range(4)]
 
 
 @pytest.fixture(scope="module")
@@ -59,23 +82,44 @@ def length(path):
     return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
 
 
+def is_free(checker, path):
+    motion = MotionProver(checker)
+    return all(motion.is_free(a, b) for a, b in pairwise(path))
+
+
+def never():
+    return False
+
+
+def after(asked):
+    """Return what says stop when it has been asked so often."""
+    questions = iter(range(asked))
+    return lambda: next(questions, None) is None
+
+
 # -------------------------------------------------------------------------------------------------- what comes of it
 
 
-def test_paths_become_much_cheaper(setup, simplified):
+def test_paths_become_much_cheaper_and_no_less_clear(setup, simplified):
     cost = setup.simplifier.cost
     ratios = [cost.of(better) / cost.of(path) for path, better, _ in simplified]
     assert max(ratios) < 1
     assert np.median(ratios) < 0.7
+    for path, better, steps in simplified:
+        before = PathReport.of(path, setup.checker).clearance.min
+        for step in (better, steps[0][0]):
+            assert PathReport.of(step, setup.checker).clearance.min > before - 2e-4
+        assert len(better) < 60
+        assert np.linalg.norm(np.diff(better, axis=0), axis=1).max() < 1.0
+        assert cost.of(simplify(setup, better, time=20.0)) <= cost.of(better) * (1 + 1e-9)
 
 
 def test_every_path_on_the_way_is_proven_cheaper_than_the_given_one_and_short_enough(setup, simplified):
-    motion, cost = MotionProver(setup.checker), setup.simplifier.cost
+    cost = setup.simplifier.cost
     for path, better, steps in simplified:
-        assert steps
         np.testing.assert_array_equal(steps[-1][0], better)
         for step, known in steps:
-            assert all(motion.is_free(a, b) for a, b in pairwise(step))
+            assert is_free(setup.checker, step)
             np.testing.assert_array_equal(step[[0, -1]], path[[0, -1]])
             assert length(step) <= 1.25 * length(path) + 1e-9
             assert cost.of(step) == pytest.approx(known, rel=0.02)
@@ -89,123 +133,11 @@ def test_without_nearness_the_cost_falls_at_every_step(setup, raw):
         assert (np.diff(costs) <= 1e-9).all()
 
 
-def test_no_less_clear(setup, simplified):
-    for path, better, steps in simplified:
-        before = PathReport.of(path, setup.checker).clearance.min
-        for step in (better, steps[0][0]):
-            assert PathReport.of(step, setup.checker).clearance.min > before - 2e-4
-
-
-def test_way_points_are_few_and_near_enough_for_a_controller(simplified):
-    for _, better, _ in simplified:
-        steps = np.linalg.norm(np.diff(better, axis=0), axis=1)
-        assert len(better) < 60
-        assert steps.max() < 1.0
-
-
-def test_simplified_again_it_stays_as_cheap(setup, simplified):
-    _, better, _ = simplified[0]
-    cost = setup.simplifier.cost
-    assert cost.of(simplify(setup, better, time=20.0)) <= cost.of(better) * (1 + 1e-9)
-
-
 def test_the_better_passage_is_taken(setup, raw):
     """A detour that visits the far side of the joint range is cut off."""
-    straight = raw[0]
-    detour = np.vstack([straight[:1], straight[:1] - [0.0, 0.0, 0.0, 0.0, 0.0, 1.5], straight])
+    detour = np.vstack([raw[0][:1], raw[0][:1] - [0.0, 0.0, 0.0, 0.0, 0.0, 1.5], raw[0]])
     cost = setup.simplifier.cost
-    assert cost.of(simplify(setup, detour, time=20.0)) < 1.1 * cost.of(simplify(setup, straight, time=20.0))
-
-
-# ------------------------------------------------------------------------------------------------------- when to stop
-
-
-def test_it_stops_when_told(setup, raw):
-    asked = []
-    same = simplify(setup, raw[0], lambda: asked.append(1) or True)
-    assert asked
-    np.testing.assert_array_equal(same[[0, -1]], raw[0][[0, -1]])
-    assert length(same) == pytest.approx(length(raw[0]))
-
-
-@pytest.mark.parametrize("after", [1, 2])
-def test_interrupted_the_best_path_so_far_stands(setup, raw, after):
-    steps = []
-
-    def interrupt(path, cost):
-        steps.append(path)
-        if len(steps) == after:
-            raise KeyboardInterrupt
-
-    found = simplify(setup, raw[0], time=20.0, on_better=interrupt)
-    assert len(steps) == after
-    np.testing.assert_array_equal(found, steps[-1])
-
-
-# ------------------------------------------------------------------------------------------------------ goals and parts
-
-
-def test_shortcuts_are_the_cheapest_proven_chain(setup, raw):
-    cost, proof = setup.simplifier.cost, EdgeProofs(setup.simplifier.motion)
-    for path in raw:
-        found = shortcut(path, cost, proof, lambda: False)
-        assert all(MotionProver(setup.checker).is_free(a, b) for a, b in pairwise(found))
-        assert {tuple(q) for q in found} <= {tuple(q) for q in path}
-        assert cost.of(found) <= 1.02 * cost.of(path), "edges are sampled coarsely"
-
-
-def test_the_chain_goes_round_what_is_refused(setup):
-    path = np.linspace(START, GOAL, 5)
-    step = np.linalg.norm(path[1] - path[0])
-
-    class Refusing:
-        """Refuses edges between way points that are not neighbours."""
-
-        def accepts(self, start, end):
-            return np.linalg.norm(end - start) < 1.5 * step
-
-    found = shortcut(path, PathCost(setup.robot, []), Refusing(), lambda: False)
-    np.testing.assert_array_equal(found, path)
-
-
-def test_where_no_chain_is_proven_or_time_is_up_there_is_no_shortcut(setup):
-    class Refusing:
-        def accepts(self, start, end):
-            return not np.array_equal(end, GOAL)
-
-    path, cost = np.linspace(START, GOAL, 5), PathCost(setup.robot, [])
-    assert shortcut(path, cost, Refusing(), lambda: False) is None
-    assert shortcut(path, cost, EdgeProofs(setup.simplifier.motion), lambda: True) is None
-
-
-class Picky(EdgeProofs):
-    """Refuses edges between which the first joint jumps."""
-
-    def accepts(self, start, end):
-        return abs(start[0] - end[0]) < 0.4
-
-
-def test_what_is_refused_is_held_back_without_kinks(setup):
-    known = np.zeros((9, 6))
-    known[:, 1] = np.linspace(0, 1.6, 9)
-    wanted = known.copy()
-    wanted[5:7, 0] = 0.5
-    found, back = Picky(setup.simplifier.motion).held_back(wanted, known)
-    np.testing.assert_array_equal(found[back], known[back])
-    assert back[4:8].all()
-    assert not back.all()
-    assert np.abs(np.diff(found[:, 0])).max() < 0.4
-
-
-def test_where_nothing_helps_all_goes_back(setup):
-    class Refusing(EdgeProofs):
-        def accepts(self, start, end):
-            return start[0] == end[0] == 0
-
-    known = np.zeros((4, 6))
-    found, back = Refusing(setup.simplifier.motion).held_back(known + 0.1, known)
-    np.testing.assert_array_equal(found, known)
-    assert back.all()
+    assert cost.of(simplify(setup, detour, time=20.0)) < 1.1 * cost.of(simplify(setup, raw[0], time=20.0))
 
 
 @pytest.mark.parametrize("way_points", [[START, START], [START, START, START], [START, START + 0.01, START]])
@@ -213,43 +145,96 @@ def test_where_start_is_goal_nothing_moves(setup, way_points):
     np.testing.assert_array_equal(np.unique(simplify(setup, np.array(way_points)), axis=0), [START])
 
 
-def test_without_obstacles_there_is_no_least_clearance(ur5):
-    nothing = ObstacleCost(CollisionChecker(ur5, Scene()), 0.05)
-    assert nothing.clearances(np.array([START, GOAL])) == (np.inf, np.inf)
+@pytest.mark.parametrize(("scenario", "seed"), [("panda_shelf", 1), ("xarm7_pillars", 2)])
+def test_shortcuts_after_the_descent_lead_out_of_poor_minima(scenario, seed, monkeypatch):
+    setup = setup_scenario(Scenario.load(find_scenario(scenario)))
+    setup.prepare("SafeRRTConnect", seed)
+    setup.solve(20.0)
+    given, simplifier = setup.solution(), setup.simplifier
+    found = simplifier.simplify(given, never, proven=True)
+    monkeypatch.setattr(SimplificationRun, "_shorten_anew", lambda run: False)
+    once = simplifier.simplify(given, never, proven=True)
+    assert simplifier.cost.of(found) < 0.9 * simplifier.cost.of(once)
+    assert setup.is_free(found)
 
 
-# ---------------------------------------------------------------------------------------------------------- bad input
+@pytest.mark.parametrize("seed", [73, 357])
+@pytest.mark.parametrize("asked", [8, 1000])
+def test_where_a_shortcut_meets_other_danger_points_it_is_no_dearer_than_the_given_path(planar2, seed, asked):
+    """The given path goes round a danger point so far that another one, behind the arm, is what counts along it."""
+    rng = np.random.default_rng(seed)
+    start, goal = rng.uniform(-1.5, 1.5, (2, 2))
+    middle, across = 0.5 * (start + goal), np.array([start[1] - goal[1], goal[0] - start[0]])
+    path = np.array([start, middle + rng.uniform(0.1, 0.6) * across / np.linalg.norm(across), goal])
+    near, behind = planar2.keypoints(middle)[-1] + [0.0, 0.0, rng.uniform(0.01, 0.1)], np.array([-0.6, 0.0, 0.1])
+    along = np.concatenate([np.linspace(a, b, 100) for a, b in pairwise(path)])
+    dangers = [DangerField(planar2, [point]).values(along) for point in (near, behind)]
+    field = DangerField(planar2, [behind, near], [1.2 * (dangers[0] / dangers[1]).max(), 1.0])
+    simplifier = Simplifier(CollisionChecker(planar2, Scene()), field, clearance=0.0)
+    assert simplifier.cost.of(simplifier.simplify(path, after(asked))) <= simplifier.cost.of(path) * (1 + 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"time": 0.0}, "time"),
-        ({"weight": -1.0}, "weight"),
-        ({"clearance": -0.1}, "clearance"),
-        ({"weight": "wide"}, "weight"),
-    ],
-)
-def test_bad_options(setup, raw, options, message):
-    with pytest.raises(InputError, match=message):
-        simplify(setup, raw[0], **options)
+def test_from_a_danger_point_all_paths_cost_infinity_and_it_soon_ends(planar2):
+    rng = np.random.default_rng(8)
+    path, others = rng.uniform(-2.5, 2.5, (3, 2)), np.column_stack([rng.uniform(-1, 1, (12, 2)), np.zeros(12)])
+    field = DangerField(planar2, [planar2.keypoints(path[0])[-1], *others])
+    simplifier, stop = Simplifier(CollisionChecker(planar2, Scene()), field), after(150)
+    assert simplifier.cost.of(path) == np.inf
+    found = simplifier.simplify(path, stop)
+    assert not stop(), "it did not end by itself"
+    np.testing.assert_array_equal(found[[0, -1]], path[[0, -1]])
 
 
-@pytest.mark.parametrize(
-    ("path", "message"),
-    [
-        (np.zeros((3, 5)), "shape"),
-        (np.full((2, 6), np.nan), "finite"),
-        (START[None], "two configurations"),
-        ([START, START * [0, 1, 1, 1, 1, 1], GOAL], "edge from way point 0"),
-    ],
-)
-def test_bad_paths(setup, path, message):
-    with pytest.raises(InputError, match=message):
-        simplify(setup, path)
+def test_the_first_path_on_a_checker_becomes_what_it_becomes_later(planar2):
+    """Clearances far beyond what may touch take in more pairs: these are not to depend on what was asked before."""
+    capsule = Obstacle("capsule", Capsule(0.0755, 0.279), Pose((-0.354, -0.57, 0.0)), weight=1.0)
+    scene = Scene((capsule,), spacing=0.1)
+    simplifier = Simplifier(CollisionChecker(planar2, scene), DangerField.of_scene(planar2, scene), weight=0.0)
+    path = [
+        [-3.06, -2.6], [-2.27, -2.46], [-2.09, -1.68], [-1.31, -1.85],
+        [-0.89, -1.29], [-1.56, -0.86], [-1.24, -0.13], [-0.91, 0.6],
+    ]  # fmt: skip
+    first, again = (simplifier.simplify(path, never) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
 
 
-# --------------------------------------------------------------------------------------------------- what comes first
+# ------------------------------------------------------------------------------------------------------- when to stop
+
+
+@pytest.mark.parametrize("asked", [0, 3, 10, 30, 100, 300])
+def test_stopped_anywhere_the_path_is_proven_and_no_dearer(setup, raw, asked):
+    found, cost = simplify(setup, raw[1], after(asked)), setup.simplifier.cost
+    np.testing.assert_array_equal(found[[0, -1]], raw[1][[0, -1]])
+    assert is_free(setup.checker, found)
+    assert cost.of(found) <= cost.of(raw[1]) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("at", [1, 2])
+def test_interrupted_the_best_path_so_far_stands(setup, raw, at):
+    steps = []
+
+    def interrupt(path, cost):
+        steps.append(path)
+        if len(steps) == at:
+            raise KeyboardInterrupt
+
+    found = simplify(setup, raw[0], time=20.0, on_better=interrupt)
+    assert len(steps) == at
+    np.testing.assert_array_equal(found, steps[-1])
+
+
+def test_when_time_is_up_nothing_is_begun(setup, raw):
+    run = setup.simplifier.begin(raw[0], lambda: True)
+    counts = setup.field.counts.field_configurations, setup.checker.counts.distance_queries
+    run.improve()
+    assert setup.field.counts.field_configurations - counts[0] < 100
+    assert setup.checker.counts.distance_queries == counts[1]
+    proofs = EdgeProofs(setup.simplifier.motion, lambda: True)
+    proofs.accept(raw[0][:2])
+    assert proofs.accepts(raw[0][0], raw[0][1])
+    queries = setup.checker.counts.margin_queries
+    assert not proofs.accepts(raw[0][0], raw[0][0] + 1e-3)
+    assert setup.checker.counts.margin_queries == queries
 
 
 def test_a_better_path_comes_after_few_questions(setup, raw):
@@ -264,22 +249,63 @@ def test_a_better_path_comes_after_few_questions(setup, raw):
         assert seen[0] < 0.5 * seen[-1]
 
 
-@pytest.mark.parametrize("asked", [3, 10, 30, 100, 300])
-def test_stopped_anywhere_the_path_is_proven_and_no_dearer(setup, raw, asked):
-    questions = iter(range(asked))
-    found = simplify(setup, raw[1], lambda: next(questions, None) is None)
-    motion, cost = MotionProver(setup.checker), setup.simplifier.cost
-    assert all(motion.is_free(a, b) for a, b in pairwise(found))
-    assert cost.of(found) <= cost.of(raw[1]) * (1 + 1e-9)
+# ------------------------------------------------------------------------------------------------------------- edges
 
 
-def test_when_time_is_up_nothing_more_is_proven(setup, raw):
-    proofs = EdgeProofs(setup.simplifier.motion, lambda: True)
-    proofs.accept(raw[0][:2])
-    assert proofs.accepts(raw[0][0], raw[0][1])
-    queries = setup.checker.counts.margin_queries
-    assert not proofs.accepts(raw[0][0], raw[0][0] + 1e-3)
-    assert setup.checker.counts.margin_queries == queries
+class Accepting(EdgeProofs):
+    """Accepts the edges that a function accepts."""
+
+    def __init__(self, setup, function):
+        super().__init__(setup.simplifier.motion)
+        self.accepts = function
+
+
+def test_shortcuts_are_the_cheapest_proven_chain(setup, raw):
+    cost, proof = setup.simplifier.cost, EdgeProofs(setup.simplifier.motion)
+    for path in raw:
+        found = shortcut(path, cost, proof, never)
+        assert is_free(setup.checker, found)
+        assert {tuple(q) for q in found} <= {tuple(q) for q in path}
+        assert cost.of(found) <= 1.02 * cost.of(path), "edges are sampled coarsely"
+
+
+def test_the_chain_goes_round_what_is_refused_or_there_is_none(setup):
+    path, cost = np.linspace(START, GOAL, 5), PathCost(setup.robot, [])
+    step = np.linalg.norm(path[1] - path[0])
+    neighbours = Accepting(setup, lambda start, end: np.linalg.norm(end - start) < 1.5 * step)
+    np.testing.assert_array_equal(shortcut(path, cost, neighbours, never), path)
+    assert shortcut(path, cost, Accepting(setup, lambda start, end: not np.array_equal(end, GOAL)), never) is None
+    assert shortcut(path, cost, EdgeProofs(setup.simplifier.motion), lambda: True) is None
+
+
+def test_of_a_long_path_few_edges_are_looked_at(setup, ur5):
+    class Counting:
+        robot, edges = ur5, 0
+
+        def of_edges(self, starts, ends, samples):
+            self.edges += len(starts)
+            return np.linalg.norm(ends - starts, axis=1)
+
+    cost, most = Counting(), 0.5 * np.linalg.norm(GOAL - START)
+    accepting = Accepting(setup, lambda start, end: np.linalg.norm(end - start) < most)
+    assert len(shortcut(np.linspace(START, GOAL, 500), cost, accepting, never)) < 10
+    assert cost.edges < 1500
+
+
+def test_what_is_refused_is_held_back_without_kinks_and_in_the_end_all(setup):
+    known = np.zeros((9, 6))
+    known[:, 1] = np.linspace(0, 1.6, 9)
+    wanted = known.copy()
+    wanted[5:7, 0] = 0.5
+    smooth = Accepting(setup, lambda start, end: abs(start[0] - end[0]) < 0.4)
+    found, back = smooth.held_back(wanted, known)
+    np.testing.assert_array_equal(found[back], known[back])
+    assert back[4:8].all()
+    assert not back.all()
+    assert np.abs(np.diff(found[:, 0])).max() < 0.4
+    found, back = Accepting(setup, lambda start, end: start[0] == end[0] == 0).held_back(known + 0.1, known)
+    np.testing.assert_array_equal(found, known)
+    assert back.all()
 
 
 def test_parts_of_a_proven_edge_are_proven_when_they_are_asked_for(setup, raw):
@@ -290,3 +316,111 @@ def test_parts_of_a_proven_edge_are_proven_when_they_are_asked_for(setup, raw):
     assert proofs.refused(parts)
     proofs.inherit(parts)
     assert not proofs.refused(parts)
+
+
+@pytest.mark.parametrize("seed", [8, 12])
+def test_the_least_clearance_is_that_of_pairs_that_never_touch_too(ur5, seed):
+    rng = np.random.default_rng(seed)
+    angle, distance = rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 0.7)
+    place = Pose((distance * np.cos(angle), distance * np.sin(angle), float(rng.uniform(0, 0.3))))
+    checker = CollisionChecker(ur5, Scene((Obstacle("ball", Sphere(0.05), place),)))
+    path = rng.uniform(-2, 2, (2, 6))
+    dense = min(checker.clearance(q).distance for q in np.linspace(*path, 200))
+    assert ObstacleCost(checker, 0.05).clearances(path)[1] == pytest.approx(dense, abs=0.02)
+    nothing = ObstacleCost(CollisionChecker(ur5, Scene()), 0.05)
+    assert nothing.clearances(path) == (np.inf, np.inf)
+
+
+# ------------------------------------------------------------------------------------------------- continuous joints
+
+
+def test_a_joint_that_turns_too_far_goes_the_short_way(kinova, rng):
+    joint = int(np.flatnonzero(kinova.continuous)[0])
+    path = np.tile(0.5 * (np.maximum(kinova.lower, -2) + np.minimum(kinova.upper, 2)), (3, 1))
+    path[:, joint] = 0.0, 2.2, 4.4
+    checker = CollisionChecker(kinova, Scene())
+    simplifier = Simplifier(checker, DangerField(kinova, [[0.5, 0.5, 0.5]]), weight=0.0, clearance=0.0)
+    found = simplifier.simplify(path, never)
+    assert length(found) == pytest.approx(2 * np.pi - 4.4, rel=1e-6)
+    assert is_free(checker, found)
+    np.testing.assert_allclose(kinova.difference(found[-1], path[-1]), 0.0, atol=1e-12)
+    path = rng.uniform(-7, 7, (20, kinova.n))
+    found = unrolled(kinova, path)
+    np.testing.assert_array_equal(found[:, ~kinova.continuous], path[:, ~kinova.continuous])
+    np.testing.assert_allclose(np.diff(found, axis=0), kinova.difference(path[:-1], path[1:]), atol=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"time": 0.0}, "time"),
+        ({"weight": -1.0}, "weight"),
+        ({"weight": "wide"}, "weight"),
+        ({"clearance": -0.1}, "clearance"),
+        ({"path": np.zeros((3, 5))}, "shape"),
+        ({"path": np.full((2, 6), np.nan)}, "finite"),
+        ({"path": START[None]}, "two configurations"),
+        ({"path": [START, IN_BALL, GOAL]}, "edge from way point 0"),
+    ],
+)
+def test_what_makes_no_sense(setup, raw, options, message):
+    with pytest.raises(InputError, match=message):
+        simplify(setup, **{"path": raw[0], **options})
+
+
+# --------------------------------------------------------------------------------- retreats from ends near obstacles
+
+
+@pytest.fixture(scope="module")
+def grasp(panda, quiet):
+    """Return a problem with a can between the fingers, its axis across the hand."""
+    tip = panda.tip_pose(GRASP)
+    across = tip.rotation @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    pose = Pose(tuple(tip.translation + 0.01 * tip.rotation[:, 2]), tuple(pin.Quaternion(across).normalized().coeffs()))
+    setup = SafeSetup(panda, Scene((Obstacle("can", Cylinder(0.025, 0.12), pose, weight=1.0),), spacing=0.04))
+    setup.setConfigurations(AWAY, GRASP)
+    return setup
+
+
+def test_the_way_out_of_a_grasp(grasp, panda):
+    nearness = ObstacleCost(grasp.checker, 0.05).afresh(1.3 * grasp.checker.clearance(GRASP).distance)
+    within = within_limits(panda)
+    way = retreat(GRASP, nearness, grasp.field, within, never)
+    np.testing.assert_array_equal(way[0], GRASP)
+    assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= RETREAT_STEP * (1 + 1e-6)
+    clearance = np.array([grasp.checker.clearance(q).distance for q in way])
+    assert (np.diff(clearance) > 0).all()
+    assert clearance[-1] > 1.3 * clearance[0]
+    assert (np.diff(grasp.field.values(way)) < 0).all()
+    np.testing.assert_array_equal(retreat(AWAY, nearness, grasp.field, within, never), [AWAY])
+    nowhere = retreat(GRASP, nearness, grasp.field, lambda Q: np.broadcast_to(GRASP, np.shape(Q)), never)
+    np.testing.assert_array_equal(nowhere, [GRASP])
+    hand = DangerField(panda, panda.keypoints(GRASP)[panda.segments[-1]].mean(axis=0)[None])
+    assert hand.value(GRASP) > 1e6, "on a danger point"
+    assert len(retreat(GRASP, nearness, hand, within, never)) > 1, "only obstacles count"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_simplified_paths_are_as_clear_and_as_safe_as_their_ends(grasp, seed):
+    raw = grasp.plan("RRTConnect", time=10.0, seed=seed).path
+    before, after = (grasp.report(path) for path in (raw, grasp.simplifier.simplify(raw, never, proven=True)))
+    end = grasp.checker.clearance(GRASP).distance
+    assert before.clearance.min < 0.98 * end, "or the test shows nothing"
+    assert after.clearance.min > 0.99 * end
+    assert after.danger.max <= 1.001 * grasp.field.value(GRASP)
+    if seed == 0:
+        found = grasp.simplifier.simplify(np.concatenate([raw[::-1], raw[1:]]), never)
+        np.testing.assert_array_equal(np.unique(found, axis=0), [GRASP])
+
+
+def test_where_no_joint_changes_what_is_near_there_is_no_way_out(planar2):
+    """A stretched planar arm below a plate, which stays as near as it is, points at what is in danger."""
+    plate = Obstacle("plate", Box((2.0, 2.0, 0.02)), Pose((0.0, 0.0, 0.06)))
+    nearness = ObstacleCost(CollisionChecker(planar2, Scene((plate,))), 0.1)
+    stretched, field = np.zeros(2), DangerField(planar2, [[1.3, 0.0, 0.0]])
+    assert nearness.near(stretched[None])
+    assert not field.gradient(stretched).any()
+    np.testing.assert_array_equal(retreat(stretched, nearness, field, within_limits(planar2), never), [stretched])

@@ -158,7 +158,6 @@ def test_other_goals_that_make_no_sense(setup, panda):
         setup.setGoalRegion(pin.SE3.Identity())
     with pytest.raises(InputError, match="out of reach"):
         setup.setGoalRegion(GoalRegion(Pose((2.0, 0.0, 0.5)), x=(-0.1, 0.1)))
-    assert repr(goal_for(setup)).startswith("WorkspaceGoal(Place('ur5', [0.35, -0.45, 0.35]), tolerance=0.01")
 
 
 # ---------------------------------------------------------------------------------------------------------- planners

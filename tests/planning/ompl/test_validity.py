@@ -61,7 +61,7 @@ class Setting:
         return {
             "is in collision": none,
             "keeps less than 200 mm from": none.with_min_clearance(self.checker, 0.2),
-            "may move 200 mm, and come to": none.with_moving_obstacles({"ball": 0.4}, 0.5),
+            "may move 200 mm, and come to": none.with_separation(speeds={"ball": 0.4}, time=0.5),
             "is above the limit": replace(none, danger=danger),
             "from its direction": replace(none, tool=(ToolOrientation(self.robot, (0, 0, 1), DOWN, 1.0),)),
             "outside of its bounds": replace(none, tool=(TipBounds(self.robot, [-1, -1, 0.2], [1, 1, 1]),)),
