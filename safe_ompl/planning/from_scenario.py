@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 def plan(
     scenario: Scenario | str | Path,
-    planner: str | Callable[..., Any] = "SafeRRTConnect",
+    planner: str = "SafeRRTConnect",
     time: float | None = None,
     seed: int = 0,
     parameters: Mapping[str, Any] | None = None,
@@ -42,7 +42,7 @@ def plan(
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(find_scenario(scenario))
     setup = setup_scenario(scenario)
-    own = scenario.planners.get(planner, {}) if isinstance(planner, str) else {}
+    own = scenario.planners.get(planner, {})
     built = clock() - begin
     result = setup.plan(
         planner,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from time import perf_counter
@@ -14,12 +14,11 @@ from ompl import base as ob
 
 import safe_ompl.motions as motions
 import safe_ompl.trajectories as trajectories
-from safe_ompl.common import InputError, clock, ctrl_c_as_such, positive
+from safe_ompl.common import FloatArray, InputError, clock, ctrl_c_as_such, positive
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning.ompl import DangerObjective
 from safe_ompl.planning.optimise import Interrupts, stopping, told
-from safe_ompl.planning.outside import OutsidePlanner, connecting
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
@@ -127,9 +126,8 @@ class SafeSetup(ProblemSetup):
 
         Parameters
         ----------
-        planner : str, ob.Planner or callable
-            A name of `planner_names()`, a planner on this setup's space information, or a function of start (n,) and
-            goals (G, n) that returns a path (N, n), or None: it is proven, or repaired first (`OutsidePlanner`).
+        planner : str or ob.Planner
+            A name of `planner_names()`, or a planner on this setup's space information.
         time : float
             Time limit [s] of planning and simplification together.
         seed : int
@@ -153,8 +151,6 @@ class SafeSetup(ProblemSetup):
             is returned; `PlanResult.interrupted` says so.
         """
         begin = clock()
-        if callable(planner) and not isinstance(planner, type):
-            planner = OutsidePlanner(self, planner)
         time = positive(time if optimise is None else optimise, "time limit", "number of seconds")
         simplification = simplification_time(simplify)
         run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
@@ -265,3 +261,23 @@ def simplification_time(value: bool | float) -> float | None:
     if isinstance(value, (bool, np.bool_)):
         return 0.0 if value else None
     return positive(value, "simplify", "number of seconds")
+
+
+def connecting(setup: SafeSetup, time: float) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
+    """Return what finds proven paths between configurations (n,) for repairs, within a time in all [s].
+
+    It plans under the constraints of the setup, whose own problem stays as it is.
+    """
+    end, own = clock() + time, list[SafeSetup]()
+
+    def connect(start: FloatArray, goal: FloatArray) -> FloatArray | None:
+        if clock() >= end:
+            return None
+        if not own:
+            own.append(SafeSetup(setup.robot, setup.scene, danger=setup.danger_options))
+            own[0].setConstraints(setup.getConstraints())
+        own[0].setConfigurations(start, goal)
+        left = max(end - clock(), 1e-3)
+        return own[0].plan("SafeRRTConnect", time=left, simplify=0.2 * left).path
+
+    return connect

@@ -121,7 +121,7 @@ def test_danger_between_less_dangerous_places_is_avoidable(crank, path, function
     q = np.linspace(min(path), max(path), 20_001)
     integral = np.trapezoid(function(q), q)
     assert found.length == pytest.approx(q[-1] - q[0])
-    assert found.danger.max == pytest.approx(function(q).max(), rel=1e-3)
+    assert found.danger.max == pytest.approx(function(q).max(), rel=6e-3)
     assert found.danger.integral == pytest.approx(integral, abs=5e-3)
     assert found.danger.mean == pytest.approx(integral / found.length, abs=5e-3)
     assert found.danger.avoidable == pytest.approx(avoidable, abs=5e-3 if avoidable else 1e-12)

