@@ -43,7 +43,6 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "planning/planners/test_life_cycle.py::test_in_a_process",
     "planning/planners/test_rrt_connect.py::test_a_process",
     "planning/planners/test_unsolvable.py",
-    "planning/test_first_plan.py",
     "planning/test_interrupts.py",
     "planning/test_limits.py",
     "planning/test_optimise.py",

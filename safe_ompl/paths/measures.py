@@ -93,20 +93,10 @@ _REFINEMENTS = 12  # bisections around the sample of least clearance
 class DangerReport:
     """Danger along a path (paper §5: profiles over the path's natural parameter).
 
-    Attributes
-    ----------
-    profile : ndarray, shape (101,)
-        CDF at equal steps of the natural parameter, from start to goal.
-    mean, max : float
-        Over the path; `max` is the largest danger found.
-    max_bound : float or None
-        Proven: no configuration of the path is more dangerous. Infinity where the path cannot be kept from a danger
-        point; None where nothing can be proven, because danger points move or the path leaves the limits.
-    integral : float
-        ∫ CDF(q(s)) ds [field · rad].
-    avoidable : float
-        ∫ CDF(q(s)) − max(min_{t ≤ s} CDF(q(t)), min_{t ≥ s} CDF(q(t))) ds [field · rad]: the part that lies between two
-        less dangerous places of the path (`docs/danger.md`). Zero where danger falls to its minimum and then rises.
+    `profile` (101,) is the CDF at equal steps from start to goal, `max` the largest danger found. No configuration is
+    more dangerous than `max_bound`, a proven bound; None where the path leaves the limits, infinity on a danger point.
+    `integral` is ∫ CDF(q(s)) ds [field · rad], `avoidable` the part of it between two less dangerous places of the
+    path, above max(min_{t ≤ s} CDF(q(t)), min_{t ≥ s} CDF(q(t))) (`docs/danger.md`).
     """
 
     profile: FloatArray
@@ -119,20 +109,10 @@ class DangerReport:
 
 @dataclass(frozen=True)
 class ClearanceReport:
-    """Distance between robot and obstacles along a path.
+    """Distance between robot and obstacles along a path [m].
 
-    Attributes
-    ----------
-    min, mean : float
-        [m]
-    length_below_50mm : float
-        Length of path [rad] on which the robot is nearer than 50 mm.
-    link, obstacle : str or None
-        Between which two the clearance is least.
-    at : float
-        Where along the path, as a fraction of its length.
-    obstacles : dict of str to float
-        The least distance [m] to each obstacle and person, at the samples of the path.
+    `link` and `obstacle` are those between which it is least, `at` is where, as a fraction of the length. The robot is
+    nearer than 50 mm on `length_below_50mm` of path [rad]. `obstacles` has the least distance to each, at samples.
     """
 
     min: float
@@ -166,11 +146,7 @@ def danger_along(path: FloatArray, field: DangerField, s: FloatArray, samples: F
 
 
 def forced_danger(values: FloatArray) -> FloatArray:
-    """Return what the ends force of the danger (S,) along a path: the larger of its minima so far and from there on.
-
-    A path has to leave a dangerous start and to come to a dangerous goal. Where it has been less dangerous before and
-    will be again, what is above both is a detour into danger.
-    """
+    """Return what the ends force of the danger (S,) along a path: the larger of its minima so far and from there on."""
     before = np.minimum.accumulate(values)
     after = np.minimum.accumulate(values[::-1])[::-1]
     return np.maximum(before, after)

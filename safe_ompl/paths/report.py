@@ -34,19 +34,11 @@ class CheckOutcome:
 
 @dataclass(frozen=True)
 class Validation:
-    """What is proven of a path: true if every edge is, and no check of the user's own refuses it.
+    """What is proven of a path: true if every edge is, and the user's own checker does not refuse it.
 
-    Attributes
-    ----------
-    proven : bool
-        Whether every edge is proven: free of collision, and within the limits of `claims`.
-    refused : tuple of (int, MotionVerdict), optional
-        The first edge that is not proven, or that a check of the user's own refuses, and why; None: there is none.
-    claims : tuple of str
-        What the proof is of: "collision", "min clearance", "max danger", "moving obstacles", "tool orientation",
-        "tip position".
-    checks : tuple of CheckOutcome
-        The user's own checker, if there is one: nothing can be proven of it.
+    `proven` says whether every edge is free, and within the limits of `claims`: "collision", "min clearance", "max
+    danger", "moving obstacles", "tool orientation", "tip position". `refused` is the first edge that is not, or that
+    the checker refuses, and why. `checks` is what the checker says, if there is one: nothing can be proven of it.
     """
 
     proven: bool

@@ -85,9 +85,8 @@ class PlanResult:
     def timed(self, limits: trajectories.RateLimits | None = None, **options: Any) -> trajectories.Trajectory:
         """Return the path as a trajectory; parameters and errors of `time_path`.
 
-        It knows `robot`, `motion` and, where `max_danger` is given, `danger`: what was planned for. An InputError if
-        there is no path, or the result comes from another process, where only `time_path` helps; a StaleSceneError if
-        obstacles have moved since.
+        An InputError if there is no path, or the result comes from another process, where only `time_path` helps; a
+        StaleSceneError if obstacles have moved since.
         """
         if self.path is None:
             raise InputError(f"there is no path to time: {self.status}")

@@ -15,11 +15,10 @@ from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 
 
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
-    """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
+    """Accepts states within the joint limits and the constraints, whose robot touches neither an obstacle nor itself.
 
-    States that the constraints do not allow are refused, too. The coordinates of the space must be the robot's joints
-    (see `joint_space`), but their limits are the robot's, however wide the space. An UnknownNameError if the scene has
-    no obstacle of a name in the constraints.
+    The coordinates of the space must be the robot's joints (`joint_space`), but their limits are the robot's, however
+    wide the space. An UnknownNameError if the scene has no obstacle of a name in the constraints.
     """
 
     def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:

@@ -183,8 +183,6 @@ def test_rrt_star_grows_the_same_tree_without_costs_that_it_does_not_need(planne
 
 # ------------------------------------------------ the scale of danger: measured once, and only where it has weight
 
-SAFE = ["SafeRRTConnect", "SafePRM", "BubblePlanner"]
-
 
 @pytest.fixture
 def setup():
@@ -212,22 +210,18 @@ def prepared(setup, name, **parameters):
     return planner
 
 
-@pytest.mark.parametrize("name", SAFE)
-def test_it_is_measured_once_for_all_planners(setup, batches, name):
-    prepared(setup, name)
+def test_it_is_measured_once_for_all_planners_that_weigh_danger(setup, batches):
+    for name in ("ClassicRRTConnect", "ClassicPRM", "ClassicBubble"):
+        result = setup.plan(name, time=20.0)
+        assert result
+        assert result.counts.field_configurations == 0
+    assert 50 not in batches
+    prepared(setup, "SafeRRTConnect")
     assert max(batches) == 50
     batches.clear()
-    for other in SAFE:
+    for other in ("SafeRRTConnect", "SafePRM", "BubblePlanner"):
         prepared(setup, other)
     assert not batches
-
-
-@pytest.mark.parametrize("name", ["ClassicRRTConnect", "ClassicPRM", "ClassicBubble"])
-def test_a_classical_planner_needs_none(setup, batches, name):
-    result = setup.plan(name, time=20.0)
-    assert result
-    assert result.counts.field_configurations == 0
-    assert 50 not in batches
 
 
 def test_alpha_that_is_set_later_finds_its_scale(setup):
@@ -244,11 +238,8 @@ def test_another_distance_to_keep_has_a_scale_of_its_own(setup, batches):
     first = setup.plan("SafeRRTConnect", time=20.0, seed=1).path
     setup.setMinClearance(0.05)
     batches.clear()
-    with_clearance = setup.plan("SafeRRTConnect", time=20.0, seed=1).path
+    assert setup.plan("SafeRRTConnect", time=20.0, seed=1)
     assert 50 in batches
-    other = setup_scenario(Scenario.load(find_scenario("planar3")))
-    other.setMinClearance(0.05)
-    np.testing.assert_array_equal(other.plan("SafeRRTConnect", time=20.0, seed=1).path, with_clearance)
     batches.clear()
     prepared(setup, "SafePRM")
     assert not batches
