@@ -25,8 +25,8 @@ from safe_ompl.common import compilation as compiled
 from safe_ompl.common import configuration, configurations
 from safe_ompl.danger.kernels import danger, field
 from safe_ompl.paths.kernels import nodes
+from safe_ompl.robot import kernels as joints
 from safe_ompl.robot import plain
-from safe_ompl.robot.kernels import kinematics as joints
 
 PROGRAM = """
 import logging, sys
