@@ -27,6 +27,7 @@ _WRIST = re.compile(r"wrist|roll|pitch|yaw")
 _PART_OF_FINGER = re.compile(r"finger|jaw|knuckle|thumb")
 # Words in names of links that are no end of an arm.
 _SENSOR = re.compile(r"camera|optical|accelerometer|gyro|lidar|laser|sensor|infra|depth|(^|_)(imu|range|rgb|scan)(_|$)")
+_LINK = " (link)"  # tells a link from a joint of the same name
 
 
 def default_tip(full: pin.Model, model: pin.Model) -> str:
@@ -35,25 +36,23 @@ def default_tip(full: pin.Model, model: pin.Model) -> str:
     Bodies whose names are those of sensors count only where there are no others. `full` has all joints of the URDF,
     `model` those that move.
     """
-    bodies = _bodies(model)
+
+    def rank(body: pin.Frame) -> tuple[int, float]:
+        """Say how many joints are above a body, and how far it is from the last one."""
+        return len(model.supports[body.parentJoint]), float(np.linalg.norm(body.placement.translation))
+
+    bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
     bodies = [body for body in bodies if not _SENSOR.search(body.name.lower())] or bodies
-    farthest = _farthest(model, bodies)
-    fingers = finger_links(full) | {body.name for body in bodies if _PART_OF_FINGER.search(body.name.lower())}
-    if farthest.name not in fingers:
-        return str(farthest.name)
+    farthest, carried = max(bodies, key=rank), finger_joints(full)
+    fingers = {f.name for f in full.frames if f.type == pin.FrameType.BODY and full.names[f.parentJoint] in carried}
+    fingers |= {body.name for body in bodies if _PART_OF_FINGER.search(body.name.lower())}
     below = set(list(model.supports[farthest.parentJoint])[1:])
     hand = [body for body in bodies if body.parentJoint in below and body.name not in fingers]
-    if not hand:
+    if farthest.name not in fingers or not hand:
         return str(farthest.name)
-    tip = str(_farthest(model, hand).name)
+    tip = str(max(hand, key=rank).name)
     _log.info("tip: %s, the body before the fingers (%s)", tip, ", ".join(sorted(fingers)))
     return tip
-
-
-def finger_links(full: pin.Model) -> frozenset[str]:
-    """Return the links of fingers, which `finger_joints` carry."""
-    carried = finger_joints(full)
-    return frozenset(body.name for body in _bodies(full) if full.names[body.parentJoint] in carried)
 
 
 def finger_joints(full: pin.Model) -> frozenset[str]:
@@ -63,18 +62,39 @@ def finger_joints(full: pin.Model) -> frozenset[str]:
     """
     data = full.createData()
     pin.framesForwardKinematics(full, data, pin.neutral(full))
+
+    def length(joint: int) -> float:
+        carried = set(full.subtrees[joint])
+        ends = [data.oMf[k].translation for k, frame in enumerate(full.frames) if frame.parentJoint in carried]
+        return max((float(np.linalg.norm(end - data.oMi[joint].translation)) for end in ends), default=0.0)
+
     carried: set[int] = set()
     for palm in range(1, full.njoints):
-        branches = [joint for joint in range(1, full.njoints) if full.parents[joint] == palm]
-        lengths = {joint: _length(full, data, joint) for joint in branches}
-        fingers = {joint for joint in branches if _is_finger(full, joint, lengths[joint])}
-        if any(_alike(full, a, b, lengths) for a in fingers for b in fingers if a != b):
+        lengths = {joint: length(joint) for joint in range(1, full.njoints) if full.parents[joint] == palm}
+        fingers = {
+            joint: (max(lengths[joint], _SHORT), _slides(full, joint))
+            for joint in lengths
+            if len(full.subtrees[joint]) <= _MOST_JOINTS
+            and lengths[joint] <= _LONGEST
+            and all(full.joints[j].nv == 1 for j in full.subtrees[joint])
+        }
+        if any(
+            fingers[a][0] <= fingers[b][0] <= _ALIKE * fingers[a][0] and fingers[a][1] == fingers[b][1]
+            for a in fingers
+            for b in fingers
+            if a != b
+        ):
             carried |= {joint for finger in fingers for joint in full.subtrees[finger]}
-    named = {joint for joint in range(1, full.njoints) if _is_named_finger(full.names[joint])}
+    names = {joint: full.names[joint].lower() for joint in range(1, full.njoints)}
+    named = [joint for joint, name in names.items() if _FINGER.search(name) and not _WRIST.search(name)]
     below = {joint for finger in named for joint in full.subtrees[finger]}
     if len(below) < full.njoints - 1:
         carried |= below
     return frozenset(full.names[joint] for joint in carried)
+
+
+def _slides(full: pin.Model, joint: int) -> bool:
+    return "P" in full.joints[joint].shortname()[10:]
 
 
 def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tuple[str, ...]:
@@ -101,52 +121,16 @@ def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tu
 
 def has_range(full: pin.Model, joint: int) -> bool:
     """Return whether a joint can be planned for: it has one value, and limits unless it is continuous."""
-    kind = full.joints[joint]
-    if kind.nv != 1 or kind.nq != 1:
-        return bool(kind.nv == 1)
-    ends = np.array([full.lowerPositionLimit[kind.idx_q], full.upperPositionLimit[kind.idx_q]])
-    return bool(np.isfinite(ends).all() and (np.abs(ends) < np.finfo(np.float32).max).all())
+    ends = limits_of(full, full.names[joint]) or (0.0, 0.0)
+    return full.joints[joint].nv == 1 and all(abs(end) < np.finfo(np.float32).max for end in ends)
 
 
-def _farthest(model: pin.Model, bodies: Iterable[pin.Frame]) -> pin.Frame:
-    """Return the body with the most joints above it, of those the one farthest from the last joint."""
-
-    def rank(frame: pin.Frame) -> tuple[int, float]:
-        offset = float(np.linalg.norm(frame.placement.translation))
-        return len(model.supports[frame.parentJoint]), offset
-
-    return max(bodies, key=rank)
-
-
-def _bodies(model: pin.Model) -> list[pin.Frame]:
-    return [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
-
-
-def _is_named_finger(joint: str) -> bool:
-    name = joint.lower()
-    return bool(_FINGER.search(name)) and not _WRIST.search(name)
-
-
-def _is_finger(full: pin.Model, joint: int, length: float) -> bool:
-    subtree = list(full.subtrees[joint])
-    return len(subtree) <= _MOST_JOINTS and length <= _LONGEST and all(full.joints[j].nv == 1 for j in subtree)
-
-
-def _alike(full: pin.Model, a: int, b: int, lengths: dict[int, float]) -> bool:
-    longer, shorter = (pick(max(lengths[a], _SHORT), max(lengths[b], _SHORT)) for pick in (max, min))
-    return longer <= _ALIKE * shorter and _slides(full, a) == _slides(full, b)
-
-
-def _slides(full: pin.Model, joint: int) -> bool:
-    return "P" in full.joints[joint].shortname()[10:]
-
-
-def _length(full: pin.Model, data: pin.Data, joint: int) -> float:
-    carried = set(full.subtrees[joint])
-    ends: FloatArray = np.array(
-        [data.oMf[k].translation for k, frame in enumerate(full.frames) if frame.parentJoint in carried]
-    )
-    return float(np.linalg.norm(ends - data.oMi[joint].translation, axis=1).max(initial=0.0))
+def limits_of(model: pin.Model, name: str) -> tuple[float, float] | None:
+    """Return the limits of a joint [rad or m]; None where it is continuous, or has several values."""
+    joint = model.joints[model.getJointId(name)]
+    if joint.nq != 1:
+        return None
+    return float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
 
 
 def joints_that_move(full: pin.Model, tip: str, mimics: Mapping[str, Mimic]) -> set[str]:
@@ -158,20 +142,14 @@ def joints_that_move(full: pin.Model, tip: str, mimics: Mapping[str, Mimic]) -> 
 
 def report_held(full: pin.Model, held: Mapping[str, float], moving: Collection[str], text: str) -> None:
     """Say in a warning which joints are held at zero; of a gripper beyond the joints that move, at a lower level."""
-    names = list(held)
-    supports = {name: full.supports[full.getJointId(name)] for name in names}
-    # All that move are below these.
-    beyond = {name for name in names if {full.names[j] for j in supports[name]}.issuperset(moving)}
-    for level, some in (
-        (logging.WARNING, [name for name in names if name not in beyond]),
-        (logging.INFO, [name for name in names if name in beyond]),
-    ):
-        if some:
-            values = ", ".join(f"{name} = {held[name]:g}" for name in some)
-            _log.log(level, "%s: %s (locked= or locked_state= take another posture)", text, values)
-
-
-_LINK = " (link)"  # tells a link from a joint of the same name
+    for level, beyond in ((logging.WARNING, False), (logging.INFO, True)):
+        said = []
+        for name, value in held.items():
+            above = {full.names[joint] for joint in full.supports[full.getJointId(name)]}
+            if above.issuperset(moving) == beyond:
+                said.append(f"{name} = {value:g}")
+        if said:
+            _log.log(level, "%s: %s (locked= or locked_state= take another posture)", text, ", ".join(said))
 
 
 def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], source: str) -> None:
@@ -195,53 +173,37 @@ def with_mimics(
     joint mimics one that does not exist.
     """
     names = list(full.names)[1:]
-    locked: dict[str, float] = {}
     for name, value in held.items():
         if name not in names:
             raise UnknownNameError("joint to lock", name, names, source)
-        _check_value(full, name, value, source)
-        locked[name] = value
+        joint, (low, high) = full.joints[full.getJointId(name)], limits_of(full, name) or (-np.inf, np.inf)
+        if joint.nv > 1 and value != 0:
+            raise InputError(f"locked joint {name!r}: a {joint.shortname()} can be locked at 0 only", source)
+        if not low - 1e-9 <= value <= high + 1e-9:
+            raise InputError(f"locked joint {name!r}: {value:g} is outside its limits [{low:g}, {high:g}]", source)
+    implied = {}
     for name, mimic in mimics.items():
         if name not in names or name in held:
             continue
         if mimic.primary not in names:
             raise UnknownNameError(f"joint that {name!r} mimics", mimic.primary, names, source)
         if mimic.primary in held or mimic.multiplier == 0:
-            locked[name] = mimic.multiplier * locked.get(mimic.primary, 0.0) + mimic.offset
-    implied = ", ".join(f"{name} = {value:g}" for name, value in locked.items() if name not in held)
+            implied[name] = mimic.multiplier * held.get(mimic.primary, 0.0) + mimic.offset
     if implied:
-        _log.info("%s: locked, too, as they mimic joints that are held: %s", Path(source).name, implied)
-    return locked
+        values = ", ".join(f"{name} = {value:g}" for name, value in implied.items())
+        _log.info("%s: locked, too, as they mimic joints that are held: %s", Path(source).name, values)
+    return {**held, **implied}
 
 
 def joints_without_range(full: pin.Model, names: Iterable[str]) -> dict[str, float]:
     """Return those of the joints whose limits are one value, which they can only be held at [rad or m]."""
-    joints = {name: full.joints[full.getJointId(name)] for name in names}
-    ranges = {name: _range(full, joint) for name, joint in joints.items() if joint.nq == 1}
-    return {name: low for name, (low, high) in ranges.items() if low == high}
-
-
-def _check_value(full: pin.Model, name: str, value: float, source: str) -> None:
-    joint = full.joints[full.getJointId(name)]
-    if joint.nv > 1 and value != 0:
-        raise InputError(f"locked joint {name!r}: a {joint.shortname()} can be locked at 0 only", source)
-    if joint.nq == 1:
-        low, high = _range(full, joint)
-        if not low - 1e-9 <= value <= high + 1e-9:
-            raise InputError(f"locked joint {name!r}: {value:g} is outside its limits [{low:g}, {high:g}]", source)
-
-
-def _range(model: pin.Model, joint: pin.JointModel) -> tuple[float, float]:
-    """Return the limits of a joint with one coordinate [rad or m]."""
-    return float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+    limits = {name: limits_of(full, name) for name in names}
+    return {name: ends[0] for name, ends in limits.items() if ends is not None and ends[0] == ends[1]}
 
 
 def resting_value(full: pin.Model, name: str) -> float:
     """Return zero, or the limit nearest to it."""
-    joint = full.joints[full.getJointId(name)]
-    if joint.nq != 1:
-        return 0.0
-    low, high = _range(full, joint)
+    low, high = limits_of(full, name) or (0.0, 0.0)
     return min(max(0.0, low), high)
 
 
@@ -292,39 +254,31 @@ def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: st
 
     Raises InputError if a continuous joint is mimicked: its mimic joint would have no place at ±π.
     """
-    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
-    single = {name: _coordinate(model, name) for name in mimics}
+    limits: dict[str, tuple[float, float]] = {}
+    for name in list(model.names)[1:]:
+        ends = limits_of(model, name)
+        if ends is not None:  # it is not continuous
+            limits[name] = ends
     for name, mimic in mimics.items():
-        first, own = _coordinate(model, mimic.primary), single[name]
-        if first is None:
+        if mimic.primary not in limits:
             raise InputError(f"joint {name!r} mimics {mimic.primary!r}, which is continuous: lock one of them", source)
-        if own is None:
-            continue  # it is continuous
-        low, high = sorted((float(end) - mimic.offset) / mimic.multiplier for end in (lower[own], upper[own]))
-        if low > lower[first] or high < upper[first]:
-            lower[first], upper[first] = max(low, lower[first]), min(high, upper[first])
-            _log.info(
-                "%s: %s keeps to [%g, %g], so that %s keeps to its limits",
-                *(source, mimic.primary, lower[first], upper[first], name),
-            )
+        if name in limits:
+            low, high = sorted((end - mimic.offset) / mimic.multiplier for end in limits[name])
+            least, largest = limits[mimic.primary]
+            if low > least or high < largest:
+                low, high = limits[mimic.primary] = max(low, least), min(high, largest)
+                text = "%s: %s keeps to [%g, %g], so that %s keeps to its limits"
+                _log.info(text, source, mimic.primary, low, high, name)
     for name, mimic in mimics.items():
-        first, own = _coordinate(model, mimic.primary), single[name]
-        if own is not None:
-            ends = (mimic.multiplier * float(end) + mimic.offset for end in (lower[first], upper[first]))
-            lower[own], upper[own] = sorted(ends)
-    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
-
-
-def _coordinate(model: pin.Model, name: str) -> int | None:
-    """Return where the value of a joint is in Pinocchio's configuration; None for continuous joints."""
-    joint = model.joints[model.getJointId(name)]
-    return int(joint.idx_q) if joint.nq == 1 else None
+        if name in limits:
+            low, high = sorted(mimic.multiplier * end + mimic.offset for end in limits[mimic.primary])
+            limits[name] = low, high
+    override_limits(model, limits, source)
 
 
 def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper limits (n,) [rad or m], ±π where joints are continuous; InputError if one has no range."""
-    joints = list(model.joints)[1:]
-    limits = np.array([_range(model, joint) if joint.nq == 1 else (-np.pi, np.pi) for joint in joints])
+    limits = np.array([limits_of(model, name) or (-np.pi, np.pi) for name in list(model.names)[1:]])
     for name, (low, high) in zip(list(model.names)[1:], limits, strict=True):
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
             raise InputError(f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source)

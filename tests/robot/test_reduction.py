@@ -8,8 +8,7 @@ import pytest
 from self_pairs import self_pairs
 
 from safe_ompl import InputError, Robot
-from safe_ompl.robot import default_tip, robots_folder
-from safe_ompl.robot.joints import finger_links
+from safe_ompl.robot import default_tip, finger_joints, robots_folder
 
 
 def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):
@@ -160,11 +159,11 @@ def test_a_hand_is_the_tip_and_the_log_says_so(data_folder, caplog):
 
 
 def test_two_arms_are_no_fingers(data_folder, twin_arm):
-    assert finger_links(pin.buildModelFromUrdf(str(data_folder / "twin_arm.urdf"))) == frozenset()
+    assert finger_joints(pin.buildModelFromUrdf(str(data_folder / "twin_arm.urdf"))) == frozenset()
     assert twin_arm.tip == "right_hand"
 
 
 def test_fingers_on_a_standing_base_are_the_robot(data_folder, edited):
     urdf = edited("gripper_arm.urdf", 'name="turn" type="revolute"', 'name="turn" type="fixed"')
     urdf.write_text(urdf.read_text().replace('name="elbow" type="revolute"', 'name="elbow" type="fixed"'))
-    assert finger_links(pin.buildModelFromUrdf(str(urdf))) == frozenset()
+    assert finger_joints(pin.buildModelFromUrdf(str(urdf))) == frozenset()
