@@ -113,14 +113,6 @@ def test_what_is_enclosed_is_not_farther_than_it_is(rng, name, other):
         assert bounds(first, second)[0] <= coals(first, second) + ERROR
 
 
-@pytest.mark.parametrize("name", SOLIDS)
-def test_any_axis_gives_a_bound(rng, name):
-    for _ in range(40):
-        first, second = placed(SOLIDS[name](rng), rng, 0.6), placed(SOLIDS["polytope"](rng), rng, 0.6)
-        lower, _ = bounds(first, second, axis=rng.normal(size=3), enough=-np.inf)
-        assert lower <= coals(first, second) + ERROR
-
-
 def test_the_search_ends_where_it_is_known_enough(rng):
     box = coal.Box(0.2, 0.2, 0.2)
     first = pin.GeometryObject("a", 0, pin.SE3(np.eye(3), np.array([1.0, 0.3, 0.2])), box)

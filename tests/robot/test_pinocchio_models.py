@@ -58,14 +58,6 @@ def test_arrays_are_read_only(robot):
             array[...] = 0
 
 
-def test_shared_models_are_those_of_the_proofs(robot):
-    assert robot.shared.collision_model == robot.collision_model
-    assert robot.shared.model == robot.model
-
-
-# ------------------------------------------------------------------------------------------- fingerprints of robots
-
-
 @pytest.fixture
 def hash_with(data_folder, tmp_path):
     """Return a function from the lines of a mesh to the hash of a robot with such hands."""

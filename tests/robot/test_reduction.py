@@ -76,9 +76,6 @@ def test_key_points_of_a_joint_with_the_name_of_a_link(edited, data_folder):
     np.testing.assert_allclose(robot.keypoints(q), plain.keypoints(q))
 
 
-# -------------------------------------------------------------------------------------------------------- errors
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -108,11 +105,6 @@ def test_joints_that_cannot_be_planned_for(edited, kind):
     assert Robot.from_urdf(urdf, tip="hand", locked={"elbow": 0.0}).joint_names == ("turn",)
 
 
-def test_continuous_joints_have_no_limits_to_change(data_folder):
-    with pytest.raises(InputError, match="joint 'left_shoulder' is continuous: it has no limits"):
-        Robot.from_urdf(data_folder / "twin_arm.urdf", limits={"left_shoulder": (0.0, 1.0)})
-
-
 STIFF = '<limit lower="0.2" upper="0.2" effort="1" velocity="1"/>'
 
 
@@ -133,9 +125,6 @@ def test_joints_whose_limits_leave_no_range_are_held(edited, caplog):
         Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0, "turn": 0.1})
     with pytest.raises(InputError, match=r"joint 'turn' has the limits \[0.1, 0.1\]: no range to plan in"):
         freed.with_limits({"turn": (0.1, 0.1)})
-
-
-# -------------------------------------------------------------------------------------------------- the default tip
 
 
 @pytest.mark.parametrize(

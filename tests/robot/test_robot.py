@@ -1,7 +1,6 @@
 """The robot: loading, self pairs, kinematics, and errors that say what would be right."""
 
 import logging
-import pickle
 import threading
 import xml.etree.ElementTree as ElementTree
 
@@ -16,14 +15,10 @@ from safe_ompl.robot import EXAMPLES, find_example, robots_folder
 from safe_ompl.robot.collision import sample_configurations
 
 JOINTS = {"panda": 7, "ur3": 6, "ur5": 6, "ur10": 6, "xarm7": 7, "kinova": 6, "z1": 6, "so101": 5}
-KINDS = ["panda", "kinova", "twin_arm", "slider", "gripper", "parallel"]
 
 
 def random_configurations(robot, rng, count):
     return rng.uniform(robot.lower, robot.upper, (count, robot.n))
-
-
-# ------------------------------------------------------------------------------------------------ example robots
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
@@ -74,75 +69,6 @@ def test_unknown_example_lists_those_that_exist():
         Robot.from_example("panda2")
 
 
-def test_example_with_other_locked_joints():
-    robot = Robot.from_example("panda", locked={"panda_joint1": 0.5, "panda_finger_joint1": 0.01})
-    assert robot.joint_names == tuple(f"panda_joint{k}" for k in range(2, 8))
-
-
-# ---------------------------------------------------------------------------------------------------- kinematics
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_key_points_are_where_the_joints_and_the_tip_are(robot_named, rng, name):
-    robot = robot_named(name)
-    data = robot.model.createData()
-    for q in random_configurations(robot, rng, 5):
-        pin.framesForwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
-        points = robot.keypoints(q)
-        assert points[-1] == pytest.approx(data.oMf[robot.model.getFrameId(robot.tip)].translation, abs=1e-12)
-        assert points[-1] == pytest.approx(robot.tip_pose(q).translation, abs=1e-12)
-        for (_, distal), joint in zip(robot.segments, robot.segment_names, strict=True):
-            frame = robot.model.getFrameId(joint)
-            assert points[distal] == pytest.approx(data.oMf[frame].translation, abs=1e-12)
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_batch_of_key_points_equals_single_ones(robot_named, rng, name):
-    robot = robot_named(name)
-    batch = random_configurations(robot, rng, 4)
-    singles = np.array([robot.keypoints(q) for q in batch])
-    np.testing.assert_allclose(robot.keypoints_batch(batch), singles, rtol=0, atol=1e-14)
-
-
-def test_key_points_are_copies(panda):
-    first = panda.keypoints(np.zeros(7))
-    kept = first.copy()
-    panda.keypoints(np.full(7, -0.5))
-    np.testing.assert_array_equal(first, kept)
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_jacobians_against_finite_differences(robot_named, rng, name):
-    robot = robot_named(name)
-    for q in random_configurations(robot, rng, 3):
-        steps = 1e-6 * np.eye(robot.n)
-        slopes = [(robot.keypoints(q + h) - robot.keypoints(q - h)) / 2e-6 for h in steps]
-        np.testing.assert_allclose(robot.keypoint_jacobians(q), np.stack(slopes, axis=-1), atol=1e-8)
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_tip_jacobian_against_finite_differences(robot_named, rng, name):
-    robot = robot_named(name)
-    q = random_configurations(robot, rng, 1)[0]
-    jacobian = robot.tip_jacobian(q)
-    for i, h in enumerate(1e-6 * np.eye(robot.n)):
-        before, after = robot.tip_pose(q - h), robot.tip_pose(q + h)
-        linear = (after.translation - before.translation) / 2e-6
-        angular = pin.log3(after.rotation @ before.rotation.T) / 2e-6
-        np.testing.assert_allclose(jacobian[:, i], np.concatenate([linear, angular]), atol=1e-7)
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_pull_back_is_the_transposed_jacobian(robot_named, rng, name):
-    robot = robot_named(name)
-    batch = random_configurations(robot, rng, 3)
-    gradients = rng.normal(size=(3, len(robot.keypoints(batch[0])), 3))
-    expected = [np.einsum("kci,kc->i", robot.keypoint_jacobians(q), g) for q, g in zip(batch, gradients, strict=True)]
-    np.testing.assert_allclose(robot.pull_back(batch, gradients), expected, atol=1e-12)
-    single = robot.pull_back(batch[1:2], gradients[1:2])
-    np.testing.assert_allclose(single, expected[1:2], atol=1e-12)
-
-
 def test_threads_do_not_disturb_each_other(panda, rng):
     batch = random_configurations(panda, rng, 200)
     alone = panda.keypoints_batch(batch)
@@ -169,9 +95,6 @@ def test_a_sliding_joint_makes_a_link_even_if_its_length_can_be_zero(twin_arm):
     assert np.linalg.norm(points[slide] - points[shoulder]) == pytest.approx(0.3)
 
 
-# ------------------------------------------------------------------------------------------------ configurations
-
-
 def test_continuous_joints_go_the_short_way(kinova):
     start, end = np.full(6, 3.0), np.full(6, -3.0)
     delta = kinova.difference(start.tolist(), end.tolist())
@@ -194,44 +117,6 @@ def test_whole_turns_of_a_continuous_joint_change_nothing(kinova, rng):
     q = random_configurations(kinova, rng, 1)[0]
     turned = q + 2 * np.pi * kinova.continuous
     np.testing.assert_allclose(kinova.keypoints(turned), kinova.keypoints(q), atol=1e-12)
-
-
-def test_sampled_configurations_are_valid(kinova, twin_arm):
-    for robot in (kinova, twin_arm):
-        samples = sample_configurations(robot.model)
-        for joint in list(robot.model.joints)[1:]:
-            columns = samples[:, joint.idx_q : joint.idx_q + joint.nq]
-            if joint.nq == 2:
-                np.testing.assert_allclose(np.linalg.norm(columns, axis=1), 1.0)
-            else:
-                low = robot.model.lowerPositionLimit[joint.idx_q]
-                high = robot.model.upperPositionLimit[joint.idx_q]
-                assert low <= columns.min() < low + 0.01 * (high - low)
-                assert high >= columns.max() > high - 0.01 * (high - low)
-
-
-# ---------------------------------------------------------------------------------------------- frozen, and copied
-
-
-@pytest.mark.parametrize("name", ["panda", "twin_arm"])
-def test_pickle_round_trip(robot_named, rng, name):
-    robot = robot_named(name)
-    copy = pickle.loads(pickle.dumps(robot))
-    assert repr(copy) == repr(robot)
-    assert self_pairs(copy) == self_pairs(robot)
-    np.testing.assert_array_equal(copy.lower, robot.lower)
-    q = random_configurations(robot, rng, 1)[0]
-    np.testing.assert_array_equal(copy.keypoints(q), robot.keypoints(q))
-    np.testing.assert_array_equal(copy.bounds.displacement_radii, robot.bounds.displacement_radii)
-
-
-def test_meshes_can_be_kept(data_folder):
-    robot = Robot.from_urdf(data_folder / "twin_arm.urdf", hulls=False)
-    hand = next(b for b in robot.collision_model.geometryObjects if b.name == "left_hand_0")
-    assert isinstance(hand.geometry, coal.BVHModelBase)
-
-
-# ---------------------------------------------------------------------------------------------------- self pairs
 
 
 def test_srdf_removes_exactly_the_pairs_that_it_names(panda):
@@ -271,12 +156,6 @@ def test_without_srdf_exactly_adjacent_links_are_not_checked(data_folder, caplog
     assert all(f"{a}–{b}" in caplog.text for a, b in adjacent), "in the log's details"
 
 
-def test_what_is_true_of_a_robot_is_said_once_a_process(data_folder, caplog):
-    for _ in range(3):
-        Robot.from_urdf(data_folder / "twin_arm.urdf")
-    assert caplog.text.count("no SRDF") == 1
-
-
 def test_pairs_that_always_touch_are_dropped_and_logged(edited, caplog):
     urdf = edited("gripper_arm.urdf", '<box size="0.06 0.12 0.04"/>', '<sphere radius="0.5"/>')
     robot = Robot.from_urdf(urdf, tip="hand")
@@ -301,9 +180,6 @@ def test_srdf_by_any_name(data_folder, tmp_path, caplog):
     assert "1 self-collision pairs disabled by" in caplog.text
     assert frozenset(("base_0", "upper_0")) not in self_pairs(robot)
     assert frozenset(("upper_0", "lower_0")) in self_pairs(robot)
-
-
-# -------------------------------------------------------------------------------------------------------- errors
 
 
 def test_missing_mesh_names_link_and_file(edited):

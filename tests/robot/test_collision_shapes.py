@@ -108,10 +108,6 @@ def test_links_without_any_shape_are_named_where_something_must_be(file, upper, 
     assert wheeled.links_without_collision == ("base",) * (base not in ("", COLLISION)) + lacking
 
 
-def test_only_moving_links_count(file):
-    assert Robot.from_urdf(arm(file, VISUAL, COLLISION), locked={"a": 0.0}).links_without_collision == ()
-
-
 def test_links_of_example_robots_that_are_not_checked(robot_named):
     assert robot_named("z1").links_without_collision == ("link01", "link05")
     assert robot_named("ur5").links_without_collision == ()

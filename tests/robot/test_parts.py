@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import CollisionChecker, DangerField, InputError, MotionProver, Scene, UnknownNameError
+from safe_ompl import CollisionChecker, InputError, Scene, UnknownNameError
 from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
 from safe_ompl.robot import Robot, robot_hash
 
@@ -14,35 +14,14 @@ BASE = Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2))
 ROOM = ((-1.0, 1.0), (-0.5, 2.0))
 
 
-@pytest.fixture(scope="module")
-def mobile():
-    return Robot.from_example("ur5", mobile_base=ROOM)
+@pytest.fixture
+def mobile(robot_named):
+    return robot_named("mobile")
 
 
-@pytest.fixture(scope="module")
-def cell(panda, ur5):
-    """Panda and UR5, face to face and within reach of each other."""
-    left = panda.with_base({"position": [0.0, 0.45, 0.0], "yaw": -1.5})
-    right = ur5.with_base({"position": [0.0, -0.45, 0.0], "yaw": 1.5})
-    return Robot.combined("cell", {"left": left, "right": right})
-
-
-def random_edges(robot, rng, count, scale=0.4):
-    for _ in range(count):
-        start, end = rng.uniform(robot.lower, robot.upper, (2, robot.n))
-        yield start, start + rng.uniform(0.02, scale) * (end - start)
-
-
-def assert_no_free_motion_collides(robot, scene, plain_check, rng, count, least):
-    proof, plain, free = MotionProver(CollisionChecker(robot, scene)), plain_check(robot, scene), 0
-    for start, end in random_edges(robot, rng, count):
-        if proof.is_free(start, end):
-            free += 1
-            assert plain.first_contact(start, end, 0.02) is None
-    assert least < free < count
-
-
-# ------------------------------------------------------------------------------------------------------ base pose
+@pytest.fixture
+def cell(robot_named):
+    return robot_named("cell")
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
@@ -89,19 +68,6 @@ def test_base_as_an_argument(data_folder):
         Robot.from_urdf(urdf, base=(1.0, 2.0))
 
 
-def test_motions_with_a_base_pose(panda, clutter, plain_check, rng):
-    assert_no_free_motion_collides(panda.with_base((0.1, 0.0, 0.2)), clutter, plain_check, rng, 150, 10)
-
-
-def test_pictures_have_the_base_where_it_is(panda):
-    placed = panda.with_base(BASE)
-    first, old = (robot.visual_model.geometryObjects[0] for robot in (placed, panda))
-    np.testing.assert_allclose(first.placement.homogeneous, (BASE.se3 * old.placement).homogeneous, atol=1e-12)
-
-
-# ---------------------------------------------------------------------------------------------------- mobile base
-
-
 def test_three_joints_more(mobile, ur5):
     assert mobile.joint_names == ("base_x", "base_y", "base_yaw", *ur5.joint_names)
     assert mobile.prismatic.tolist() == [True, True, *[False] * 7]
@@ -128,13 +94,6 @@ def test_bodies_of_the_base_move_and_are_checked(mobile):
     assert not checker.in_collision(q)
     q[0] = 0.6
     assert checker.in_collision(q)
-
-
-def test_motions_on_a_mobile_base(mobile, plain_check, rng):
-    posts = tuple(
-        Obstacle(f"post_{k}", Sphere(0.15), Pose((1.2 * np.cos(k), 0.7 + 1.2 * np.sin(k), 0.5))) for k in range(5)
-    )
-    assert_no_free_motion_collides(mobile, Scene(posts), plain_check, rng, 200, 10)
 
 
 def test_limits_of_the_base_and_of_the_arm(mobile):
@@ -166,9 +125,6 @@ def test_bad_ranges(data_folder, ranges, message):
         Robot.from_urdf(data_folder / "twin_arm.urdf", mobile_base=ranges)
 
 
-# ------------------------------------------------------------------------------------------- several in one cell
-
-
 def test_joints_links_and_tips_of_both(cell, panda, ur5, rng):
     assert cell.joint_names == tuple(
         [f"left_{name}" for name in panda.joint_names] + [f"right_{name}" for name in ur5.joint_names]
@@ -185,12 +141,6 @@ def test_joints_links_and_tips_of_both(cell, panda, ur5, rng):
         np.testing.assert_allclose(
             sorted(cell.keypoints(q).round(9).tolist()), sorted(both.round(9).tolist()), atol=1e-8
         )
-
-
-def test_the_other_tip(panda, ur5):
-    robot = Robot.combined("cell", {"a": panda, "b": ur5.with_base((1.0, 0.0, 0.0))}, tip="b")
-    assert robot.tip == "b_tool0"
-    np.testing.assert_allclose(robot.keypoints(np.zeros(13))[-1], robot.tip_pose(np.zeros(13)).translation)
 
 
 def test_pairs_of_each_and_all_between(cell, panda, ur5):
@@ -212,18 +162,6 @@ def test_pairs_of_each_and_all_between(cell, panda, ur5):
     assert {"left_panda_link0_0", "right_base_link_0"} <= still
 
 
-def test_motions_in_a_cell_of_two(cell, plain_check, rng):
-    assert_no_free_motion_collides(cell, Scene(), plain_check, rng, 150, 3)
-
-
-def test_danger_of_both_arms(cell):
-    points = np.array([[0.0, 0.6, 0.5], [0.0, -0.6, 0.5]])
-    field = DangerField(cell, points)
-    at_left, at_right = field.field((cell.lower + cell.upper) / 2, points)
-    assert at_left > 1.0
-    assert at_right > 1.0
-
-
 def test_cells_travel_and_keep_what_is_held(cell, panda):
     held = panda.with_attached("rod", Sphere(0.1))
     robot = Robot.combined("cell", {"left": held, "right": panda.with_base((1.0, 0.0, 0.0))})
@@ -238,14 +176,6 @@ def test_cells_travel_and_keep_what_is_held(cell, panda):
         cell.with_limits({"elbow_joint": (0.0, 1.0)})
 
 
-def test_two_mobile_robots_meet(ur5, rng, plain_check):
-    one = Robot.from_example("ur5", mobile_base=((-1, 0), (-1, 1)))
-    other = Robot.from_example("ur5", mobile_base=((0, 1), (-1, 1)))
-    robot = Robot.combined("pair", {"a": one, "b": other})
-    assert ("a_base_link", "b_base_link") in CollisionChecker(robot, Scene()).pair_names
-    assert_no_free_motion_collides(robot, Scene(), plain_check, rng, 60, 3)
-
-
 def test_bad_cells(panda):
     with pytest.raises(InputError, match="give two robots or more, not 1"):
         Robot.combined("cell", {"left": panda})
@@ -255,12 +185,6 @@ def test_bad_cells(panda):
         Robot.combined("cell", {"arm": panda, "arm_2": panda})
     with pytest.raises(InputError, match="right: must be a Robot, not 'panda'"):
         Robot.combined("cell", {"left": panda, "right": "panda"})
-
-
-def test_the_picture_has_both(cell, panda):
-    names = [part.name for part in cell.visual_model.geometryObjects]
-    assert sum(name.startswith("left_") for name in names) == len(panda.visual_model.geometryObjects)
-    assert any(name.startswith("right_") for name in names)
 
 
 def test_a_base_that_moves_is_missed_where_it_has_no_collision_shape(tmp_path, caplog):

@@ -1,0 +1,114 @@
+"""What holds for robots of every make: bases, loads, mimics, cells; kinematics, copies, proofs, certificates."""
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from self_pairs import self_pairs
+
+from safe_ompl import CertificateError, CollisionChecker, MotionProver, Scene
+from safe_ompl.certificates import certificate, verify
+from safe_ompl.certificates.issue import terms_of_field
+from safe_ompl.danger import CertifiedDanger, DangerField
+from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
+from safe_ompl.robot import robot_hash
+
+CHANGED = ["placed", "loaded", "mobile", "cell"]
+KINDS = ["panda", "kinova", "twin_arm", "slider", "gripper", "parallel", *CHANGED]
+STEP = 1e-6  # [rad or m] of finite differences
+SCENE = Scene(
+    (
+        Obstacle("ball", Sphere(0.1), Pose((0.9, 0.6, 0.6)), 1.0),
+        Obstacle("box", Box((0.1, 0.4, 0.2)), Pose((-0.8, -0.4, 0.5))),
+    )
+)
+
+
+@pytest.fixture(params=KINDS)
+def robot(request, robot_named):
+    return robot_named(request.param)
+
+
+def drawn(robot, rng, count):
+    return rng.uniform(robot.lower, robot.upper, (count, robot.n))
+
+
+def test_key_points_and_tip_are_where_pinocchio_has_them(robot, rng):
+    data, batch = robot.model.createData(), drawn(robot, rng, 4)
+    np.testing.assert_allclose(robot.keypoints_batch(batch), [robot.keypoints(q) for q in batch], rtol=0, atol=1e-14)
+    for q in batch:
+        pin.framesForwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
+        points = robot.keypoints(q)
+        assert points[-1] == pytest.approx(robot.tip_pose(q).translation, abs=1e-12)
+        ends = [*zip(robot.segments[:, 1], robot.segment_names, strict=True), (-1, robot.tip)]
+        for point, frame in ends:
+            assert points[point] == pytest.approx(data.oMf[robot.model.getFrameId(frame)].translation, abs=1e-12)
+
+
+def test_jacobians_are_slopes(robot, rng):
+    batch = drawn(robot, rng, 3)
+    for q in batch:
+        jacobian = robot.tip_jacobian(q)
+        slopes = []
+        for i, h in enumerate(STEP * np.eye(robot.n)):
+            slopes.append((robot.keypoints(q + h) - robot.keypoints(q - h)) / (2 * STEP))
+            before, after = robot.tip_pose(q - h), robot.tip_pose(q + h)
+            linear, angular = after.translation - before.translation, pin.log3(after.rotation @ before.rotation.T)
+            np.testing.assert_allclose(jacobian[:, i], np.concatenate([linear, angular]) / (2 * STEP), atol=1e-7)
+        np.testing.assert_allclose(robot.keypoint_jacobians(q), np.stack(slopes, axis=-1), atol=1e-8)
+    gradients = rng.normal(size=(3, *robot.keypoints(batch[0]).shape))
+    expected = [np.einsum("kci,kc->i", robot.keypoint_jacobians(q), g) for q, g in zip(batch, gradients, strict=True)]
+    np.testing.assert_allclose(robot.pull_back(batch, gradients), expected, atol=1e-12)
+
+
+def test_copies_that_travel_are_the_same(robot, rng):
+    copy = pickle.loads(pickle.dumps(robot))
+    assert (repr(copy), robot_hash(copy), self_pairs(copy)) == (repr(robot), robot_hash(robot), self_pairs(robot))
+    assert (copy.held_joints, copy.attached, copy.tip) == (robot.held_joints, robot.attached, robot.tip)
+    (q,) = drawn(robot, rng, 1)
+    np.testing.assert_array_equal(copy.keypoints(q), robot.keypoints(q))
+    np.testing.assert_array_equal(copy.bounds.displacement_radii, robot.bounds.displacement_radii)
+
+
+def test_no_motion_that_is_proven_free_collides(robot, clutter, plain_check, rng):
+    proof, plain, free = MotionProver(CollisionChecker(robot, clutter)), plain_check(robot, clutter), 0
+    for start, end in zip(drawn(robot, rng, 150), drawn(robot, rng, 150), strict=True):
+        end = start + rng.uniform(0.02, 0.4) * (end - start)
+        if proof.is_free(start, end):
+            free += 1
+            assert plain.first_contact(start, end, 0.02) is None
+    assert 3 < free < 150
+
+
+@pytest.fixture(scope="module", params=["gripper", *CHANGED])
+def free_edges(request, robot_named):
+    """Return a robot and three short motions that are proven free."""
+    robot, rng, found = robot_named(request.param), np.random.default_rng(1), []
+    proof = MotionProver(CollisionChecker(robot, SCENE))
+    while len(found) < 3:
+        start, end = drawn(robot, rng, 2)
+        end = start + 0.15 * (end - start)
+        if proof.is_free(start, end):
+            found.append((start, end))
+    return robot, found
+
+
+def test_certificates_verify_and_no_danger_exceeds_its_bound(free_edges):
+    robot, edges = free_edges
+    points, weights, _ = SCENE.danger_points(SCENE.spacing)
+    field = DangerField(robot, points, weights)
+    for start, end in edges:
+        content = certificate((start, end), robot, SCENE, field=field)
+        verify(content, robot, SCENE, terms=terms_of_field(field, SCENE.spacing))
+        bounds = CertifiedDanger(field).of_edge(start, end)
+        samples = field.values(start + np.linspace(0.0, 1.0, 300)[:, None] * (end - start))
+        assert samples.max() <= bounds.upper * (1 + 1e-9)
+        assert bounds.upper <= 1.06 * bounds.lower
+
+
+def test_a_certificate_of_a_robot_without_its_load_is_refused(free_edges):
+    robot, edges = free_edges
+    more = robot.with_attached("pin", Sphere(0.01))
+    with pytest.raises(CertificateError, match="the robot has changed"):
+        verify(certificate(edges[0], robot, SCENE), more, SCENE)
