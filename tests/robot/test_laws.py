@@ -101,7 +101,7 @@ def test_certificates_verify_and_no_danger_exceeds_its_bound(free_edges):
     for start, end in edges:
         content = certificate((start, end), robot, SCENE, field=field)
         verify(content, robot, SCENE, terms=terms_of_field(field, SCENE.spacing))
-        bounds = CertifiedDanger(field).of_edge(start, end)
+        bounds = CertifiedDanger(field).of_path([start, end])
         samples = field.values(start + np.linspace(0.0, 1.0, 300)[:, None] * (end - start))
         assert samples.max() <= bounds.upper * (1 + 1e-9)
         assert bounds.upper <= 1.06 * bounds.lower
