@@ -51,7 +51,7 @@ policy = Policy(shield)
 if sys.argv[1:2] == ["--mcap"]:  # and a file, for Foxglove and `safe-ompl view FILE`
     from safe_ompl.apps.exchange import McapLog  # pip install 'safe-ompl[mcap]'
 
-    policy.log = McapLog(sys.argv[2], shield.log_header(), robot, scene)
+    policy.log = McapLog(sys.argv[2], shield.log_header())
 simulation = Simulation(policy, ways, {"anna": anna})
 ticks, result = list(simulation.ticks(15.0)), simulation.summary
 print(f"{result.tasks} tools handed over, {result.contacts_while_moving} contacts while moving")

@@ -117,7 +117,7 @@ def _trials(folder: Path) -> dict[str, Callable[[], Any]]:
         render_comparison(robot, scene, path, folder / "paths.webp", panel=(99, 99))
 
     def log() -> None:
-        exchange.McapLog(folder / "log.mcap", {"objects": {}}, robot, scene).close()
+        exchange.McapLog(folder / "log.mcap", {"joint_names": [], "robot": {"name": "arm"}}).close()
 
     def expand() -> None:
         (folder / "robot.xacro").write_text(_XACRO)

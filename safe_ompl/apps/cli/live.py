@@ -160,7 +160,7 @@ def _drive(
         if options.mcap is not None:
             from safe_ompl.apps.exchange import McapLog  # needs the extra
 
-            mcap = McapLog(options.mcap, header, replanner.robot, replanner.surroundings.scene)
+            mcap = McapLog(options.mcap, header)
             logs.append(stack.enter_context(closing(mcap)))
         bar = stack.enter_context(output.progress_bar(output.error_console()))
         ticks = stack.enter_context(closing(simulation.ticks(options.seconds)))

@@ -120,7 +120,7 @@ def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptio
         log = None
         if options.mcap is not None:
             header = ticks_header(options.tick, robot, around, controller.header())
-            log = stack.enter_context(closing(McapLog(options.mcap, header, robot, around)))
+            log = stack.enter_context(closing(McapLog(options.mcap, header)))
         ros = RosNode(node, controller, Frames(robot, scenario.frames), around.without(*cell.objects), log)
         name = node.get_fully_qualified_name()
         ros.run(lambda: output.error_console().print(f"{name}: ready; Ctrl-C ends it"))

@@ -6,12 +6,10 @@ A log has, for every tick, on
 * ``/joint_states`` (sensor_msgs/JointState) where the robot is, and ``/command`` (trajectory_msgs/JointTrajectory) what
   it does from then on until it stands;
 * ``/people`` (visualization_msgs/MarkerArray) key points: the namespace is the person, the text the key point;
-* ``/diagnostics`` (diagnostic_msgs/DiagnosticArray) state, reason, distances and margins;
-* ``/tf`` (tf2_msgs/TFMessage) and ``/scene/limbs`` (visualization_msgs/MarkerArray) what moves;
+* ``/diagnostics`` (diagnostic_msgs/DiagnosticArray) state, reason, distances and margins.
 
-and once, on ``/scene/robot`` and ``/scene/obstacles`` (visualization_msgs/MarkerArray), the robot's bodies and what is
-around it. An attachment, ``header.json``, is the header of the ticks. Messages of ROS are in its own encoding (CDR),
-ticks are JSON. Times are those of the ticks, in nanoseconds.
+An attachment, ``header.json``, is the header of the ticks. Messages of ROS are in its own encoding (CDR), ticks are
+JSON. Times are those of the ticks, in nanoseconds.
 
 Recordings of ROS 2 are MCAP, and rosbag2's folders and databases. People are a `visualization_msgs/MarkerArray`: the
 namespace is the person, the id the number of the key point, the text its name if it has one. Joints are
@@ -40,15 +38,12 @@ from safe_ompl.apps.exchange import messages
 from safe_ompl.apps.exchange.received import DELETIONS, in_metres
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
-from safe_ompl.geometry import STANDING, Pose
+from safe_ompl.geometry import STANDING
 from safe_ompl.io import check_header, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.people import Recording, Skeleton, find_skeleton, skeleton_of
 from safe_ompl.people.simulation import ALL_KEYPOINTS
-from safe_ompl.robot import Robot
-from safe_ompl.scene import Scene
 from safe_ompl.version import __version__
-from safe_ompl.view import RobotBody
 
 TICK, HEADER = "/tick", "header.json"
 _TICK_SCHEMA = json.dumps({"title": "safe_ompl.Tick", "type": "object"})
@@ -61,29 +56,20 @@ _TOPICS = {
     "/command": messages.JOINT_TRAJECTORY,
     "/people": messages.MARKERS,
     "/diagnostics": messages.DIAGNOSTICS,
-    "/tf": messages.TRANSFORMS,
-    **{f"/scene/{what}": messages.MARKERS for what in ("robot", "obstacles", "limbs")},
 }
 
 
 class McapLog:
-    """A log of ticks with their header (see `safe_ompl.io.ticks`); it can be opened, cut short, once it is closed.
+    """A log of ticks with their header (see `safe_ompl.io.ticks`); it can be opened, cut short, once it is closed."""
 
-    The robot is drawn with the bodies that are checked for collisions. Obstacles of the scene that `header` has among
-    its objects move.
-    """
-
-    def __init__(self, file: str | Path, header: Mapping[str, Any], robot: Robot, scene: Scene) -> None:
-        self._header, self._name = header, robot.name
+    def __init__(self, file: str | Path, header: Mapping[str, Any]) -> None:
+        self._names, self._name = header["joint_names"], header["robot"]["name"]
         self._stream = Path(file).open("wb")  # noqa: SIM115 (`close` closes it)
         self._writer = Writer(self._stream, chunk_size=_CHUNK)
         self._writer.start(library=f"safe-ompl {__version__}")
         carried = strict_json(header).encode()
         self._writer.add_attachment(0, 0, HEADER, "application/json", carried)
         self._channels = {topic: self._channel(topic, kind) for topic, kind in _TOPICS.items()}
-        self._body = RobotBody(robot, coarse=True)
-        self._parts = [part.name for part in robot.shared.collision_model.geometryObjects]
-        self._scene: Scene | None = scene  # until it is written
 
     def _channel(self, topic: str, kind: str) -> int:
         encoding, form, text = "json", "jsonschema", _TICK_SCHEMA
@@ -94,10 +80,7 @@ class McapLog:
 
     def write(self, tick: Mapping[str, Any]) -> None:
         """Write all messages of a tick."""
-        time, names = messages.nanoseconds(tick["time"]), self._header["joint_names"]
-        if self._scene is not None:
-            self._write_still(time, self._scene)
-            self._scene = None
+        time, names = messages.nanoseconds(tick["time"]), self._names
         stop, people = tick["stop"], tick["people"]
         self._add(TICK, time, tick)
         measured = messages.nanoseconds(tick.get("joints_measured", tick["time"]))
@@ -109,23 +92,6 @@ class McapLog:
             self._add("/command", time, command)
         self._add("/people", time, messages.people_markers(time, people))
         self._add("/diagnostics", time, messages.diagnostics(time, self._name, tick))
-        self._add("/tf", time, messages.transforms(time, self._places(tick)))
-        self._add("/scene/limbs", time, messages.limb_markers(time, people, self._header["people"]))
-
-    def _places(self, tick: Mapping[str, Any]) -> dict[str, Any]:
-        """Return where the parts of the robot and the objects that move are."""
-        places = self._body.placements(np.array(tick["q"]))
-        found = {messages.body_frame(name): place for name, place in zip(self._parts, places, strict=False)}
-        for name, place in tick["objects"].items():
-            pose = Pose(tuple(place["position"]), tuple(place["quaternion_xyzw"]))
-            found[messages.obstacle_frame(name)] = pose.se3
-        return found
-
-    def _write_still(self, time: int, scene: Scene) -> None:
-        """Write what the robot and what is around it look like."""
-        moving = self._header["objects"]
-        self._add("/scene/robot", time, messages.robot_markers(time, self._body, self._parts))
-        self._add("/scene/obstacles", time, messages.obstacle_markers(time, scene, moving))
 
     def _add(self, topic: str, time: int, content: Mapping[str, Any]) -> None:
         data = strict_json(content).encode() if topic == TICK else messages.encoded(_TOPICS[topic], content)

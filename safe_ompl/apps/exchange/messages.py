@@ -6,7 +6,7 @@ ROS 2 Humble, which later releases share for all types that are used here. Times
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,21 +14,19 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from rosbags.typesys import Stores, get_typestore
 
-from safe_ompl.geometry import STANDING, Obstacle, Person, Pose, Triangles
-from safe_ompl.view import RobotBody
+from safe_ompl.geometry import STANDING, Obstacle, Person
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SECOND = 10**9  # [ns]
 OK, WARN, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
 WORLD = "world"
 SPHERE, _CYLINDER, _TRIANGLES = 2, 3, 11  # types of markers
 DELETE_ALL = 3  # action of a marker
 _KEYPOINT = 0.05  # [m] diameter of the marker of a key point
-_ROBOT, _STILL, _DANGEROUS = (0.75, 0.78, 0.82), (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
+_STILL, _DANGEROUS = (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
 _LIMB = (0.83, 0.43, 0.29)
 _AROUND = 24  # corners of round shapes
 _NAME, _SEQUENCES = 2, (3, 4)  # kinds of fields in rosbags
@@ -169,33 +167,22 @@ def diagnostics(time: int, name: str, tick: Mapping[str, Any]) -> Message:
 # ---------------------------------------------------------------------------------------------------------- the scene
 
 
-def body_frame(name: str) -> str:
-    """Return the frame of a part of the robot's body."""
-    return f"robot/{name}"
-
-
-def obstacle_frame(name: str) -> str:
-    """Return the frame of an obstacle that moves."""
-    return f"obstacle/{name}"
-
-
-def robot_markers(time: int, body: RobotBody, names: Sequence[str]) -> Message:
-    """Return the parts of a robot's body from a time [ns] on, each in its own frame."""
-    parts = zip(names, body.links, strict=False)
-    meshes = {name: [_mesh((part.vertices, part.faces), _ROBOT)] for name, part in parts}
-    return _markers(time, meshes, {name: body_frame(name) for name in names})
-
-
-def obstacle_markers(time: int, obstacles: Iterable[Obstacle], moving: Collection[str]) -> Message:
-    """Return obstacles from a time [ns] on; those that are named in `moving` in frames of their own."""
-    found, frames = {}, {}
+def obstacle_markers(time: int, obstacles: Iterable[Obstacle]) -> Message:
+    """Return obstacles from a time [ns] on."""
+    found = {}
     for obstacle in obstacles:
-        usual = _DANGEROUS if obstacle.weight > 0 else _STILL
-        place = obstacle.pose
-        if obstacle.name in moving:
-            frames[obstacle.name], place = obstacle_frame(obstacle.name), Pose()
-        found[obstacle.name] = [_mesh(obstacle.shape.triangles(_AROUND), obstacle.color or usual, place)]
-    return _markers(time, found, frames)
+        look = obstacle.color or (_DANGEROUS if obstacle.weight > 0 else _STILL)
+        vertices, faces = obstacle.shape.triangles(_AROUND)
+        found[obstacle.name] = [
+            {
+                "type": _TRIANGLES,
+                "pose": pose(obstacle.pose.position, obstacle.pose.quaternion_xyzw),
+                "scale": vector([1.0] * 3),
+                "color": colour(look),
+                "points": [vector(point) for point in np.round(vertices, 6)[np.asarray(faces).reshape(-1)]],
+            }
+        ]
+    return _markers(time, found)
 
 
 def limb_markers(
@@ -216,39 +203,17 @@ def limb_markers(
                 solids.append({"type": SPHERE, "pose": pose(end), "scale": vector([wide] * 3), **look})
             if limb.length > 0:
                 size = vector([wide, wide, limb.length])
-                solids.append({"type": _CYLINDER, "pose": _pose_of(limb.placement), "scale": size, **look})
+                turn = pin.Quaternion(limb.placement.rotation).coeffs()
+                solids.append(
+                    {"type": _CYLINDER, "pose": pose(limb.placement.translation, turn), "scale": size, **look}
+                )
     return _markers(time, found)
 
 
-def transforms(time: int, places: Mapping[str, pin.SE3]) -> Message:
-    """Return where frames are in the world at a time [ns], as a `tf2_msgs/TFMessage`."""
-    found = []
-    for name, place in places.items():
-        at = _pose_of(place)
-        where = {"translation": at["position"], "rotation": at["orientation"]}
-        found.append({"header": header(time, WORLD), "child_frame_id": name, "transform": where})
-    return {"transforms": found}
-
-
-def _markers(time: int, found: Mapping[str, Sequence[Message]], frames: Mapping[str, str] | None = None) -> Message:
-    """Return markers by name, in the place of all before; `frames` where they are not in the world's."""
-    markers: list[Message] = [{"header": header(time, WORLD), "action": DELETE_ALL}]
+def _markers(time: int, found: Mapping[str, Sequence[Message]]) -> Message:
+    """Return markers by name, in the world and in the place of all before."""
+    head = header(time, WORLD)
+    markers: list[Message] = [{"header": head, "action": DELETE_ALL}]
     for name, solids in found.items():
-        about = {"header": header(time, (frames or {}).get(name, WORLD)), "ns": name, "frame_locked": True}
-        markers += [{**about, "id": k, **solid} for k, solid in enumerate(solids)]
+        markers += [{"header": head, "ns": name, "id": k, **solid} for k, solid in enumerate(solids)]
     return {"markers": markers}
-
-
-def _mesh(triangles: Triangles, look: Any, place: Pose = Pose()) -> Message:  # noqa: B008 (a pose is frozen)
-    vertices, faces = triangles
-    return {
-        "type": _TRIANGLES,
-        "pose": pose(place.position, place.quaternion_xyzw),
-        "scale": vector([1.0] * 3),
-        "color": colour(look),
-        "points": [vector(point) for point in np.round(vertices, 6)[np.asarray(faces).reshape(-1)]],
-    }
-
-
-def _pose_of(place: pin.SE3) -> Message:
-    return pose(place.translation, pin.Quaternion(place.rotation).coeffs())

@@ -92,7 +92,7 @@ class RosNode:
         steady = clock.Clock(clock_type=clock.ClockType.STEADY_TIME)  # ticks go on if the time of ROS stands still
         node.create_timer(controller.options.replanning.tick, self._tick, clock=steady)
         node.create_timer(_CHECK, self._look_for_others, clock=steady)
-        self._still(messages.obstacle_markers(0, scene, ()))
+        self._still(messages.obstacle_markers(0, scene))
 
     def run(self, ready: Callable[[], None]) -> None:
         """Say that the node is ready, and drive the robot until Ctrl-C or SIGTERM; only for the main thread."""

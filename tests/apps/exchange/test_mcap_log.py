@@ -17,11 +17,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E
 from safe_ompl import Obstacle, Pose, Scene, Shield, Sphere, Tracker  # noqa: E402
 from safe_ompl.apps import main  # noqa: E402
 from safe_ompl.apps.cli import output  # noqa: E402
-from safe_ompl.apps.exchange import McapLog, read_log  # noqa: E402
+from safe_ompl.apps.exchange import McapLog, messages, read_log  # noqa: E402
 from safe_ompl.common import InputError  # noqa: E402
-from safe_ompl.io import built_robot, built_scene, read_ticks, strict_json  # noqa: E402
+from safe_ompl.io import built_scene, read_ticks, strict_json  # noqa: E402
 from safe_ompl.people import find_skeleton  # noqa: E402
-from safe_ompl.view import RobotBody, read_recording  # noqa: E402
+from safe_ompl.view import read_recording  # noqa: E402
 
 MARKERS = "visualization_msgs/msg/MarkerArray"
 TOPICS = {
@@ -29,10 +29,6 @@ TOPICS = {
     "/command": "trajectory_msgs/msg/JointTrajectory",
     "/people": MARKERS,
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-    "/tf": "tf2_msgs/msg/TFMessage",
-    "/scene/robot": MARKERS,
-    "/scene/obstacles": MARKERS,
-    "/scene/limbs": MARKERS,
 }
 LIVE = ["live", "panda_shelf", "--people", "random:2", "--movers", "1", "--seconds", "1"]
 
@@ -71,7 +67,7 @@ def log(drive, recorded):
     wanted = [round(1e9 * tick["time"]) for tick in recorded[1]]
     begin = [round(1e9 * tick["stop"]["times"][0]) for tick in recorded[1]]
     for topic, at in times.items():
-        assert at == (wanted[:1] if topic in ("/scene/robot", "/scene/obstacles") else wanted)
+        assert at == wanted
         if topic != "/tick":
             assert [stamp(content) for content in found[topic]] == (begin if topic == "/command" else at)
     return found
@@ -79,7 +75,7 @@ def log(drive, recorded):
 
 def stamp(content):
     """Time that a message says [ns]."""
-    many = getattr(content, "markers", None) or getattr(content, "transforms", None)
+    many = getattr(content, "markers", None)
     inner = many[0] if many else content
     return inner.header.stamp.sec * 10**9 + inner.header.stamp.nanosec
 
@@ -111,40 +107,40 @@ def test_joints_commands_and_diagnostics_are_those_of_the_ticks(log, recorded):
         assert times[-1] > after["time"] or not tick["state"] == after["state"] == "moving"
 
 
-def test_people_and_the_scene_are_where_they_were(log, recorded):
-    header, ticks = recorded
-    robot, scene = built_robot(header["robot"]), built_scene(header["scene"])
-    for tick, people, limbs in zip(ticks, log["/people"], log["/scene/limbs"], strict=True):
-        assert people.markers[0].action == limbs.markers[0].action == 3  # deletes those of the tick before
+def test_people_are_markers_with_names(log, recorded):
+    for tick, people in zip(recorded[1], log["/people"], strict=True):
+        assert people.markers[0].action == 3  # deletes those of the tick before
         found = defaultdict(dict)
         for marker in people.markers[1:]:
             assert marker.header.frame_id == "world"
-            found[marker.ns][marker.text] = coordinates(marker.pose.position)
+            place = marker.pose.position
+            found[marker.ns][marker.text] = [place.x, place.y, place.z]
         for who, points in tick["people"].items():
             assert found[who] == {name: place for name, place in points.items() if None not in place}
-            own = [solid for solid in limbs.markers[1:] if solid.ns == who]
-            centres = np.array([coordinates(solid.pose.position) for solid in own if solid.type == 2])
-            assert np.linalg.norm(centres - points["left_wrist"], axis=1).min() < 1e-9
         assert len(found["operator"]) == 17  # the pelvis is not seen
-    (bodies,), (obstacles,) = log["/scene/robot"], log["/scene/obstacles"]
-    frames = {marker.ns: marker.header.frame_id for marker in obstacles.markers[1:]}
-    assert frames == {name: "obstacle/thing" if name == "thing" else "world" for name in scene.names}
-    body = RobotBody(robot, coarse=True)
-    for tick, message in zip(ticks, log["/tf"], strict=True):
-        places = {item.child_frame_id: coordinates(item.transform.translation) for item in message.transforms}
-        assert places["obstacle/thing"] == tick["objects"]["thing"]["position"]
-        for marker, place in zip(bodies.markers[1:], body.placements(np.array(tick["q"])), strict=True):
-            np.testing.assert_allclose(places[marker.header.frame_id], place.translation, atol=1e-12)
-    for marker, link in zip(bodies.markers[1:], body.links, strict=True):
-        assert (marker.type, marker.frame_locked, marker.color.a) == (11, True, 1.0)
-        corners = link.vertices[link.faces].reshape(-1, 3)
-        np.testing.assert_allclose([coordinates(point) for point in marker.points], corners, atol=1e-6)
+
+
+def test_limbs_and_obstacles_are_drawn_where_they_are(recorded):
+    header, ticks = recorded
+    markers = messages.limb_markers(7, ticks[0]["people"], header["people"])["markers"]
+    for who, points in ticks[0]["people"].items():
+        own = [solid["pose"]["position"] for solid in markers if solid.get("ns") == who and solid["type"] == 2]
+        centres = np.array([list(place.values()) for place in own])
+        assert np.linalg.norm(centres - points["left_wrist"], axis=1).min() < 1e-9
+    scene = built_scene(header["scene"])
+    drawn = messages.obstacle_markers(7, scene)["markers"][1:]
+    assert {marker["ns"] for marker in drawn} == set(scene.names)
+    for marker in drawn:
+        vertices, faces = scene[marker["ns"]].shape.triangles(24)
+        corners = np.array([list(point.values()) for point in marker["points"]])
+        np.testing.assert_allclose(corners, vertices[faces].reshape(-1, 3), atol=1e-6)
+        assert list(marker["pose"]["position"].values()) == list(scene[marker["ns"]].pose.position)
 
 
 def test_it_is_read_back_also_cut_short_and_seen(drive, recorded, tmp_path):
     header, ticks = recorded
     assert read_log(drive / "drive.mcap") == recorded
-    log = McapLog(tmp_path / "a.mcap", header, built_robot(header["robot"]), built_scene(header["scene"]))
+    log = McapLog(tmp_path / "a.mcap", header)
     for tick in ticks[:3]:
         log.write(tick)
     log.close()
@@ -160,7 +156,7 @@ def test_a_shield_is_logged_and_read_back(panda, tmp_path):
     seen = np.random.default_rng(0).uniform([1.7, -0.3, -0.3], [2.3, 0.3, 0.3], (17, 3))
     home = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
     shield.start(home)
-    written, log = [], McapLog(file, shield.log_header(), panda, scene)
+    written, log = [], McapLog(file, shield.log_header())
     for k in range(12):
         shield.update({"anna": seen}, {"ball": Pose((2.0, 0.05 * k, 0.5))}, 0.05 * k)
         if k < 6:
