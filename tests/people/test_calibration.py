@@ -58,16 +58,6 @@ def test_a_level_that_the_units_do_not_allow_is_refused_and_the_highest_one_is_n
     assert conformal_quantile(np.arange(38.0), 0.9743) == 37
 
 
-@pytest.mark.parametrize(("level", "count"), [(0.8, 13), (0.9, 9), (0.9, 40)])
-def test_new_scores_keep_to_the_quantile_as_often_as_the_level_says(level, count):
-    """Scores of one trial have something in common: they are exchangeable, but not independent."""
-    rng, trials = np.random.default_rng(8), 4000
-    scores = rng.lognormal(size=(trials, 1)) * rng.lognormal(size=(trials, count + 1))
-    kept = np.mean([new <= conformal_quantile(known, level) for *known, new in scores.tolist()])
-    error = 4 * np.sqrt(level * (1 - level) / trials)
-    assert level - error <= kept <= level + 1 / (count + 1) + error
-
-
 def test_new_recordings_keep_to_the_reach_as_often_as_the_level_says():
     """Recordings differ by much from each other: windows of several are far from exchangeable."""
     rng, level, kept, count = np.random.default_rng(1), 0.8, 0, 0
@@ -132,23 +122,6 @@ def test_the_gate_does_not_see_what_is_too_fast_until_it_may_be_there():
     counted = Gate(Tracker(millimetres, gate=2.0))
     counted.passed(np.zeros((32, 3)), 0.0)
     assert np.isfinite(counted.passed(np.full((32, 3), 50.0), 0.05)).all()  # 87 mm
-
-
-def test_the_future_does_not_change_what_passed():
-    rng = np.random.default_rng(4)
-    frames = STANDING + rng.normal(scale=0.06, size=(40, 12, 3))
-    frames[rng.random((40, 12)) < 0.1] = np.nan
-    other = frames.copy()
-    other[25:] = rng.normal(size=(15, 12, 3))
-
-    def passed(given):
-        gate = Gate(Tracker(SKELETON, gate=2.0))
-        return np.array([gate.passed(points, 0.05 * k) for k, points in enumerate(given)])
-
-    first, second = passed(frames), passed(other)
-    assert np.isnan(first[:25]).sum() > np.isnan(frames[:25]).sum()
-    np.testing.assert_array_equal(first[:25], second[:25])
-    assert not np.array_equal(first[25:], second[25:])
 
 
 def test_a_tracker_with_a_gate_grows_older_where_it_refuses():

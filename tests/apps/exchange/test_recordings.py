@@ -113,29 +113,22 @@ def test_people_by_name_with_named_key_points(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("rows", "message"),
     [
-        (lambda rows: rows[:1], "must have messages at two times at least, got 1"),
-        (
-            lambda rows: [*rows, ("/b", messages.MARKERS, 9.0, markers(walking(0)))],
-            "has /a, /b of .*say which with --topic",
-        ),
-        (
-            lambda rows: [*rows, ("/a", messages.MARKERS, 9.0, markers(walking(0), "map"))],
-            "frame_id: must be one in all messages, got camera, map",
-        ),
-        (
-            lambda rows: [*rows, ("/a", messages.MARKERS, 9.0, markers(walking(np.inf)))],
-            "key points: must be finite, or NaN",
-        ),
-        (lambda rows: [("/a", messages.JOINT_STATE, 1.0, {})], "has no topic of visualization_msgs"),
+        ([(1.0, walking(0), {})], "must have messages at two times at least, got 1"),
+        ([(1.0, walking(0), {"topic": "/b"})], "has /a, /b of .*say which with --topic"),
+        ([(1.0, walking(0), {"frame": "map"})], "frame_id: must be one in all messages, got camera, map"),
+        ([(1.0, walking(np.inf), {})], "key points: must be finite, or NaN"),
     ],
 )
-def test_recordings_of_people_that_are_none(tmp_path, change, message):
-    rows = [("/a", messages.MARKERS, 1 + t, markers(walking(t))) for t in (0.0, 0.1)]
-    folder = write_bag(tmp_path / "bag", change(rows))
+def test_recordings_of_people_that_are_none(tmp_path, rows, message):
+    rows = [(1.1, walking(0.1), {}), *rows] if "two times" not in message else rows
+    found = [(how.pop("topic", "/a"), messages.MARKERS, t, markers(points, **how)) for t, points, how in rows]
     with pytest.raises(InputError, match=message):
-        read_people(folder, skeleton="coco17")
+        read_people(write_bag(tmp_path / "bag", found), skeleton="coco17")
+    joints = write_bag(tmp_path / "joints", [("/a", messages.JOINT_STATE, 1.0, {})])
+    with pytest.raises(InputError, match="has no topic of visualization_msgs"):
+        read_people(joints, skeleton="coco17")
 
 
 def test_a_recorded_person_beside_the_robot(tmp_path, capsys):
@@ -197,28 +190,19 @@ def test_commands_replace_each_other_from_where_they_begin(tmp_path):
     np.testing.assert_allclose(measured.at(np.array([0.5])), [asked(0.5)], atol=1e-4)
 
 
+COMMANDED, MEASURED = ("/c", 0.0, JOINTS, [0, 1]), ("/m", 0.0, JOINTS, [0, 1])
+
+
 @pytest.mark.parametrize(
     ("rows", "topics", "message"),
     [
-        ([], (None, None), "/joint_states has no topic|has no topic of trajectory_msgs"),
-        ([("/c", 0.0, JOINTS, [0, 1])], (None, None), "has no topic of trajectory_msgs"),
-        (
-            [("/c", 0.0, JOINTS, [0, 1]), ("/m", 0.0, JOINTS, [0, 1])],
-            ("/c", "/m"),
-            "samples of shoulder, elbow at two times at least, got 1",
-        ),
-        (
-            [("/c", 0.0, JOINTS, [0, 1]), ("/m", 0.0, ["elbow"], [0])],
-            ("/c", "/m"),
-            "joints: shoulder missing at 0.000 s|two times",
-        ),
-        ([("/c", 0.0, JOINTS, [0]), ("/m", 0.0, JOINTS, [0, 1])], ("/c", "/m"), "/c: has 2 joints, but 1 positions"),
-        (
-            [("/c", 0.0, JOINTS, [0, 1]), ("/c", 0.1, JOINTS, [0, np.nan]), ("/m", 0.0, JOINTS, [0, 1])],
-            ("/c", "/m"),
-            "finite",
-        ),
-        ([("/c", 0.0, JOINTS, [0, 1])], ("/x", None), "--commanded-topic: unknown topic '/x'"),
+        ([], (None, None), "has no topic of trajectory_msgs"),
+        ([COMMANDED], (None, None), "has no topic of trajectory_msgs"),
+        ([COMMANDED], ("/x", None), "--commanded-topic: unknown topic '/x'"),
+        ([COMMANDED, MEASURED], ("/c", "/m"), "samples of shoulder, elbow at two times at least, got 1"),
+        ([COMMANDED, ("/m", 0.0, ["elbow"], [0])], ("/c", "/m"), "joints: shoulder missing at 0.000 s|two times"),
+        ([("/c", 0.0, JOINTS, [0]), MEASURED], ("/c", "/m"), "/c: has 2 joints, but 1 positions"),
+        ([COMMANDED, ("/c", 0.1, JOINTS, [0, np.nan]), MEASURED], ("/c", "/m"), "finite"),
     ],
 )
 def test_joints_that_cannot_be_read(tmp_path, rows, topics, message):

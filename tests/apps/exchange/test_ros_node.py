@@ -205,16 +205,6 @@ def test_a_tracker_that_dies_stops_the_robot_until_there_is_another(world):
     world.arrives(START)
 
 
-def test_joint_states_that_are_lost_stop_the_robot(world):
-    world.go(GOAL)
-    world.hears("moving")
-    world.mute = True
-    world.hears("no joint states for")
-    world.wait(lambda: not world.qd.any(), "the robot still moves")
-    world.mute = False
-    world.arrives(GOAL)
-
-
 def marker(world, late=0.0, frame="world", **parts):
     """Return a marker of the operator's head, 3 m away."""
     found = Marker(ns="operator", text="head")
