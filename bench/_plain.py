@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, polynomials
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -202,7 +202,7 @@ def sample_counts(motion: Motion, spacing: float) -> IntArray:
     A piece moves no faster than its degree times the longest step between its Bernstein coefficients. Raises InputError
     if there would be more than two million.
     """
-    steps = np.linalg.norm(np.diff(motion.control_points, axis=1), axis=2)
+    steps = np.linalg.norm(np.diff(polynomials.bernstein(motion.coefficients), axis=1), axis=2)
     counts = np.maximum(np.ceil(motion.degree * steps.max(axis=1, initial=0.0) / spacing), 1.0)
     if counts.sum() > _MOST:
         raise InputError(f"may be longer than {_MOST * spacing:g} rad", "length")

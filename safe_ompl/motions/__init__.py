@@ -9,14 +9,13 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.motions.checks import TIME, MotionCheck, check, check_with, objection, retime, way_of, widest_tube
     from safe_ompl.motions.motion import Motion
-    from safe_ompl.motions.rates import Extremes, Violation, extremes, rate_violations
+    from safe_ompl.motions.rates import Violation, extremes, rate_violations
     from safe_ompl.motions.repair import Repair, repair_with
     from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
 
 __all__ = [
     "FACTOR",
     "TIME",
-    "Extremes",
     "MeasuredTube",
     "Motion",
     "MotionCheck",

@@ -381,10 +381,8 @@ def retime(
 
     Parameters
     ----------
-    motion : Motion or what `Motion.of` takes
-        Such as way points (N, n), or what `read_motion` returns; of curved pieces only the ends count.
-    robot, scene, constraints, tube
-        As for `safe_ompl.check`.
+    motion, robot, scene, constraints, tube
+        As for `check`: way points (N, n), or what `read_motion` returns; of curved pieces only the ends count.
     limits : RateLimits, optional
         Of the joints; default: `RateLimits.of(robot)`.
     **options

@@ -142,11 +142,6 @@ class Motion:
         allowance[1:] += self._jumps
         return allowance
 
-    @property
-    def control_points(self) -> FloatArray:
-        """Bernstein coefficients (K, d + 1, n): each piece is in the convex hull of its own [rad or m]."""
-        return polynomials.bernstein(self.coefficients)
-
     def at(self, time: float | ArrayLike) -> FloatArray:
         """Return the configuration (n,) at a time [s], or (T, n) at times (T,); it rests before and after.
 

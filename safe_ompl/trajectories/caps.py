@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -76,19 +75,6 @@ class StandstillError(SafeOmplError):
         return type(self), (self.standstill,)
 
 
-class PeopleCaps(NamedTuple):
-    """What people allow, in cells as fine as it takes.
-
-    Stops decelerate along the path by `brakes: (N,)` [rad/s²]; the plan is averaged over `window` [s], 0 if the jerk is
-    not limited; `caps` are those of blends, separation, contact and clamping, in the cells that they bound.
-    """
-
-    cells: Cells
-    brakes: FloatArray
-    window: float
-    caps: list[SpeedCap]
-
-
 def people_caps(
     curve: BlendedCurve,
     cells: Cells,
@@ -97,8 +83,11 @@ def people_caps(
     distances: PeopleDistances,
     *,
     loss: float = 0.02,
-) -> PeopleCaps:
-    """Return the caps by separation and by contact.
+) -> tuple[Cells, FloatArray, float, list[SpeedCap]]:
+    """Return the caps of blends, separation, contact and clamping, in cells as fine as it takes.
+
+    Second are the decelerations along the path (N,) that stops take [rad/s²], third the window over which the plan is
+    averaged [s], 0 without a limit of the jerk.
 
     A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
     not brake harder than it began. A stop from any instant on ends before a person who is as fast as `people` says
@@ -143,7 +132,7 @@ def people_caps(
     caused = np.where(slow, np.where(clamps[where, limb], CLAMPING, CONTACT), SEPARATION)
     rules = (SEPARATION, CONTACT, CLAMPING) if people.contact else (SEPARATION,)
     found = [SpeedCap(r, np.where((allowed < most) & (caused == r), allowed, np.inf)) for r in rules]
-    return PeopleCaps(cells, brakes, window, [SpeedCap("bends beside people", bending), *found])
+    return cells, brakes, window, [SpeedCap("bends beside people", bending), *found]
 
 
 def _first_of_each(times: FloatArray, groups: IntArray) -> tuple[IntArray, FloatArray]:

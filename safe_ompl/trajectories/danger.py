@@ -23,27 +23,8 @@ _PEAK_ROUNDS = 8
 _PARTS = 3
 
 
-class Spans(NamedTuple):
-    """Parts of a curve: centres (N,), half lengths (N,), and bounds (N, n) of |q′| and |q″| in them."""
-
-    centres: FloatArray
-    halves: FloatArray
-    slopes: FloatArray
-    bends: FloatArray
-
-    @classmethod
-    def of(cls, cells: Cells, rows: IntArray | None = None) -> Spans:
-        """Return some cells, or all."""
-        spans = cls(cells.centres, cells.sizes / 2, cells.slopes, cells.bends)
-        return spans if rows is None else cls(*(values[rows] for values in spans))
-
-    def points(self) -> Spans:
-        """Return the centres alone."""
-        return self._replace(halves=np.zeros(len(self.halves)))
-
-
-class SpanDanger(NamedTuple):
-    """Bounds of the danger in spans: at the danger points it is at most level + ṡ·push, each (N, M), unweighted."""
+class CellDanger(NamedTuple):
+    """Bounds of the danger in cells: at the danger points it is at most level + ṡ·push, each (N, M), unweighted."""
 
     levels: FloatArray
     pushes: FloatArray
@@ -55,27 +36,30 @@ class MovingDanger:
     def __init__(self, field: KinetostaticField) -> None:
         self.field = field
 
-    def bounds(self, curve: BlendedCurve, spans: Spans, rates: FloatArray, enough: float = -np.inf) -> SpanDanger:
-        """Return bounds over spans of a curve, in which ṡ is at most `rates: (N,)`.
+    def bounds(
+        self, curve: BlendedCurve, cells: Cells, rows: IntArray, rates: FloatArray, enough: float, within: bool
+    ) -> CellDanger:
+        """Return bounds over cells (N,) of a curve, or not `within` them but in the centres, with ṡ ≤ `rates: (N,)`.
 
         Where a danger point is proven, by a cheaper and looser bound, to bring no more danger than `enough`, that bound
         will do, if the danger is the maximum over danger points.
         """
+        halves = cells.sizes[rows] / 2 * within
         field = self.field.field
         robot, points = field.robot, field.points
-        place = curve.at(spans.centres)
+        place = curve.at(cells.centres[rows])
         keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
-        steps, bends = (plain(robot.coupling.reach(bound)) for bound in (spans.slopes, spans.bends))
+        steps, bends = (plain(robot.coupling.reach(bound)) for bound in (cells.slopes[rows], cells.bends[rows]))
         sliding = robot.joint_prismatic
         turned = robot.joint_keypoint_support & ~sliding
         accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, steps, bends)
-        speeds = np.linalg.norm(velocities, axis=2) + spans.halves[:, None] * accelerations
+        speeds = np.linalg.norm(velocities, axis=2) + halves[:, None] * accelerations
         weights = np.ones(len(points)) if field.weights is None else field.weights
         field.count(len(keypoints), len(points))
         strokes = steps[:, sliding].sum(axis=1)
         state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
         level, push = cell_bounds(
-            CellMotions(*state, speeds, accelerations, spans.halves, strokes),
+            CellMotions(*state, speeds, accelerations, halves, strokes),
             field.links,
             plain(points),
             self.field.gamma,
@@ -83,15 +67,15 @@ class MovingDanger:
             self.field.lead * rates,
             (enough if field.aggregate == "max" else -np.inf) / (field.k1 * weights),
         )
-        return SpanDanger(field.k1 * level, self.field.k2 * push)
+        return CellDanger(field.k1 * level, self.field.k2 * push)
 
-    def at(self, bounds: SpanDanger, rates: FloatArray) -> FloatArray:
-        """Return a bound of the danger (N,) in spans where ṡ is `rates: (N,)`."""
+    def at(self, bounds: CellDanger, rates: FloatArray) -> FloatArray:
+        """Return a bound of the danger (N,) in cells where ṡ is `rates: (N,)`."""
         with np.errstate(invalid="ignore"):  # 0·∞, where a point may be reached
             fields = bounds.levels + rates[:, None] * bounds.pushes
         return self.field.field.aggregated(np.where(np.isnan(fields), np.inf, fields))
 
-    def allowed(self, bounds: SpanDanger, limit: float, most: FloatArray) -> FloatArray:
+    def allowed(self, bounds: CellDanger, limit: float, most: FloatArray) -> FloatArray:
         """Return the largest ṡ (N,) ≤ `most` with which the danger is proven to keep to a limit; −1: not at rest.
 
         The bound is convex in ṡ: if it keeps to the limit at rest and at some speed, so it does at all between.
@@ -117,15 +101,16 @@ def danger_cap(
     danger at rest is above the limit.
     """
 
-    def capped(spans: Spans, most: FloatArray) -> FloatArray:
-        return danger.allowed(danger.bounds(curve, spans, most, limit), limit, most)
+    def capped(rows: IntArray, *, within: bool = True) -> FloatArray:
+        at_most = most[parents[rows]]
+        return danger.allowed(danger.bounds(curve, cells, rows, at_most, limit, within), limit, at_most)
 
     parents: IntArray = np.arange(len(cells))
-    speeds, exact = capped(Spans.of(cells), most), most.copy()
+    speeds, exact = capped(parents), most.copy()
     new = np.ones(len(cells), dtype=bool)
     for _ in range(_ROUNDS):
         rows = np.flatnonzero(new & (speeds < most[parents]))
-        exact[rows] = capped(Spans.of(cells, rows).points(), most[parents[rows]])
+        exact[rows] = capped(rows, within=False)
         loss = 1 - np.maximum(speeds, 0) / np.maximum(exact, 1e-12)
         wanted = np.minimum(np.ceil(loss / _LOSS), np.ceil(cells.sizes / _FINEST))
         parts: IntArray = np.where(exact > 0, np.maximum(wanted, 1), 1).astype(np.intp)
@@ -135,7 +120,7 @@ def danger_cap(
         cells = curve.between(divided_edges(cells.edges, parts))
         parents, speeds, exact, new = parents[of], speeds[of], exact[of], parts[of] > 1
         divided = np.flatnonzero(new)
-        speeds[divided] = capped(Spans.of(cells, divided), most[parents[divided]])
+        speeds[divided] = capped(divided)
         exact[divided] = most[parents[divided]]
     return cells, parents, speeds
 
@@ -177,7 +162,7 @@ def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: Moving
     rows: IntArray = np.arange(len(cells))
     for _ in range(_PEAK_ROUNDS):
         slowest, fastest = (rates[rows] for rates in law.rates_between(cells.edges))
-        bounds = danger.bounds(curve, Spans.of(cells, rows), fastest, enough)
+        bounds = danger.bounds(curve, cells, rows, fastest, enough, True)
         upper[rows] = np.maximum(danger.at(bounds, fastest), danger.at(bounds, slowest))
         above = upper > enough
         if not above.any():

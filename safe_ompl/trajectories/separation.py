@@ -175,11 +175,6 @@ class PeopleDistances:
         steepest = (lines[..., 0] + lines[..., 1] * times).argmin(axis=1)
         return np.asarray(lines[np.arange(len(limbs)), steepest, 1])
 
-    def times_at(self, Q: FloatArray) -> FloatArray:
-        """Return when the first limb may be at the robot (B,) [s] that stays at `Q: (B, n)`; see `SeparationBounds`."""
-        found = self._bounds(Q, np.zeros((len(Q), len(self.moving))), inf, -inf)
-        return np.asarray(found.times.min(axis=1))
-
     def along(
         self, curve: Curve, cells: Cells, speeds: FloatArray, soon: float, short: float = _SHORT
     ) -> SeparationBounds:
@@ -190,11 +185,8 @@ class PeopleDistances:
         contact is allowed.
         """
         half = cells.sizes[:, None] / 2 * speeds[:, self.moving]
-        return self._bounds(curve.at(cells.centres).q, half, soon, short if self.people.contact else -inf)
-
-    def _bounds(self, Q: FloatArray, half: FloatArray, soon: float, short: float) -> SeparationBounds:
-        """Return what is left in cells with centres Q (N, n) from which the moving bodies get by `half: (N, B)` [m]."""
-        values, joints = plain(self.robot.coupling.values(Q)), self.robot.kinematics.joints
+        values, joints = plain(self.robot.coupling.values(curve.at(cells.centres).q)), self.robot.kinematics.joints
+        short = short if self.people.contact else -inf
         found = arrivals(joints, self._shapes, self._limbs, values, plain(half), soon, short)
         distances, times, nearest = found
         return SeparationBounds(distances, times, self.moving[nearest])

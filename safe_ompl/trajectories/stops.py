@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray, compiled, part
 from safe_ompl.trajectories.caps import harmless_rates, next_stops
 from safe_ompl.trajectories.curve import BodySpeeds, Cells, Curve, divided_edges
 from safe_ompl.trajectories.kernels import Boxes, next_range
@@ -153,7 +153,8 @@ def stops_beside(
         spans = time_left(*motion, ends, none, none)[-1]
         speeds, soon = bodies.bounds(curve, cells), float(spans.max())
         found = distances.along(curve, cells, speeds, soon, soon)
-        times = np.where(_at_rest(cells)[:, None], np.inf, found.times)
+        still = np.asarray((cells.slopes <= RATE_TOLERANCE[1]).all(axis=1))
+        times = np.where(still[:, None], np.inf, found.times)
         harmless, _ = harmless_rates(curve, cells, speeds, distances)
         left, limb, where, entries, _ = time_left(*motion, ends, times, harmless)
         loss = _loss(cells, speeds, found, limb, where, distances) + _ROUGH * spans
@@ -164,10 +165,6 @@ def stops_beside(
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)
         cells = curve.between(divided_edges(cells.edges, parts))
     raise AssertionError
-
-
-def _at_rest(cells: Cells) -> BoolArray:
-    return np.asarray((cells.slopes <= RATE_TOLERANCE[1]).all(axis=1))
 
 
 def _loss(

@@ -107,31 +107,21 @@ class Trajectory:
         """How long it takes [s]."""
         return self.law.duration
 
-    @property
-    def length(self) -> float:
-        """Length of the curve [rad]."""
-        return self.curve.length
-
     def __repr__(self) -> str:
         caps = ", ".join(cap.name for cap in self.caps)
-        return f"Trajectory({self.duration:.3f} s, {self.length:.3g} rad{', caps: ' + caps if caps else ''})"
+        return f"Trajectory({self.duration:.3f} s, {self.curve.length:.3g} rad{', caps: ' + caps if caps else ''})"
 
     def __str__(self) -> str:
         """Say in a line each how long it takes, how long its curve is, and what bounds its speed."""
         caps = ", ".join(cap.name for cap in self.caps) or "none"
-        return f"duration: {self.duration:.3f} s\nlength: {self.length:.3g} rad\ncaps: {caps}"
+        return f"duration: {self.duration:.3f} s\nlength: {self.curve.length:.3g} rad\ncaps: {caps}"
 
     _repr_html_ = notebook_html
 
     def at(self, time: float | ArrayLike) -> State:
         """Return the state at a time [s], or at times (T,); at rest before the start and after the end.
 
-        Where the acceleration jumps, between two cells, that of the later one.
-
-        Raises
-        ------
-        InputError
-            If a time is NaN or not a number.
+        Where the acceleration jumps, between two cells, that of the later one. An InputError if a time is no number.
         """
         _, place, rate, push = self._places(time)
         state = State(place.q, place.slope * rate, place.slope * push + place.bend * (rate * rate))
@@ -140,10 +130,7 @@ class Trajectory:
     def jerks_at(self, time: float | ArrayLike) -> FloatArray:
         """Return the jerk of the joints, (n,) or (T, n) [rad/s³ or m/s³], at a time or at times (T,) [s].
 
-        Raises
-        ------
-        InputError
-            If the trajectory was made without a limit of it: it has impulses then; or as `at`.
+        An InputError if the trajectory was made without a limit of it, as it has impulses then; or as `at`.
         """
         if not isinstance(self.law, SmoothLaw):
             raise InputError("the jerk of the trajectory is not limited: give RateLimits a jerk")
@@ -167,17 +154,8 @@ class Trajectory:
 
         With a limit of the jerk there are accelerations, too. The cubics, or quintics, through these points keep all
         limits of the joints, which is proven (`safe_ompl.trajectories.trajectory`). For that points are not quite even,
-        and may be passed a little later than by `at`: by 0.1 % in most cases.
-
-        Parameters
-        ----------
-        rate : float
-            How many there are in a second at least [Hz].
-
-        Raises
-        ------
-        InputError
-            If the rate is not positive.
+        and may be passed a little later than by `at`: by 0.1 % in most cases. There are `rate` of them in a second at
+        least [Hz]; an InputError if that is not positive.
         """
         positive(rate, "rate", "number of points per second")
         smooth = isinstance(self.law, SmoothLaw)
@@ -199,12 +177,8 @@ class Trajectory:
         """Return the stop on the path that begins at a time [s]: what is proven to end before anyone is reached.
 
         It decelerates by the least of `brakes` from where it begins to where it is; where the jerk is limited the plan
-        does, of which the motion is the average (`safe_ompl.trajectories.time_law`), and the jerk keeps its limits.
-
-        Raises
-        ------
-        InputError
-            If there is no such stop, for the trajectory was made without people; or the time is not one.
+        does, of which the motion is the average (`safe_ompl.trajectories.time_law`), and the jerk keeps its limits. An
+        InputError if there is no such stop, for the trajectory was made without people; or the time is not one.
         """
         if self.brakes is None:
             raise InputError("the trajectory was made without people: nothing says how it stops")
@@ -240,10 +214,7 @@ class Trajectory:
     def danger(self, field: KinetostaticField) -> MotionDanger:
         """Return the danger of the robot in motion: over time, its mean, its peak, and a proven bound of the peak.
 
-        Raises
-        ------
-        InputError
-            If a callable gives the danger points.
+        An InputError if a callable gives the danger points.
         """
         return motion_danger(self.curve, self.law, field)
 
