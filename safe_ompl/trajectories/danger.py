@@ -24,75 +24,76 @@ _PARTS = 3
 
 
 class CellDanger(NamedTuple):
-    """Bounds of the danger in cells: at the danger points it is at most level + ṡ·push, each (N, M), unweighted."""
+    """Bounds of the danger of a robot in cells: at the danger points at most level + ṡ·push, (N, M), unweighted."""
 
+    field: KinetostaticField
     levels: FloatArray
     pushes: FloatArray
 
-
-class MovingDanger:
-    """Bounds of the kinetostatic danger of a robot along a curve."""
-
-    def __init__(self, field: KinetostaticField) -> None:
-        self.field = field
-
-    def bounds(
-        self, curve: BlendedCurve, cells: Cells, rows: IntArray, rates: FloatArray, enough: float, within: bool
-    ) -> CellDanger:
-        """Return bounds over cells (N,) of a curve, or not `within` them but in the centres, with ṡ ≤ `rates: (N,)`.
-
-        Where a danger point is proven, by a cheaper and looser bound, to bring no more danger than `enough`, that bound
-        will do, if the danger is the maximum over danger points.
-        """
-        halves = cells.sizes[rows] / 2 * within
-        field = self.field.field
-        robot, points = field.robot, field.points
-        place = curve.at(cells.centres[rows])
-        keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
-        steps, bends = (plain(robot.coupling.reach(bound)) for bound in (cells.slopes[rows], cells.bends[rows]))
-        sliding = robot.joint_prismatic
-        turned = robot.joint_keypoint_support & ~sliding
-        accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, steps, bends)
-        speeds = np.linalg.norm(velocities, axis=2) + halves[:, None] * accelerations
-        weights = np.ones(len(points)) if field.weights is None else field.weights
-        field.count(len(keypoints), len(points))
-        strokes = steps[:, sliding].sum(axis=1)
-        state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
-        level, push = cell_bounds(
-            CellMotions(*state, speeds, accelerations, halves, strokes),
-            field.links,
-            plain(points),
-            self.field.gamma,
-            field.weighting == "length",
-            self.field.lead * rates,
-            (enough if field.aggregate == "max" else -np.inf) / (field.k1 * weights),
-        )
-        return CellDanger(field.k1 * level, self.field.k2 * push)
-
-    def at(self, bounds: CellDanger, rates: FloatArray) -> FloatArray:
+    def at(self, rates: FloatArray) -> FloatArray:
         """Return a bound of the danger (N,) in cells where ṡ is `rates: (N,)`."""
         with np.errstate(invalid="ignore"):  # 0·∞, where a point may be reached
-            fields = bounds.levels + rates[:, None] * bounds.pushes
+            fields = self.levels + rates[:, None] * self.pushes
         return self.field.field.aggregated(np.where(np.isnan(fields), np.inf, fields))
 
-    def allowed(self, bounds: CellDanger, limit: float, most: FloatArray) -> FloatArray:
+    def allowed(self, limit: float, most: FloatArray) -> FloatArray:
         """Return the largest ṡ (N,) ≤ `most` with which the danger is proven to keep to a limit; −1: not at rest.
 
         The bound is convex in ṡ: if it keeps to the limit at rest and at some speed, so it does at all between.
         """
-        found, bad = np.where(self.at(bounds, most) <= limit, most, 0.0), most
+        found, bad = np.where(self.at(most) <= limit, most, 0.0), most
         for _ in range(_HALVINGS):
             middle = (found + bad) / 2
-            holds = self.at(bounds, middle) <= limit
+            holds = self.at(middle) <= limit
             found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
-        return np.where(self.at(bounds, np.zeros(len(most))) <= limit, found, -1.0)
+        return np.where(self.at(np.zeros(len(most))) <= limit, found, -1.0)
+
+
+def cell_danger(
+    moving: KinetostaticField,
+    curve: BlendedCurve,
+    cells: Cells,
+    rows: IntArray,
+    rates: FloatArray,
+    enough: float,
+    within: bool = True,
+) -> CellDanger:
+    """Return bounds over cells (N,) of a curve, or not `within` them but in the centres, with ṡ ≤ `rates: (N,)`.
+
+    Where a danger point is proven, by a cheaper and looser bound, to bring no more danger than `enough`, that bound
+    will do, if the danger is the maximum over danger points.
+    """
+    halves = cells.sizes[rows] / 2 * within
+    field = moving.field
+    robot, points = field.robot, field.points
+    place = curve.at(cells.centres[rows])
+    keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
+    steps, bends = (plain(robot.coupling.reach(bound)) for bound in (cells.slopes[rows], cells.bends[rows]))
+    sliding = robot.joint_prismatic
+    turned = robot.joint_keypoint_support & ~sliding
+    accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, steps, bends)
+    speeds = np.linalg.norm(velocities, axis=2) + halves[:, None] * accelerations
+    weights = np.ones(len(points)) if field.weights is None else field.weights
+    field.count(len(keypoints), len(points))
+    strokes = steps[:, sliding].sum(axis=1)
+    state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
+    level, push = cell_bounds(
+        CellMotions(*state, speeds, accelerations, halves, strokes),
+        field.links,
+        plain(points),
+        moving.gamma,
+        field.weighting == "length",
+        moving.lead * rates,
+        (enough if field.aggregate == "max" else -np.inf) / (field.k1 * weights),
+    )
+    return CellDanger(moving, field.k1 * level, moving.k2 * push)
 
 
 # ------------------------------------------------------------------------------------------------- a cap of the speed
 
 
 def danger_cap(
-    curve: BlendedCurve, cells: Cells, danger: MovingDanger, limit: float, most: FloatArray
+    curve: BlendedCurve, cells: Cells, danger: KinetostaticField, limit: float, most: FloatArray
 ) -> tuple[Cells, IntArray, FloatArray]:
     """Return the speeds with which the danger of the moving robot keeps to a limit, where ṡ ≤ `most: (N,)` in any case.
 
@@ -103,7 +104,7 @@ def danger_cap(
 
     def capped(rows: IntArray, *, within: bool = True) -> FloatArray:
         at_most = most[parents[rows]]
-        return danger.allowed(danger.bounds(curve, cells, rows, at_most, limit, within), limit, at_most)
+        return cell_danger(danger, curve, cells, rows, at_most, limit, within).allowed(limit, at_most)
 
     parents: IntArray = np.arange(len(cells))
     speeds, exact = capped(parents), most.copy()
@@ -143,8 +144,8 @@ class MotionDanger:
 
 
 def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -> MotionDanger:
-    """Return the danger of a robot that follows a law along a curve; an InputError as `MovingDanger`."""
-    danger, cells = MovingDanger(field), curve.between(law.edges)
+    """Return the danger of a robot that follows a law along a curve."""
+    cells = curve.between(law.edges)
     middles = (law.times[1:] + law.times[:-1]) / 2
     times = np.sort(np.concatenate([law.times, middles]))
     cell, s, rate, _ = law.at(times)
@@ -152,18 +153,18 @@ def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -
     values = field.values(place.q, place.slope * rate[:, None])
     peak = float(values.max())
     mean = float(np.trapezoid(values, times) / law.duration) if law.duration else peak
-    return MotionDanger(times, values, mean, peak, _proven_peak(curve, cells, law, danger, peak))
+    return MotionDanger(times, values, mean, peak, _proven_peak(curve, cells, law, field, peak))
 
 
-def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: MovingDanger, peak: float) -> float:
+def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: KinetostaticField, peak: float) -> float:
     """Divide the cells whose bound is above the sampled peak until none is far above it; return the highest."""
     enough = _TIGHT * peak
     upper = np.zeros(len(cells))
     rows: IntArray = np.arange(len(cells))
     for _ in range(_PEAK_ROUNDS):
         slowest, fastest = (rates[rows] for rates in law.rates_between(cells.edges))
-        bounds = danger.bounds(curve, cells, rows, fastest, enough, True)
-        upper[rows] = np.maximum(danger.at(bounds, fastest), danger.at(bounds, slowest))
+        bounds = cell_danger(danger, curve, cells, rows, fastest, enough)
+        upper[rows] = np.maximum(bounds.at(fastest), bounds.at(slowest))
         above = upper > enough
         if not above.any():
             break

@@ -13,7 +13,7 @@ from safe_ompl.common import FloatArray, InputError, finite_array, instance, num
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories.caps import MotionCaps, Standstill, StandstillError, bending_cap, people_caps, speed_caps
 from safe_ompl.trajectories.curve import BodySpeeds, blended
-from safe_ompl.trajectories.danger import MovingDanger, danger_cap
+from safe_ompl.trajectories.danger import danger_cap
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances
 from safe_ompl.trajectories.time_law import SmoothLimits, TimeLaw, best_window, fastest_law, velocity_cap
@@ -100,7 +100,6 @@ class PathTimer:
         if self.people is not None and self.people.contact and self.limits.jerk is not None:
             raise InputError("contact is not proven with a limit of the jerk: leave one out", "people.contact")
         self.tolerance = number("tolerance", tolerance, at_least=0.0)
-        self._danger = None if self.caps.danger is None else MovingDanger(self.caps.danger)
         self._bodies = BodySpeeds(robot)
         self.distances: PeopleDistances | None = None
         if self.people is not None:
@@ -125,7 +124,7 @@ class PathTimer:
         """
         curve = blended(checked_path(path, self.robot), self.robot, self.tolerance, self.motion, self.limits)
         limits, brakes, window, caps = self.limits, None, 0.0, list[SpeedCap]()
-        speeds, max_danger = (self.caps.tool_speed, self.caps.link_speed), self.caps.max_danger
+        speeds = self.caps.tool_speed, self.caps.link_speed
         coarse, step = cells < CELLS, curve.length / cells
         grid = curve.cells(step if coarse else min(CELL_LENGTH, step))
         if self.distances is not None:
@@ -137,13 +136,14 @@ class PathTimer:
         caps = [SpeedCap("joint velocity", velocity_cap(grid, limits)), *caps]
         if any(speeds):
             caps += speed_caps(self._bodies.bounds(curve, grid), *speeds)
-        if self._danger is not None and max_danger is not None:
+        danger, max_danger = self.caps.danger, self.caps.max_danger
+        if danger is not None and max_danger is not None:
             most = np.min([cap.speeds for cap in caps], axis=0)
-            grid, of, allowed = danger_cap(curve, grid, self._danger, max_danger, most)
+            grid, of, allowed = danger_cap(curve, grid, danger, max_danger, most)
             for j in np.flatnonzero(allowed <= 0):
                 q = curve.at(grid.centres[j : j + 1]).q[0]
                 reason = (
-                    f"the danger of the robot at rest is {self._danger.field.field.value(q):.4g} there, "
+                    f"the danger of the robot at rest is {danger.field.value(q):.4g} there, "
                     f"{max_danger:.4g} is allowed; allow more, or keep the path farther away"
                 )
                 raise StandstillError(Standstill(float(grid.centres[j]), q, reason))
@@ -158,7 +158,7 @@ class PathTimer:
             law: TimeLaw = smooth.law(limits, most)
         else:
             law = TimeLaw.through(grid.edges, fastest_law(grid, limits.acceleration, most))
-        kept = self.people, *speeds, self.caps.danger, max_danger
+        kept = self.people, *speeds, danger, max_danger
         return Trajectory(curve, law, limits, tuple(caps), brakes, *kept)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import DangerField, InputError, KinetostaticField, RateLimits, StandstillError, time_path
-from safe_ompl.trajectories.danger import MovingDanger
+from safe_ompl.trajectories.danger import cell_danger
 
 POINTS = [[0.6, 0.4, 0.5], [-0.5, 0.3, 0.2], [0.1, -0.7, 0.9], [0.7, 0.0, 0.3]]
 ROBOTS = ("panda", "twin_arm", "slider", "kinova")
@@ -27,12 +27,12 @@ def test_no_instant_of_a_cell_is_more_dangerous_than_its_bound(robot_named, free
     cells = curve.cells(0.1)
     rng = np.random.default_rng(0)
     for enough in (-np.inf, 1e9):
-        bounds = MovingDanger(field).bounds(curve, cells, np.arange(len(cells)), np.ones(len(cells)), enough, True)
+        bounds = cell_danger(field, curve, cells, np.arange(len(cells)), np.ones(len(cells)), enough)
         for speed in (0.0, 0.5, 3.0):
             s = cells.edges[:-1] + cells.sizes * rng.uniform(1e-3, 1 - 1e-3, len(cells))
             place = curve.at(s)
             danger = field.values(place.q, place.slope * speed)
-            bound = MovingDanger(field).at(bounds, np.full(len(cells), speed))
+            bound = bounds.at(np.full(len(cells), speed))
             assert (danger <= bound).all()
             if enough < 0 and name == "panda":
                 assert np.median(bound / danger) < 1.3
