@@ -133,6 +133,8 @@ def test_the_widest_tube_is_what_is_left_to_the_contact(crank, post):
 
 
 def test_violations_name_time_pair_and_depth(crank, post):
+    for times, proven in (([0, 0.01, 0.02], True), ([0, 1, 2], False)):  # what lies between bare samples counts
+        assert bool(check(Motion.sampled(times, [[0.7], [0.705], [0.71]], 1.0), crank, post)) is proven
     motion = Motion.hermite([0, 1, 2], [[0.0], [0.9], [0.0]], [[0.0], [0.0], [0.0]], names=["turn"])
     (found,) = check(motion, crank, post).violations
     enters = motion.at(found.first)[0], motion.at(found.last)[0]
@@ -185,13 +187,6 @@ def test_limits_of_danger_tool_and_rates_hold_between_the_knots(crank, post):
         assert {v.kind for v in found.violations} == kinds
         assert all(v.value > v.limit for v in found.violations if v.decided)
     assert found.violations[0].value == pytest.approx(0.9)  # 1.5 times the mean
-
-
-def test_what_lies_between_bare_samples_counts(crank, post):
-    dense = Motion.sampled([0, 0.01, 0.02], [[0.7], [0.705], [0.71]], 1.0)
-    sparse = Motion.sampled([0, 1, 2], [[0.7], [0.705], [0.71]], 1.0)
-    assert check(dense, crank, post)
-    assert not check(sparse, crank, post)
 
 
 def test_a_piece_outside_the_limits_is_never_passed_over(crank, post, monkeypatch):

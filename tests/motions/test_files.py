@@ -147,12 +147,6 @@ def test_motions_that_points_cannot_hold_are_arrays_or_our_own_form(tmp_path):
             save(motion, tmp_path / "m.csv")
 
 
-def test_what_a_trajectory_says_as_json_can_be_loaded(tmp_path, ur5):
-    trajectory = time_path([[0.0] * 6, [0.5] * 6], ur5)
-    (tmp_path / "t.json").write_text(trajectory.to_json())
-    same(load(tmp_path / "t.json"), Motion.of(trajectory))
-
-
 @pytest.mark.parametrize(
     ("name", "text", "options"),
     [
@@ -163,6 +157,7 @@ def test_what_a_trajectory_says_as_json_can_be_loaded(tmp_path, ur5):
         ("m.csv", "0,1,2\n1,3,4\n", {"joints": ("time", "hip", "knee")}),
         ("m.txt", "# 0.1 Hz\n0 1 2\n1 3 4", {"joints": ("time", "hip", "knee")}),
         ("m.csv", "time,hip,gripper,knee\n0,1,open,2\n1,3,shut,4\n", {"ignore": ("gripper",)}),
+        ("m.csv", "time,hip_position,g_position,knee_position\n0,1,x,2\n1,3,x,4\n", {"ignore": ("g",)}),
         ("m.npy", [[0, 1, 2], [1, 3, 4]], {"joints": ("time", "hip", "knee")}),
         ("m.npy", [[0, 1, 9, 2], [1, 3, 9, 4]], {"joints": ("time", "hip", "g", "knee"), "ignore": ("g",)}),
         ("m.npz", {"times": [0, 1], "positions": [[1, 2], [3, 4]]}, {"joints": NAMES}),
@@ -187,15 +182,6 @@ def test_files_of_others(tmp_path, name, text, options):
     same(read_motion(file, **options), Motion.hermite([0.0, 1.0], [[1.0, 2.0], [3.0, 4.0]], names=NAMES))
 
 
-def test_rates_of_an_ignored_joint_and_arrays_without_names(tmp_path):
-    (tmp_path / "m.csv").write_text("time,a_position,g_position,a_velocity,g_velocity\n0,1,x,0,x\n1,2,x,0,x\n")
-    same(
-        read_motion(tmp_path / "m.csv", ignore=["g"]), Motion.hermite([0, 1], [[1], [2]], np.zeros((2, 1)), names=["a"])
-    )
-    np.save(tmp_path / "m.npy", Q)
-    same(read_motion(tmp_path / "m.npy"), Motion.through(Q))
-
-
 LONG = "x" * 300_000
 
 
@@ -204,15 +190,11 @@ LONG = "x" * 300_000
     "content",
     [
         json.dumps({"joint_names": list(NAMES), "points": [{"positions": [0.1, 0.2]}] * 9000}),
-        json.dumps({"joint_names": list(NAMES), "points": [{"positions": [0.1, 0.2], LONG: 1}] * 2}),
-        json.dumps({"joint_names": [LONG, LONG], "points": [{"positions": [0.1, 0.2]}] * 2}),
+        json.dumps({"joint_names": [LONG, LONG], "points": [{"positions": [0.1, 0.2], LONG: 1}] * 2}),
         json.dumps({"format": "safe-ompl", "version": 1, "kind": LONG}),
-        json.dumps({LONG: 1}),
-        json.dumps(LONG),
-        f"a,b\n1,{LONG[:100_000]}\n",
-        f"{LONG}\n{LONG}\n",
-        f"a: !!{LONG} b",
-        f"a: *{LONG}",
+        json.dumps({LONG: LONG}),
+        f"a,b\n1,{LONG[:100_000]}\n{LONG}\n",
+        f"a: !!{LONG} *{LONG}",
         f"{LONG}: 1\n{LONG}: 2",
         ",".join(map(str, range(60_000))),
         "a,b\n" + "0.1,0.2\n" * 30_000 + "0.1,nan\n",
@@ -305,14 +287,14 @@ def test_bad_files_are_named_in_one_line(tmp_path, name, content, error):
 
 
 def test_bad_arrays_and_results(tmp_path):
-    np.savez(tmp_path / "m.npz", speeds=Q)
-    with pytest.raises(InputError, match=r"m.npz: speeds: unknown key"):
-        read_motion(tmp_path / "m.npz")
-    np.savez(tmp_path / "m.npz", positions=Q, joint_names=[1, 2])
-    with pytest.raises(InputError, match=r"m.npz: joint_names: must be a list of text, got int64"):
-        read_motion(tmp_path / "m.npz")
-    with pytest.raises(InputError, match=r"none.npz: cannot be read \(No such file"):
-        read_motion(tmp_path / "none.npz")
+    np.savez(tmp_path / "a.npz", speeds=Q)
+    np.savez(tmp_path / "b.npz", positions=Q, joint_names=[1, 2])
     save(PlanResult("Timeout", None, None, "PRM", 1, NAMES, 0.5), tmp_path / "r.json")
-    with pytest.raises(InputError, match=r"r.json: kind: must hold a motion, but no path was found \(Timeout\)"):
-        read_motion(tmp_path / "r.json")
+    for name, words in (
+        ("a.npz", "speeds: unknown key"),
+        ("b.npz", "joint_names: must be a list of text, got int64"),
+        ("none.npz", r"cannot be read \(No such file"),
+        ("r.json", r"kind: must hold a motion, but no path was found \(Timeout\)"),
+    ):
+        with pytest.raises(InputError, match=f"{name}: {words}"):
+            read_motion(tmp_path / name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from math import comb, factorial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -185,17 +186,14 @@ def test_no_motion_of_bounded_velocity_leaves_the_slack_of_its_samples(seed):
     assert not motion.rated
 
 
-def test_the_slack_is_reached():
-    motion = Motion.sampled([0.0, 1.0], [[0.0], [0.5]], 1.0)
-    assert motion.slack[0, 0] == pytest.approx(0.75 - 0.375)  # at full speed for 0.75 s, and back
-
-
-def test_it_rests_before_and_after():
+def test_it_rests_before_and_after_and_its_slack_is_reached():
     motion = Motion.through([[0.0, 0.0], [1.0, 2.0]], [1.0, 2.0])
     np.testing.assert_array_equal(motion.at([0.0, 1.5, 9.0]), [[0, 0], [0.5, 1], [1, 2]])
     np.testing.assert_array_equal(motion.derivative([0.0, 1.5, 9.0]), [[0, 0], [1, 2], [0, 0]])
     assert (motion.pieces, motion.degree, motion.n, motion.duration) == (1, 1, 2, 1.0)
     assert repr(motion) == "Motion(1 pieces of degree 1, 2 joints, 1.000 s)"
+    bare = Motion.sampled([0.0, 1.0], [[0.0], [0.5]], 1.0)
+    assert bare.slack[0, 0] == pytest.approx(0.75 - 0.375)  # at full speed for 0.75 s, and back
 
 
 def test_paths_of_all_kinds(kinova):
@@ -207,7 +205,8 @@ def test_paths_of_all_kinds(kinova):
     scratch = ScratchState(StateBridge(space))
     for q in points:
         path.append(scratch.set(q))
-    for thing in (points, points.tolist(), result, JointPath(names, points), path):
+    solved = SimpleNamespace(getSolutionPath=lambda: path, getStateSpace=lambda: space)  # as a SimpleSetup is
+    for thing in (points, points.tolist(), result, JointPath(names, points), path, solved):
         motion = Motion.of(thing, space=space).for_robot(kinova)
         np.testing.assert_allclose(motion.knots, points, atol=1e-15)
         assert motion.joint_names == names
@@ -218,19 +217,6 @@ def test_paths_of_all_kinds(kinova):
         Motion.of(path)
     with pytest.raises(InputError, match="no path"):
         Motion.of(PlanResult("Timeout", None, None, "PRM", 1, names, 0.1))
-
-
-def test_a_solved_setup_of_ompl(panda):
-    setup = og.SimpleSetup(joint_space(panda))
-    setup.setStateValidityChecker(lambda state: True)
-    middle = 0.5 * (panda.lower + panda.upper)
-    start, goal = setup.getStateSpace().allocState(), setup.getStateSpace().allocState()
-    start[0:7], goal[0:7] = middle.tolist(), (middle + 0.1).tolist()
-    setup.setStartAndGoalStates(start, goal)
-    assert setup.solve(5.0)
-    path = setup.getSolutionPath()
-    points = [path.getState(k)[0:7] for k in range(path.getStateCount())]
-    np.testing.assert_array_equal(Motion.of(setup).coefficients[:, 0], points[:-1])
 
 
 def test_continuous_joints_go_the_short_way_between_way_points_only(kinova):
@@ -255,6 +241,8 @@ def test_joints_come_by_name(twin_arm):
     degrees = np.where(twin_arm.prismatic, points, np.degrees(points))
     turned = Motion.through(degrees[:, order], names=[names[k] for k in order]).for_robot(twin_arm, degrees=True)
     np.testing.assert_allclose(turned.knots, points, atol=1e-15)
+    with pytest.raises(InputError, match=r"moves to .* rad.*degrees=True, --degrees"):
+        Motion.through(100 * degrees).for_robot(twin_arm)
     for given_names, message in (
         ([*names[1:], "nose"], f"lacks the joints {names[0]}; has joints that the robot has not: nose"),
         (names[:-1], f"lacks the joints {names[-1]}$"),
@@ -264,11 +252,6 @@ def test_joints_come_by_name(twin_arm):
             Motion.through(np.zeros((2, len(given_names))), names=given_names).for_robot(twin_arm)
     with pytest.raises(InputError, match=f"must have {twin_arm.n} columns, for .*, got 2"):
         Motion.through(np.zeros((2, 2))).for_robot(twin_arm)
-
-
-def test_degrees_are_refused_unless_said(panda):
-    with pytest.raises(InputError, match=r"joint 'panda_joint2' moves to 90 rad.*degrees=True, --degrees"):
-        Motion.through([[0.0] * 7, [0, 90.0, 0, 0, 0, 0, 0]]).for_robot(panda)
 
 
 T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))

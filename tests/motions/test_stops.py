@@ -137,26 +137,22 @@ def test_a_motion_that_waits_may_stop_where_it_waits(panda):
 
 
 def test_our_own_trajectories_are_proven_as_motions_of_others(panda, shelf, limits, spline):
-    path = spline(1.0)(np.linspace(0, 1, 4))
-    proof = MotionProver(CollisionChecker(panda, shelf))
-    timed = time_path(path, panda, limits, motion=proof, people=People(speed=0.8))
-    found = check(as_motion(timed), panda, shelf, limits=limits, people=People(speed=0.8))
-    assert found, found
-
-
-def as_motion(trajectory):
-    """Return a trajectory as polynomials of time, up to rounding."""
-    law, curve, coefficients = trajectory.law, trajectory.curve, []
+    """As polynomials of time, up to rounding."""
+    path, people = spline(1.0)(np.linspace(0, 1, 4)), People(speed=0.8)
+    timed = time_path(path, panda, limits, motion=MotionProver(CollisionChecker(panda, shelf)), people=people)
+    law, curve, coefficients = timed.law, timed.curve, []
     of = curve.piece_at((law.edges[1:] + law.edges[:-1]) / 2)
     for k, h in enumerate(np.diff(law.times)):
         piece, begin = curve.pieces[of[k]], law.edges[k] - curve.starts[of[k]]
         s = np.polynomial.Polynomial([begin, np.sqrt(law.squares[k]) * h, law.pushes[k] * h * h / 2])
-        held = np.zeros((7, len(piece.start)))
+        held = np.zeros((7, panda.n))
         for i, c in enumerate((piece.start, piece.slope, piece.bend / 2, piece.swing / 6)):
             held[: len((s**i).coef)] += np.outer((s**i).coef, c)
         coefficients.append(held)
     held = np.array(coefficients)
-    return Motion(law.times, held, rounding=1e-14 * np.abs(held).sum(axis=1))
+    motion = Motion(law.times, held, rounding=1e-14 * np.abs(held).sum(axis=1))
+    found = check(motion, panda, shelf, limits=limits, people=people)
+    assert found, found
 
 
 def test_in_a_tube_people_are_nearer_by_what_the_joints_may_be_off(panda, shelf, limits, spline):

@@ -135,49 +135,6 @@ def test_far_from_everything_a_hand_is_not_clamped_and_beside_movers_always(pand
     assert (everywhere[..., :2] <= most[..., :2] * (1 + 1e-9)).all()
 
 
-def slow_where_gaps_are_narrow(limits, robot, still, cells, bodies, Q):
-    """Return what `ContactLimits.speeds` does (N, G, M), pair by pair, with coal's distances."""
-    geometry, model = robot.collision_model.copy(), robot.model
-    geometry.removeAllCollisionPairs()
-    for obstacle in still:
-        for part, shape, place in obstacle.geometries():
-            geometry.addGeometryObject(pin.GeometryObject(f"still {part}", 0, place, shape))
-    joints = [body.parentJoint for body in geometry.geometryObjects]
-    moving = [k for k, joint in enumerate(joints) if joint]
-    pairs = [(a, b) for a in moving for b in range(len(joints)) if joints[a] != joints[b]]
-    for a, b in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(*sorted((a, b))))
-    numbers = [geometry.findCollisionPair(pin.CollisionPair(*sorted(pair))) for pair in pairs]
-    kinematics, data, radii = model.createData(), fresh_data(geometry), robot.bounds.joint_radii
-    found = np.zeros((len(Q), len(moving), len(limits.limbs)))
-    for k, q in enumerate(Q):
-        pin.updateGeometryPlacements(model, kinematics, geometry, data, robot.pinocchio_configuration(q))
-        steps, closing = robot.coupling.reach(cells.slopes[k]), np.zeros((len(moving), len(limits.limbs)))
-        for (a, b), number in zip(pairs, numbers, strict=True):
-            own, other = radii[a], radii[b] if b < len(radii) else np.zeros(len(steps))
-            rate = steps @ (np.where(other > 0, 0, own) + np.where(own > 0, 0, other))
-            g, speed = moving.index(a), bodies[k, moving.index(b)] if joints[b] else 0.0
-            rate = min(rate, bodies[k, g] + speed)
-            apart = pin.computeDistance(geometry, data, number).min_distance - cells.sizes[k] / 2 * rate
-            closing[g] = np.maximum(closing[g], np.where(apart <= limits.thickness, rate, 0.0))
-        slow = limits.bears_clamped / np.maximum(closing, 1e-12)
-        found[k] = np.minimum(slow, limits.bears / bodies[k, :, None])
-    return found
-
-
-def test_gaps_are_as_narrow_as_coal_measures_for_limbs_of_all_widths(panda, shelf):
-    still = shelf.scene.without("operator")
-    curve, cells, speeds = cells_of(panda, [[0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [0.4, 0.5, 0, -2.0, 0, 2.0, 0.785]])
-    limits = ContactLimits(panda, still, People(contact=True, regions={"chest": (280, 4, 25)}), LIMBS, {"anna": 1.75})
-    assert len(set(limits.thickness[limits.bears > 0])) > 1
-    most, free = speeds_of(limits, panda, curve, cells, speeds)
-    moving = [k for k, body in enumerate(panda.collision_model.geometryObjects) if body.parentJoint]
-    exact = slow_where_gaps_are_narrow(limits, panda, still, cells, speeds[:, moving], curve.at(cells.centres).q)
-    assert (most <= exact * (1 + 1e-9)).all()
-    assert np.isclose(most, exact).mean() > 0.99
-    assert (most < free).mean() > 0.1
-
-
 def test_speeds_that_are_borne():
     hand, chest = CONTACT_TABLE["hand"], CONTACT_TABLE["chest"]
     assert contact_speed(hand) == pytest.approx(280 / np.sqrt(0.6 * 75e3))

@@ -51,16 +51,6 @@ def test_motions_keep_their_bounds_and_end_at_rest(seed):
         s, x = float(S[i]), float(X[i])
 
 
-def test_a_full_push_is_as_fast_as_the_bounds_let_it():
-    edges = np.linspace(0.0, 1.0, 51)
-    squares, brakes = np.full(50, 1.0), np.full(50, 2.0)
-    ceiling = ceilings(np.diff(edges), squares, brakes, np.zeros(0, dtype=np.intp))
-    _, S, X, T = drive(edges, squares, brakes, ceiling, 0.0, 0.0, 1.0, 10.0)
-    assert S[-1] == pytest.approx(1.0)
-    assert T[-1] == pytest.approx(0.5 + 0.5 + 0.5)  # 0.25 rad each to speed up and brake, 0.5 rad at 1 rad/s
-    assert X.max() == pytest.approx(1.0)
-
-
 # ------------------------------------------- speeds from which stops end in time, against stops driven from everywh
 
 
@@ -107,9 +97,14 @@ def test_stops_from_everywhere_are_in_time_or_harmless(contact):
     assert bounded > 100
 
 
-def test_speeds_are_no_less_than_they_must_be():
+def test_stops_and_pushes_are_as_fast_as_their_bounds():
     sizes, brakes = np.full(2000, 1e-3), np.full(2000, 4.0)
     times, nothing = np.full((2000, 1), 0.25), np.zeros((2000, 1))
     speeds, *_ = stopping_speeds(sizes, brakes, times, nothing, np.full(2000, 9.0), np.full(2000, 1999))
     np.testing.assert_allclose(speeds[:1500], 1.0, rtol=1e-3)  # stands after 0.25 s at 4 rad/s²
     assert (speeds[1999] <= np.sqrt(2 * 4.0 * 1e-3) * (1 + 1e-12)).all()
+    edges, squares, brakes = np.linspace(0.0, 1.0, 51), np.full(50, 1.0), np.full(50, 2.0)
+    ceiling = ceilings(np.diff(edges), squares, brakes, np.zeros(0, dtype=np.intp))
+    _, S, X, T = drive(edges, squares, brakes, ceiling, 0.0, 0.0, 1.0, 10.0)
+    assert (S[-1], X.max()) == pytest.approx((1.0, 1.0))
+    assert T[-1] == pytest.approx(1.5)  # 0.25 rad each to speed up and brake, 0.5 rad at 1 rad/s
