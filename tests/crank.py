@@ -1,5 +1,7 @@
 """A ball that one joint turns, other balls, and a danger of the angle: reports on its paths are computed by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from safe_ompl import CollisionChecker, Obstacle, PathReport, Pose, Scene, Sphere
@@ -20,6 +22,7 @@ class Field:
 
     points = weights = None
     revision = 0
+    robot = SimpleNamespace(within_limits=lambda q: np.array([False]))  # then nothing is proven
 
     def __init__(self, function):
         self.function = function

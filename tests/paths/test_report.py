@@ -134,7 +134,7 @@ def test_the_profile_runs_over_the_natural_parameter(crank):
     assert found.danger.mean == pytest.approx((2 + 1.5) / 3, abs=1e-3)
 
 
-def test_the_peak_is_proven_where_it_can_be(crank, ur5, rng):
+def test_the_peak_is_proven_where_it_can_be(ur5, rng):
     field, checker = DangerField(ur5, rng.uniform(-1, 1, (5, 3))), CollisionChecker(ur5, Scene())
     path = np.array([np.full(6, -0.3), np.full(6, 0.4), np.full(6, 0.9)])
     danger = PathReport.of(path, checker, field).danger
@@ -143,7 +143,6 @@ def test_the_peak_is_proven_where_it_can_be(crank, ur5, rng):
     dense = field.values(np.concatenate([a + steps * (b - a) for a, b in pairwise(path)]))
     assert danger.profile.max() <= danger.max <= dense.max() * (1 + 1e-3)
     assert dense.max() <= danger.max_bound <= 1.06 * dense.max()
-    assert report(crank, [[0], [1]], function=np.square).danger.max_bound is None, "moving danger points"
     outside = PathReport.of([np.zeros(6), np.full(6, 3.5)], checker, DangerField(ur5, [[2.0, 0.0, 0.0]]))
     assert outside.danger.max_bound is None
 

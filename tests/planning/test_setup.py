@@ -60,8 +60,8 @@ def test_a_solved_problem(setup, ur5):
 
 
 def test_parameters_reach_the_planner(setup):
-    for name in ("SafeRRTConnect", "RRTConnect"):
-        results = [setup.plan(name, time=10.0, seed=1, parameters={"range": r}) for r in (0.1, 1.0)]
+    for name, straight in (("ClassicRRTConnect", {}), ("SafeRRTConnect", {"alpha": 0.0})):
+        results = [setup.plan(name, time=10.0, parameters={"range": r, **straight}) for r in (0.1, 1.0)]
         steps = [np.linalg.norm(np.diff(result.path, axis=0), axis=1).max() for result in results]
         assert steps[0] <= 0.1 + 1e-9 < steps[1]
         assert all((result.planner, result.certified) == (name, True) for result in results)
