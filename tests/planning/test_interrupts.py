@@ -102,55 +102,45 @@ class Fuse:
             raise FirstOfAllError("of all")
 
 
-def broken_checker(setup, fuse):
-    class Broken(CollisionFreeValidity):
-        def isValid(self, state):
+def broken(kind, fuse, *methods):
+    """Return a class whose methods burn a fuse first."""
+
+    def burning(name):
+        def method(self, *arguments):
             fuse.burn()
-            return super().isValid(state)
+            return getattr(super(made, self), name)(*arguments)
 
-    setup.setStateValidityChecker(Broken(setup.getSpaceInformation(), setup.checker))
+        return method
+
+    made = type("Broken", (kind,), {name: burning(name) for name in methods})
+    return made
 
 
-def broken_lambda(setup, fuse):
+def break_checker(setup, fuse):
+    kind = broken(CollisionFreeValidity, fuse, "isValid")
+    setup.setStateValidityChecker(kind(setup.getSpaceInformation(), setup.checker))
+
+
+def break_function(setup, fuse):
     inner = CollisionFreeValidity(setup.getSpaceInformation(), setup.checker)
     setup.setStateValidityChecker(lambda state: fuse.burn() or inner.isValid(state))
 
 
-def broken_objective(setup, fuse):
-    class Broken(DangerObjective):
-        def stateCost(self, state):
-            fuse.burn()
-            return super().stateCost(state)
-
-        def motionCost(self, start, end):
-            fuse.burn()
-            return super().motionCost(start, end)
-
-        def values(self, configurations):
-            fuse.burn()
-            return super().values(configurations)
-
-    setup.setOptimizationObjective(Broken(setup.getSpaceInformation(), setup.field))
+def break_objective(setup, fuse):
+    kind = broken(DangerObjective, fuse, "stateCost", "motionCost", "values")
+    setup.setOptimizationObjective(kind(setup.getSpaceInformation(), setup.field))
 
 
-def broken_goal(setup, fuse):
-    class Broken(WorkspaceGoal):
-        def sampleGoal(self, state):
-            fuse.burn()
-            super().sampleGoal(state)
-
-        def distanceGoal(self, state):
-            fuse.burn()
-            return super().distanceGoal(state)
-
-    setup.setGoal(Broken(setup.getSpaceInformation(), setup.robot, [0.465, -0.875, 0.0], seed=0))
+def break_goal(setup, fuse):
+    kind = broken(WorkspaceGoal, fuse, "sampleGoal", "distanceGoal")
+    setup.setGoal(kind(setup.getSpaceInformation(), setup.robot, [0.465, -0.875, 0.0], seed=0))
 
 
 BREAKERS: dict[str, Callable[[SafeSetup, Fuse], None]] = {
-    "checker": broken_checker,
-    "lambda": broken_lambda,
-    "objective": broken_objective,
-    "goal": broken_goal,
+    "checker": break_checker,
+    "lambda": break_function,
+    "objective": break_objective,
+    "goal": break_goal,
 }
 
 

@@ -226,7 +226,7 @@ def test_solve_plans_to_the_place_though_there_are_goal_configurations_too(setup
     setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
     assert setup.solve(10.0).asString() == "Exact solution"
     assert place.distance(setup.solution()[-1]) < setup.getGoal().tolerance
-    setup.simplifySolution(0.1, free_goal=True)
+    setup.simplifySolution(0.1)
     assert place.distance(setup.solution()[-1]) < setup.getGoal().tolerance
 
 
