@@ -4,8 +4,6 @@ The verifier proves these objects and prints their sentences. Nothing that it sa
 nothing can be said that was not proven. A number in a sentence is never rounded to the stronger side.
 """
 
-# ruff: noqa: RUF009 (fields of records are made by `key`)
-
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
@@ -16,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import RATE_BOUNDS, FloatArray, InputError, UnknownNameError, shown
+from safe_ompl.common import RATE_BOUNDS, FloatArray, InputError, Section, UnknownNameError, key, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import PointCloud
 from safe_ompl.io import RobotDocument, SceneDocument, schema
@@ -29,53 +27,29 @@ _MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
 _MOST_POWERS = 16  # of a polynomial
 _DIGITS = 6  # of numbers in sentences
 
-_zero_or_more, _positive = schema.number(at_least=0.0), schema.number(above=0.0)
-_speed = schema.number(**RATE_BOUNDS["speed"])
-_obstacle_names = schema.some(schema.text, least=1, of="obstacle")
-
 
 @dataclass(frozen=True, kw_only=True)
-class Clearance:
-    """The links keep a distance [m] from obstacles, except some pairs of a link and an obstacle."""
+class Clearance(Section):
+    """The links keep a distance [m] from obstacles."""
 
-    distance: float = schema.key(_zero_or_more)
-    obstacles: tuple[str, ...] = schema.key(_obstacle_names)
-    exempt: tuple[tuple[str, str], ...] = schema.key(schema.some(schema.some(schema.text, count=2)))
+    distance: float = key(document.number, at_least=0.0)
+    obstacles: tuple[str, ...] = key(document.each, read=document.line, least="obstacle")
 
-    def check(self, robot: Robot, scene: Scene) -> None:
-        """Raise InputError unless robot and scene have what is named."""
-        with document.within("clearance"):
-            _check_known("obstacles", "obstacle", self.obstacles, scene.names)
-            bodies = robot.shared.collision_model.geometryObjects
-            links = {body.name.rsplit("_", 1)[0]: body.parentJoint for body in bodies}
-            _check_known("exempt", "link", (link for link, _ in self.exempt), sorted(links))
-            _check_known("exempt", "obstacle", (obstacle for _, obstacle in self.exempt), self.obstacles)
-            for obstacle in self.obstacles:
-                if all(joint == 0 or (link, obstacle) in self.exempt for link, joint in links.items()):
-                    raise InputError(f"every moving link is: nothing is claimed of {obstacle!r}", "exempt")
-
-    def of(self, link: str, obstacle: str) -> float:
-        """Return what a link keeps from an obstacle [m]."""
-        return self.distance if obstacle in self.obstacles and (link, obstacle) not in self.exempt else 0.0
+    def of(self, obstacle: str) -> float:
+        """Return what links keep from an obstacle [m]."""
+        return self.distance if obstacle in self.obstacles else 0.0
 
     @property
     def sentence(self) -> str:
-        exempt = ", ".join(f"{link} from {obstacle}" for link, obstacle in self.exempt)
-        said = f"at least {at_least(1e3 * self.distance)} mm from {', '.join(self.obstacles)}"
-        return f"{said}, except {exempt}" if exempt else said
+        return f"at least {at_least(1e3 * self.distance)} mm from {', '.join(self.obstacles)}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class MovingObstacles:
+class MovingObstacles(Section):
     """The same holds while obstacles move no faster than their speeds [m/s], for a time [s]."""
 
-    speeds: Mapping[str, float] = schema.key(schema.by_name(_zero_or_more, least=1, of="obstacle"))
-    time: float = schema.key(_zero_or_more)
-
-    def check(self, scene: Scene) -> None:
-        """Raise InputError unless the scene has the obstacles."""
-        with document.within("moving_obstacles"):
-            _check_known("speeds", "obstacle", self.speeds, scene.names)
+    speeds: Mapping[str, float] = key(document.numbers_by_name, at_least=0.0, least="obstacle")
+    time: float = key(document.number, at_least=0.0)
 
     def of(self, obstacle: str) -> float:
         """Return how far an obstacle may come [m]."""
@@ -87,67 +61,73 @@ class MovingObstacles:
         return f"the same while obstacles move no faster than {speeds}, for {exact(self.time)} s"
 
 
-def _direction(name: str, value: Any) -> FloatArray:
-    vector: FloatArray = schema.array(3)(name, value)
-    if not _SHORTEST <= float(np.linalg.norm(vector)) <= _LONGEST:
-        raise InputError(f"must be a direction, got {vector.tolist()!r}", name)
+def _direction(key: str, value: Any) -> FloatArray:
+    vector = document.array(key, value)
+    if vector.shape != (3,) or not _SHORTEST <= float(np.linalg.norm(vector)) <= _LONGEST:
+        raise InputError(f"must be a direction of three numbers, got {vector.tolist()!r}", key)
     return vector
 
 
 @dataclass(frozen=True, kw_only=True)
-class Orientation:
+class Orientation(Section):
     """An axis of the tip stays within an angle [rad] of a direction in the world."""
 
-    axis: FloatArray = schema.key(_direction)
-    direction: FloatArray = schema.key(_direction)
-    angle: float = schema.key(schema.number(above=0.0, at_most=pi))
+    axis: FloatArray = key(_direction)
+    direction: FloatArray = key(_direction)
+    angle: float = key(document.number, above=0.0, at_most=pi)
+
+    @property
+    def sentence(self) -> str:
+        axis, direction = (", ".join(f"{x:.9g}" for x in vector) for vector in (self.axis, self.direction))
+        return f"the tool's axis ({axis}) within {at_most(degrees(self.angle))}° of the direction ({direction})"
+
+
+def _range(key: str, value: Any) -> FloatArray:
+    bounds = document.array(key, value)
+    if bounds.shape != (2,):
+        raise InputError(f"must be the least and the largest value, got {bounds.tolist()!r}", key)
+    return bounds
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tool:
+class Tool(Section):
     """Limits of the tool: an orientation, bounds of the tip's position [m] by axis, or both."""
 
-    orientation: Orientation | None = schema.key(schema.record(Orientation), optional=True)
-    position: Mapping[str, FloatArray] | None = schema.key(
-        schema.by_name(schema.array(2), least=1, of="axis", known="xyz"), optional=True
+    orientation: Orientation | None = key(document.section, default=None, kind=Orientation)
+    position: Mapping[str, FloatArray] | None = key(
+        document.by_name, default=None, read=_range, known="xyz", least="axis"
     )
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
         if self.orientation is None and self.position is None:
             raise InputError("must claim an orientation or a position", "orientation")
 
     @property
     def sentences(self) -> list[str]:
-        said = []
-        if self.orientation is not None:
-            axis, direction = (
-                ", ".join(f"{x:.9g}" for x in vector) for vector in (self.orientation.axis, self.orientation.direction)
-            )
-            angle = at_most(degrees(self.orientation.angle))
-            said.append(f"the tool's axis ({axis}) within {angle}° of the direction ({direction})")
+        said = [] if self.orientation is None else [self.orientation.sentence]
         if self.position is not None:
-            said.append(f"the tip at {', '.join(_range(axis, *of) for axis, of in self.position.items())}")
+            said.append(f"the tip at {', '.join(_bounds(axis, *of) for axis, of in self.position.items())}")
         return said
 
 
-def _range(axis: str, low: float, high: float) -> str:
+def _bounds(axis: str, low: float, high: float) -> str:
     if max(-low, high) < _UNBOUNDED:
         return f"{axis} from {at_least(low)} to {at_most(high)} m"
     return f"{axis} of at least {at_least(low)} m" if high >= _UNBOUNDED else f"{axis} of at most {at_most(high)} m"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Danger:
+class Danger(Section):
     """The danger of a path has a bound: of which kind it is, and how far the danger points are apart [m]."""
 
-    bound: float = schema.key(_zero_or_more)
-    spacing: float = schema.key(_positive)
-    aggregate: str = schema.key(schema.one_of("max", "mean", "softmax"))
-    weighting: str = schema.key(schema.one_of("unit", "length"))
-    k1: float = schema.key(_positive)
-    sharpness: float = schema.key(_positive)
+    bound: float = key(document.number, at_least=0.0)
+    spacing: float = key(document.number, above=0.0)
+    aggregate: str = key(document.one_of, known=("max", "mean", "softmax"))
+    weighting: str = key(document.one_of, known=("unit", "length"))
+    k1: float = key(document.number, above=0.0)
+    sharpness: float = key(document.number, above=0.0)
 
-    def check(self, scene: Scene) -> None:
+    def check_for(self, scene: Scene) -> None:
         """Raise InputError if the scene would have more danger points than can be looked at."""
         points = _surface(scene) / self.spacing / self.spacing
         if not points < _MOST_POINTS:
@@ -167,8 +147,8 @@ class Danger:
 class MovingDanger(Danger):
     """The danger of a motion in time has a bound."""
 
-    k2: float = schema.key(_zero_or_more)
-    gamma: float = schema.key(_zero_or_more)
+    k2: float = key(document.number, at_least=0.0)
+    gamma: float = key(document.number, at_least=0.0)
 
     def sentence(self, *, moving: bool = False) -> str:
         more = f", k2 {exact(self.k2)}, gamma {exact(self.gamma)}"
@@ -191,27 +171,22 @@ def _surface(scene: Scene) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stops:
-    """At whatever instant a person begins to run, the robot stands before they are nearer than the clearance [m].
+class Stops(Section):
+    """At whatever instant a person begins to run, the robot stands before they are nearer than the clearance [m]."""
 
-    Nothing is claimed of the limbs that it may touch (`contact`).
-    """
+    who: tuple[str, ...] = key(document.each, read=document.line, least="obstacle")
+    speed: float = key(document.number, at_least=0.0)
+    speeds: Mapping[str, float] = key(document.numbers_by_name, at_least=0.0)
+    reaction_time: float = key(document.number, at_least=0.0)
+    clearance: float = key(document.number, at_least=0.0)
+    brakes: FloatArray = key(document.array)
 
-    who: tuple[str, ...] = schema.key(_obstacle_names)
-    speed: float = schema.key(_zero_or_more)
-    speeds: Mapping[str, float] = schema.key(schema.by_name(_zero_or_more))
-    reaction_time: float = schema.key(_zero_or_more)
-    clearance: float = schema.key(_zero_or_more)
-    brakes: FloatArray = schema.key(schema.array(None))
-    contact: tuple[str, ...] | None = schema.key(schema.some(schema.text, least=1, of="limb"), optional=True)
-
-    def check(self, scene: Scene) -> None:
+    def check_for(self, scene: Scene) -> None:
         """Raise InputError unless the scene has the people, and they have the limbs."""
         with document.within("stops"):
             _check_known("who", "obstacle", self.who, scene.names)
-            parts = {part: part[len(name) + 1 :] for name in self.who for part in _parts(scene, name)}
-            _check_known("speeds", "limb", self.speeds, filter(None, parts.values()))
-            _check_known("contact", "limb", self.contact or (), parts)
+            parts = [part[len(name) + 1 :] for name in self.who for part, _, _ in scene[name].geometries()]
+            _check_known("speeds", "limb", self.speeds, filter(None, parts))
 
     def speed_of(self, limb: str) -> float:
         """Return how fast a limb may move [m/s]."""
@@ -220,78 +195,11 @@ class Stops:
     @property
     def sentence(self) -> str:
         speeds = "".join(f", {limb} {exact(speed)} m/s" for limb, speed in self.speeds.items())
-        said = (
+        return (
             f"it stands before anyone of {', '.join(self.who)} who moves no faster than {exact(self.speed)} m/s"
             f"{speeds} comes nearer than {at_least(1e3 * self.clearance)} mm, if it brakes within "
             f"{exact(self.reaction_time)} s"
         )
-        if not self.contact:
-            return said
-        return f"{said}; it may touch {', '.join(self.contact)} before, and speeds in contact are not claimed"
-
-
-def _parts(scene: Scene, name: str) -> list[str]:
-    return [part for part, _, _ in scene[name].geometries()]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Piece:
-    """A cubic in joint space: what it and its derivatives are where it begins, and its length."""
-
-    start: FloatArray = schema.key(schema.array(None))
-    slope: FloatArray = schema.key(schema.array(None))
-    bend: FloatArray = schema.key(schema.array(None))
-    swing: FloatArray = schema.key(schema.array(None))
-    length: float = schema.key(_positive)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TimedMotion:
-    """The path in time: its curve, its time law or the plan that is averaged over a window, and its limits."""
-
-    pieces: tuple[Piece, ...] = schema.key(schema.some(schema.record(Piece), least=1, of="piece"))
-    corners: tuple[int, ...] = schema.key(schema.some(schema.whole))
-    edges: FloatArray = schema.key(schema.array(None))
-    squares: FloatArray = schema.key(schema.array(None))
-    duration: float = schema.key(_positive)
-    velocity: FloatArray = schema.key(schema.array(None))
-    acceleration: FloatArray = schema.key(schema.array(None))
-    stops: Stops | None = schema.key(schema.or_none(schema.record(Stops)))
-    window: float | None = schema.key(_positive, optional=True)
-    jerk: FloatArray | None = schema.key(schema.array(None), optional=True)
-    tool_speed: float | None = schema.key(_speed, optional=True)
-    link_speed: float | None = schema.key(_speed, optional=True)
-    danger: MovingDanger | None = schema.key(schema.record(MovingDanger), optional=True)
-
-    def check(self, robot: Robot, scene: Scene) -> None:
-        """Raise InputError unless the claims have a meaning for robot and scene."""
-        with document.within("trajectory"):
-            _check_rates(self, robot)
-            for k, piece in enumerate(self.pieces):
-                vectors = piece.start, piece.slope, piece.bend, piece.swing
-                if not all(vector.shape == (robot.n,) for vector in vectors):
-                    raise InputError(f"must have vectors of {robot.n} numbers", f"pieces[{k}]")
-            if self.danger is not None:
-                self.danger.check(scene)
-            if self.stops is not None:
-                self.stops.check(scene)
-
-    @property
-    def sentences(self) -> list[str]:
-        said = [f"driven in {self.duration:.3f} s, {_rates(self)}"]
-        if self.tool_speed is not None:
-            said.append(f"the tip is no faster than {at_most(self.tool_speed)} m/s")
-        if self.link_speed is not None:
-            said.append(f"no point of a link, nor the tip, is faster than {at_most(self.link_speed)} m/s")
-        said += [] if self.stops is None else [self.stops.sentence]
-        return said if self.danger is None else [*said, self.danger.sentence()]
-
-    @property
-    def not_claimed(self) -> list[str]:
-        """What could be said of it, and is not."""
-        names = {"stops": "stops", "jerk": "jerk", "tool_speed": "tool speed", "link_speed": "link speed"}
-        names["danger"] = "danger in motion"
-        return [said for name, said in names.items() if getattr(self, name) is None]
 
 
 _RATES = {"velocity": "velocities", "acceleration": "accelerations", "jerk": "jerks"}
@@ -315,19 +223,79 @@ def _rates(claim: Any) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolynomialMotion:
+class Piece(Section):
+    """A cubic in joint space: what it and its derivatives are where it begins, and its length."""
+
+    start: FloatArray = key(document.array)
+    slope: FloatArray = key(document.array)
+    bend: FloatArray = key(document.array)
+    swing: FloatArray = key(document.array)
+    length: float = key(document.number, above=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimedMotion(Section):
+    """The path in time: its curve, its time law or the plan that is averaged over a window, and its limits."""
+
+    pieces: tuple[Piece, ...] = key(document.each, read=document.section, kind=Piece, least="piece")
+    corners: tuple[int, ...] = key(document.each, read=document.whole)
+    edges: FloatArray = key(document.array)
+    squares: FloatArray = key(document.array)
+    duration: float = key(document.number, above=0.0)
+    velocity: FloatArray = key(document.array)
+    acceleration: FloatArray = key(document.array)
+    stops: Stops | None = key(document.section, default=None, kind=Stops)
+    window: float | None = key(document.number, default=None, above=0.0)
+    jerk: FloatArray | None = key(document.array, default=None)
+    tool_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
+    link_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
+    danger: MovingDanger | None = key(document.section, default=None, kind=MovingDanger)
+
+    def check_for(self, robot: Robot, scene: Scene) -> None:
+        """Raise InputError unless the claims have a meaning for robot and scene."""
+        with document.within("trajectory"):
+            _check_rates(self, robot)
+            for k, piece in enumerate(self.pieces):
+                vectors = piece.start, piece.slope, piece.bend, piece.swing
+                if not all(vector.shape == (robot.n,) for vector in vectors):
+                    raise InputError(f"must have vectors of {robot.n} numbers", f"pieces[{k}]")
+            if self.danger is not None:
+                self.danger.check_for(scene)
+            if self.stops is not None:
+                self.stops.check_for(scene)
+
+    @property
+    def sentences(self) -> list[str]:
+        said = [f"driven in {self.duration:.3f} s, {_rates(self)}"]
+        if self.tool_speed is not None:
+            said.append(f"the tip is no faster than {at_most(self.tool_speed)} m/s")
+        if self.link_speed is not None:
+            said.append(f"no point of a link, nor the tip, is faster than {at_most(self.link_speed)} m/s")
+        said += [] if self.stops is None else [self.stops.sentence]
+        return said if self.danger is None else [*said, self.danger.sentence()]
+
+    @property
+    def not_claimed(self) -> list[str]:
+        """What could be said of it, and is not."""
+        names = {"stops": "stops", "jerk": "jerk", "tool_speed": "tool speed", "link_speed": "link speed"}
+        names["danger"] = "danger in motion"
+        return [said for name, said in names.items() if getattr(self, name) is None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolynomialMotion(Section):
     """Polynomials one after another, q(t) = Σ_k c_k u^k with u from 0 to 1 on each, and what may lie about them."""
 
-    times: FloatArray = schema.key(schema.array(None))
-    coefficients: tuple[FloatArray, ...] = schema.key(schema.some(schema.array(None, None), least=1, of="piece"))
-    timed: bool = schema.key(schema.one_of(True, False))
-    slack: FloatArray | None = schema.key(schema.array(None, None), optional=True)
-    rounding: FloatArray | None = schema.key(schema.array(None, None), optional=True)
-    velocity: FloatArray | None = schema.key(schema.array(None), optional=True)
-    acceleration: FloatArray | None = schema.key(schema.array(None), optional=True)
-    jerk: FloatArray | None = schema.key(schema.array(None), optional=True)
+    times: FloatArray = key(document.array)
+    coefficients: tuple[FloatArray, ...] = key(document.each, read=document.array, ndim=2, least="piece")
+    timed: bool = key(document.flag)
+    slack: FloatArray | None = key(document.array, default=None, ndim=2)
+    rounding: FloatArray | None = key(document.array, default=None, ndim=2)
+    velocity: FloatArray | None = key(document.array, default=None)
+    acceleration: FloatArray | None = key(document.array, default=None)
+    jerk: FloatArray | None = key(document.array, default=None)
 
-    def check(self, robot: Robot, scene: Scene) -> None:
+    def check_for(self, robot: Robot) -> None:
         """Raise InputError unless it is a motion of the robot, and its claims have a meaning for it."""
         count, n = len(self.coefficients), robot.n
         with document.within("motion"):
@@ -368,77 +336,86 @@ class PolynomialMotion:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Interval:
+class Interval(Section):
     """A part of an edge, by its centre and its half-length, and the distance of each pair at its centre [m]."""
 
-    centre: float = schema.key(schema.number(at_least=0.0, at_most=1.0))
-    half_length: float = schema.key(_zero_or_more)
-    margins: FloatArray = schema.key(schema.array(None))
+    centre: float = key(document.number, at_least=0.0, at_most=1.0)
+    half_length: float = key(document.number, at_least=0.0)
+    margins: FloatArray = key(document.array)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class Source(Section):
     """What the file says it was made from; nothing is read from there, and nothing of it is printed."""
 
-    scenario: Any = schema.key(schema.plain, optional=True)
-    robot: Any = schema.key(schema.plain, optional=True)
+    scenario: Any = key(document.plain, default=None)
+    robot: Any = key(document.plain, default=None)
+
+
+def _edge(key: str, value: Any) -> tuple[Interval, ...]:
+    return document.each(key, value, document.section, kind=Interval)
+
+
+def _pair(key: str, value: Any) -> tuple[str, ...]:
+    return document.each(key, value, document.line, count=2)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certificate:
+class Certificate(Section):
     """All that a certificate says."""
 
-    format: str = schema.key(schema.one_of(schema.FORMAT))
-    version: int = schema.key(schema.one_of(schema.VERSION))
-    source: Source = schema.key(schema.record(Source))
-    robot: RobotDocument = schema.key(schema.record(RobotDocument))
-    scene: SceneDocument = schema.key(schema.record(SceneDocument))
-    joint_names: tuple[str, ...] = schema.key(schema.some(schema.text))
-    path: FloatArray = schema.key(schema.array(None, None))
-    pairs: tuple[tuple[str, str], ...] = schema.key(schema.some(schema.some(schema.text, count=2)))
-    clearance: Clearance | None = schema.key(schema.or_none(schema.record(Clearance)))
-    danger: Danger | None = schema.key(schema.or_none(schema.record(Danger)))
-    moving_obstacles: MovingObstacles | None = schema.key(schema.or_none(schema.record(MovingObstacles)))
-    also_sampled: str | None = schema.key(schema.or_none(schema.text))
-    edges: tuple[tuple[Interval, ...], ...] = schema.key(schema.some(schema.some(schema.record(Interval))))
-    digest: str = schema.key(schema.sha)
-    tool: Tool | None = schema.key(schema.record(Tool), optional=True)
-    trajectory: TimedMotion | None = schema.key(schema.record(TimedMotion), optional=True)
-    margin: float | None = schema.key(_positive, optional=True)
-    tube: FloatArray | None = schema.key(schema.array(None), optional=True)
-    motion: PolynomialMotion | None = schema.key(schema.record(PolynomialMotion), optional=True)
+    format: str = key(document.one_of, known=[schema.FORMAT])
+    version: int = key(document.one_of, known=[schema.VERSION])
+    source: Source = key(document.section, kind=Source)
+    robot: RobotDocument = key(document.section, kind=RobotDocument)
+    scene: SceneDocument = key(document.section, kind=SceneDocument)
+    joint_names: tuple[str, ...] = key(document.each, read=document.line)
+    path: FloatArray = key(document.array, ndim=2)
+    pairs: tuple[tuple[str, str], ...] = key(document.each, read=_pair)
+    clearance: Clearance | None = key(document.section, default=None, kind=Clearance)
+    danger: Danger | None = key(document.section, default=None, kind=Danger)
+    moving_obstacles: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
+    also_sampled: str | None = key(document.line, default=None)
+    edges: tuple[tuple[Interval, ...], ...] = key(document.each, read=_edge)
+    digest: str = key(document.sha)
+    tool: Tool | None = key(document.section, default=None, kind=Tool)
+    trajectory: TimedMotion | None = key(document.section, default=None, kind=TimedMotion)
+    margin: float | None = key(document.number, default=None, above=0.0)
+    tube: FloatArray | None = key(document.array, default=None)
+    motion: PolynomialMotion | None = key(document.section, default=None, kind=PolynomialMotion)
 
     @classmethod
     def read(cls, content: Any) -> Certificate:
         """Read a certificate from plain data; raise InputError, naming the key, if anything in it has no place."""
         schema.check_form(content)
-        return schema.record(cls)("certificate", content)
+        found: Certificate = document.section("certificate", content, cls)
+        return found
 
-    def check(self, robot: Robot, scene: Scene) -> None:
+    def check_for(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError, naming key and value, unless the claims have a meaning for robot and scene."""
         if self.clearance is not None:
-            self.clearance.check(robot, scene)
+            _check_known("clearance.obstacles", "obstacle", self.clearance.obstacles, scene.names)
         if self.moving_obstacles is not None:
-            self.moving_obstacles.check(scene)
+            _check_known("moving_obstacles.speeds", "obstacle", self.moving_obstacles.speeds, scene.names)
         if self.danger is not None:
-            self.danger.check(scene)
+            self.danger.check_for(scene)
         if self.trajectory is not None:
-            self.trajectory.check(robot, scene)
+            self.trajectory.check_for(robot, scene)
         if self.tube is not None:
             if not (self.tube.shape == (robot.n,) and (self.tube >= 0).all()):
                 raise InputError(f"must be {robot.n} numbers >= 0, got {self.tube.tolist()}", "tube")
             if self.trajectory is not None:
                 raise InputError("is claimed of paths and polynomials, and not of a trajectory", "tube")
         if self.motion is not None:
-            self.motion.check(robot, scene)
+            self.motion.check_for(robot)
             if self.path.size or self.edges or self.trajectory is not None:
                 raise InputError("must come without a path, its edges and a trajectory", "motion")
 
-    def required(self, link: str, obstacle: str) -> float:
-        """Return what a link must keep from where the scene has an obstacle [m]."""
-        clear = 0.0 if self.clearance is None else self.clearance.of(link, obstacle)
-        clear = max(clear, self.margin or 0.0)
-        return clear + (0.0 if self.moving_obstacles is None else self.moving_obstacles.of(obstacle))
+    def required(self, obstacle: str) -> float:
+        """Return what moving links must keep from where the scene has an obstacle [m]."""
+        clear = 0.0 if self.clearance is None else self.clearance.of(obstacle)
+        moves = 0.0 if self.moving_obstacles is None else self.moving_obstacles.of(obstacle)
+        return max(clear, self.margin or 0.0) + moves
 
     def sentences(self, about: str) -> tuple[str, ...]:
         """Return what is claimed, in words, of which each is complete in itself; first what the motions are free of."""

@@ -9,6 +9,7 @@ polynomials that is proven (`MotionCheck`) has no intervals: the verifier divide
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from safe_ompl.certificates.verifier.verify import Terms, verify
 from safe_ompl.collision import (
     DISTANCE_ERROR,
     CollisionChecker,
+    MinClearance,
     MotionLimit,
     MotionProver,
     Separation,
@@ -28,7 +30,8 @@ from safe_ompl.collision import (
     ToolOrientation,
     Verdict,
 )
-from safe_ompl.common import BoolArray, CertificateError, FloatArray, InputError, PlanningError, finite_array
+from safe_ompl.common import BoolArray, CertificateError, FloatArray, InputError, PlanningError, finite_array, key
+from safe_ompl.common import documents as document
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
 from safe_ompl.io import carried_robot, carried_scene, schema
 from safe_ompl.motions import Motion, MotionCheck
@@ -47,20 +50,53 @@ _IN_MOTION = ("k2", "gamma")  # what that of a motion in time has besides
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
 
 
+def _widths(key: str, value: Any) -> FloatArray | None:
+    widths = document.array(key, value)
+    return widths if widths.any() else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claims(document.Section):
+    """What a certificate of a path claims besides that it is free.
+
+    Parameters
+    ----------
+    clearance : mapping, optional
+        That links keep a `distance` [m] from the `obstacles` named.
+    moving_obstacles : mapping, optional
+        That the path stays free, and keeps its clearance, whatever obstacles do that move no faster than their `speeds`
+        (by name [m/s]), until a `time` [s] after the moment of the scene: see `MotionProver.with_moving_obstacles`.
+    tool : mapping, optional
+        Limits of the tool: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle` [rad], a
+        `position` with bounds of `x`, `y` and `z` [m]; either or both.
+    tube : array_like, shape (n,), optional
+        All this of every motion, too, whose joints are within these widths of the path [rad or m]; not of a trajectory.
+    spacing : float, optional
+        Distance between the danger points [m]; default: the scene's own.
+    max_danger : float, optional
+        This bound of the danger, if it can be proven and is lower than what is claimed otherwise.
+    also_sampled : str, optional
+        What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad". The verification
+        reports that it is not covered.
+    """
+
+    clearance: Clearance | None = key(document.section, default=None, kind=Clearance)
+    moving_obstacles: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
+    tool: Tool | None = key(document.section, default=None, kind=Tool)
+    tube: FloatArray | None = key(_widths, default=None)
+    spacing: float | None = key(document.number, default=None, above=0.0)
+    max_danger: float | None = key(document.number, default=None, above=0.0)
+    also_sampled: str | None = key(document.line, default=None)
+
+
 def certificate(
     path: ArrayLike,
     robot: Robot,
     scene: Scene,
+    claims: Claims | Mapping[str, Any] | None = None,
     *,
     field: DangerField | None = None,
-    spacing: float | None = None,
-    max_danger: float | None = None,
-    clearance: Mapping[str, Any] | None = None,
-    moving_obstacles: Mapping[str, Any] | None = None,
-    tool: Mapping[str, Any] | None = None,
     trajectory: Trajectory | None = None,
-    tube: ArrayLike | None = None,
-    also_sampled: str | None = None,
     source: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the certificate of a path, as plain numbers, lists and strings.
@@ -69,35 +105,17 @@ def certificate(
     ----------
     path : array_like, shape (N, n)
         Way points [rad or m]; between them joints move on straight lines, continuous joints the short way.
-    robot : Robot
-        The robot.
-    scene : Scene
-        The obstacles.
+    robot, scene : Robot, Scene
+        The robot, and the obstacles.
+    claims : Claims or mapping, optional
+        What is claimed besides that the path is free: `clearance`, `moving_obstacles`, `tool`, `tube`, `max_danger` and
+        others, see `safe_ompl.certificates.Claims`.
     field : DangerField, optional
         Claim a bound of the path's danger, too, where there is one.
-    spacing : float, optional
-        Distance between the field's danger points [m]; default: the scene's own.
-    max_danger : float, optional
-        Claim this bound of the danger, if it can be proven and is lower than what is claimed otherwise.
-    clearance : mapping, optional
-        Claim a clearance, too: `distance` [m], the names of the `obstacles`, and `exempt` pairs of link and obstacle.
-    moving_obstacles : mapping, optional
-        Claim, too, that the path stays free, and keeps its clearance, whatever obstacles do that move no faster than
-        their `speeds` (by name [m/s]), until a `time` [s] after the moment of the scene: see
-        `MotionProver.with_moving_obstacles`.
-    tool : mapping, optional
-        Claim limits of the tool, too: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle`
-        [rad], a `position` with bounds of `x`, `y` and `z` [m]; either or both.
     trajectory : Trajectory, optional
         Claim the path in time, too: duration, limits of joint velocities and accelerations, that the curve is free, its
-        stops beside people; of limbs that it may touch neither stops nor speeds. Of its danger in motion the limit that
-        it was made for, or else, with a `field`, its proven peak.
-    tube : array_like, shape (n,), optional
-        Claim all this of every motion, too, whose joints are within these widths of the path [rad or m]; not of a
-        trajectory.
-    also_sampled : str, optional
-        What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad". The verification
-        reports that it is not covered.
+        stops beside people. Of its danger in motion the limit that it was made for, or else, with a `field`, its proven
+        peak.
     source : mapping, optional
         Where robot and scene come from: kept as it is. They travel inside in any case.
 
@@ -111,47 +129,39 @@ def certificate(
     points = finite_array(path, (None, robot.n), "path")
     if not len(points):
         raise InputError("path must have a configuration at least, got none")
-    clear = moving = None
-    if clearance is not None:
-        clear = schema.record(Clearance)("clearance", schema.as_plain(clearance))
-        clear.check(robot, scene)
-    if moving_obstacles is not None:
-        moving = schema.record(MovingObstacles)("moving_obstacles", schema.as_plain(moving_obstacles))
-        moving.check(scene)
-    pairs = Pairs(robot, scene)
-    required = pairs.required(clear, moving)
-    apart = scene.spacing if spacing is None else spacing
-    widths = np.zeros(robot.n) if tube is None else finite_array(tube, (robot.n,), "tube")
-    proof = None
-    if widths.any():
-        separation = Separation(tube=tuple(widths.tolist()))
-        proof = MotionProver(CollisionChecker(robot, scene), separation=separation)
-    content = {
-        **opening(robot, scene, source),
-        "path": points.tolist(),
-        "pairs": [list(names) for names in pairs.names],
-        "clearance": None if clear is None else schema.as_plain(vars(clear)),
-        "danger": None if field is None else _danger_claim(field, apart, points, max_danger, proof),
-        "moving_obstacles": None if moving is None else schema.as_plain(vars(moving)),
-        "also_sampled": also_sampled,
-        "edges": [
-            _intervals(pairs, required, k, start, robot.difference(start, end), widths)
-            for k, (start, end) in enumerate(schema.edges_of(points))
-        ],
-    }
-    if tool is not None:
-        content["tool"] = _tool_claim(tool, robot, points, proof)
-    if proof is not None:
-        content["tube"] = widths.tolist()
+    wanted: Claims = document.section("claims", claims, Claims)
+    pairs, widths, proof = Pairs(robot, scene), np.zeros(robot.n), None
+    if wanted.tube is not None:
+        widths = finite_array(wanted.tube, (robot.n,), "tube")
+        proof = MotionProver(CollisionChecker(robot, scene), separation=Separation(tube=tuple(widths.tolist())))
+    spacing = wanted.spacing or scene.spacing
+    said: dict[str, Any] = {"path": points.tolist(), "pairs": [list(names) for names in pairs.names], "edges": []}
+    said |= {name: value for name, value in wanted.to_mapping().items() if name not in ("spacing", "max_danger")}
+    if field is not None:
+        said["danger"] = _danger_claim(field, spacing, points, wanted.max_danger, proof)
     if trajectory is not None:
-        content["trajectory"] = trajectory_claim(trajectory, robot, scene)
+        said["trajectory"] = trajectory_claim(trajectory, scene)
         moving_field = trajectory.danger_field or (None if field is None else KinetostaticField(field))
         if moving_field is not None:
-            danger = moving_danger_claim(trajectory, moving_field, apart, scene)
-            content["trajectory"] |= {} if danger is None else {"danger": danger}
-    signed = {**content, "digest": schema.digest(content)}
-    Certificate.read(signed).check(robot, scene)
-    return signed
+            danger = moving_danger_claim(trajectory, moving_field, spacing, scene)
+            said["trajectory"] |= {} if danger is None else {"danger": danger}
+    unproven = {**opening(robot, scene, source), **said}
+    draft = Certificate.read(signed(unproven))
+    draft.check_for(robot, scene)
+    if wanted.tool is not None:
+        _prove_tool(wanted.tool, robot, points, proof)
+    required = pairs.required(draft)
+    edges = [
+        _intervals(pairs, required, k, start, robot.difference(start, end), widths)
+        for k, (start, end) in enumerate(schema.edges_of(points))
+    ]
+    return signed({**unproven, "edges": edges})
+
+
+def signed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a certificate with its digest."""
+    plain: dict[str, Any] = schema.as_plain(content)
+    return {**plain, "digest": schema.digest(plain)}
 
 
 class Pairs:
@@ -205,15 +215,10 @@ class Pairs:
         first, second = moves[self._first], moves[self._second]
         return self._robot.coupling.radii(np.where(self._approaching, first + second, 0.0))
 
-    def required(self, clear: Clearance | None, moving: MovingObstacles | None) -> FloatArray:
-        """Return the distance (P,) [m] that each pair must keep: its clearance, and as far as its obstacle moves."""
-        distances = np.zeros(len(self._pairs))
-        for k, (a, b) in enumerate(self._pairs):
-            link, obstacle = self._geometry.geometryObjects[a].name.rsplit("_", 1)[0], self._owners[b]
-            if obstacle is not None:
-                distances[k] = 0.0 if clear is None else clear.of(link, obstacle)
-                distances[k] += 0.0 if moving is None else moving.of(obstacle)
-        return distances
+    def required(self, claims: Certificate) -> FloatArray:
+        """Return the distance (P,) [m] that each pair must keep, as claimed."""
+        owners = (self._owners[b] for _, b in self._pairs)
+        return np.array([0.0 if owner is None else claims.required(owner) for owner in owners])
 
 
 def opening(robot: Robot, scene: Scene, source: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -260,10 +265,9 @@ def _keeps(limit: MotionLimit, path: FloatArray, proof: MotionProver | None) -> 
     return (prover.check(start, end).verdict is Verdict.FREE for start, end in schema.edges_of(path))
 
 
-def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray, proof: MotionProver | None) -> dict[str, Any]:
-    """Return a claim about the tool in plain numbers, if every edge keeps to it."""
-    plain: dict[str, Any] = schema.as_plain(given)
-    claim, limits = schema.record(Tool)("tool", plain), list[ToolLimit]()
+def _prove_tool(claim: Tool, robot: Robot, path: FloatArray, proof: MotionProver | None) -> None:
+    """Raise PlanningError unless every edge keeps to what is claimed of the tool."""
+    limits = list[ToolLimit]()
     if claim.orientation is not None:
         wanted = claim.orientation
         limits.append(ToolOrientation(robot, wanted.axis, wanted.direction, wanted.angle))
@@ -274,7 +278,6 @@ def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray, proof:
         for k, kept in enumerate(_keeps(limit, path, proof)):
             if not kept:
                 raise PlanningError(f"edge {k} cannot be certified: its {limit.name} is not proven")
-    return plain
 
 
 def _danger_claim(
@@ -306,7 +309,7 @@ def _kind(field: DangerField, spacing: float, *more: str) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------------ motions in time
 
 
-def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any]:
+def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
     """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
     curve, law, jerk = trajectory.curve, trajectory.law, trajectory.limits.jerk
     more: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
@@ -318,10 +321,7 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
         stops = {**people, "brakes": trajectory.brakes.tolist()}
     return {
         "pieces": [
-            {
-                **{key: getattr(piece, key).tolist() for key in ("start", "slope", "bend", "swing")},
-                "length": piece.length,
-            }
+            {name: getattr(piece, name) for name in ("start", "slope", "bend", "swing", "length")}
             for piece in curve.pieces
         ],
         "corners": list(curve.stops),
@@ -339,18 +339,18 @@ def _people(people: People, scene: Scene) -> dict[str, Any]:
     """Return what stops beside people are about; of the speeds of limbs those of limbs that are there."""
     if people.reach is not None:
         raise InputError("a certificate states speeds of people, no calibrated reach: leave it out", "people.reach")
-    parts = {part: part[len(name) + 1 :] for name in people.names(scene) for part, _, _ in scene[name].geometries()}
-    found: dict[str, Any] = {
+    if people.contact:
+        raise InputError(
+            "a certificate states that the robot stops, not how it touches: leave it out", "people.contact"
+        )
+    limbs = {part[len(name) + 1 :] for name in people.names(scene) for part, _, _ in scene[name].geometries()}
+    return {
         "who": list(people.names(scene)),
         "speed": people.speed,
-        "speeds": {limb: speed for limb, speed in people.speeds.items() if limb in parts.values()},
+        "speeds": {limb: speed for limb, speed in people.speeds.items() if limb in limbs},
         "reaction_time": people.reaction_time,
         "clearance": people.clearance,
     }
-    if people.contact:
-        touched = [part for part, limb in parts.items() if people.region_of(limb).force > 0]
-        found |= {"contact": touched} if touched else {}
-    return found
 
 
 def moving_danger_claim(
@@ -407,10 +407,8 @@ def motion_certificate(
         **opening(robot, scene, source),
         "path": [],
         "pairs": [list(names) for names in Pairs(robot, scene).names],
-        "clearance": None if clear is None else clear.as_dict(),
-        "danger": None,
+        "clearance": clearance_claim(clear),
         "moving_obstacles": {"speeds": speeds, "time": separation.time} if speeds else None,
-        "also_sampled": None,
         "edges": [],
         **_limits(proof, scene.spacing if spacing is None else spacing),
         "motion": _motion(check.motion)
@@ -418,13 +416,19 @@ def motion_certificate(
     }
     content |= {"margin": separation.margin} if separation.margin else {}
     content |= {"tube": separation.tube} if separation.tube else {}
-    plain: dict[str, Any] = schema.as_plain(content)
-    signed = {**plain, "digest": schema.digest(plain)}
+    found = signed(content)
     try:
-        verify(signed, robot, scene)
+        verify(found, robot, scene)
     except CertificateError as error:
         raise PlanningError(f"the motion is proven, but cannot be certified by plain means: {error}") from None
-    return signed
+    return found
+
+
+def clearance_claim(clear: MinClearance | None) -> dict[str, Any] | None:
+    """Return the claim of a clearance: nothing is claimed of obstacles that some links need not keep it from."""
+    exempt = set() if clear is None else {obstacle for _, obstacle in clear.exempt}
+    kept = [] if clear is None else [name for name in clear.obstacles if name not in exempt]
+    return {"distance": clear.distance, "obstacles": kept} if clear is not None and kept else None
 
 
 def _motion(motion: Motion) -> dict[str, Any]:
@@ -475,7 +479,7 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
             **{name: getattr(motion, name) for name in ("tool_speed", "link_speed")},
         },
         max_danger=motion.max_danger,
-        stops={} if people is None else {"contact": None, **_people(people, scene)},
+        stops={} if people is None else _people(people, scene),
     )
 
 

@@ -13,8 +13,7 @@ import numpy as np
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pairs import ALLOWANCE, PairSet
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number
-from safe_ompl.scene import Scene
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number, shown
 
 
 @dataclass(frozen=True)
@@ -31,16 +30,15 @@ class MinClearance:
         distance: float,
         obstacles: Sequence[str] | None,
         exempt: Sequence[tuple[str, str]],
-        scene: Scene,
-        links: Sequence[str],
+        checker: CollisionChecker,
     ) -> MinClearance | None:
         """Return what is asked for; None where the distance [m] is 0.
 
         It is kept from these obstacles, by default from those of the scene with a danger weight, such as people. Pairs
-        of a link and an obstacle that are exempt must only not touch. `links` are those that have bodies. Raises
-        InputError if the distance is not a finite number ≥ 0, there is nothing to keep it from, or no such obstacle or
-        link.
+        of a link and an obstacle that are exempt must only not touch. Raises InputError if the distance is not a finite
+        number ≥ 0, there is nothing to keep it from, no such obstacle or link, or no moving link is left to keep it.
         """
+        scene, bodies = checker.scene, checker.robot.shared.collision_model.geometryObjects
         distance = number("min clearance", distance, at_least=0.0, kind="length [m]")
         if isinstance(obstacles, str) or not (obstacles is None or isinstance(obstacles, Sequence)):
             raise InputError(f"obstacles must be a list of names, got {obstacles!r}")
@@ -50,15 +48,21 @@ class MinClearance:
             if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
                 raise InputError(f"exempt must be pairs of a link and an obstacle, not {pair!r}")
             link, obstacle = pair
-            if link not in links:
-                raise UnknownNameError("link", link, sorted(set(links)))
+            if link not in checker.links:
+                raise UnknownNameError("link", link, sorted(set(checker.links)))
             if scene[obstacle].name not in chosen:
                 raise InputError(f"{link!r} is exempt from keeping a distance to {obstacle!r}, which is not asked for")
         if not distance:
             return None
         if not chosen:
             raise InputError("min clearance: no obstacle has a danger weight > 0; name those to keep it from")
-        return cls(distance, chosen, frozenset((link, obstacle) for link, obstacle in exempt))
+        free = frozenset((link, obstacle) for link, obstacle in exempt)
+        moving = {link for link, body in zip(checker.links, bodies, strict=False) if body.parentJoint != 0}
+        for obstacle in chosen:
+            if free and all((link, obstacle) in free for link in moving):
+                why = f"must leave a moving link that keeps away from {obstacle!r}, got {shown(exempt)}"
+                raise InputError(f"exempt {why}")
+        return cls(distance, chosen, free)
 
     def between(self, link: str, obstacle: str) -> float:
         """Return the distance [m] that a link must keep from an obstacle, or 0."""
@@ -123,7 +127,7 @@ class Separation:
         exempt: Sequence[tuple[str, str]] = (),
     ) -> Separation:
         """Return the same with another distance from chosen obstacles; arguments and errors of `MinClearance.of`."""
-        wanted = MinClearance.of(distance, obstacles, exempt, checker.scene, checker.links)
+        wanted = MinClearance.of(distance, obstacles, exempt, checker)
         return replace(self, min_clearance=wanted)
 
     def required(self, checker: CollisionChecker) -> RequiredDistances:

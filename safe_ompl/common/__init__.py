@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         part,
         until_ctrl_c,
     )
-    from safe_ompl.common.documents import within
+    from safe_ompl.common.documents import Section, key, within
     from safe_ompl.common.errors import (
         CertificateError,
         CollisionError,
@@ -68,6 +68,7 @@ __all__ = [
     "PerThread",
     "PlanningError",
     "SafeOmplError",
+    "Section",
     "StaleSceneError",
     "UnknownNameError",
     "caller",
@@ -86,6 +87,7 @@ __all__ = [
     "fraction",
     "halton_point",
     "instance",
+    "key",
     "listed",
     "maker",
     "motion_ends",

@@ -1,24 +1,31 @@
-"""Checks of the values in documents; errors name key and value.
+"""Documents: sections whose keys are the fields of dataclasses, and checks of the values in them.
 
-Every check raises an `InputError` whose message starts with the key that it is about. Each level of a
-document wraps its children in `within`, so that the message grows into the full path on its way up:
-``scene.obstacles[2] 'table'.box.size: must be a positive number, got -0.2``.
+A `Section` names each key once, with what reads its value, its range and its default (`key`). From that follow the
+checks where Python makes one, reading from a mapping, and writing. Every check raises an `InputError` whose message
+starts with the key that it is about. Each level of a document wraps its children in `within`, so that the message grows
+into the full path on its way up: ``scene.obstacles[2] 'table'.box.size: must be a positive number, got -0.2``.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, Field, dataclass, fields
+from contextvars import ContextVar
+from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from safe_ompl.common import inputs
-from safe_ompl.common.errors import InputError, cut, did_you_mean
+import numpy as np
 
-_Section = TypeVar("_Section")
-_Kind = TypeVar("_Kind", bound="Section")
+from safe_ompl.common import inputs
+from safe_ompl.common.errors import InputError, UnknownNameError, cut, did_you_mean
+
+_Section = TypeVar("_Section", bound="Section")
+_LONGEST_LINE = 1000  # characters of a name or of a remark
+_DEEPEST = 20  # levels of `plain` data
+_folder: ContextVar[Path | None] = ContextVar("folder", default=None)
 
 
 @contextmanager
@@ -31,13 +38,111 @@ def within(place: str, separator: str = ".") -> Iterator[None]:
         raise
 
 
+@contextmanager
+def _in_folder(folder: Path | None) -> Iterator[None]:
+    """Have files that are read or written inside the block named relative to a folder, if there is one."""
+    token = _folder.set(_folder.get() if folder is None else folder.resolve())
+    try:
+        yield
+    finally:
+        _folder.reset(token)
+
+
+def folder_of_document() -> Path:
+    """Return the folder that names of files in the document that is read are relative to."""
+    return _folder.get() or Path()
+
+
+# ----------------------------------------------------------------------------------------------------- sections
+
+
+def key(read: Callable[..., Any], /, *, default: Any = MISSING, factory: Any = MISSING, **options: Any) -> Any:
+    """Return the field of a `Section` that ``read(key, value, **options)`` checks; without a default it is needed."""
+    return field(default=default, default_factory=factory, metadata={"read": read, "options": options})
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a document, whose keys are the fields made by `key`; raises InputError that starts with the key."""
+
+    def __post_init__(self) -> None:
+        for item in keys_of(type(self)):
+            value = getattr(self, item.name)
+            if value is not item.default:
+                read = item.metadata["read"](item.name, value, **item.metadata["options"])
+                object.__setattr__(self, item.name, read)
+        self.check()
+
+    def check(self) -> None:
+        """Raise InputError unless the values fit together."""
+
+    @classmethod
+    def from_mapping(cls: type[_Section], data: Mapping[str, Any], folder: Path | None = None) -> _Section:
+        """Read the section from a document; files in it are relative to `folder`."""
+        known = keys_of(cls)
+        check_keys(data, [item.name for item in known])
+        for item in known:
+            if _default(item) is MISSING:
+                require(data, item.name)
+        with _in_folder(folder):
+            return cls(**data)
+
+    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
+        """Return what `from_mapping` reads: what is not the default."""
+        with _in_folder(folder):
+            given = ((item, getattr(self, item.name)) for item in keys_of(type(self)))
+            return {item.name: _written(value) for item, value in given if not _same(value, _default(item))}
+
+
+def keys_of(cls: type[Any]) -> list[Field[Any]]:
+    """Return the fields of a class that are made by `key`."""
+    return [item for item in fields(cls) if "read" in item.metadata]
+
+
+def check_fields(cls: Any, data: Mapping[str, Any]) -> None:
+    """Raise InputError unless the keys of `data` are fields of a dataclass, those without a default among them."""
+    check_keys(data, [item.name for item in fields(cls)])
+    for item in fields(cls):
+        if _default(item) is MISSING:
+            require(data, item.name)
+
+
+def changed_fields(value: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that differ from their defaults."""
+    given = ((item, getattr(value, item.name)) for item in fields(value))
+    return {item.name: found for item, found in given if found != _default(item)}
+
+
+def _default(item: Field[Any]) -> Any:
+    return item.default if item.default_factory is MISSING else item.default_factory()
+
+
+def _same(value: Any, default: Any) -> bool:
+    return value is default if isinstance(value, np.ndarray) else bool(value == default)
+
+
+def _written(value: Any) -> Any:
+    if hasattr(value, "to_mapping"):
+        return value.to_mapping()
+    if isinstance(value, Path):
+        return file_name(value)
+    if isinstance(value, Mapping):
+        return {name: _written(item) for name, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [_written(item) for item in value] if isinstance(value, tuple) else value
+
+
+# ----------------------------------------------------------------------------------------------------- mappings
+
+
 def mapping(key: str, value: Any, valid: Iterable[str] | None = None) -> dict[str, Any]:
     """Return `value` as a mapping with text keys, all of them among `valid` if given."""
     if not isinstance(value, Mapping):
         raise InputError(f"must be a mapping of keys to values, got {kind_of(value)}", key)
     for name in value:
-        if not isinstance(name, str):
-            raise InputError(f"the key {name!r} must be text", key)
+        if not (isinstance(name, str) and name.isprintable()):
+            raise InputError(f"the key {inputs.shown(name)} must be text that can be printed", key)
     if valid is not None:
         with within(key):
             check_keys(value, valid)
@@ -60,89 +165,63 @@ def require(data: Mapping[str, Any], key: str) -> Any:
     return data[key]
 
 
-def check_fields(cls: Any, data: Mapping[str, Any]) -> None:
-    """Raise InputError unless the keys of `data` are fields of a dataclass, those without a default among them."""
-    check_keys(data, [field.name for field in fields(cls)])
-    for field in fields(cls):
-        if _default(field) is MISSING:
-            require(data, field.name)
+def section(key: str, value: Any, kind: Any) -> Any:
+    """Return `value` as a class with `from_mapping`: itself, or what that reads; nothing is an empty mapping."""
+    if isinstance(value, kind):
+        return value
+    given = mapping(key, {} if value is None else value)
+    with within(key):
+        return kind.from_mapping(given)
 
 
-def changed_fields(value: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that differ from their defaults."""
-    given = ((field, getattr(value, field.name)) for field in fields(value))
-    return {field.name: found for field, found in given if found != _default(field)}
+def by_name(
+    key: str, value: Any, read: Callable[..., Any], known: Iterable[str] | None = None, least: str = "", **options: Any
+) -> dict[str, Any]:
+    """Return `value` as a mapping of names, among `known` if given, to what is read: one `least`, if that is said."""
+    given = mapping(key, value, known)
+    if least and not given:
+        raise InputError(f"must name one {least} at least", key)
+    with within(key):
+        return {line("a name", name): read(name, item, **options) for name, item in given.items()}
 
 
-def _default(field: Field[Any]) -> Any:
-    return field.default if field.default_factory is MISSING else field.default_factory()
+def numbers_by_name(
+    key: str, value: Any, valid: Iterable[str] | None = None, *, least: str = "", **bounds: float | None
+) -> dict[str, float]:
+    """Return `value` as a mapping of names, among `valid` if given, to finite floats within bounds of `number`."""
+    return by_name(key, value, number, valid, least=least, **bounds)
 
 
-@dataclass(frozen=True)
-class Section:
-    """A section of a document, whose keys are the fields of a dataclass; raises InputError that starts with the key."""
-
-    @classmethod
-    def from_mapping(cls: type[_Kind], data: Mapping[str, Any]) -> _Kind:
-        """Read the section from a document."""
-        check_fields(cls, data)
-        return cls(**data)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return what `from_mapping` reads: what is not the default."""
-        return {key: _plain(value) for key, value in changed_fields(self).items()}
+# -------------------------------------------------------------------------------------------------------- lists
 
 
-def _plain(value: Any) -> Any:
-    if hasattr(value, "to_mapping"):
-        return value.to_mapping()
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+def sequence(key: str, value: Any) -> list[Any]:
+    """Return `value` as a list; arrays are welcome, text is not."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if not isinstance(value, (list, tuple)):
+        raise InputError(f"must be a list, got {kind_of(value)}", key)
+    return list(value)
 
 
-def text(key: str, value: Any) -> str:
-    """Return `value` as text that is not empty."""
-    return inputs.text(f"{key}:", value)
+def each(
+    key: str, value: Any, read: Callable[..., Any], *, count: int | None = None, least: str = "", **options: Any
+) -> tuple[Any, ...]:
+    """Return `value` as a tuple of what is read: of `count` entries; one `least` there is, if that is named."""
+    items = sequence(key, value)
+    if count is not None and len(items) != count:
+        raise InputError(f"must have {count} entries, got {len(items)}", key)
+    if least and not items:
+        raise InputError(f"must name one {least} at least", key)
+    return tuple(read(f"{key}[{k}]", item, **options) for k, item in enumerate(items))
 
 
-def flag(key: str, value: Any) -> bool:
-    """Return `value` as a bool."""
-    return inputs.flag(f"{key}:", value)
-
-
-def file(key: str, value: Any, endings: tuple[str, ...]) -> Path:
-    """Return `value` as the absolute path of a file that exists and ends in one of `endings`."""
-    if not isinstance(value, (str, os.PathLike)):
-        raise InputError(f"must be a file name, got {inputs.shown(value)}", key)
-    path = Path(value).resolve()
-    if path.suffix.lower() not in endings:
-        raise InputError(f"{str(value)!r} must end in {' or '.join(endings)}", key)
-    if not path.is_file():
-        raise InputError(f"{str(value)!r} does not exist", key)
-    return path
-
-
-def file_name(path: Path, folder: Path | None) -> str:
-    """Return how a document in `folder` names `path`: relative to it, or in full if there is none."""
-    return str(path) if folder is None else Path(os.path.relpath(path, folder.resolve())).as_posix()
-
-
-def number(
-    key: str, value: Any, *, above: float | None = None, at_least: float | None = None, at_most: float | None = None
-) -> float:
-    """Return `value` as a finite float within bounds."""
-    return inputs.number(f"{key}:", value, above=above, at_least=at_least, at_most=at_most)
-
-
-def numbers(
-    key: str, value: Any, count: int | None = None, *, above: float | None = None, at_most: float | None = None
-) -> tuple[float, ...]:
-    """Return `value` as `count` finite floats, each larger than `above` and no larger than `at_most` if given."""
+def numbers(key: str, value: Any, count: int | None = None, **bounds: float | None) -> tuple[float, ...]:
+    """Return `value` as `count` finite floats, each within bounds of `number`."""
     items = sequence(key, value)
     if count is not None and len(items) != count:
         raise InputError(f"must be {count} numbers, got {len(items)}: {inputs.shown(items)}", key)
-    return tuple(number(key, item, above=above, at_most=at_most) for item in items)
+    return tuple(number(key, item, **bounds) for item in items)
 
 
 def interval(key: str, value: Any) -> tuple[float, float]:
@@ -153,36 +232,108 @@ def interval(key: str, value: Any) -> tuple[float, float]:
     return low, high
 
 
-def numbers_by_name(
-    key: str,
-    value: Any,
-    valid: Iterable[str] | None = None,
-    *,
-    above: float | None = None,
-    at_least: float | None = None,
-    at_most: float | None = None,
-) -> dict[str, float]:
-    """Return `value` as a mapping of names, among `valid` if given, to finite floats within bounds."""
-    bounds = {"above": above, "at_least": at_least, "at_most": at_most}
-    given = mapping(key, value, valid)
-    with within(key):
-        return {name: number(name, item, **bounds) for name, item in given.items()}
-
-
-def section(key: str, value: Any, read: Callable[[dict[str, Any]], _Section]) -> _Section:
-    """Return what `read` makes of a mapping; nothing is an empty one."""
-    given = mapping(key, {} if value is None else value)
-    with within(key):
-        return read(given)
-
-
-def sequence(key: str, value: Any) -> list[Any]:
-    """Return `value` as a list; arrays are welcome, text is not."""
-    if hasattr(value, "tolist"):
+def array(key: str, value: Any, *, ndim: int = 1) -> inputs.FloatArray:
+    """Return lists of finite numbers as an array that cannot be written to, of any lengths in one or two dimensions."""
+    if isinstance(value, np.ndarray):
         value = value.tolist()
-    if not isinstance(value, (list, tuple)):
-        raise InputError(f"must be a list, got {kind_of(value)}", key)
-    return list(value)
+    rows = [value] if ndim == 1 else value
+    if not isinstance(value, (list, tuple)) or not all(isinstance(row, (list, tuple)) for row in rows):
+        raise InputError(f"must be {'lists' if ndim > 1 else 'a list'} of numbers", key)
+    if len({len(row) for row in rows}) > 1:
+        raise InputError("must have rows of one length", key)
+    if not all(_is_finite(item) for row in rows for item in row):
+        raise InputError("must be numbers, all of them finite", key)
+    found = np.array(value, dtype=np.float64).reshape((0, 0) if ndim == 2 and not value else (len(value), -1)[:ndim])
+    found.setflags(write=False)
+    return found
+
+
+def _is_finite(value: Any) -> bool:
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # an int that no float holds
+        return False
+
+
+# ------------------------------------------------------------------------------------------------ single values
+
+
+def text(key: str, value: Any) -> str:
+    """Return `value` as text that is not empty."""
+    return inputs.text(f"{key}:", value)
+
+
+def line(key: str, value: Any) -> str:
+    """Return one line of text that can be printed: no control characters that would change what a terminal shows."""
+    if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > _LONGEST_LINE:
+        raise InputError(f"must be text of one line that can be printed, got {inputs.shown(value)}", key)
+    return value
+
+
+def one_of(key: str, value: Any, known: Iterable[Any]) -> Any:
+    """Return `value`, which is one of some values."""
+    known = tuple(known)
+    if not any(value == item and type(value) is type(item) for item in known):
+        raise UnknownNameError(key, value, map(str, known))
+    return value
+
+
+def sha(key: str, value: Any) -> str:
+    """Return a SHA-256 in hexadecimal digits."""
+    if not isinstance(value, str) or len(value) != 64 or not set(value) <= set("0123456789abcdef"):
+        raise InputError(f"must be a SHA-256, got {inputs.shown(value)}", key)
+    return value
+
+
+def flag(key: str, value: Any) -> bool:
+    """Return `value` as a bool."""
+    return inputs.flag(f"{key}:", value)
+
+
+def number(
+    key: str, value: Any, *, above: float | None = None, at_least: float | None = None, at_most: float | None = None
+) -> float:
+    """Return `value` as a finite float within bounds."""
+    return inputs.number(f"{key}:", value, above=above, at_least=at_least, at_most=at_most)
+
+
+def whole(key: str, value: Any, *, at_least: int = 0) -> int:
+    """Return `value` as an int within a bound."""
+    return inputs.whole_number(f"{key}:", value, at_least=at_least)
+
+
+def plain(key: str, value: Any, depth: int = _DEEPEST) -> Any:
+    """Return plain data of any kind, whose text can be printed; its user checks it further."""
+    if depth == 0:
+        raise InputError("is nested too deeply", key)
+    if isinstance(value, Mapping):
+        with within(key):
+            return {name: plain(name, item, depth - 1) for name, item in mapping("keys", value).items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(f"{key}[{k}]", item, depth - 1) for k, item in enumerate(value)]
+    if value is None or isinstance(value, bool) or _is_finite(value):
+        return value
+    if isinstance(value, str) and value.isprintable():
+        return value
+    raise InputError(f"must be plain data, got {kind_of(value)}", key)
+
+
+def file(key: str, value: Any, endings: tuple[str, ...]) -> Path:
+    """Return `value` as the absolute path of a file that exists and ends in one of `endings`."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise InputError(f"must be a file name, got {inputs.shown(value)}", key)
+    path = folder_of_document() / value
+    if path.suffix.lower() not in endings:
+        raise InputError(f"{str(path)!r} must end in {' or '.join(endings)}", key)
+    if not path.is_file():
+        raise InputError(f"{str(path)!r} does not exist", key)
+    return path.resolve()
+
+
+def file_name(path: Path, folder: Path | None = None) -> str:
+    """Return how a document in a folder, by default the one being written, names `path`; in full if there is none."""
+    folder = folder or _folder.get()
+    return str(path) if folder is None else Path(os.path.relpath(path, folder.resolve())).as_posix()
 
 
 def kind_of(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Files that travel inside documents: in base 64, meshes of robots compressed, or found in given folders."""
+"""Files that travel inside documents, compressed, in base 64; and meshes of URDFs that are found in given folders."""
 
 from __future__ import annotations
 
@@ -7,19 +7,83 @@ import xml.etree.ElementTree as ElementTree
 import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Iterator, Mapping, Sequence
-from hashlib import sha256
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io.schema import by_name
 from safe_ompl.robot import PackageFolders, parsed, robots_folder
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-_MOST_BYTES = 200_000_000  # of all files that travel in one document
+_MOST_CHARACTERS = 270_000_000  # of all files that travel in one document
+_LARGEST = 500_000_000  # bytes of one file that is unpacked
 _PACKAGE = "package://"
-_LARGEST = 500_000_000  # bytes of one mesh that is unpacked
+
+
+def packed(path: Path) -> str:
+    """Return the content of a file as it travels, or raise InputError."""
+    try:
+        return b64encode(zlib.compress(path.read_bytes())).decode("ascii")
+    except OSError as error:
+        raise InputError(f"cannot be carried in a document ({error.strerror})", str(path)) from None
+
+
+def carried_files(key: str, value: Any) -> dict[str, str]:
+    """Read files by name; no name leads out of a folder."""
+    given = document.mapping(key, value)
+    with document.within(key):
+        for name in given:
+            if not _FILE_NAME.fullmatch(name):
+                raise InputError("is not the name of a file", repr(name))
+        files = {name: document.text(name, data) for name, data in given.items()}
+    total = sum(map(len, files.values()))
+    if total > _MOST_CHARACTERS:
+        raise InputError(f"have {total} characters, {_MOST_CHARACTERS} are the most", key)
+    return files
+
+
+def carried_objects(items: list[dict[str, Any]]) -> dict[str, str]:
+    """Return the files that obstacles or attached objects name, as they travel, and have the items name these."""
+    files: dict[str, str] = {}
+    for item in items:
+        for part, value in item.items():
+            if isinstance(value, dict) and "file" in value:
+                path = Path(value["file"])
+                name = f"{len(files)}{path.suffix}"
+                files[name] = packed(path)
+                item[part] = {**value, "file": name}
+    return files
+
+
+def check_carried(key: str, items: Any, files: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return a list of objects, or raise InputError if one names a file that does not travel with it."""
+    found = [document.mapping(f"{key}[{k}]", item) for k, item in enumerate(document.sequence(key, items))]
+    for k, item in enumerate(found):
+        for part, value in item.items():
+            if isinstance(value, dict) and "file" in value and value["file"] not in files:
+                raise InputError(f"the file {value['file']!r} is not carried", f"{key}[{k}].{part}.file")
+    return found
+
+
+def unpack(files: Mapping[str, str], folder: Path) -> None:
+    """Write files into a folder; names that lead out of it are none, see `carried_files`."""
+    for name, data in files.items():
+        try:
+            unpacking = zlib.decompressobj()
+            content = unpacking.decompress(b64decode(data, validate=True), _LARGEST)
+        except (ValueError, zlib.error) as error:
+            raise InputError(f"is not a compressed file in base 64: {error}", name) from None
+        if not unpacking.eof:
+            raise InputError(f"is cut, or larger than {_LARGEST} bytes", name)
+        (folder / name).write_bytes(_self_contained(content) if name.lower().endswith(".obj") else content)
+
+
+def _self_contained(obj: bytes) -> bytes:
+    """Return an OBJ file without the names of other files, which would be read."""
+    return re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", obj))
+
+
+# ------------------------------------------------------------------------------------------------ meshes of URDFs
 
 
 def place_meshes(urdf: Path, given: Sequence[Path]) -> None:
@@ -70,69 +134,3 @@ def examples_folder() -> Path | None:
         return robots_folder()
     except InputError:
         return None
-
-
-def packed_files(files: set[Path], room: int | None) -> dict[Path, tuple[str, str]] | None:
-    """Return names and contents of files, compressed, in base 64; None if that takes more than so many bytes."""
-    packed: dict[Path, tuple[str, str]] = {}
-    for path in sorted(files):
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot be saved with the robot ({error.strerror})", str(path)) from None
-        name = f"{sha256(content).hexdigest()[:32]}{path.suffix.lower()}"
-        packed[path] = name, b64encode(zlib.compress(content)).decode("ascii")
-        if room is not None and packed_size(packed) > room:
-            return None
-    return packed
-
-
-def packed_size(packed: Mapping[Path, tuple[str, str]]) -> int:
-    return sum(map(len, dict(packed.values()).values()))
-
-
-def unpacked_file(name: str, packed: Any) -> bytes:
-    with document.within("meshes"):
-        try:
-            unpacking = zlib.decompressobj()
-            content = unpacking.decompress(b64decode(document.text(name, packed), validate=True), _LARGEST)
-        except (ValueError, zlib.error) as error:
-            raise InputError(f"is not a compressed mesh in base 64: {error}", name) from None
-        if not unpacking.eof:
-            raise InputError(f"is cut, or larger than {_LARGEST} bytes", name)
-    return content
-
-
-def _file_content(name: str, value: Any) -> str:
-    if not _FILE_NAME.fullmatch(name):
-        raise InputError("is not the name of a file", repr(name))
-    return document.text(name, value)
-
-
-carried_files = by_name(_file_content)
-
-
-def encoded(path: Path) -> str:
-    """Return the content of a file in base 64, or raise InputError."""
-    try:
-        return b64encode(path.read_bytes()).decode("ascii")
-    except OSError as error:
-        raise InputError(f"cannot be carried in a certificate ({error.strerror})", str(path)) from None
-
-
-def unpack(files: Mapping[str, str], folder: Path) -> None:
-    """Write files into a folder; names that lead out of it are none, see `carried_files`."""
-    total = 3 * sum(map(len, files.values())) // 4
-    if total > _MOST_BYTES:
-        raise InputError(f"have {total} bytes, {_MOST_BYTES} are the most", "files")
-    for name, data in files.items():
-        try:
-            content = b64decode(data, validate=True)
-        except ValueError as error:
-            raise InputError(f"not in base 64: {error}", name) from None
-        (folder / name).write_bytes(_self_contained(content) if name.lower().endswith(".obj") else content)
-
-
-def _self_contained(obj: bytes) -> bytes:
-    """Return an OBJ file without the names of other files, which would be read."""
-    return re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", obj))

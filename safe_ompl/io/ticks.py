@@ -2,7 +2,7 @@
 
 The first line is a header:
 
-    {"format": "safe-ompl ticks", "version": 1, "tick": 0.05, "joint_names": [...], "robot": {...}, "scene": {...},
+    {"format": "safe-ompl ticks", "version": 2, "tick": 0.05, "joint_names": [...], "robot": {...}, "scene": {...},
      "people": {"operator": {"height": 1.75, "limbs": ["head", ...]}}, "objects": {"cube": 0.5}}
 
 ``robot`` and ``scene`` are as in saved results (`safe_ompl.io.problems`); the scene holds what stands still, and moving
@@ -42,12 +42,13 @@ from typing import Any, Protocol
 from safe_ompl.common import InputError, formats
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
-from safe_ompl.io.problems import carried_scene, packed_robot
+from safe_ompl.io.problems import carried_scene
+from safe_ompl.io.robot_document import packed_robot
 from safe_ompl.io.schema import strict_json
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-FORMAT, VERSION = "safe-ompl ticks", 1
+FORMAT, VERSION = "safe-ompl ticks", 2
 
 
 def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, Any]) -> dict[str, Any]:

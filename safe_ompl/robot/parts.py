@@ -75,7 +75,7 @@ class Attachment:
         body = Obstacle.from_mapping({key: value for key, value in read.items() if key not in _KEYS}, folder)
         return cls(body.name, body.shape, link, body.pose, read.get("touch_links", ()), read.get("danger", False))
 
-    def to_mapping(self, folder: Path | None) -> dict[str, Any]:
+    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
         data = {"link": self.link, **Obstacle(self.name, self.shape, self.pose, 0.0).to_mapping(folder)}
         if self.touch_links:

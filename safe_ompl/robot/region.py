@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import hypot
 from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError
+from safe_ompl.common import FloatArray, InputError, Section, key
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.robot.ik import METRES_PER_RADIAN, Place
@@ -27,8 +27,27 @@ _SWEEPS = 100  # over the three angles, in the search for the nearest orientatio
 _SETTLED = 1e-9  # [rad] by which a sweep that ends the search changes an angle
 
 
+def _bounds(key: str, given: Any) -> Bounds:
+    """Return what a user gave for bounds: two numbers, or one."""
+    if np.ndim(given) == 0 and not isinstance(given, str):
+        value = document.number(key, given)
+        return value, value
+    low, high = document.numbers(key, given, 2)
+    if low > high:
+        raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
+    return low, high
+
+
+def _frame(key: str, value: Any) -> Pose:
+    if isinstance(value, Mapping):
+        document.mapping(key, value, _POSE_KEYS)
+        found: Pose = document.section(key, value, Pose)
+        return found
+    return Pose.of(value)
+
+
 @dataclass(frozen=True)
-class GoalRegion(document.Section):
+class GoalRegion(Section):
     """Where the tip may be: its position and its orientation within bounds, in a frame of the region's own.
 
     Bounds are two numbers, or one where there is no choice. The position is given by x, y and z, or by radius and z:
@@ -58,39 +77,29 @@ class GoalRegion(document.Section):
        planning. International Journal of Robotics Research, 2011.
     """
 
-    frame: Pose = field(default_factory=Pose)
-    x: Bounds | None = None
-    y: Bounds | None = None
-    z: Bounds | None = None
-    radius: Bounds | None = None
-    roll: Bounds | None = None
-    pitch: Bounds | None = None
-    yaw: Bounds | None = None
+    frame: Pose = key(_frame, factory=Pose)
+    x: Bounds | None = key(_bounds, default=None)
+    y: Bounds | None = key(_bounds, default=None)
+    z: Bounds | None = key(_bounds, default=None)
+    radius: Bounds | None = key(_bounds, default=None)
+    roll: Bounds | None = key(_bounds, default=None)
+    pitch: Bounds | None = key(_bounds, default=None)
+    yaw: Bounds | None = key(_bounds, default=None)
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.frame, Pose):
-            object.__setattr__(self, "frame", Pose.of(self.frame))
-        for key in ("x", "y", "z", "radius", *_ANGLES):
-            given = getattr(self, key)
-            object.__setattr__(self, key, None if given is None else _bounds(key, given))
+    def check(self) -> None:
+        """Raise InputError unless the bounds are those of one region."""
         if self.radius is not None:
             if self.x is not None or self.y is not None:
                 raise InputError("give either radius, or x and y", "radius")
             if self.radius[0] < 0:
                 raise InputError(f"must be lengths >= 0 [m], got {self.radius[0]:g}", "radius")
-        for key in ("roll", "yaw"):
-            low, high = getattr(self, key) or (0.0, 0.0)
+        for name in ("roll", "yaw"):
+            low, high = getattr(self, name) or (0.0, 0.0)
             if high - low > 2 * np.pi + 1e-9:
-                raise InputError(f"must span at most 2π [rad], got [{low:g}, {high:g}]", key)
+                raise InputError(f"must span at most 2π [rad], got [{low:g}, {high:g}]", name)
         low, high = self.pitch or (0.0, 0.0)
         if max(-low, high) > np.pi / 2 + 1e-9:
             raise InputError(f"must be in [−π/2, π/2], got [{low:g}, {high:g}]", "pitch")
-
-    @classmethod
-    def from_mapping(cls, data: Mapping[str, Any]) -> GoalRegion:
-        """Read a region from a document: `frame` with position and orientation, and bounds."""
-        frame = document.mapping("frame", data.get("frame", {}), _POSE_KEYS)
-        return super().from_mapping({**data, "frame": document.section("frame", frame, Pose.from_mapping)})
 
     @property
     def turns(self) -> bool:
@@ -186,17 +195,6 @@ class RegionPlace(Place):
     def sample(self, rng: np.random.Generator) -> Place:
         """Return a place of the region at random."""
         return Place(self.robot, *self.region.sample(rng))
-
-
-def _bounds(key: str, given: Any) -> Bounds:
-    """Return what a user gave for bounds: two numbers, or one."""
-    if np.ndim(given) == 0 and not isinstance(given, str):
-        value = document.number(key, given)
-        return value, value
-    low, high = document.numbers(key, given, 2)
-    if low > high:
-        raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
-    return low, high
 
 
 def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds]) -> FloatArray:

@@ -198,7 +198,7 @@ class RobotSpec:
                     read["robots"][prefix] = cls.from_mapping(robot, folder)
         return cls(**read)
 
-    def to_mapping(self, folder: Path | None) -> dict[str, Any]:
+    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return what `from_mapping` reads, with files named relative to `folder`."""
         set_fields = document.changed_fields(self)
         for key in ("urdf", "srdf"):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, Section, key
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS, Person
 from safe_ompl.scene.scene import Scene
@@ -52,8 +52,23 @@ CONTACT_TABLE: dict[str, BodyRegion] = {
 }
 
 
+def _who(key: str, value: Any) -> tuple[str, ...]:
+    names = document.each(key, value, document.text)
+    if not names:
+        raise InputError("name one obstacle at least, or leave it out", key)
+    return names
+
+
+def _region(key: str, value: Any) -> BodyRegion:
+    force, mass, stiffness = document.numbers(key, value, 3)
+    document.number(f"{key}[0]", force, at_least=0.0)
+    document.number(f"{key}[1]", mass, above=0.0)
+    document.number(f"{key}[2]", stiffness, above=0.0)
+    return BodyRegion(force, mass, stiffness)
+
+
 @dataclass(frozen=True)
-class People(document.Section):
+class People(Section):
     """People beside a robot, and the assumptions about them that trajectories rest on.
 
     What is proven holds *if* no limb moves faster than its speed.
@@ -84,43 +99,14 @@ class People(document.Section):
         If a value cannot be used; the message starts with its key.
     """
 
-    who: tuple[str, ...] | None = None
-    speed: float = WALKING
-    speeds: Mapping[str, float] = field(default_factory=dict)
-    reaction_time: float = 0.1
-    clearance: float = 0.0
-    contact: bool = False
-    regions: Mapping[str, BodyRegion] = field(default_factory=dict)
-    reach: Path | None = None
-
-    def __post_init__(self) -> None:
-        numbers = ("speed", "reaction_time", "clearance")
-        values: dict[str, Any] = {key: document.number(key, getattr(self, key), at_least=0.0) for key in numbers}
-        values["contact"] = document.flag("contact", self.contact)
-        if self.who is not None:
-            values["who"] = tuple(document.text("who", name) for name in document.sequence("who", self.who))
-            if not values["who"]:
-                raise InputError("name one obstacle at least, or leave it out", "who")
-        if self.reach is not None:
-            values["reach"] = document.file("reach", self.reach, (".yaml", ".yml"))
-        values["speeds"] = document.numbers_by_name("speeds", self.speeds, LIMBS, at_least=0.0)
-        regions = document.mapping("regions", self.regions, CONTACT_TABLE)
-        with document.within("regions"):
-            values["regions"] = {name: _region(name, given) for name, given in regions.items()}
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
-
-    @classmethod
-    def from_mapping(cls, data: Mapping[str, Any], folder: Path = Path()) -> People:
-        """Read the section from a document in a folder."""
-        if data.get("reach") is not None:
-            data = {**data, "reach": folder / document.text("reach", data["reach"])}
-        return super().from_mapping(data)
-
-    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return what `from_mapping` reads from a document in a folder: what is not the default."""
-        data = super().to_mapping()
-        return data if self.reach is None else {**data, "reach": document.file_name(self.reach, folder)}
+    who: tuple[str, ...] | None = key(_who, default=None)
+    speed: float = key(document.number, default=WALKING, at_least=0.0)
+    speeds: Mapping[str, float] = key(document.numbers_by_name, factory=dict, valid=LIMBS, at_least=0.0)
+    reaction_time: float = key(document.number, default=0.1, at_least=0.0)
+    clearance: float = key(document.number, default=0.0, at_least=0.0)
+    contact: bool = key(document.flag, default=False)
+    regions: Mapping[str, BodyRegion] = key(document.by_name, factory=dict, read=_region, known=CONTACT_TABLE)
+    reach: Path | None = key(document.file, default=None, endings=(".yaml", ".yml"))
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the obstacles that are treated as people.
@@ -156,12 +142,3 @@ class People(document.Section):
         name = limb.removeprefix("left_").removeprefix("right_") if limb in LIMBS else "head"
         name = _OF_LIMB.get(name, name)
         return self.regions.get(name, CONTACT_TABLE[name])
-
-
-def _region(name: str, given: Any) -> BodyRegion:
-    force, mass, stiffness = document.numbers(name, given, 3)
-    return BodyRegion(
-        document.number(f"{name}[0]", force, at_least=0.0),
-        document.number(f"{name}[1]", mass, above=0.0),
-        document.number(f"{name}[2]", stiffness, above=0.0),
-    )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, files, formats
+from safe_ompl.common import FloatArray, InputError, Section, UnknownNameError, files, formats, key
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion, Robot, RobotSpec
@@ -24,8 +24,13 @@ _TOLERANCE, _REGION_TOLERANCE = 0.01, 0.001  # [m]
 _TURNS = ("quaternion_xyzw", "rpy")
 
 
+def read_configuration(key: str, value: Any) -> Configuration:
+    """Return a configuration of finite numbers from a list, or from a mapping of joint names to values."""
+    return document.numbers_by_name(key, value) if isinstance(value, Mapping) else document.numbers(key, value)
+
+
 @dataclass(frozen=True)
-class Goal:
+class Goal(Section):
     """Where the robot is to go: to one of several configurations, or with its tip to a place.
 
     Both may be given; a planner takes the one that it can use.
@@ -49,29 +54,28 @@ class Goal:
         If there is no configuration, position or region, both of the latter, or a value cannot be used.
     """
 
-    configurations: tuple[Configuration, ...] = ()
-    position: tuple[float, ...] | None = None
-    quaternion_xyzw: tuple[float, ...] | None = None
-    tolerance: Any = None  # becomes a float
-    region: GoalRegion | None = None
+    configurations: tuple[Configuration, ...] = key(document.each, default=(), read=read_configuration)
+    position: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
+    quaternion_xyzw: tuple[float, ...] | None = key(document.numbers, default=None, count=4)
+    tolerance: Any = key(document.number, default=None, above=0.0)  # becomes a float
+    region: GoalRegion | None = key(document.section, default=None, kind=GoalRegion)
 
-    def __post_init__(self) -> None:
-        given = document.sequence("configurations", self.configurations)
-        read = tuple(read_configuration(key, item) for key, item in _numbered("configurations", given))
-        object.__setattr__(self, "configurations", read)
-        usual = _TOLERANCE if self.region is None else _REGION_TOLERANCE
-        wanted = usual if self.tolerance is None else document.number("tolerance", self.tolerance, above=0.0)
-        object.__setattr__(self, "tolerance", wanted)
+    def check(self) -> None:
+        """Raise InputError unless they say where to go, in one way."""
+        if self.tolerance is None:
+            object.__setattr__(self, "tolerance", self._usual_tolerance)
         if self.region is not None and (self.position is not None or self.quaternion_xyzw is not None):
             raise InputError("give only one of position and region", "region")
-        if self.position is not None:
-            pose = Pose(self.position, self.quaternion_xyzw or (0.0, 0.0, 0.0, 1.0))
-            object.__setattr__(self, "position", pose.position)
-            object.__setattr__(self, "quaternion_xyzw", self.quaternion_xyzw and pose.quaternion_xyzw)
-        elif self.quaternion_xyzw is not None:
-            raise InputError("missing: an orientation alone is no goal", "position")
-        elif not self.configurations and self.region is None:
+        if self.quaternion_xyzw is not None:
+            if self.position is None:
+                raise InputError("missing: an orientation alone is no goal", "position")
+            object.__setattr__(self, "quaternion_xyzw", Pose(self.position, self.quaternion_xyzw).quaternion_xyzw)
+        if not (self.configurations or self.is_place):
             raise InputError("missing: give configuration, configurations, position or region", "configuration")
+
+    @property
+    def _usual_tolerance(self) -> float:
+        return _TOLERANCE if self.region is None else _REGION_TOLERANCE
 
     @property
     def is_place(self) -> bool:
@@ -87,37 +91,25 @@ class Goal:
         return rotation
 
     @classmethod
-    def from_mapping(cls, data: Mapping[str, Any]) -> Goal:
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> Goal:
         """Read ``configuration`` or ``configurations``, and ``position`` with orientation or ``region``."""
         document.check_keys(data, ("configuration", "configurations", "position", *_TURNS, "tolerance", "region"))
-        if "configuration" in data and "configurations" in data:
-            raise InputError("give only one of configuration and configurations", "configurations")
+        read = {name: value for name, value in data.items() if name not in ("configuration", *_TURNS)}
         if "configuration" in data:
-            configurations = [read_configuration("configuration", data["configuration"])]
-        else:
-            configurations = document.sequence("configurations", data.get("configurations", ()))
-        turn = None
-        if any(key in data for key in _TURNS):
-            turn = Pose.from_mapping(data).quaternion_xyzw
-        region = None
-        if "region" in data:
-            region = document.section("region", data["region"], GoalRegion.from_mapping)
-        return cls(tuple(configurations), data.get("position"), turn, data.get("tolerance"), region)
+            if "configurations" in data:
+                raise InputError("give only one of configuration and configurations", "configurations")
+            read["configurations"] = [read_configuration("configuration", data["configuration"])]
+        if any(name in data for name in _TURNS):
+            read["quaternion_xyzw"] = Pose.from_mapping(data).quaternion_xyzw
+        return super().from_mapping(read, folder)
 
-    def to_mapping(self) -> dict[str, Any]:
+    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
-        data: dict[str, Any] = {}
+        data = super().to_mapping(folder)
+        if self.tolerance == self._usual_tolerance:
+            del data["tolerance"]
         if len(self.configurations) == 1:
-            data["configuration"] = self.configurations[0]
-        elif self.configurations:
-            data["configurations"] = self.configurations
-        for key in ("position", "quaternion_xyzw"):
-            if getattr(self, key) is not None:
-                data[key] = getattr(self, key)
-        if self.region is not None:
-            data["region"] = self.region.to_mapping()
-        if self.tolerance != (_TOLERANCE if self.region is None else _REGION_TOLERANCE):
-            data["tolerance"] = self.tolerance
+            (data["configuration"],) = data.pop("configurations")
         return data
 
     def configuration_array(self, robot: Robot) -> FloatArray:
@@ -126,16 +118,8 @@ class Goal:
             raise InputError("missing: this planner needs a goal configuration", "configuration")
         if len(self.configurations) == 1:
             return configuration_for(robot, "configuration", self.configurations[0])[None]
-        named = _numbered("configurations", self.configurations)
-        return np.array([configuration_for(robot, key, given) for key, given in named])
-
-
-def read_configuration(key: str, value: Any) -> Configuration:
-    """Return a configuration of finite numbers from a list, or from a mapping of joint names to values."""
-    if isinstance(value, Mapping):
-        with document.within(key):
-            return {str(joint): document.number(str(joint), given) for joint, given in value.items()}
-    return document.numbers(key, value)
+        named = enumerate(self.configurations)
+        return np.array([configuration_for(robot, f"configurations[{k}]", given) for k, given in named])
 
 
 def configuration_for(robot: Robot, key: str, given: Configuration) -> FloatArray:
@@ -154,16 +138,39 @@ def configuration_for(robot: Robot, key: str, given: Configuration) -> FloatArra
     return q
 
 
-def _numbered(key: str, items: Any) -> Iterator[tuple[str, Any]]:
-    return ((f"{key}[{k}]", item) for k, item in enumerate(items))
-
-
 _TIME = 5.0  # [s]
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
+def _parameters(key: str, value: Any) -> dict[str, Any]:
+    """Return a mapping of names to finite numbers, flags, text, or lists of numbers."""
+    return document.by_name(key, {} if value is None else value, _parameter)
+
+
+def _parameter(key: str, value: Any) -> Any:
+    if isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, (list, tuple)):
+        return document.numbers(key, value)
+    number = document.number(key, value)
+    return value if isinstance(value, int) else number
+
+
+def _description(key: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"must be text, not {value!r}", key)
+    return value
+
+
+def _robot(key: str, value: Any) -> RobotSpec:
+    if isinstance(value, RobotSpec):
+        return value
+    with document.within(key):
+        return RobotSpec.from_mapping(value, document.folder_of_document())
+
+
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(Section):
     """A planning problem.
 
     Parameters
@@ -195,36 +202,20 @@ class Scenario:
         If a value cannot be used; the message starts with its key.
     """
 
-    name: str
-    robot: RobotSpec
-    scene: Scene
-    start: Configuration
-    goal: Goal
-    description: str = ""
-    danger: Mapping[str, Any] = field(default_factory=dict)
-    planners: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    time: float = _TIME
-    limits: PathLimits = field(default_factory=PathLimits)
-    motion: MotionLimits = field(default_factory=MotionLimits)
-    people: People | None = None
-    frames: Mapping[str, Pose] = field(default_factory=dict)
+    name: str = key(document.text)
+    robot: RobotSpec = key(_robot)
+    scene: Scene = key(document.section, kind=Scene)
+    start: Configuration = key(read_configuration)
+    goal: Goal = key(document.section, kind=Goal)
+    description: str = key(_description, default="")
+    danger: Mapping[str, Any] = key(_parameters, factory=dict)
+    planners: Mapping[str, Mapping[str, Any]] = key(document.by_name, factory=dict, read=_parameters)
+    time: float = key(document.number, default=_TIME, above=0.0)
+    limits: PathLimits = key(document.section, factory=PathLimits, kind=PathLimits)
+    motion: MotionLimits = key(document.section, factory=MotionLimits, kind=MotionLimits)
+    people: People | None = key(document.section, default=None, kind=People)
+    frames: Mapping[str, Pose] = key(document.by_name, factory=dict, read=document.section, kind=Pose)
     file: Path | None = field(default=None, compare=False)
-
-    def __post_init__(self) -> None:
-        planners = document.mapping("planners", self.planners)
-        with document.within("planners"):
-            parameters = {name: _parameters(name, given) for name, given in planners.items()}
-        values = {
-            "name": document.text("name", self.name),
-            "start": read_configuration("start", self.start),
-            "danger": _parameters("danger", self.danger),
-            "planners": parameters,
-            "time": document.number("time", self.time, above=0.0),
-        }
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
-        if not isinstance(self.description, str):
-            raise InputError(f"must be text, not {self.description!r}", "description")
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
@@ -238,59 +229,17 @@ class Scenario:
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it", str(file)
             )
         with formats.reading(file) as data:
-            return cls._from_mapping(data, file)
-
-    @classmethod
-    def _from_mapping(cls, data: Mapping[str, Any], file: Path) -> Scenario:
-        document.check_keys(data, [field.name for field in fields(cls) if field.name != "file"])
-        robot = document.require(data, "robot")
-        robot = robot if isinstance(robot, str) else document.mapping("robot", robot)
-        with document.within("robot"):
-            spec = RobotSpec.from_mapping(robot, file.parent)
-        goal = document.section("goal", document.mapping("goal", document.require(data, "goal")), Goal.from_mapping)
-        scene = document.section("scene", data.get("scene"), lambda d: Scene.from_mapping(d, file.parent))
-        people = None
-        if "people" in data:
-            people = document.section("people", data["people"], lambda d: People.from_mapping(d, file.parent))
-            with document.within("people"):
-                people.names(scene)
-        return cls(
-            name=data.get("name", file.stem),
-            robot=spec,
-            scene=scene,
-            start=document.require(data, "start"),
-            goal=goal,
-            description=data.get("description", ""),
-            danger=data.get("danger") or {},
-            planners=data.get("planners") or {},
-            limits=document.section("limits", data.get("limits"), PathLimits.from_mapping),
-            motion=document.section("motion", data.get("motion"), MotionLimits.from_mapping),
-            people=people,
-            time=data.get("time", _TIME),
-            frames=document.section("frames", data.get("frames"), _frames),
-            file=file,
-        )
+            data = {"name": file.stem, "scene": None, **data}
+            data |= {name: data[name] or {} for name in ("planners", "people", "frames") if name in data}
+            scenario = replace(cls.from_mapping(data, file.parent), file=file)
+            if scenario.people is not None:
+                with document.within("people"):
+                    scenario.people.names(scenario.scene)
+            return scenario
 
     def save(self, path: str | Path) -> None:
         """Write the scenario to a YAML file that `load` reads back exactly."""
-        folder = Path(path).parent
-        data = {
-            "name": self.name,
-            "description": self.description,
-            "robot": self.robot.to_mapping(folder),
-            "scene": self.scene.to_mapping(folder),
-            "start": self.start,
-            "goal": self.goal.to_mapping(),
-            "danger": self.danger,
-            "planners": self.planners,
-            "limits": self.limits.to_mapping() or None,
-            "motion": self.motion.to_mapping() or None,
-            "people": None if self.people is None else self.people.to_mapping(folder),
-            "time": self.time,
-            "frames": {name: pose.to_mapping() for name, pose in self.frames.items()} or None,
-        }
-        given = {key: value for key, value in data.items() if value is not None}
-        files.write(path, formats.dump_document(given))
+        files.write(path, formats.dump_document(self.to_mapping(Path(path).parent)))
 
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""
@@ -310,12 +259,6 @@ class Scenario:
     @property
     def _source(self) -> str:
         return str(self.file) if self.file else f"scenario {self.name!r}"
-
-
-def _frames(data: Mapping[str, Any]) -> dict[str, Pose]:
-    return {
-        name: document.section(name, document.mapping(name, place), Pose.from_mapping) for name, place in data.items()
-    }
 
 
 def list_scenarios() -> dict[str, Path]:
@@ -339,19 +282,3 @@ def find_scenario(name_or_path: str | Path) -> Path:
     if str(name_or_path) not in known:
         raise UnknownNameError("scenario file or name", str(name_or_path), known)
     return known[str(name_or_path)]
-
-
-def _parameters(key: str, value: Any) -> dict[str, Any]:
-    """Return a mapping of names to finite numbers, flags, text, or lists of numbers."""
-    given = document.mapping(key, {} if value is None else value)
-    with document.within(key):
-        return {name: _parameter(name, item) for name, item in given.items()}
-
-
-def _parameter(key: str, value: Any) -> Any:
-    if isinstance(value, (bool, str)):
-        return value
-    if isinstance(value, (list, tuple)):
-        return document.numbers(key, value)
-    number = document.number(key, value)
-    return value if isinstance(value, int) else number

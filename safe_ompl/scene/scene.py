@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, files, formats, shown
+from safe_ompl.common import FloatArray, InputError, IntArray, Section, UnknownNameError, files, formats, key, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
@@ -20,8 +20,25 @@ _SPACING = 0.1  # [m]
 _MBM_KINDS = ("box", "cylinder", "sphere", "capsule")
 
 
+def _obstacles(key: str, given: Any) -> tuple[Obstacle, ...]:
+    """Return obstacles, each given as one or as a document has it."""
+    if given is not None and (isinstance(given, (Obstacle, str, Mapping)) or not isinstance(given, Iterable)):
+        raise InputError(f"must be a list of Obstacle, got {shown(given)}; no obstacles: Scene()", key)
+    return tuple(_obstacle(f"{key}[{k}]", item) for k, item in enumerate(given or ()))
+
+
+def _obstacle(key: str, given: Any) -> Obstacle:
+    if isinstance(given, Obstacle):
+        return given
+    if not isinstance(given, Mapping):
+        raise InputError(f"must be an Obstacle, or a mapping that describes one, got {shown(given)}", key)
+    name = f" {given['name']!r}" if "name" in given else ""
+    with document.within(f"{key}{name}"):
+        return Obstacle.from_mapping(document.mapping("obstacle", given), document.folder_of_document())
+
+
 @dataclass(frozen=True)
-class Scene:
+class Scene(Section):
     """Obstacles in the world frame, that is, in the frame of the robot's base.
 
     Parameters
@@ -37,16 +54,15 @@ class Scene:
         If two obstacles have the same name, or the spacing is not positive.
     """
 
-    obstacles: tuple[Obstacle, ...] = ()
-    spacing: float = _SPACING
+    obstacles: tuple[Obstacle, ...] = key(_obstacles, default=())
+    spacing: float = key(document.number, default=_SPACING, above=0.0)
 
     if TYPE_CHECKING:  # what is given, which becomes what the fields say
 
-        def __init__(self, obstacles: Iterable[Obstacle] = ..., spacing: float = ...) -> None: ...
+        def __init__(self, obstacles: Iterable[Obstacle | Mapping[str, Any]] = ..., spacing: float = ...) -> None: ...
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "obstacles", _obstacles(self.obstacles))
-        object.__setattr__(self, "spacing", document.number("spacing", self.spacing, above=0.0))
+    def check(self) -> None:
+        """Raise InputError if two obstacles have one name."""
         seen: dict[str, int] = {}
         for k, obstacle in enumerate(self.obstacles):
             if obstacle.name in seen:
@@ -73,30 +89,12 @@ class Scene:
         """Read a scene from YAML text; mesh and point files are relative to `folder`."""
         return cls.from_mapping(formats.parse_document(text), Path(folder))
 
-    @classmethod
-    def from_mapping(cls, data: Mapping[str, Any], folder: Path = Path()) -> Scene:
-        """Read a scene from the keys ``obstacles`` and ``spacing`` of a document; files are relative to `folder`."""
-        document.check_keys(data, ("spacing", "obstacles"))
-        items = document.sequence("obstacles", data.get("obstacles") or ())
-        obstacles = []
-        for k, item in enumerate(items):
-            fields = document.mapping(f"obstacles[{k}]", item)
-            name = f" {fields['name']!r}" if "name" in fields else ""
-            with document.within(f"obstacles[{k}]{name}"):
-                obstacles.append(Obstacle.from_mapping(fields, folder))
-        return cls(tuple(obstacles), data.get("spacing", _SPACING))
-
     def to_yaml(self, folder: str | Path | None = None) -> str:
         """Return the scene as YAML that `from_yaml` reads back exactly.
 
         Mesh and point files are named relative to `folder`, or in full if there is none.
         """
         return formats.dump_document(self.to_mapping(None if folder is None else Path(folder)))
-
-    def to_mapping(self, folder: Path | None) -> dict[str, Any]:
-        """Return what `from_mapping` reads."""
-        obstacles = [obstacle.to_mapping(folder) for obstacle in self.obstacles]
-        return {"spacing": self.spacing, "obstacles": obstacles}
 
     def save(self, path: str | Path) -> None:
         """Write the scene to a YAML file; mesh and point files are named relative to it."""
@@ -196,18 +194,6 @@ class Scene:
         return f"Scene({{{listed}}}, spacing={self.spacing:g})"
 
 
-def _obstacles(given: Any) -> tuple[Obstacle, ...]:
-    """Return what was given as a tuple of obstacles, or raise InputError."""
-    if isinstance(given, (Obstacle, str, Mapping)) or not isinstance(given, Iterable):
-        raise InputError(f"must be a list of Obstacle, got {shown(given)}; no obstacles: Scene()", "obstacles")
-    obstacles = tuple(given)
-    for k, obstacle in enumerate(obstacles):
-        if not isinstance(obstacle, Obstacle):
-            hint = "; Scene.from_mapping reads mappings" if isinstance(obstacle, Mapping) else ""
-            raise InputError(f"must be an Obstacle, got {shown(obstacle)}{hint}", f"obstacles[{k}]")
-    return obstacles
-
-
 def _mbm_shape(kind: str, data: Mapping[str, Any]) -> tuple[Shape, Pose]:
     pose = Pose(document.require(data, "position"), document.require(data, "orientation_quat_xyzw"))
     if kind == "box":
@@ -220,9 +206,9 @@ def _mbm_shape(kind: str, data: Mapping[str, Any]) -> tuple[Shape, Pose]:
 
 
 def _refuse_other_obstacles(problem: Mapping[str, Any]) -> None:
-    for key, value in problem.items():
-        if key not in _MBM_KINDS and isinstance(value, list) and any(isinstance(item, dict) for item in value):
-            raise InputError(f"obstacles of this kind are not read; known: {', '.join(_MBM_KINDS)}", key)
+    for kind, value in problem.items():
+        if kind not in _MBM_KINDS and isinstance(value, list) and any(isinstance(item, dict) for item in value):
+            raise InputError(f"obstacles of this kind are not read; known: {', '.join(_MBM_KINDS)}", kind)
 
 
 def _unused_name(name: str, taken: Container[str]) -> str:

@@ -17,7 +17,7 @@ from safe_ompl.common import FloatArray, InputError, finite_array
 from safe_ompl.common import documents as document
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
-from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks, unpacked_robot
+from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.paths import Curve
 from safe_ompl.planning import PlanResult
@@ -81,7 +81,7 @@ class ViewerContent:
         robot = built_robot(content["robot"]) if robot is None else robot
         scene = built_scene(content["scene"])
         path = np.array(content["path"], dtype=float)
-        claim = content["danger"] or {}
+        claim = content.get("danger") or {}
         danger = {key: value for key, value in claim.items() if key != "bound"}
         if content.get("motion") is not None:  # its proof has no intervals
             motion = Motion.from_mapping(content["motion"])
@@ -373,7 +373,8 @@ def read_recording(
         if len(ticks) < 2:
             raise InputError(f"must have two ticks at least, got {len(ticks)}")
         if robot is None:
-            robot = unpacked_robot(document.require(header, "robot"), package_dirs)
+            with document.within("robot", ": "):
+                robot = built_robot(document.require(header, "robot"), package_dirs=package_dirs)
         scene = built_scene(document.require(header, "scene"))
         times = np.array([document.require(tick, "time") for tick in ticks], dtype=float)
         motion = TimedMotion(

@@ -25,7 +25,7 @@ from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import Separation, ToolOrientation
 from safe_ompl.danger import CertifiedDanger
-from safe_ompl.io.schema import digest, record
+from safe_ompl.io.schema import digest
 from safe_ompl.motions import Motion, check, check_with
 from safe_ompl.view import ViewerContent
 
@@ -197,7 +197,7 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
         ({"coefficients": []}, r"motion\.coefficients: must name one piece"),
         ({"coefficients": [[[0] * 6], [[0] * 6], [[0] * 6]]}, r"coefficients\[0\]: must be 2 to 16 rows of 6"),
         ({"times": [0, 1, 1, 2]}, r"motion\.times: must be 4 numbers that increase"),
-        ({"timed": 1}, "unknown timed"),
+        ({"timed": 1}, "timed: must be true or false"),
         ({"timed": False}, r"motion\.velocity: needs a motion in time"),
         ({"slack": [[-1] * 6] * 3}, r"motion\.slack: must be 3 rows of 6 numbers >= 0"),
         ({"rounding": [[0] * 6]}, r"motion\.rounding: must be 3 rows"),
@@ -307,10 +307,12 @@ def path_with_tube(ur5, clutter):
             POINTS,
             ur5,
             scene,
+            {
+                "clearance": {"distance": 0.02, "obstacles": ["ball"]},
+                "tool": {"orientation": upright.as_dict()},
+                "tube": TUBE,
+            },
             field=DangerField.of_scene(ur5, scene),
-            clearance={"distance": 0.02, "obstacles": ["ball"], "exempt": []},
-            tool={"orientation": upright.as_dict()},
-            tube=TUBE,
         )
     )
 
@@ -334,15 +336,15 @@ def test_a_tube_of_a_straight_path_is_claimed_and_verified(ur5, path_with_tube):
 
 def test_a_tube_that_is_too_wide_or_of_a_trajectory_is_refused(ur5, clutter, written, path_with_tube):
     with pytest.raises(PlanningError, match="edge 0 cannot be certified: too near at"):
-        certificate(POINTS, ur5, clutter, tube=np.full(6, 0.5))
+        certificate(POINTS, ur5, clutter, {"tube": np.full(6, 0.5)})
     tool = {"orientation": ToolOrientation.as_at(ur5, POINTS[0], [0, 0, 1], 0.08).as_dict()}
-    certificate(POINTS[:1], ur5, clutter, tool=tool, tube=TUBE)
+    certificate(POINTS[:1], ur5, clutter, {"tool": tool, "tube": TUBE})
     with pytest.raises(PlanningError, match="its tool orientation is not proven"):
-        certificate(POINTS[:1], ur5, clutter, tool=tool, tube=[0, 0.02, 0.02, 0.04, 0.02, 0])
+        certificate(POINTS[:1], ur5, clutter, {"tool": tool, "tube": [0, 0.02, 0.02, 0.04, 0.02, 0]})
     limits = RateLimits.of(ur5, 1.0, 4.0)
     trajectory = PathTimer(ur5, limits).time(POINTS, cells=12)
     with pytest.raises(InputError, match="tube: is claimed of paths and polynomials, and not of a trajectory"):
-        certificate(POINTS, ur5, clutter, trajectory=trajectory, tube=TUBE)
+        certificate(POINTS, ur5, clutter, {"tube": TUBE}, trajectory=trajectory)
 
 
 # ------------------------------------------------------------------------------------- what is accepted holds
@@ -363,7 +365,7 @@ class OfTube:
     def __init__(self, tube):
         self.tube = tube
 
-    def required(self, link, obstacle):
+    def required(self, obstacle):
         return 0.0
 
 
@@ -378,7 +380,7 @@ def test_what_the_verifier_accepts_touches_nothing_and_what_is_proven_it_accepts
         tube = rng.choice([0.0, 0.005, 0.03]) * rng.uniform(0, 1, robot.n)
         said = motion.to_mapping()
         keys = ("times", "coefficients", "timed", "rounding")
-        claim = record(PolynomialMotion)("motion", {key: said[key] for key in keys if key in said})
+        claim = PolynomialMotion.from_mapping({key: said[key] for key in keys if key in said})
         claims = OfTube(tube)
         try:
             check_polynomials(claims, claim, robot, clutter, Separations(robot, clutter, claims))

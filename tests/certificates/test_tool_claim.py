@@ -10,7 +10,6 @@ from signing import signed
 from safe_ompl import CertificateError, InputError, PlanningError, SafeSetup, certificate, verify
 from safe_ompl.certificates.claims import Tool
 from safe_ompl.certificates.verifier.bodies import PlainTool
-from safe_ompl.io.schema import record
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0.1, 0, 0]])
 T = np.linspace(0.0, 1.0, 500)[:, None]
@@ -35,7 +34,7 @@ def claim(tips, angle, room=0.01):
 
 
 def written(robot, scene, tool):
-    return json.loads(json.dumps(certificate(PATH, robot, scene, tool=tool)))
+    return json.loads(json.dumps(certificate(PATH, robot, scene, {"tool": tool})))
 
 
 def test_it_is_proven_up_to_the_angle_that_is_reached(ur5, clutter, tips, tilt):
@@ -75,7 +74,7 @@ def test_another_limit_in_the_file_is_refused(ur5, clutter, tips, tilt):
 )
 def test_claims_without_meaning_are_refused(ur5, clutter, tips, tilt, tool, words):
     with pytest.raises(InputError, match=words):
-        certificate(PATH, ur5, clutter, tool=tool)
+        certificate(PATH, ur5, clutter, {"tool": tool})
     content = written(ur5, clutter, claim(tips, 1.01 * tilt))
     with pytest.raises(InputError, match=words):
         verify(signed({**content, "tool": tool}))
@@ -90,7 +89,7 @@ def test_what_the_verifier_accepts_holds_at_every_sample(robot_named, rng, name)
         delta = robot.difference(start, end)
         tips = [robot.tip_pose(start + t * delta) for t in T]
         tool = claim(tips[:1], rng.uniform(0.2, 1.2), rng.uniform(0.05, 0.5))
-        if PlainTool(robot, record(Tool)("tool", tool)).exceeded(start, delta) is None:
+        if PlainTool(robot, Tool.from_mapping(tool)).exceeded(start, delta) is None:
             accepted += 1
             for tip in tips:
                 cosine = tip.rotation[:, 2] @ tool["orientation"]["direction"]

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench._plain import PlainGeometry
 from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import at_most
@@ -15,8 +14,7 @@ from safe_ompl.certificates.issue import terms_of_field
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.io.schema import digest
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Scenario, find_scenario
-from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, StandstillError, Trajectory, time_path
+from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, Trajectory, time_path
 from safe_ompl.trajectories.time_law import SmoothLaw, TimeLaw
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
@@ -116,47 +114,10 @@ def test_what_is_not_claimed_is_said(ur5, scene):
     assert "stops" not in verify(certificate(PATH, ur5, scene), ur5, scene).not_claimed
 
 
-@pytest.fixture(scope="module")
-def touching(ur5):
-    """Return a UR5 beside a person whom it may touch, but for the head, and the certificate of a motion of it."""
-    scenario = Scenario.load(find_scenario("ur5_handover"))
-    path = np.add(scenario.start, [np.zeros(6), [0.3, 0.05, 0, 0, 0, 0], [0.5, 0.15, 0.1, 0, 0, 0]])
-    people = People(contact=True, reaction_time=0.3)
-    limits, motion = RateLimits.of(ur5, 2.0, 4.0), MotionProver(CollisionChecker(ur5, scenario.scene))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
-        made = time_path(path, ur5, limits, motion=motion, people=people)
-        with pytest.raises(StandstillError):
-            time_path(path, ur5, limits, motion=motion, people=replace(people, contact=False))
-    return json.loads(json.dumps(certificate(path, ur5, scenario.scene, trajectory=made))), scenario.scene
-
-
-def test_neither_stops_nor_speeds_are_claimed_of_what_may_be_touched(touching, ur5):
-    content, scene = touching
-    (*_, said) = verify(content, ur5, scene).claims
-    stops = content["trajectory"]["stops"]
-    assert said.endswith(f"; it may touch {', '.join(stops['contact'])} before, and speeds in contact are not claimed")
-    motion, plain = motion_of(content["trajectory"], ur5), PlainGeometry(ur5, scene)
-    (who,) = stops["who"]
-    parts = {part for part, _, _ in scene[who].geometries()}
-    assert parts - set(stops["contact"]) == {f"{who}/head", f"{who}/neck"}
-    least = dict.fromkeys(parts, np.inf)
-    for begin in np.linspace(0, 0.999 * motion.duration, 15):
-        stop = motion.stop_from(begin)
-        for t in np.linspace(0, stop.duration * (1 - 1e-6), 4):
-            reach = stops["clearance"] + stops["speed"] * (stops["reaction_time"] + t)
-            for apart, (_, _, part) in zip(plain.distances(stop.at(t).q), plain.pairs, strict=True):
-                least[part] = min(least.get(part, np.inf), apart - reach)
-    kept = {part for part in parts if least[part] > -1e-9}
-    assert parts - set(stops["contact"]) <= kept < parts
-
-
-@pytest.mark.parametrize("contact", [None, ["colleague/head"], ["colleague"], [], {"colleague/head": [1, 1]}])
-def test_stops_before_what_it_may_touch_are_refused(touching, ur5, contact):
-    content, scene = touching
-    change = stronger(contact=contact) if contact is not None else lambda claim: claim["stops"].pop("contact")
-    with pytest.raises((CertificateError, InputError), match=r"are needed|unknown limb|contact: must"):
-        verify(again(content, change), ur5, scene)
+def test_contact_is_no_claim(ur5, scene, made):
+    made = replace(made, people=replace(PEOPLE, contact=True))
+    with pytest.raises(InputError, match=r"people\.contact: a certificate states that the robot stops"):
+        certificate(PATH, ur5, scene, trajectory=made)
 
 
 @pytest.fixture(scope="module", params=["max", "softmax"])

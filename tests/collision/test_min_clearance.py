@@ -112,7 +112,8 @@ def test_few_sets_of_pairs_are_made(panda, clutter):
 def test_exempt_pairs_and_chosen_obstacles(crank):
     motion = MotionProver(CollisionChecker(crank, balls(far=0.65, near=0.62)))
     assert motion.with_min_clearance(0.04).check(START, END).pair == ("ball", "near")
-    assert motion.with_min_clearance(0.04, exempt=[("ball", "near")]).is_free(START, END)
+    with pytest.raises(InputError, match=r"must leave a moving link that keeps away from 'near', got .*ball"):
+        motion.with_min_clearance(0.04, exempt=[("ball", "near")])
     chosen = motion.with_min_clearance(0.04, ["far"])
     assert chosen.is_free(START, END)
     assert chosen.separation.min_clearance.obstacles == ("far",)

@@ -90,6 +90,6 @@ def test_archives_with_flags(tmp_path, reader, place, value):
 def test_documents_that_lack_what_code_expects(tmp_path, change):
     result = {"status": "x", "path": [[0.0]], "planner": "y", "seed": 1, "joint_names": ["a"], "planning_time": 0}
     file = tmp_path / "x.json"
-    file.write_text(json.dumps({"format": "safe-ompl", "version": 1, "kind": "result", **result, **change}))
+    file.write_text(json.dumps({"format": "safe-ompl", "version": 2, "kind": "result", **result, **change}))
     with pytest.raises(InputError, match=r"x\.json: (is malformed \(|clearance)"):
         load(file)

@@ -70,10 +70,10 @@ def test_a_joint_trajectory_has_the_shape_of_ros(result):
     [
         ("{", "line 1: malformed JSON"),
         ("[]", "format: must be 'safe-ompl'"),
-        ('{"format": "safe-ompl", "version": 2, "kind": "path"}', "version: 2 is not known"),
-        ('{"format": "safe-ompl", "version": 1, "kind": "dance"}', "unknown kind of file 'dance'"),
-        ('{"format": "safe-ompl", "version": 1, "kind": "path", "path": []}', "joint_names"),
-        ('{"format": "safe-ompl", "version": 1, "kind": "path", "joint_names": ["a"], "path": [[1, 2]]}', "path"),
+        ('{"format": "safe-ompl", "version": 1, "kind": "path"}', "version: 1 is not known"),
+        ('{"format": "safe-ompl", "version": 2, "kind": "dance"}', "unknown kind of file 'dance'"),
+        ('{"format": "safe-ompl", "version": 2, "kind": "path", "path": []}', "joint_names"),
+        ('{"format": "safe-ompl", "version": 2, "kind": "path", "joint_names": ["a"], "path": [[1, 2]]}', "path"),
     ],
 )
 def test_what_is_no_such_file_is_refused_by_name(content, words, tmp_path):
@@ -120,7 +120,7 @@ def test_meshes_travel_with_the_robot(meshed, tmp_path):
 
 
 def test_meshes_that_do_not_travel_are_looked_for(meshed, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr("safe_ompl.io.problems.SMALL", 100)
+    monkeypatch.setattr("safe_ompl.io.robot_document.SMALL", 100)
     save(meshed, tmp_path / "result.json")
     assert "collision meshes are too large to be saved with it: --package-dir" in caplog.text
     (tmp_path / "here").rename(tmp_path / "there")
@@ -143,11 +143,11 @@ def test_meshes_that_do_not_travel_are_looked_for(meshed, tmp_path, monkeypatch,
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
-        (None, "!", "is not a compressed mesh in base 64"),
+        (None, "!", "is not a compressed file in base 64"),
         (None, "eJw=", "is cut"),
         (None, 3, "must be text"),
-        ("../wedge.obj", None, "'../wedge.obj' is not the name of a file"),
-        ("..", None, "'..' is not the name of a file"),
+        ("../wedge.obj", None, "'../wedge.obj': is not the name of a file"),
+        ("..", None, "'..': is not the name of a file"),
     ],
 )
 def test_meshes_that_are_none(meshed, tmp_path, name, data, words):

@@ -191,7 +191,7 @@ LONG = "x" * 300_000
     [
         json.dumps({"joint_names": list(NAMES), "points": [{"positions": [0.1, 0.2]}] * 9000}),
         json.dumps({"joint_names": [LONG, LONG], "points": [{"positions": [0.1, 0.2], LONG: 1}] * 2}),
-        json.dumps({"format": "safe-ompl", "version": 1, "kind": LONG}),
+        json.dumps({"format": "safe-ompl", "version": 2, "kind": LONG}),
         json.dumps({LONG: LONG}),
         f"a,b\n1,{LONG[:100_000]}\n{LONG}\n",
         f"a: !!{LONG} *{LONG}",
@@ -249,7 +249,7 @@ def changed(change):
         ("m.json", "[1]", r"m.json: must hold joint_names and points .*got list \[1\]"),
         ("m.json", '{"a": 1}', "m.json: must hold joint_names and points .*got the keys a"),
         ("m.json", '{"format": "urdf"}', "m.json: format: must be 'safe-ompl'"),
-        ("m.json", '{"format": "safe-ompl", "version": 1, "kind": "scene"}', "kind: must hold a motion, but it holds"),
+        ("m.json", '{"format": "safe-ompl", "version": 2, "kind": "scene"}', "kind: must hold a motion, but it holds"),
         ("m.yaml", "a: [", "m.yaml: line 2: malformed YAML"),
         ("m.yaml", "joint_names: [a]\npoints: []\n", "m.yaml: points: must be two at least, got 0"),
         (

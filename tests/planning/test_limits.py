@@ -170,8 +170,11 @@ def test_goals_above_the_limit_and_exempt_links(setup):
     with pytest.raises(CollisionError, match=r"goal.*above the limit 8"):
         setup.setConfigurations(START, DANGEROUS)
     setup.setConfigurations(START, [DANGEROUS, GOAL])
-    setup.setMinClearance(0.7, exempt=[(f"link{k}", "person") for k in (1, 2, 3)])
-    assert setup.plan(time=20.0)
+    with pytest.raises(InputError, match="exempt must leave a moving link that keeps away from 'person'"):
+        setup.setMinClearance(0.7, exempt=[(f"link{k}", "person") for k in (1, 2, 3)])
+    exempt = [("link2", "person"), ("link3", "person")]
+    setup.setMinClearance(0.3, exempt=exempt)
+    assert setup.getConstraints().separation.min_clearance.exempt == set(exempt)
 
 
 # ----------------------------------------------------------------------------------- scenarios and command line
@@ -217,7 +220,7 @@ def test_limits_on_the_command_line(tmp_path, monkeypatch, capfd):
     assert main(["plan", scenario, *limits, "--certificate", "proof.json"]) == 0
     content = json.loads(Path("proof.json").read_text())
     assert content["danger"]["bound"] <= LIMIT
-    assert content["clearance"] == {"distance": 0.1, "obstacles": ["person"], "exempt": []}
+    assert content["clearance"] == {"distance": 0.1, "obstacles": ["person"]}
     capfd.readouterr()
     assert main(["verify", "proof.json"]) == 0
     assert "at least 100 mm from person" in capfd.readouterr().out

@@ -33,12 +33,10 @@ goal: {configuration: [1, 0, 0]}
 """
 
 ANGLE = st.floats(-3.0, 3.0)
-PARAMETERS = st.dictionaries(
-    st.text(min_size=1), st.one_of(st.floats(-1e9, 1e9), st.integers(), st.booleans(), st.text()), max_size=3
-)
+NAME = st.text(min_size=1).filter(lambda name: name.strip() and name.isprintable())
+PARAMETERS = st.dictionaries(NAME, st.one_of(st.floats(-1e9, 1e9), st.integers(), st.booleans(), st.text()), max_size=3)
 CONFIGURATIONS = st.one_of(
-    st.lists(ANGLE, min_size=1, max_size=7).map(tuple),
-    st.dictionaries(st.text(min_size=1), ANGLE, min_size=1, max_size=3),
+    st.lists(ANGLE, min_size=1, max_size=7).map(tuple), st.dictionaries(NAME, ANGLE, min_size=1, max_size=3)
 )
 GOALS = st.one_of(
     st.builds(Goal, st.lists(CONFIGURATIONS, min_size=1, max_size=3).map(tuple)),
@@ -54,7 +52,7 @@ SPECS = st.builds(
     RobotSpec,
     example=st.text(min_size=1).filter(str.strip),
     tip=st.none() | st.just("tool0"),
-    locked=st.none() | st.dictionaries(st.text(min_size=1), ANGLE, max_size=2),
+    locked=st.none() | st.dictionaries(NAME, ANGLE, max_size=2),
     hulls=st.booleans(),
 )
 SCENARIOS = st.builds(
@@ -66,7 +64,7 @@ SCENARIOS = st.builds(
     goal=GOALS,
     description=st.text(),
     danger=PARAMETERS,
-    planners=st.dictionaries(st.text(min_size=1), PARAMETERS, max_size=2),
+    planners=st.dictionaries(NAME, PARAMETERS, max_size=2),
     time=st.floats(1e-3, 1e6),
 )
 

@@ -172,9 +172,9 @@ def test_world_keypoints_are_in_the_world():
             "obstacles: [{name: a, sphere: {radius: 1}}, {name: a, sphere: {radius: 1}}]",
             "obstacles[1].name: 'a' is already obstacles[0]",
         ),
-        ("obstacles: {a: 1}", "obstacles: must be a list, got dict"),
-        ("obstacles: [7]", "obstacles[0]: must be a mapping of keys to values, got int 7"),
-        ("obstacle: []", "obstacle: unknown key; did you mean 'obstacles'? valid keys: spacing, obstacles"),
+        ("obstacles: {a: 1}", "obstacles: must be a list of Obstacle, got {"),
+        ("obstacles: [7]", "obstacles[0]: must be an Obstacle, or a mapping that describes one, got 7"),
+        ("obstacle: []", "obstacle: unknown key; did you mean 'obstacles'? valid keys: obstacles, spacing"),
         ("spacing: 0", "spacing: must be a positive number, got 0"),
         ("[1, 2]", "must be a mapping of keys to values, got list [1, 2]"),
         ("spacing: 1\nobstacles: [}", "scene.yaml:2: malformed YAML"),
@@ -325,9 +325,11 @@ def test_malformed_mbm_obstacles_are_refused(problem, message):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Scene([{}]), "obstacles[0]: must be an Obstacle, got {}; Scene.from_mapping reads mappings"),
-        (lambda: Scene([Sphere(1)]), "obstacles[0]: must be an Obstacle, got Sphere(radius=1.0)"),
-        (lambda: Scene(None), "obstacles: must be a list of Obstacle, got None"),
+        (lambda: Scene([{}]), "obstacles[0].shape: give exactly one of"),
+        (
+            lambda: Scene([Sphere(1)]),
+            "obstacles[0]: must be an Obstacle, or a mapping that describes one, got Sphere(radius=1.0)",
+        ),
         (lambda: Scene(Obstacle("a", Sphere(1))), "obstacles: must be a list of Obstacle, got Obstacle('a',"),
         (lambda: Scene([Obstacle("a", Sphere(1))] * 2), "obstacles[1].name: 'a' is already obstacles[0], the same"),
         (lambda: Scene(spacing="wide"), "spacing: must be a positive number, got 'wide'"),

@@ -10,7 +10,7 @@ from typing import Any
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.certificates import TIME, Verified, certificate, terms_of, verify
+from safe_ompl.certificates import TIME, Verified, certificate, clearance_claim, terms_of, verify
 from safe_ompl.collision import TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, formats
 from safe_ompl.common import documents as document
@@ -119,18 +119,21 @@ def certificate_of(
     folder, constraints = Path(file).parent, setup.getConstraints()
     separation = constraints.separation
     tool = {"orientation": constraints.tool_limit(ToolOrientation), "position": constraints.tool_limit(TipBounds)}
+    claims = {
+        "clearance": clearance_claim(separation.min_clearance),
+        "moving_obstacles": {"speeds": separation.speeds, "time": separation.time} if separation.speeds else None,
+        "tool": {name: limit.as_dict() for name, limit in tool.items() if limit is not None} or None,
+        "tube": separation.tube or None,
+        "spacing": scenario.danger.get("spacing"),
+        "max_danger": scenario.limits.max_danger or None,
+    }
     assert scenario.file is not None
     return certificate(
         result.path,
         setup.robot,
         setup.scene,
+        claims,
         field=setup.field,
-        spacing=scenario.danger.get("spacing"),
-        max_danger=scenario.limits.max_danger or None,
-        clearance=None if separation.min_clearance is None else separation.min_clearance.as_dict(),
-        moving_obstacles={"speeds": separation.speeds, "time": separation.time} if separation.speeds else None,
-        tool={key: limit.as_dict() for key, limit in tool.items() if limit is not None} or None,
-        tube=separation.tube or None,
         trajectory=trajectory,
         source={"scenario": document.file_name(scenario.file.resolve(), folder)},
     )

@@ -11,7 +11,7 @@ from safe_ompl.apps.benchmark import check_named_planner
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.common import InputError, formats
-from safe_ompl.io import TimedMotion, load, read_ticks, schema, unpacked_robot
+from safe_ompl.io import TimedMotion, built_robot, load, read_ticks, schema
 from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.view import (
@@ -146,7 +146,7 @@ def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent
             if len(files) > 1:
                 raise InputError(f"one certificate at a time, not {', '.join(files)}")
             schema.check_form(content)
-            return ViewerContent.of_certificate(content, unpacked_robot(content["robot"], package_dirs))
+            return ViewerContent.of_certificate(content, built_robot(content["robot"], package_dirs=package_dirs))
     loaded = [load(file, package_dirs=package_dirs) for file in files]
     title = Path(files[0]).stem
     motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]

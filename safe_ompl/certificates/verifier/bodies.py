@@ -66,9 +66,7 @@ class Separations:
         ]
         self._own = [(int(pair.first), int(pair.second)) for pair in robot.shared.collision_model.collisionPairs]
         self._axes = robot.shared.chain.axes
-        self._required = [
-            [claims.required(plain_name(link.name), name) for _, name, _, _ in self._obstacles] for link in self._links
-        ]
+        self._required = [claims.required(name) for _, name, _, _ in self._obstacles]
         moving = [link.name for link in self._links if link.parentJoint != 0]
         self.names = [(self._links[a].name, self._links[b].name) for a, b in self._own]
         self.names += [(link, name) for name, _, _, _ in self._obstacles for link in moving]
@@ -96,7 +94,7 @@ class Separations:
             if link.parentJoint == 0:
                 continue
             approach = float(sum(radii[k][i] * steps[i] for i in self._movers[k]))
-            for (name, _, shape, pose), required in zip(self._obstacles, self._required[k], strict=True):
+            for (name, _, shape, pose), required in zip(self._obstacles, self._required, strict=True):
                 if only is not None and (link.name, name) not in only:
                     continue
                 apart = self.distance(link.geometry, poses[k], shape, pose)

@@ -4,7 +4,7 @@
 decelerates by min(b_j … b_k) in cell k. It takes longest from the end of the cell, at the largest speed there; and when
 it is in cell k, then no later than the stop from the start of cell j that ends at the end of cell k. The later of both
 over all j that get there is the latest instant τ_k at which a stop can still move in cell k. The robot must be farther
-from every limb that it may not touch than the clearance, and what the limb covers at its speed in the reaction time and
+from every limb than the clearance, and what the limb covers at its speed in the reaction time and
 in τ_k.
 
 **Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
@@ -147,17 +147,14 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
 
 
 class Required:
-    """What bodies must keep from limbs of people in the C cells of a motion, in which stops still move until `latest`.
-
-    Nothing is to be kept from limbs that may be touched [m].
-    """
+    """What bodies must keep from limbs of people in the C cells of a motion, where stops move until `latest` [m]."""
 
     def __init__(self, scene: Scene, stops: Stops | None = None, latest: FloatArray | None = None) -> None:
         self._stops, self._latest = stops, latest
         self._speeds: dict[str, float] = {}
         for name in stops.who if stops is not None else ():
             for part, _, _ in scene[name].geometries():
-                if stops is not None and part not in (stops.contact or ()):
+                if stops is not None:
                     self._speeds[schema.OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :])
 
     def of(self, part: str, first: int, last: int) -> float:

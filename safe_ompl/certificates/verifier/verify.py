@@ -125,7 +125,7 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
     path = claims.path
     if claims.motion is None:
         _check_limits(robot, path)
-    claims.check(robot, scene)
+    claims.check_for(robot, scene)
     ends = path[1:] if len(path) > 1 else path
     if len(claims.edges) != len(ends):
         raise CertificateError(f"the path has {len(ends)} edges, the certificate {len(claims.edges)}")
@@ -259,7 +259,7 @@ class Terms:
     # `velocity`, `acceleration` and `jerk` (n,), `tool_speed` and `link_speed`; None where there is no limit
     motion: Mapping[str, Any] | None = None
     max_danger: float | None = None  # The limit of the danger in motion
-    # `who`, `speed`, `speeds`, `reaction_time`, `clearance`, `contact`, as in `Stops`; empty where there are no people
+    # `who`, `speed`, `speeds`, `reaction_time` and `clearance`, as in `Stops`; empty where there are no people
     stops: Mapping[str, Any] | None = None
 
     def check(self, claims: Certificate) -> None:

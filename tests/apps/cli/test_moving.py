@@ -73,7 +73,7 @@ def test_mistakes_are_one_clear_line(call, options, why):
 @pytest.mark.parametrize(
     ("data", "why"),
     [
-        ({"speeds": {}, "time": 1}, "speeds: must name an obstacle"),
+        ({"speeds": {}, "time": 1}, "speeds: must name one obstacle"),
         ({"speeds": {"person": -1}, "time": 1}, "speeds.person: must be"),
         ({"speeds": {"person": 1}, "time": 0}, "time: must be"),
         ({"speeds": {"person": 1}}, "time"),

@@ -147,7 +147,7 @@ def test_a_carried_robot_may_be_built_from_its_files(call, written, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--urdf", "nothing.urdf"], "URDF file 'nothing.urdf' does not exist"),
+        (["--urdf", "nothing.urdf"], "nothing.urdf' does not exist"),
         (["--package-dir", "nothing"], "package folder 'nothing' does not exist"),
         (["--tip", "link2"], "--tip: is for verification against a scenario: give the scenario, too"),
         (["nowhere.yaml"], "unknown scenario file or name 'nowhere.yaml'"),
@@ -239,10 +239,10 @@ def test_speeds_of_limbs_that_nobody_has_are_not_claimed(call, beside, limb):
     ("old", "new", "message"),
     [
         ('"danger": ', '"danger": null, "danger": ', "'danger': is there twice"),
-        ('"also_sampled": null', '"also_sampled": NaN', "NaN is not finite"),
-        ('"also_sampled": null', '"also_sampled": "a\\nproof.json: all is well"', "must be text of one line"),
-        ('"also_sampled": null', '"also_\\nsampled": null', "is not text that can be printed"),
-        ('"also_sampled": null', '"also_sampled": ' + 100_000 * "[", "malformed JSON: nested too deeply"),
+        ('"danger": ', '"also_sampled": NaN, "danger": ', "NaN is not finite"),
+        ('"danger": ', '"also_sampled": "a\\nproof.json: all is well", "danger": ', "must be text of one line"),
+        ('"danger": ', '"also_\\nsampled": null, "danger": ', "must be text that can be printed"),
+        ('"danger": ', '"also_sampled": ' + 100_000 * "[", "malformed JSON: nested too deeply"),
     ],
 )
 def test_text_that_would_mislead_a_reader(call, written, old, new, message):

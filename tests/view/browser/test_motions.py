@@ -44,7 +44,7 @@ def recording(ur5, tmp_path_factory):
     """Write ten ticks: a robot that turns and stops, a person who walks away, a box that is carried."""
     box = Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.0, 0.8, 0.0)))
     scene = Scene((box, Obstacle("wall", Box((0.1, 2.0, 1.0)), Pose((-1.5, 0.0, 0.0)))))
-    known = {"format": "safe-ompl ticks", "version": 1, "tick": TICK, "joint_names": list(ur5.joint_names)}
+    known = {"format": "safe-ompl ticks", "version": 2, "tick": TICK, "joint_names": list(ur5.joint_names)}
     carried = {"robot": carried_robot(ur5), "scene": carried_scene(scene)}
     lines = [{**known, **carried, "people": {"anna": {"height": 1.75, "limbs": []}}, "objects": {"box": 0.5}}]
     near = {"distance": 0.3, "link": "wrist", "who": "anna", "limb": "right_hand", "reason": "she is near"}
