@@ -215,24 +215,24 @@ class _Summands:
 
 
 def _summands(geometry: coal.CollisionGeometry) -> _Summands:
-    swept = float(geometry.getSweptSphereRadius()) if isinstance(geometry, coal.ShapeBase) else 0.0
+    ball = float(geometry.getSweptSphereRadius()) if isinstance(geometry, coal.ShapeBase) else 0.0
     if isinstance(geometry, coal.Box):
-        return _Summands(_POINT, np.array(geometry.halfSide, dtype=np.float64).ravel(), ball=swept)
+        return _Summands(_POINT, np.array(geometry.halfSide, dtype=np.float64).ravel(), ball=ball)
     if isinstance(geometry, coal.Sphere):
-        return _Summands(_POINT, np.zeros(3), ball=geometry.radius + swept)
-    if isinstance(geometry, coal.Capsule):
-        along = np.array([0.0, 0.0, geometry.halfLength])
-        return _Summands(_POINT, along, ball=geometry.radius + swept)
-    if isinstance(geometry, coal.Cylinder):
-        along = np.array([0.0, 0.0, geometry.halfLength])
-        return _Summands(_POINT, along, disc=geometry.radius, ball=swept)
+        return _Summands(_POINT, np.zeros(3), ball=geometry.radius + ball)
+    if isinstance(geometry, (coal.Capsule, coal.Cylinder)):
+        along, radius = np.array([0.0, 0.0, geometry.halfLength]), geometry.radius
+        if isinstance(geometry, coal.Capsule):
+            return _Summands(_POINT, along, ball=radius + ball)
+        return _Summands(_POINT, along, disc=radius, ball=ball)
     with np.errstate(over="ignore"):  # of planes
         hull = bounding_hull(geometry)
     few = len(hull.points) <= _MOST
     if not few:
         hull = bounding_hull(geometry, coarse=True)
-    exact = few and isinstance(geometry, coal.ConvexBase)
-    return _Summands(hull.points, np.zeros(3), ball=hull.radius + swept, exact=exact)
+    return _Summands(
+        hull.points, np.zeros(3), ball=hull.radius + ball, exact=few and isinstance(geometry, coal.ConvexBase)
+    )
 
 
 def _fill(body: Records, part: pin.GeometryObject, summands: _Summands) -> None:

@@ -145,10 +145,6 @@ class ForwardKinematics:
             return f"joint {self.joint_names[i]!r} = {q[i]:g} is outside its limits {limits}{hint}"
         return None
 
-    def named(self, q: ArrayLike | str) -> dict[str, float]:
-        """Return `q: (n,)` as a mapping from joint name to value."""
-        return dict(zip(self.joint_names, self.configuration(q).tolist(), strict=True))
-
     def keypoints(self, q: ArrayLike) -> FloatArray:
         """Return the key points of the skeleton (K, 3) [m] in the world frame at `q: (n,)`."""
         return self.keypoints_batch(self._checked(q)[None])[0]  # type: ignore[no-any-return]

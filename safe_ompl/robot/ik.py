@@ -19,6 +19,7 @@ from safe_ompl.robot.robot import Robot
 
 METRES_PER_RADIAN = 0.25  # c of `docs/mathematics.md` §7: about the reach of a hand and what it holds
 _ORTHONORMAL = 1e-6  # largest error of a rotation matrix
+_UNIT = 1e-3  # quaternions whose norm is as near to 1 are normalised; others are taken for mistakes
 
 _SINGULAR = 0.05  # [m/rad] singular values of J below this are damped,
 _DAMPING = 0.05  # [m/rad] by up to this much
@@ -35,16 +36,16 @@ _PATIENCE = 4  # and after so many of them in a row the seed is given up
 
 
 class Place:
-    """Where the tip of a robot is to be: a position (3,) in the world frame [m], or with a rotation (3, 3) a full pose.
+    """Where the tip of a robot is to be: a position (3,) in the world frame [m], or with a rotation a full pose.
 
-    The `dimension` m is the number of task coordinates, 3 or 6. Raises InputError for a wrong shape, NaN, or a matrix
-    that is not a rotation.
+    The rotation is a matrix (3, 3), a quaternion x, y, z, w, or a pin.Quaternion. The `dimension` m is the number of
+    task coordinates, 3 or 6. Raises InputError for a wrong shape, NaN, or what is not a rotation.
     """
 
     def __init__(self, robot: Robot, position: ArrayLike, rotation: ArrayLike | None = None) -> None:
         self.robot = robot
         self.position = finite_array(position, (3,), "position of the tip")
-        self.rotation = None if rotation is None else _rotation_matrix(rotation)
+        self.rotation = None if rotation is None else _matrix(rotation)
         self.dimension = 3 if rotation is None else 6
 
     def __repr__(self) -> str:
@@ -94,11 +95,19 @@ class Place:
         return float(np.sqrt(error @ error))
 
 
-def _rotation_matrix(value: ArrayLike) -> FloatArray:
-    rotation = finite_array(value, (3, 3), "rotation of the tip")
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(rotation) < 0:
-        raise InputError(f"rotation of the tip must be orthonormal with determinant 1, got {rotation.tolist()}")
-    return rotation
+def _matrix(rotation: ArrayLike | pin.Quaternion) -> FloatArray:
+    """Return a rotation as a matrix (3, 3), from a matrix, a quaternion x, y, z, w, or a pin.Quaternion."""
+    given = rotation.coeffs() if isinstance(rotation, pin.Quaternion) else rotation
+    if np.shape(given) == (4,):
+        xyzw = finite_array(given, (4,), "rotation of the tip")
+        norm, text = float(np.linalg.norm(xyzw)), "rotation of the tip: a quaternion (x, y, z, w)"
+        if abs(norm - 1) > _UNIT:
+            raise InputError(f"{text} must be of unit length, got {xyzw.tolist()}")
+        return pin.Quaternion(xyzw / norm).matrix()  # type: ignore[no-any-return]
+    matrix = finite_array(given, (3, 3), "rotation of the tip")
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(matrix) < 0:
+        raise InputError(f"rotation of the tip must be orthonormal with determinant 1, got {matrix.tolist()}")
+    return matrix
 
 
 def pseudoinverse_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
@@ -247,33 +256,13 @@ def _within_limits(robot: Robot, q: FloatArray) -> FloatArray:
     return np.clip(np.where(outside & _full_turns(robot), turned, q), robot.lower, robot.upper)
 
 
-_UNIT = 1e-3  # quaternions whose norm is as near to 1 are normalised; others are taken for mistakes
-
-
 def place_of(robot: Robot, position: Any, rotation: Any = None) -> Place:
-    """Return the place that a position (3,) [m], with or without a rotation, or a pose (pin.SE3) means.
-
-    The rotation is a matrix (3, 3), a quaternion x, y, z, w, or a pin.Quaternion. Raises InputError for a wrong shape,
-    NaN, what is not a rotation, and a rotation beside a pose.
-    """
+    """Return the place that a position (3,) [m] and a rotation mean, see `Place`, or a pose (pin.SE3) alone."""
     if not isinstance(position, pin.SE3):
-        return Place(robot, position, None if rotation is None else _matrix(rotation))
+        return Place(robot, position, rotation)
     if rotation is not None:
         raise InputError("rotation of the tip: the pose has one already; give the pose alone")
     return Place(robot, position.translation, position.rotation)
-
-
-def _matrix(rotation: ArrayLike | pin.Quaternion) -> ArrayLike:
-    if isinstance(rotation, pin.Quaternion):
-        rotation = rotation.coeffs()
-    if np.shape(rotation) != (4,):
-        return rotation
-    xyzw: FloatArray = finite_array(rotation, (4,), "rotation of the tip")
-    norm = float(np.linalg.norm(xyzw))
-    if abs(norm - 1) > _UNIT:
-        raise InputError(f"rotation of the tip: a quaternion (x, y, z, w) must be of unit length, got {xyzw.tolist()}")
-    matrix: FloatArray = pin.Quaternion(xyzw / norm).matrix()
-    return matrix
 
 
 def inverse_kinematics(

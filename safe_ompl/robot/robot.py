@@ -188,12 +188,8 @@ class Robot(ForwardKinematics):
             If the shape is another, the link does not exist, or its name is taken.
         """
         where = self.tip if link is None else link
-        return self.holding(Attachment(name, shape, where, as_pose(pose), tuple(touch_links), danger))
-
-    def holding(self, item: Attachment) -> Robot:
-        """Return the same robot with an object in its gripper, as `with_attached` describes it."""
-        spec = replace(self.spec, attached=(*self.spec.attached, item))
-        return type(self)(spec, self.shared.holding(item))
+        item = Attachment(name, shape, where, as_pose(pose), tuple(touch_links), danger)
+        return type(self)(replace(self.spec, attached=(*self.spec.attached, item)), self.shared.holding(item))
 
     def with_accelerations(self, limits: Mapping[str, float]) -> Robot:
         """Return the same robot that knows acceleration limits of its joints [rad/s² or m/s²]; URDFs have none.
@@ -238,7 +234,9 @@ class Robot(ForwardKinematics):
         A state holds what the SRDF says, for whichever joints: of several groups with that state, those of all. Raises
         InputError if there is no state of that name, or no SRDF; if `q` has the wrong shape or is not finite.
         """
-        return self.spec.state(q) if isinstance(q, str) else super().named(q)
+        if isinstance(q, str):
+            return self.spec.state(q)
+        return dict(zip(self.joint_names, self.configuration(q).tolist(), strict=True))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self.spec,)

@@ -20,6 +20,7 @@ from safe_ompl.robot.collision import (
     make_convex,
     sample_configurations,
 )
+from safe_ompl.robot.joints import limits_of
 from safe_ompl.robot.urdf import UrdfFile, existing_file
 
 _log = logging.getLogger(__name__)
@@ -35,30 +36,24 @@ class SrdfFile:
         except ElementTree.ParseError as error:
             raise InputError(f"not a valid SRDF ({error})", str(path)) from None
 
-    @property
-    def group_names(self) -> tuple[str, ...]:
-        """The groups, in the order of the file."""
-        return tuple(group.get("name", "") for group in self._root.findall("group"))
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """The states, each once: several groups may have one of the same name."""
-        return tuple(dict.fromkeys(state.get("name", "") for state in self._root.findall("group_state")))
-
     def state(self, name: str) -> dict[str, float]:
         """Return the joint values [rad or m] of the state `name`, of all groups with it, or raise UnknownNameError.
 
         Joints with more than one value (a floating base) are left out.
         """
-        states = [state for state in self._root.findall("group_state") if state.get("name") == name]
-        if not states:
-            raise UnknownNameError("state", name, self.state_names, str(self.path))
-        joints = [joint for state in states for joint in state.findall("joint")]
-        return {
-            joint.get("name", ""): self._value(joint, name)
-            for joint in joints
-            if len(joint.get("value", "").split()) == 1
-        }
+        states, found = self._root.findall("group_state"), dict[str, float]()
+        if not any(state.get("name") == name for state in states):
+            known = dict.fromkeys(state.get("name", "") for state in states)
+            raise UnknownNameError("state", name, known, str(self.path))
+        for joint in (joint for state in states if state.get("name") == name for joint in state.findall("joint")):
+            value = joint.get("value", "")
+            if len(value.split()) == 1:
+                try:
+                    found[joint.get("name", "")] = float(value)
+                except ValueError:
+                    text = f"state {name!r}: {value!r} of joint {joint.get('name')!r} is not a number"
+                    raise InputError(text, str(self.path)) from None
+        return found
 
     def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
         """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups.
@@ -102,7 +97,7 @@ class SrdfFile:
         joint = full.frames[full.getBodyId(link)].parentJoint
         above = {full.names[j] for j in list(full.supports[joint])[1:]}
         groups = {}
-        for name in self.group_names:
+        for name in (group.get("name", "") for group in self._root.findall("group")):
             try:
                 joints = set(self.group_joints(name, full)).difference(fingers)
             except InputError:  # of joints that this robot has not
@@ -121,7 +116,8 @@ class SrdfFile:
         for group in self._root.findall("group"):
             if group.get("name") == name:
                 return group
-        raise UnknownNameError("group", name, self.group_names, str(self.path))
+        known = (group.get("name", "") for group in self._root.findall("group"))
+        raise UnknownNameError("group", name, known, str(self.path))
 
     def _joints_of(self, name: str, full: pin.Model, above: tuple[str, ...]) -> Iterator[str]:
         if name in above:
@@ -157,13 +153,6 @@ class SrdfFile:
             raise UnknownNameError(f"link of group {group!r}", name, links, str(self.path))
         return int(full.getBodyId(name))
 
-    def _value(self, joint: ElementTree.Element, state: str) -> float:
-        try:
-            return float(joint.get("value", ""))
-        except ValueError:
-            text = f"state {state!r}: {joint.get('value')!r} of joint {joint.get('name')!r} is not a number"
-            raise InputError(text, str(self.path)) from None
-
 
 class DisabledLinks(NamedTuple):
     """Two links that need not be checked against each other, and why: "Adjacent" or "Always"."""
@@ -187,7 +176,8 @@ def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") ->
     together = _links(model, geometry, geometry.collisionPairs)
     for pair in adjacent:
         geometry.removeCollisionPair(pair)
-    mimics = {name: mimic for name, mimic in urdf.mimics().items() if _single(model, name, mimic.primary)}
+    ranges = {name for name in list(model.names)[1:] if limits_of(model, name)}
+    mimics = {name: mimic for name, mimic in urdf.mimics().items() if {name, mimic.primary} <= ranges}
     always = always_in_contact(model, geometry, sample_configurations(_bounded(model), samples, mimics))
     found = [DisabledLinks(a, b, "Adjacent") for a, b in _links(model, geometry, adjacent)]
     for (a, b), count in _links(model, geometry, always).items():
@@ -222,11 +212,6 @@ def _links(
         first, second = (model.frames[body.parentFrame].name for body in bodies)
         counted[first, second] = counted.get((first, second), 0) + 1
     return counted
-
-
-def _single(model: pin.Model, *joints: str) -> bool:
-    """Return whether joints have one coordinate each."""
-    return all(model.joints[model.getJointId(joint)].nq == 1 for joint in joints)
 
 
 def _bounded(model: pin.Model) -> pin.Model:

@@ -28,7 +28,6 @@ _SIZES = {  # attributes of each shape, and how many positive numbers they hold
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
 }
 _MESH = "mesh"
 _MOVING = ("revolute", "continuous", "prismatic", "planar")
@@ -176,7 +175,7 @@ def _read(
     )
 
 
-def check_joints(root: ElementTree.Element, source: str) -> None:
+def _check_joints(root: ElementTree.Element, source: str) -> None:
     """Raise InputError if a joint has an axis of length zero, or an axis or origin that is not finite."""
     for joint in root.findall("joint"):
         where = f"joint {joint.get('name')!r}"
@@ -189,20 +188,9 @@ def check_joints(root: ElementTree.Element, source: str) -> None:
             raise InputError(f"{where}: its axis is {axis.get('xyz')!r}; it must have a direction", source)
 
 
-def check_shapes(root: ElementTree.Element, tag: str, source: str) -> None:
-    """Check every "collision" or "visual" shape of the links of a robot.
-
-    Raises InputError, which names link, element and value, if a shape is missing, of an unknown kind, has a size that
-    is not positive and finite, or an origin that is not finite.
-    """
-    for link in root.findall("link"):
-        for number, element in enumerate(link.findall(tag)):
-            where = f"link {link.get('name')!r}, {tag} {number}"
-            _check_origin(element, where, source)
-            _check_shape(element, where, source)
-
-
 def _check_shape(element: ElementTree.Element, where: str, source: str) -> None:
+    """Raise InputError if a shape is missing or unknown, has an impossible size, or an origin that is not finite."""
+    _check_origin(element, where, source)
     shapes = element.findall("geometry/*")
     known = (*_SIZES, _MESH)
     if len(shapes) != 1:
@@ -243,44 +231,16 @@ def _finite_numbers(
     return values
 
 
-def make_readable(root: ElementTree.Element) -> None:
-    """Put `root`, in place, in terms that the parser reads, for otherwise it drops all shapes of the link.
-
-    Capsules become cylinders of the same radius and length (see `restore_capsules`); incomplete inertials, which say
-    nothing about where a body is, go.
-    """
-    for shape in root.iterfind("link/*/geometry/capsule"):
-        shape.tag = "cylinder"
-    for link in root.findall("link"):
-        for inertial in link.findall("inertial"):
-            if inertial.find("mass") is None or inertial.find("inertia") is None:
-                link.remove(inertial)
-
-
-def restore_capsules(geometry: pin.GeometryModel, root: ElementTree.Element, tag: str) -> None:
-    """Make capsules, in place, of the cylinders that stand for them; `root` is the URDF as it was."""
-    parts = {part.name: part for part in geometry.geometryObjects}
-    for link in root.findall("link"):
-        for number, element in enumerate(link.findall(tag)):
-            shape = element.find("geometry/capsule")
-            if shape is not None:
-                part = parts[f"{link.get('name')}_{number}"]
-                part.geometry = coal.Capsule(float(shape.get("radius", "")), float(shape.get("length", "")))
-
-
-def check_complete(
+def _check_complete(
     model: pin.Model, geometry: pin.GeometryModel, root: ElementTree.Element, tag: str, source: str
 ) -> None:
     """Raise InputError if the parser has left out a shape of a link, naming the link."""
-    built: dict[str, int] = {}
-    for part in geometry.geometryObjects:
-        link = model.frames[part.parentFrame].name
-        built[link] = built.get(link, 0) + 1
+    built = [model.frames[part.parentFrame].name for part in geometry.geometryObjects]
     for link in root.findall("link"):
         name, wanted = link.get("name", ""), len(link.findall(tag))
-        if built.get(name, 0) != wanted:
+        if built.count(name) != wanted:
             raise InputError(
-                f"link {name!r}: {wanted} {tag} shapes are in the file, {built.get(name, 0)} could be read; "
+                f"link {name!r}: {wanted} {tag} shapes are in the file, {built.count(name)} could be read; "
                 "the parser drops those of a link of which it cannot read every element",
                 source,
             )
@@ -312,7 +272,7 @@ class UrdfFile:
             raise InputError("not a valid URDF: it has no link", str(path))
         if not self._root.get("name"):  # the parser refuses a robot without one
             self._root.set("name", self.path.stem)
-        check_joints(self._root, str(path))
+        _check_joints(self._root, str(path))
 
     def build_model(self) -> pin.Model:
         """Return the kinematic model with all its joints free."""
@@ -329,7 +289,9 @@ class UrdfFile:
         """
         tag = "collision" if kind == pin.GeometryType.COLLISION else "visual"
         source = str(self.path)
-        check_shapes(self._root, tag, source)
+        for link in self._root.findall("link"):
+            for number, element in enumerate(link.findall(tag)):
+                _check_shape(element, f"link {link.get('name')!r}, {tag} {number}", source)
         self.mesh_files(tag)
         loader = coal.MeshLoader(coal.BV_OBBRSS if queried else coal.BV_OBB)  # faster to build
         try:
@@ -339,8 +301,7 @@ class UrdfFile:
         except (ValueError, RuntimeError) as error:
             reason = str(error).partition("message: ")[2].partition("Hint:")[0] or _first_line(error)
             raise InputError(f"cannot read a mesh ({' '.join(reason.split())})", source) from None
-        restore_capsules(geometry, self._root, tag)
-        check_complete(model, geometry, self._root, tag, source)
+        _check_complete(model, geometry, self._root, tag, source)
         return geometry
 
     def mesh_files(self, tag: str) -> dict[str, Path]:
@@ -381,12 +342,15 @@ class UrdfFile:
 
     @cached_property
     def _readable_text(self) -> str:
-        """The URDF as the parser can read it: capsules in its terms, and meshes by the paths of their files.
+        """The URDF as the parser can read it: with the paths of its meshes, without what is not a whole inertial.
 
         It is made from what was read at first: whatever is built from it is of one state of the file.
         """
         root = deepcopy(self._root)
-        make_readable(root)
+        for link in root.findall("link"):
+            for inertial in link.findall("inertial"):
+                if inertial.find("mass") is None or inertial.find("inertia") is None:
+                    link.remove(inertial)  # else the parser drops all shapes of the link
         names = {mesh.get("filename", "") for mesh in root.iterfind("link/*/geometry/mesh")}
         return _text(root, {name: str(self._packages.find(name) or name) for name in names})
 
