@@ -21,6 +21,7 @@ from safe_ompl.geometry import Pose
 from safe_ompl.people import find_skeleton
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.robot import Robot
+from safe_ompl.scene import Scenario
 
 TURNED = Pose.from_rpy((1.0, 0.0, 2.0), (0.0, 0.0, np.pi / 2))
 
