@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         facing,
         find_skeleton,
         list_clips,
-        skeleton_of,
     )
     from safe_ompl.people.tracking import (
         ReachViolation,
@@ -48,7 +47,6 @@ __all__ = [
     "find_skeleton",
     "limb_lines",
     "list_clips",
-    "skeleton_of",
     "who_is_where",
     "who_moves",
     "without_glitches",

@@ -67,11 +67,9 @@ def add_commands(commands: Any) -> None:
     option(
         parser,
         "--people FILE|random[:N]",
-        "a file of recorded key points (.npz; .mcap or a bag of ROS 2), or the number of people who walk at random",
+        "a file of recorded key points (.npz), or the number of people who walk at random",
     )
-    option(parser, "--clip NAME", f"recording in the file; default: {CLIP}, or the only person of a bag")
-    option(parser, "--topic NAME", "topic of the people in a bag; default: the only one")
-    option(parser, "--skeleton NAME", "skeleton of key points in a bag that have no names, such as coco17")
+    option(parser, "--clip NAME", f"recording in the file; default: {CLIP}")
     option(
         parser,
         "--place X,Y,Z,YAW",
@@ -253,11 +251,11 @@ def choose_actors(scenario: Scenario, robot: Robot, people: People, options: arg
     found = Actors(scenario.scene)
     base = np.asarray(robot.keypoints(scenario.start_configuration(robot))[0])
     if options.people is None:
-        arguments.refuse(options, ("clip", "place", "topic", "skeleton"), "there is nobody: give --people")
+        arguments.refuse(options, ("clip", "place"), "there is nobody: give --people")
         if not options.movers:
             raise InputError("nobody and nothing moves: give a file of recordings or random", "--people")
     elif options.people.partition(":")[0] == RANDOM:
-        arguments.refuse(options, ("clip", "topic", "skeleton"), f"is for recordings, not for {options.people!r}")
+        arguments.refuse(options, ("clip",), f"is for recordings, not for {options.people!r}")
         found.people.update(_walkers(scenario, base, people, options))
     else:
         found.people.update(_recorded(scenario, options))
@@ -286,18 +284,11 @@ def _free_name(word: str, taken: tuple[str, ...]) -> str:
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> dict[str, PersonMover]:
     """Return the person who plays the recording, in the place of the scenario's first one if there is one."""
-    if not arguments.is_bag(options.people) and not Path(options.people).is_file():
+    if not Path(options.people).is_file():
         raise InputError(
             f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}", "--people"
         )
-    if arguments.is_bag(options.people):
-        output.need_extra("mcap", "--people")
-        from safe_ompl.apps.exchange import read_people  # needs the extra
-
-        recording = read_people(options.people, options.topic, options.clip, options.skeleton)
-    else:
-        arguments.refuse(options, ("topic", "skeleton"), f"is for bags, not for {options.people!r}")
-        recording = Recording.load(options.people, options.clip or CLIP)
+    recording = Recording.load(options.people, options.clip or CLIP)
     recording = replace(recording, rate=options.faster * recording.rate)
     name, stands, height = next(iter(_persons(scenario)), (_free_name("person", scenario.scene.names), None, HEIGHT))
     body, place = TrackedBody(height), options.place

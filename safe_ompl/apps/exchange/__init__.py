@@ -12,7 +12,7 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.apps.exchange import messages
     from safe_ompl.apps.exchange.controller import Cell, ControlOptions, LiveController
-    from safe_ompl.apps.exchange.logs import McapLog, read_joint_log, read_log, read_people
+    from safe_ompl.apps.exchange.logs import McapLog, read_joint_log, read_log
     from safe_ompl.apps.exchange.received import Frames, in_metres
     from safe_ompl.apps.exchange.ros_node import RosNode, ros_context
 
@@ -27,7 +27,6 @@ __all__ = [
     "messages",
     "read_joint_log",
     "read_log",
-    "read_people",
     "ros_context",
 ]
 

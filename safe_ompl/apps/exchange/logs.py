@@ -1,4 +1,4 @@
-"""Logs and recordings: ticks as a log that Foxglove opens (MCAP), and people and joints from recordings of ROS 2.
+"""Logs and recordings: ticks as a log that Foxglove opens (MCAP), and joints from recordings of ROS 2.
 
 A log has, for every tick, on
 
@@ -11,12 +11,10 @@ A log has, for every tick, on
 An attachment, ``header.json``, is the header of the ticks. Messages of ROS are in its own encoding (CDR), ticks are
 JSON. Times are those of the ticks, in nanoseconds.
 
-Recordings of ROS 2 are MCAP, and rosbag2's folders and databases. People are a `visualization_msgs/MarkerArray`: the
-namespace is the person, the id the number of the key point, the text its name if it has one. Joints are
-`sensor_msgs/JointState`, `trajectory_msgs/JointTrajectory`, of which each takes the place of the one before from its
-own beginning on, or `control_msgs/JointTrajectoryControllerState`, which has both what was commanded and what was
-measured. The time of a message is its stamp; without one, when it was recorded. Lengths are metres, and z points
-upwards, whatever the skeleton.
+Recordings of ROS 2 are MCAP, and rosbag2's folders and databases. Joints are `sensor_msgs/JointState`,
+`trajectory_msgs/JointTrajectory`, of which each takes the place of the one before from its own beginning on, or
+`control_msgs/JointTrajectoryControllerState`, which has both what was commanded and what was measured. The time of a
+message is its stamp; without one, when it was recorded.
 """
 
 from __future__ import annotations
@@ -35,21 +33,16 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from safe_ompl.apps.exchange import messages
-from safe_ompl.apps.exchange.received import DELETIONS, in_metres
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
-from safe_ompl.geometry import STANDING
 from safe_ompl.io import check_header, strict_json
 from safe_ompl.motions import Motion
-from safe_ompl.people import Recording, Skeleton, find_skeleton, skeleton_of
-from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.version import __version__
 
 TICK, HEADER = "/tick", "header.json"
 _TICK_SCHEMA = json.dumps({"title": "safe_ompl.Tick", "type": "object"})
 _CHUNK = 1 << 20  # [bytes]
 _CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
-_GAP = 3.5  # usual times between two messages: nobody is seen in a longer one
 _TOPICS = {
     TICK: "safe_ompl.Tick",
     "/joint_states": messages.JOINT_STATE,
@@ -194,92 +187,6 @@ def _bag_messages(bag: AnyReader, topic: str) -> Iterator[tuple[int, Any]]:
 def _stamp(header: Any, recorded: int) -> int:
     time = header.stamp.sec * messages.SECOND + header.stamp.nanosec
     return time if time > 0 else recorded
-
-
-def read_people(
-    file: str | Path, topic: str | None = None, who: str | None = None, skeleton: str | None = None
-) -> Recording:
-    """Return a person of a recording, at equal times.
-
-    Between two messages key points are interpolated; where the next one is missing, nobody is seen. The topic and the
-    person (the namespace of markers) may be left out where there is only one, the skeleton where key points have names.
-
-    Raises
-    ------
-    InputError
-        If the recording cannot be read, does not say what its key points are, has several topics or people to choose
-        from, or fewer than two messages; if its frame changes; if there is no such topic, person or skeleton.
-    """
-    given = None if skeleton is None else in_metres(find_skeleton(skeleton))
-    bag = Bag(file)
-    topic = bag.topic(topic, (messages.MARKERS,), "--topic")
-    with document.within(f"{file}: {topic}", ": "):
-        times, frames, names = _marked(bag.read(topic), who)
-        found = _skeleton(names) if given is None else given
-        if frames.shape[1] != len(found.points):
-            known = f"{found.name} has {len(found.points)}"
-            raise InputError(f"has {frames.shape[1]} key points, {known}", "skeleton")
-        if np.isinf(frames).any():
-            raise InputError("must be finite, or NaN where they are not seen", "key points")
-        return _evenly(times, frames, found, f"{Path(file).name}:{topic}")
-
-
-def _skeleton(names: Sequence[str]) -> Skeleton:
-    if not all(names):
-        raise InputError(f"{len(names)} key points without names: say which skeleton with --skeleton", "skeleton")
-    return ALL_KEYPOINTS if tuple(names) == ALL_KEYPOINTS.points else in_metres(skeleton_of(names))
-
-
-def _marked(found: Sequence[tuple[int, Any]], who: str | None) -> tuple[list[int], FloatArray, list[str]]:
-    """Return times, key points (T, J, 3) and their names, those of our body in its own order, from a MarkerArray."""
-    shown = [
-        (time, [marker for marker in message.markers if marker.action not in DELETIONS]) for time, message in found
-    ]
-    frames = sorted({marker.header.frame_id for _, markers in shown for marker in markers})
-    if len(frames) > 1:
-        raise InputError(f"must be one in all messages, got {', '.join(frames)}", "frame_id")
-    people = sorted({marker.ns for _, markers in shown for marker in markers})
-    if who is None:
-        if len(people) != 1:
-            raise InputError(f"has the people {', '.join(people) or '(none)'}: say who with --clip")
-        who = people[0]
-    elif who not in people:
-        raise UnknownNameError("person", who, people)
-    own = [(time, [marker for marker in markers if marker.ns == who]) for time, markers in shown]
-    names = {marker.id: marker.text for _, markers in own for marker in markers}
-    if min(names) < 0 or max(names) >= 1000:
-        raise InputError(f"ids must be numbers of key points, got {min(names)} to {max(names)}")
-    table = np.full((len(own), max(names) + 1, 3), np.nan)
-    times = []
-    for row, (time, markers) in enumerate(own):
-        times.append(_stamp(markers[0].header, time) if markers else time)
-        for marker in markers:
-            place = marker.pose.position
-            table[row, marker.id] = place.x, place.y, place.z
-    called = [names.get(k, "") for k in range(table.shape[1])]
-    if set(STANDING) <= set(called):
-        return times, table[:, [called.index(name) for name in STANDING]], list(STANDING)
-    return times, table, called
-
-
-def _evenly(times: Sequence[int], frames: FloatArray, skeleton: Skeleton, source: str) -> Recording:
-    """Return key points (T, J, 3) that were measured at some times [ns] as a recording."""
-    order = np.argsort(times, kind="stable")
-    sorted_times = np.asarray(times)[order]
-    last = np.append(np.diff(sorted_times) > 0, True)  # of messages of one time the last one counts
-    at, seen = (sorted_times[last] - sorted_times[0]) / messages.SECOND, frames[order][last]
-    if len(at) < 2:
-        raise InputError(f"must have messages at two times at least, got {len(at)}")
-    usual = float(np.median(np.diff(at)))
-    even = np.arange(round(at[-1] / usual) + 1) * usual
-    after = np.clip(np.searchsorted(at, even, side="left"), 1, len(at) - 1)
-    span = at[after] - at[after - 1]
-    share = np.clip((even - at[after - 1]) / span, 0.0, 1.0).round(6)[:, None, None]
-    found = (1 - share) * seen[after - 1] + share * seen[after]
-    found[span > _GAP * usual] = np.nan
-    for exact, neighbour in ((share == 0, after - 1), (share == 1, after)):  # the other one may be NaN
-        found = np.where(exact, seen[neighbour], found)
-    return Recording(skeleton, 1 / usual, found, source)
 
 
 def read_joint_log(
