@@ -113,10 +113,10 @@ class PathCost:
         self.robot = robot
         self.densities = tuple(densities)
 
-    def of(self, path: FloatArray, step: float = STEP) -> float:
-        """Return J of a path (N, n), by the trapezoidal rule on samples at most `step` apart [rad]."""
+    def of(self, path: FloatArray) -> float:
+        """Return J of a path (N, n), by the trapezoidal rule."""
         curve = Curve(self.robot, path)
-        s = np.linspace(0.0, curve.length, 2 + int(curve.length / step))
+        s = np.linspace(0.0, curve.length, 2 + int(curve.length / STEP))
         return float(np.trapezoid(self._total(curve.at(s)), s))
 
     def of_edges(self, starts: FloatArray, ends: FloatArray, samples: IntArray) -> FloatArray:

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, clock, finite_array, number, until_ctrl_c
 from safe_ompl.danger import DangerField
-from safe_ompl.paths.cost import STEP, WEIGHT, ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
+from safe_ompl.paths.cost import WEIGHT, ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
 from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
 from safe_ompl.paths.edges import MOST, EdgeProofs, joined, retreat, shortcut, within_limits
-from safe_ompl.paths.measures import Curve, divided, path_length, refined
+from safe_ompl.paths.measures import divided, path_length, refined
 from safe_ompl.robot import Robot
 
 Stop = Callable[[], bool]
@@ -126,14 +126,6 @@ class Simplifier:
         finer.spacing = self.spacing / 2**times
         finer.precision = self.precision / 4**times
         return finer
-
-    def danger_along(self, path: FloatArray) -> tuple[float, float, float]:
-        """Return length [rad], mean and largest danger of a path (N, n)."""
-        curve = Curve(self.robot, path)
-        s = np.linspace(0.0, curve.length, 2 + int(curve.length / STEP))
-        danger = self.danger.field.values(curve.at(s))
-        mean = float(np.trapezoid(danger, s)) / curve.length if curve.length else float(danger[0])
-        return curve.length, mean, float(danger.max())
 
     def begin(
         self, path: ArrayLike, stop: Stop, on_better: Better | None = None, *, proven: bool = False

@@ -79,9 +79,8 @@ class Optimisation:
         for time, path in zip(self.times, self.paths, strict=True):
             cost = simplifier.cost.of(path)
             if not found or cost < found[-1].cost:
-                length, mean, peak = simplifier.danger_along(path)
                 best = path
-                found.append(Improvement(time, cost, length, mean, peak))
+                found.append(Improvement(time, cost))
         return best, tuple(found)
 
 

@@ -1,76 +1,20 @@
-"""What a setup plans: the plug-ins of its space information, start and goals, and what of them is allowed."""
+"""What a setup plans: start and goals, and what of them is allowed."""
 
 from __future__ import annotations
 
-import atexit
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
-from weakref import proxy, ref
+from weakref import proxy
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.collision import CollisionChecker
-from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError, instance
-from safe_ompl.paths import Constraints
-from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, ScratchState, WorkspaceGoal
+from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError
+from safe_ompl.planning.ompl import ScratchState, WorkspaceGoal
 from safe_ompl.planning.planners import accepts
 from safe_ompl.robot import Robot
-
-
-class Wiring:
-    """Gives a space information our state and motion validity; a state validity checker of the user's is asked, too."""
-
-    def __init__(self, si: Any, checker: CollisionChecker) -> None:
-        self.si = si
-        self.validity, self.validator = CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker)
-        self.bridge = self.validity.bridge
-        self._registered = False  # to let go of the user's checker when the program ends
-        si.setStateValidityChecker(self.validity)
-        si.setMotionValidator(self.validator)
-
-    @property
-    def checker(self) -> CollisionChecker:
-        """Robot and scene."""
-        return self.validity.checker
-
-    @property
-    def constraints(self) -> Constraints:
-        """What configurations and motions must keep to."""
-        return self.validity.getConstraints()
-
-    def put(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
-        """Put other constraints in place, and perhaps the checker of another scene.
-
-        An UnknownNameError if a constraint is about an obstacle that the scene does not have. Then all stays what it
-        was.
-        """
-        if instance("constraints", constraints, Constraints).user is not None and not self._registered:
-            # A user's function refers to its module, which refers to the setup. The cycle closes in C++, where Python's
-            # garbage collector cannot see it.
-            atexit.register(_let_go, ref(self))
-            self._registered = True
-        self.validity.setConstraints(constraints, checker)
-        self.validator.setConstraints(constraints, checker)
-
-    def check_plugins(self) -> None:
-        """Raise an InputError if others were set on the space information: OMPL would ask them instead of ours."""
-        if self.si.getStateValidityChecker() is not self.validity or self.si.getMotionValidator() is not self.validator:
-            raise InputError(
-                "the space information of a SafeSetup proves motions with validators of its own: give yours to "
-                "SafeSetup.setStateValidityChecker, which is asked besides"
-            )
-
-
-def _let_go(wiring: ref[Wiring]) -> None:
-    """Forget the user's checker at the end of the program; OMPL would report it as leaked."""
-    alive = wiring()
-    if alive is not None:
-        alive.put(replace(alive.constraints, user=None))
-
 
 _log = logging.getLogger(__name__)
 
@@ -84,9 +28,9 @@ class Problem:
     holds this object, is not kept alive.
     """
 
-    def __init__(self, setup: Any, wiring: Wiring) -> None:
+    def __init__(self, setup: Any) -> None:
         # OMPL's setup makes its simplifier anew with every goal, so goals go through it, not to the definition.
-        self._setup, self._wiring = proxy(setup), wiring
+        self._setup = proxy(setup)
         self.start: FloatArray | None = None
         self.goals: Sequence[FloatArray] = ()
         self.place: WorkspaceGoal | None = None
@@ -100,7 +44,7 @@ class Problem:
         given = several(goals)
         free = self._checked_goals(given)
         self.set_start(start)
-        self.goals = [self._robot.configuration(goal, "goal configuration") for goal in given]
+        self.goals = [self._setup.robot.configuration(goal, "goal configuration") for goal in given]
         self._goal_states = self._states_of(free)
         self._setup.setGoal(self._goal_states)
 
@@ -109,7 +53,7 @@ class Problem:
         q = self.checked(start, "start")
         self.start = q
         self._setup.clearStartStates()
-        self._setup.addStartState(ScratchState(self._wiring.bridge).set(q))
+        self._setup.addStartState(ScratchState(self._setup.bridge).set(q))
 
     def set_place(self, place: WorkspaceGoal) -> None:
         """Set a place or a region of the tip as the goal; goal configurations stay for planners that need them."""
@@ -124,7 +68,8 @@ class Problem:
         An InputError as `Robot.configuration`, or outside the limits; a CollisionError if the check of configurations
         objects.
         """
-        robot, check = self._robot, self._wiring.validity.check
+        robot: Robot = self._setup.robot
+        check = self._setup.validity.check
         q = robot.configuration(value, f"{name} configuration")
         objection = check.objection(q)
         if objection is not None:
@@ -137,7 +82,7 @@ class Problem:
         place = self.place
         why = None if place is None or self._setup.getGoal() is not place else place.failure()
         if why is not None and place is not None:
-            objection = None if place.refused is None else self._wiring.validity.check.objection(place.refused)
+            objection = None if place.refused is None else self._setup.validity.check.objection(place.refused)
             _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
 
     def check(self) -> list[FloatArray]:
@@ -164,7 +109,12 @@ class Problem:
 
     def check_complete(self, planner: Any) -> None:
         """Raise an InputError for what OMPL would report poorly, or what would end the process."""
-        self._wiring.check_plugins()
+        setup, si = self._setup, self._setup.getSpaceInformation()
+        if si.getStateValidityChecker() is not setup.validity or si.getMotionValidator() is not setup.validator:
+            raise InputError(
+                "the space information of a SafeSetup proves motions with validators of its own: give yours to "
+                "SafeSetup.setStateValidityChecker, which is asked besides"
+            )
         self.check_anew()
         goal = self._setup.getGoal()
         if goal is None:
@@ -181,7 +131,7 @@ class Problem:
 
     def check_ends(self, path: FloatArray, name: str) -> None:
         """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
-        bridge, inputs, starts = self._wiring.bridge, ob.PlannerInputStates(), list[FloatArray]()
+        bridge, inputs, starts = self._setup.bridge, ob.PlannerInputStates(), list[FloatArray]()
         inputs.use(self._setup.getProblemDefinition())  # whose own states the bindings would free
         while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
             starts.append(bridge.read(state))
@@ -215,12 +165,8 @@ class Problem:
 
     # ----------------------------------------------------------------------------------------- internals
 
-    @property
-    def _robot(self) -> Robot:
-        return self._wiring.checker.robot
-
     def _states_of(self, goals: Sequence[FloatArray]) -> Any:
-        states, scratch = ob.GoalStates(self._wiring.si), ScratchState(self._wiring.bridge)
+        states, scratch = ob.GoalStates(self._setup.getSpaceInformation()), ScratchState(self._setup.bridge)
         for q in goals:
             states.addState(scratch.set(q))
         return states

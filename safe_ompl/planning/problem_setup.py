@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
+from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +24,8 @@ from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
     RESOLUTION,
     TOLERANCE,
+    CertifiedMotionValidator,
+    CollisionFreeValidity,
     DangerObjective,
     RegionGoal,
     SampledValidity,
@@ -29,7 +33,7 @@ from safe_ompl.planning.ompl import (
     WorkspaceGoal,
     joint_space,
 )
-from safe_ompl.planning.problem import Problem, Wiring
+from safe_ompl.planning.problem import Problem
 from safe_ompl.robot import GoalRegion, Robot, place_of
 from safe_ompl.scene import Scene
 
@@ -57,8 +61,12 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.robot, self.counts = robot, counts
         self.field = None if danger is None else DangerField.of_options(robot, scene, danger, self.counts)
         self.danger_options = None if danger is None else dict(danger)
-        self.wiring = Wiring(si, checker)
-        self.problem = Problem(self, self.wiring)
+        self.validity, self.validator = CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker)
+        si.setStateValidityChecker(self.validity)
+        si.setMotionValidator(self.validator)
+        self.bridge = self.validity.bridge
+        self._user_is_let_go = False
+        self.problem = Problem(self)
         if self.field is not None:
             self.setOptimizationObjective(DangerObjective(si, self.field))
 
@@ -68,12 +76,12 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     @property
     def checker(self) -> CollisionChecker:
         """Robot against scene."""
-        return self.wiring.checker
+        return self.validity.checker
 
     @property
     def motion_prover(self) -> MotionProver:
         """What proves motions under the constraints that are set now."""
-        return self.wiring.validator.motion
+        return self.validator.motion
 
     # ------------------------------------------------------------------------------------------------ the scene
 
@@ -113,7 +121,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
             moved = {o.name for o in self.scene if o.name in scene.names and o != scene[o.name]}
             movable = [name for name in scene.names if name in moved | self.checker.movable]
             checker = CollisionChecker(self.robot, scene, self.counts, movable=movable)
-            self.wiring.put(self.wiring.constraints.in_scene_of(checker), checker)
+            self._put(self.getConstraints().in_scene_of(checker), checker)
         if self.field is not None:
             self.field.move(scene)
         self.clear()
@@ -123,7 +131,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
     def getConstraints(self) -> Constraints:
         """Return what every path must keep to besides joint limits and collision."""
-        return self.wiring.constraints
+        return self.validity.getConstraints()
 
     def setConstraints(self, constraints: Constraints) -> None:
         """Set all constraints at once; where that fails they stay what they were.
@@ -131,16 +139,26 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         A CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
         that the scene does not have.
         """
-        before = self.wiring.constraints
-        self.wiring.put(constraints)
+        before = self.getConstraints()
+        self._put(instance("constraints", constraints, Constraints))
         try:
             self.problem.check()
         except BaseException:
-            self.wiring.put(before)
+            self._put(before)
             raise
 
+    def _put(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
+        """Put constraints in place, and perhaps the checker of another scene; all stays what it was on an error."""
+        if constraints.user is not None and not self._user_is_let_go:
+            # A user's function refers to its module, which refers to the setup. The cycle closes in C++, where Python's
+            # garbage collector cannot see it: OMPL would report a leak at the end of the program.
+            atexit.register(_let_go, ref(self))
+            self._user_is_let_go = True
+        self.validity.setConstraints(constraints, checker)
+        self.validator.setConstraints(constraints, checker)
+
     def _constrain(self, **changed: Any) -> None:
-        self.setConstraints(replace(self.wiring.constraints, **changed))
+        self.setConstraints(replace(self.getConstraints(), **changed))
 
     def setMaxDanger(self, limit: float) -> None:
         """Set the danger that no configuration of a path may exceed, in the units of the danger field; 0: any danger.
@@ -159,7 +177,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         Where no obstacles are named, it is kept from those that are dangerous, in other scenes, too. Errors as
         `setConstraints`, too.
         """
-        constraints = self.wiring.constraints
+        constraints = self.getConstraints()
         self.setConstraints(constraints.with_min_clearance(self.checker, distance, obstacles, exempt))
 
     def setTube(self, widths: ArrayLike | Mapping[str, float]) -> None:
@@ -169,14 +187,14 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         such as errors of control [rad or m].
         """
         tube = motions.tube_of(widths, self.robot)
-        self.setConstraints(self.wiring.constraints.with_separation(tube=tube))
+        self.setConstraints(self.getConstraints().with_separation(tube=tube))
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
 
         Arguments and errors of `MotionProver.with_moving_obstacles`; errors as `setConstraints`, too.
         """
-        self.setConstraints(self.wiring.constraints.with_separation(speeds=speeds, time=time))
+        self.setConstraints(self.getConstraints().with_separation(speeds=speeds, time=time))
 
     def setToolConstraint(
         self, axis: ArrayLike | None = None, direction: ArrayLike = UP, angle: float | None = None
@@ -211,7 +229,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
     def _limit_tool(self, kind: type[ToolLimit], limit: ToolLimit | None) -> None:
         """Replace what limits the tool in one way."""
-        others = [other for other in self.wiring.constraints.tool if not isinstance(other, kind)]
+        others = [other for other in self.getConstraints().tool if not isinstance(other, kind)]
         self._constrain(tool=tuple(others if limit is None else [*others, limit]))
 
     def setStateValidityChecker(self, checker: Any, resolution: float = RESOLUTION) -> None:
@@ -224,7 +242,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         arrives unchanged; None: there is none any more. An InputError if it is nothing of the kind, a CollisionError if
         it refuses the start or all goals that are set: then the checker stays what it was.
         """
-        self._constrain(user=None if checker is None else SampledValidity(checker, self.wiring.bridge, resolution))
+        self._constrain(user=None if checker is None else SampledValidity(checker, self.bridge, resolution))
 
     # ------------------------------------------------------------------------------------------ start and goal
 
@@ -269,12 +287,12 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         """Return the solution path (N, n) found last; raise InputError if there is none."""
         if not self.haveSolutionPath():
             raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
-        path, bridge = self.getSolutionPath(), self.wiring.bridge
+        path, bridge = self.getSolutionPath(), self.bridge
         return np.array([bridge.read(path.getState(i)) for i in range(path.getStateCount())])
 
     def set_solution(self, path: FloatArray) -> None:
         """Put a path (N, n) in the place of the solution; where that was approximate, so is this."""
-        solution, scratch = og.PathGeometric(self.getSpaceInformation()), ScratchState(self.wiring.bridge)
+        solution, scratch = og.PathGeometric(self.getSpaceInformation()), ScratchState(self.bridge)
         for q in path:
             solution.append(scratch.set(q))
         problem = self.getProblemDefinition()
@@ -305,3 +323,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         else:
             data.clear()
             fill(data)
+
+
+def _let_go(setup: ref[ProblemSetup]) -> None:
+    """Forget the user's checker at the end of the program."""
+    alive = setup()
+    if alive is not None:
+        alive._put(replace(alive.getConstraints(), user=None))

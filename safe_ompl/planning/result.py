@@ -20,13 +20,10 @@ _TOLD = ("planner", "seed", "status", "solved", *_TIMES)  # as they are, in the 
 
 @dataclass(frozen=True)
 class Improvement:
-    """A path that was better than all before it: when it was found [s], its cost, length [rad] and danger."""
+    """A path that was better than all before it: when it was found [s], and its cost."""
 
     time: float
     cost: float
-    length: float
-    danger_mean: float
-    danger_max: float
 
 
 @dataclass(frozen=True)

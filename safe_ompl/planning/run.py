@@ -32,16 +32,16 @@ class PlanningRun:
     def under_own_limit(self) -> Iterator[None]:
         """Prove motions within the planner's own danger limit, too: what is made of its path must keep to that."""
         own = self._planner.getMaxDanger() if isinstance(self._planner, SafePlanner) else 0.0
-        wiring, field = self._setup.wiring, self._setup.field
-        limit = wiring.constraints.danger
+        validator, constraints, field = self._setup.validator, self._setup.getConstraints(), self._setup.field
+        limit = constraints.danger
         if not own or field is None or (limit is not None and limit.limit <= own):
             yield
             return
-        wiring.validator.setConstraints(replace(wiring.constraints, danger=DangerLimit(field, own)))
+        validator.setConstraints(replace(constraints, danger=DangerLimit(field, own)))
         try:
             yield
         finally:
-            wiring.validator.setConstraints(wiring.constraints)
+            validator.setConstraints(self._setup.getConstraints())
 
     def planned(self, time: float, simplification: float | None = None) -> PlanResult:
         """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""

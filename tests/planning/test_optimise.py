@@ -100,11 +100,7 @@ def test_an_optimised_plan(setup):
     assert (np.diff(costs) < 0).all()
     assert setup.simplifier.cost.of(result.path) == pytest.approx(costs[-1], rel=1e-6)
     assert costs[-1] <= setup.simplifier.cost.of(setup.plan(seed=4, simplify=True).path) * 1.02
-    told = result.as_dict()["improvements"][-1]
-    assert set(told) == {"time", "cost", "length", "danger_mean", "danger_max"}
-    assert told["cost"] == costs[-1]
-    assert told["length"] == pytest.approx(result.report.length)
-    assert told["danger_mean"] == pytest.approx(result.report.danger.mean, rel=0.01)
+    assert result.as_dict()["improvements"][-1] == {"time": times[-1], "cost": costs[-1]}
 
 
 def test_the_best_of_several_starts_counts_and_is_refined(setup):

@@ -238,7 +238,7 @@ def test_forms_of_a_configuration(ur5, form):
     setup, start, goal = SafeSetup(ur5, BALL), form(ur5, START), form(ur5, GOAL)
     setup.setConfigurations(start, goal)
     np.testing.assert_allclose(setup.problem.start, START, atol=1e-6)
-    np.testing.assert_allclose(setup.wiring.bridge.read(setup.getGoal().getState(0)), GOAL, atol=1e-6)
+    np.testing.assert_allclose(setup.bridge.read(setup.getGoal().getState(0)), GOAL, atol=1e-6)
     setup.setConfigurations(start, [goal, goal])
     assert setup.getGoal().getStateCount() == 2
     assert setup.plan(seed=np.int64(0), time=np.float32(20.0))
@@ -317,7 +317,7 @@ def test_a_wider_space_does_not_widen_the_limits(robot_named):
 
 
 def test_planner_data_outside_a_safe_setup(setup):
-    plain, scratch = og.SimpleSetup(setup.getSpaceInformation()), ScratchState(setup.wiring.bridge)
+    plain, scratch = og.SimpleSetup(setup.getSpaceInformation()), ScratchState(setup.bridge)
     plain.addStartState(scratch.set(START))
     plain.setGoalState(scratch.set(GOAL))
     planner = SafeRRTConnect(plain.getSpaceInformation())

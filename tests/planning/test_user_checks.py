@@ -174,6 +174,6 @@ def test_plugins_on_the_space_information_are_refused(setup):
         for run in (setup.plan, setup.solve, setup.setup):
             with pytest.raises(InputError, match=r"give yours to SafeSetup\.setStateValidityChecker"):
                 run()
-        si.setStateValidityChecker(setup.wiring.validity)
-    si.setMotionValidator(setup.wiring.validator)
+        si.setStateValidityChecker(setup.validity)
+    si.setMotionValidator(setup.validator)
     assert setup.plan(time=20.0)

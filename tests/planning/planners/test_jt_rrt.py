@@ -233,7 +233,7 @@ def test_solve_plans_to_the_place_though_there_are_goal_configurations_too(setup
 def test_solve_plans_to_a_goal_of_ones_own(setup):
     own = ob.GoalStates(setup.getSpaceInformation())
     setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
-    own.addState(ScratchState(setup.wiring.bridge).set(START * [-1, 1, 1, 1, 1, 1]))
+    own.addState(ScratchState(setup.bridge).set(START * [-1, 1, 1, 1, 1, 1]))
     setup.setGoal(own)
     setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
     assert setup.solve(1.0).asString() == "Unrecognized goal type"

@@ -56,7 +56,7 @@ def assert_same_paths(setup, taken, seeds=range(3)):
     at_once = [planned(setup, *run) for run in runs]
     assert {ADVANCED, REACHED} <= set(taken)
     taken.clear()
-    setup.wiring.validator = asked
+    setup.validator = asked
     si.setMotionValidator(asked)
     for run, (path, nodes) in zip(runs, at_once, strict=True):
         before = asked.asked
