@@ -33,7 +33,7 @@ from bench._planning import mbm_problems
 from bench._scenes import free_configuration, scattered
 from safe_ompl import CollisionChecker, Motion, MotionProver, Robot, SafeSetup, Scenario, Scene, Verdict, widest_tube
 from safe_ompl.collision import Separation
-from safe_ompl.common import FloatArray
+from safe_ompl.common import FloatArray, polynomials
 from safe_ompl.motions import check_with, repair_with
 from safe_ompl.motions.checks import piece_proofs
 from safe_ompl.planning import setup_scenario
@@ -104,7 +104,7 @@ def random_piece(
             rates = np.array([_direction(rng, n) for _ in range(4)]) * length * rng.uniform(0, 2, (4, 1))
             rates = rates / span ** np.array([[1], [1], [2], [2]])
             given = rates[:2], (rates[2:] if kind == "quintic" else None)
-            offsets = Motion.hermite(times, ends, *given).control_points[0]
+            offsets = polynomials.bernstein(Motion.hermite(times, ends, *given).coefficients)[0]
         offsets = np.vstack([offsets, offsets + room])
         low, high = robot.lower - offsets.min(axis=0), robot.upper - offsets.max(axis=0)
         if (high > low).all():

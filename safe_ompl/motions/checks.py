@@ -49,10 +49,8 @@ class MotionCheck(NamedTuple):
         What is not proven, by time; none: all of it is.
     proof : MotionProver
         By which it was to be proven: robot, scene, distances and the tube, danger and tool.
-    limits : RateLimits or None
-        Of velocities, accelerations and jerks; None where these were not looked at.
-    people : People or None
-        Beside whom it was to be proven to stop.
+    limits, people : RateLimits and People, or None
+        Rates that it was to keep; beside whom it was to be proven to stop.
     stops : Stops or None
         How it stops beside them: `stops.stop_from(time)`.
     """
@@ -200,10 +198,7 @@ def widest_tube(
         Widths [rad or m]: every motion whose joints are so near to this one is proven. Zeros where the motion itself
         is not.
 
-    Raises
-    ------
-    InputError
-        As `check`; if the proportions are not ≥ 0, or all 0, or the tolerance is not in (0, 1).
+    InputError as `check`; or if the proportions are not ≥ 0, or all 0, or the tolerance is not in (0, 1).
     """
     shape = np.ones(robot.n) if proportions is None else finite_array(proportions, (robot.n,), "proportions")
     if (shape < 0).any() or not shape.any():
@@ -389,12 +384,8 @@ def retime(
         Those of `time_path`: `people`, beside whom it is no faster than what is proven to stop in time, `tolerance` of
         blends, `tool_speed`, `link_speed`, `danger` and `max_danger`.
 
-    Raises
-    ------
-    PlanningError
-        If a way point, or the straight motion to the next one, is not proven: says which, counted from 0.
-    InputError, StandstillError
-        As `check` and `time_path`.
+    Errors as `check` and `time_path`, and a PlanningError if a way point, or the straight motion to the next one, is
+    not proven: says which, counted from 0.
     """
     found = check(way_of(motion, robot), robot, scene, constraints=constraints, tube=tube)
     if not found:

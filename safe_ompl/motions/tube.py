@@ -19,8 +19,7 @@ FACTOR = 1.5
 def tube_of(given: ArrayLike | Mapping[str, float], robot: Robot, key: str = "tube") -> tuple[float, ...]:
     """Return the n widths of a tube [rad or m], of one number, of n, or of numbers by the names of all joints.
 
-    Raises InputError, whose message starts with the key, if a joint is missing, or a width is negative or not finite;
-    UnknownNameError if the robot has no joint of a name.
+    Raises InputError, whose message starts with the key, or UnknownNameError, if they are none of that, or negative.
     """
     if isinstance(given, Mapping):
         given = robot.configuration(given, key)

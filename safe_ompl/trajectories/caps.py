@@ -76,13 +76,7 @@ class StandstillError(SafeOmplError):
 
 
 def people_caps(
-    curve: BlendedCurve,
-    cells: Cells,
-    bodies: BodySpeeds,
-    limits: RateLimits,
-    distances: PeopleDistances,
-    *,
-    loss: float = 0.02,
+    curve: BlendedCurve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances, loss: float
 ) -> tuple[Cells, FloatArray, float, list[SpeedCap]]:
     """Return the caps of blends, separation, contact and clamping, in cells as fine as it takes.
 

@@ -86,12 +86,8 @@ class RateLimits:
         jerk : float, mapping of str to float, or array_like of shape (n,), optional
             Of all joints. Default: it is not limited.
 
-        Raises
-        ------
-        InputError
-            If the URDF has no velocity for a joint and none is given; and as the class.
-        UnknownNameError
-            If there is no such joint.
+        An InputError if the URDF has no velocity for a joint and none is given, or as the class; an UnknownNameError if
+        there is no such joint.
         """
         names, model = robot.joint_names, robot.shared.model
         planned = [model.joints[model.getJointId(name)].idx_v for name in names]

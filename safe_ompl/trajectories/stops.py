@@ -157,7 +157,9 @@ def stops_beside(
         times = np.where(still[:, None], np.inf, found.times)
         harmless, _ = harmless_rates(curve, cells, speeds, distances)
         left, limb, where, entries, _ = time_left(*motion, ends, times, harmless)
-        loss = _loss(cells, speeds, found, limb, where, distances) + _ROUGH * spans
+        moved, speed = speeds[where, found.nearest[where, limb]] * cells.sizes[where] / 2, distances.speeds[limb]
+        lost = np.divide(moved, speed, out=np.zeros(len(cells)), where=speed > 0)
+        loss = np.where(limb < 0, 0.0, lost + cells.sizes + 2 * cells.sizes[where]) + _ROUGH * spans
         slow = harmless[where, limb] > _NEARLY * entries
         loss = np.where(slow & (left < 0), np.maximum(loss, -2 * left), loss)  # finer cells bound speeds better
         parts = _parts(cells, left, where, loss)
@@ -165,21 +167,6 @@ def stops_beside(
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)
         cells = curve.between(divided_edges(cells.edges, parts))
     raise AssertionError
-
-
-def _loss(
-    cells: Cells,
-    speeds: FloatArray,
-    found: SeparationBounds,
-    limb: IntArray,
-    where: IntArray,
-    distances: PeopleDistances,
-) -> FloatArray:
-    """Return what (N,) is left less because of the sizes of the cells [s], about."""
-    moved = speeds[where, found.nearest[where, limb]] * cells.sizes[where] / 2
-    speed = distances.speeds[limb]
-    lost = np.divide(moved, speed, out=np.zeros(len(cells)), where=speed > 0)
-    return np.where(limb < 0, 0.0, lost + cells.sizes + 2 * cells.sizes[where])
 
 
 def _parts(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) -> IntArray:

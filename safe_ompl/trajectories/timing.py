@@ -122,14 +122,20 @@ class PathTimer:
             where people bound the speed: 60 take a quarter of the time (a Panda beside a person: 25 ms instead of 100),
             and the motion becomes some 9 to 17 % slower.
         """
-        curve = blended(checked_path(path, self.robot), self.robot, self.tolerance, self.motion, self.limits)
+        points = finite_array(path, (None, self.robot.n), "path")
+        if len(points) < 2:
+            raise InputError(f"a trajectory needs a path of two way points at least, got {len(points)}")
+        for k, q in enumerate(points):
+            if (beyond := self.robot.beyond_limits(q)) is not None:
+                raise InputError(f"way point {k}: {beyond}")
+        curve = blended(points, self.robot, self.tolerance, self.motion, self.limits)
         limits, brakes, window, caps = self.limits, None, 0.0, list[SpeedCap]()
         speeds = self.caps.tool_speed, self.caps.link_speed
         coarse, step = cells < CELLS, curve.length / cells
         grid = curve.cells(step if coarse else min(CELL_LENGTH, step))
         if self.distances is not None:
             loss = _COARSE if coarse else _FINE
-            grid, brakes, window, caps = people_caps(curve, grid, self._bodies, limits, self.distances, loss=loss)
+            grid, brakes, window, caps = people_caps(curve, grid, self._bodies, limits, self.distances, loss)
         elif limits.jerk is not None:
             few = curve.cells(curve.length / _SEARCHED, _TURN)
             window = best_window(few, limits, velocity_cap(few, limits))
@@ -160,17 +166,6 @@ class PathTimer:
             law = TimeLaw.through(grid.edges, fastest_law(grid, limits.acceleration, most))
         kept = self.people, *speeds, danger, max_danger
         return Trajectory(curve, law, limits, tuple(caps), brakes, *kept)
-
-
-def checked_path(path: ArrayLike, robot: Robot) -> FloatArray:
-    """Return a path (N ≥ 2, n) within the limits of the joints, or raise InputError."""
-    points = finite_array(path, (None, robot.n), "path")
-    if len(points) < 2:
-        raise InputError(f"a trajectory needs a path of two way points at least, got {len(points)}")
-    for k, q in enumerate(points):
-        if (beyond := robot.beyond_limits(q)) is not None:
-            raise InputError(f"way point {k}: {beyond}")
-    return points
 
 
 def within_tube(caps: MotionCaps, motion: MotionProver | None) -> MotionCaps:

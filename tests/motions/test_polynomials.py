@@ -29,20 +29,15 @@ def splines(seed):
     t = np.cumsum(rng.uniform(0.02, 1.0, count)) - 1.0
     q, v, a = rng.normal(size=(3, count, N))
     knots = np.sort(np.concatenate([rng.uniform(-2, 2, count + 2), [0.3, 0.3]]))
-    return (
-        t,
-        q,
-        v,
-        a,
-        [
-            interpolate.CubicSpline(t, q),
-            interpolate.Akima1DInterpolator(t, q),
-            interpolate.PchipInterpolator(t, q),
-            interpolate.make_interp_spline(t, q, k=5),
-            interpolate.BSpline(knots, q, len(knots) - len(q) - 1),
-            interpolate.BPoly.from_derivatives(t, np.stack([q, v, a], axis=1)),
-        ],
-    )
+    made = [
+        interpolate.CubicSpline(t, q),
+        interpolate.Akima1DInterpolator(t, q),
+        interpolate.PchipInterpolator(t, q),
+        interpolate.make_interp_spline(t, q, k=5),
+        interpolate.BSpline(knots, q, len(knots) - len(q) - 1),
+        interpolate.BPoly.from_derivatives(t, np.stack([q, v, a], axis=1)),
+    ]
+    return t, q, v, a, made
 
 
 @given(st.integers(0, 10**6))

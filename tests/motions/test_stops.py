@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from safe_ompl import InputError, Motion, Obstacle, People, Person, Pose, RateLimits, Scenario, Scene, time_path
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.collision import CollisionChecker, MotionProver, Separation
+from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.motions import check
 from safe_ompl.scene import find_scenario
 
@@ -155,17 +155,6 @@ def test_our_own_trajectories_are_proven_as_motions_of_others(panda, shelf, limi
     assert found, found
 
 
-def test_in_a_tube_people_are_nearer_by_what_the_joints_may_be_off(panda, shelf, limits, spline):
-    tube = Separation(tube=(0.005,) * 7)
-    swing = tube.swing(CollisionChecker(panda, shelf))
-    motion = spline(8.0)
-    within = check(motion, panda, shelf, limits=limits, tube=0.005, people=People())
-    apart = check(motion, panda, shelf, limits=limits, people=People(clearance=swing))
-    np.testing.assert_allclose(within.stops.left, apart.stops.left, atol=1e-9)
-    with pytest.raises(InputError, match=r"tube: .*contacts"):
-        check(motion, panda, shelf, limits=limits, tube=0.005, people=People(contact=True))
-
-
 def test_what_cannot_be_proven_beside_people_is_refused(panda, shelf, limits, spline):
     def said(motion, **more):
         given = {"limits": limits, "people": People(), **more}
@@ -181,6 +170,7 @@ def test_what_cannot_be_proven_beside_people_is_refused(panda, shelf, limits, sp
     assert "no times" in said(points)
     assert "bare samples" in said(Motion.sampled(motion.x, points, 2.0))
     assert "must end at rest" in said(Motion.hermite(motion.x, points))
+    assert "contacts" in said(motion, tube=0.005, people=People(contact=True))
     empty = Scene([])
     with pytest.raises(InputError, match="no claim"):
         motion_certificate(check(motion, panda, shelf, limits=limits, people=People()))

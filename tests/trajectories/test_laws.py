@@ -9,7 +9,7 @@ import pytest
 
 from safe_ompl import DangerField, DangerLimit, InputError, Motion, RateLimits, TipBounds, time_path
 from safe_ompl.motions import rate_violations
-from safe_ompl.trajectories import BlendedCurve, Piece, SmoothLaw, blended, velocity_cap
+from safe_ompl.trajectories import BlendedCurve, Piece, blended, velocity_cap
 from safe_ompl.trajectories.time_law import SmoothLimits
 
 HOME = np.array([0.0, 0, 0, -1.5, 0, 1.5, 0])
@@ -129,29 +129,6 @@ def test_any_caps_are_kept(panda):
         part = np.minimum((s / 0.01).astype(int), len(low) - 1)
         assert (low[part] - 1e-6 <= speed).all()
         assert (speed <= high[part] + 1e-6).all()
-
-
-def test_the_law_is_the_average_of_its_plan():
-    edges = np.array([0.0, 0.5, 0.9, 1.0, 2.0])
-    squares = np.array([0.0, 1.0, 0.0, 0.4, 0.0])
-    law = SmoothLaw.averaged(edges, squares, np.array([2]), 0.3)
-    t = np.linspace(-0.3, law.duration, 20001)
-    grid = np.sort(np.concatenate([law.arrivals, law.leaves]))
-    speeds = np.interp(t, grid, np.repeat(np.sqrt(squares), 2))
-    place = np.concatenate([[0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * np.diff(t))])
-    area = np.concatenate([[0], np.cumsum((place[1:] + place[:-1]) / 2 * np.diff(t))])
-    at = np.linspace(0, law.duration, 57)
-    wanted = (np.interp(at, t, area) - np.interp(at - 0.3, t, area)) / 0.3
-    cell, s, _, _ = law.at(at)
-    np.testing.assert_allclose(s, wanted, atol=1e-6)
-    assert ((s >= edges[cell]) & (s <= edges[cell + 1])).all()
-    assert (np.diff(cell) >= 0).all()
-    leaves = law.leaves[2]  # it stands in the corner
-    corner = law.at(np.array([leaves - 1e-9, leaves, leaves + 1e-9]))
-    assert corner[0].tolist() == [1, 2, 2]
-    np.testing.assert_allclose(corner[1], 0.9, atol=1e-9)
-    np.testing.assert_allclose(corner[2], 0.0, atol=1e-8)
-    np.testing.assert_allclose(law.at(law.times)[1], edges, atol=1e-9)
 
 
 # ------------------------------------------------------------------------------------------------------------- blends

@@ -74,19 +74,6 @@ def test_the_danger_of_a_trajectory(panda, free, panda_limits):
     assert np.median(ratios) <= 1.05
 
 
-def test_faster_is_more_dangerous_and_slower_tends_to_the_danger_at_rest(panda, free):
-    field = DangerField(panda, POINTS)
-    path = random_path(panda, 1)
-    peaks = [
-        time_path(path, panda, RateLimits.of(panda, v, 5.0), motion=free).danger(KinetostaticField(field)).peak
-        for v in (0.001, 0.5, 1.0)
-    ]
-    assert peaks == sorted(peaks)
-    curve = time_path(path, panda, motion=free).curve
-    still = field.values(curve.at(np.linspace(0, curve.length, 2000)).q).max()
-    assert peaks[0] == pytest.approx(still, rel=2e-3)
-
-
 def test_where_the_danger_at_rest_is_too_high_it_says_so(panda, panda_limits):
     field = KinetostaticField(DangerField(panda, POINTS))
     with pytest.raises(StandstillError, match=r"danger of the robot at rest is .* is allowed") as caught:
