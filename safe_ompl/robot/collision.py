@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, warn_once
+from safe_ompl.common import FloatArray, InputError, warn_once
 from safe_ompl.geometry import convex_hull
 from safe_ompl.robot.joint_tables import Mimic
 from safe_ompl.robot.urdf import UrdfFile, existing_file
@@ -29,20 +29,13 @@ CollisionSource = Literal["required", "visual", "optional"]
 """
 
 
-def check_source(collision: str, source: str) -> None:
-    """Raise UnknownNameError if `collision` is none of `CollisionSource`."""
-    if collision not in get_args(CollisionSource):
-        raise UnknownNameError("choice of collision shapes", collision, get_args(CollisionSource), source)
-
-
 def build_collision_geometry(
     urdf: UrdfFile, full: pin.Model, collision: str, *, hulls: bool = False
 ) -> pin.GeometryModel:
     """Return the collision geometry of all links; with "visual", the visual shapes of links that have no other.
 
-    `hulls` says that `make_convex` follows. Errors as `UrdfFile.build_geometry`, or if `collision` is unknown.
+    `hulls` says that `make_convex` follows. Errors as `UrdfFile.build_geometry`.
     """
-    check_source(collision, str(urdf.path))
     geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION, queried=not hulls)
     bare = urdf.links_with("visual") - urdf.links_with("collision")
     if collision != "visual" or not bare:

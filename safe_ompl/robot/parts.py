@@ -83,15 +83,6 @@ class Attachment:
         return {**data, "danger": True} if self.danger else data
 
 
-def attachments(data: Any, folder: Path) -> tuple[Attachment, ...]:
-    """Read the list of attached objects of a document."""
-    found = []
-    for k, item in enumerate(document.sequence("attached", data)):
-        with document.within(f"attached[{k}]"):
-            found.append(Attachment.from_mapping(item, folder))
-    return tuple(found)
-
-
 def as_pose(value: PoseLike | None, key: str = "pose") -> Pose:
     """Return `value` as a pose: a mapping is read as in a document, three numbers are a position [m]; or InputError."""
     if value is None:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, get_args
 
 import pinocchio as pin
 
-from safe_ompl.common import RATE_BOUNDS, InputError, UnknownNameError, warn_once
+from safe_ompl.common import RATE_BOUNDS, InputError, Section, UnknownNameError, key, warn_once
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.robot.collision import (
     CollisionSource,
     build_collision_geometry,
     check_collides,
-    check_source,
     drop_fixed_pairs,
     links_of,
     make_convex,
@@ -38,19 +37,66 @@ from safe_ompl.robot.joints import (
     resting_value,
     with_mimics,
 )
-from safe_ompl.robot.parts import BASE_JOINTS, Attachment, RobotParts, as_pose, attachments, combined, independent
+from safe_ompl.robot.parts import BASE_JOINTS, Attachment, RobotParts, as_pose, combined, independent
 from safe_ompl.robot.sources import Models, find_example, robots_folder
 from safe_ompl.robot.srdf import SrdfFile
 from safe_ompl.robot.urdf import UrdfFile
 
 _log = logging.getLogger(__name__)
 
+Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+
+_ENDINGS = {"urdf": (".urdf", ".xml", ".xacro"), "srdf": (".srdf", ".xml")}
 _OF_FILES = ("srdf", "package_dirs", "xacro_args")
 _OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "group", "locked_state")
 
 
+def _path(name: str, value: Any) -> Path:
+    if not isinstance(value, (str, Path)):
+        raise InputError(f"must be a file name, got {document.kind_of(value)}", name)
+    return (document.folder_of_document() / value).resolve()
+
+
+def _pose(name: str, value: Any) -> Pose:
+    return as_pose(value, name)
+
+
+def _ranges(name: str, value: Any) -> Ranges:
+    """Return the limits of a mobile base in x and y [m], or raise InputError if they are not two intervals."""
+    intervals = document.sequence(name, value)
+    if len(intervals) != 2:
+        raise InputError(f"must be the limits in x and in y, ((x0, x1), (y0, y1)), not {value!r}", name)
+    x, y = (document.interval(name, interval) for interval in intervals)
+    return x, y
+
+
+def _attachment(name: str, value: Any) -> Attachment:
+    if isinstance(value, Attachment):
+        return value
+    with document.within(name):
+        return Attachment.from_mapping(value, document.folder_of_document())
+
+
+def _robots(name: str, value: Any) -> dict[str, RobotSpec]:
+    found = {}
+    for prefix, robot in document.mapping(name, value).items():
+        with document.within(f"{name}.{prefix}"):
+            found[prefix] = robot if isinstance(robot, RobotSpec) else RobotSpec.from_mapping(robot)
+    return found
+
+
+def _words(name: str, value: Any) -> dict[str, str] | None:
+    """Return values of YAML as xacro reads them: `true` is the word "true"."""
+    if value is None:
+        return None
+    for argument, word in document.mapping(name, value).items():
+        if not isinstance(word, (str, bool, int, float)):
+            raise InputError(f"must be a text, a number or true or false, not {word!r}", f"{name}.{argument}")
+    return {argument: str(word).lower() if isinstance(word, bool) else str(word) for argument, word in value.items()}
+
+
 @dataclass(frozen=True)
-class RobotSpec:
+class RobotSpec(Section):
     """How to build a robot: `Robot(spec)` does it. Its fields are the options of `Robot.from_urdf`, too.
 
     Parameters
@@ -106,27 +152,28 @@ class RobotSpec:
         If not exactly one of `example`, `urdf` and `robots` is given, or a value has the wrong type.
     """
 
-    example: str | None = None
-    urdf: Path | None = None
-    srdf: Path | None = None
-    package_dirs: tuple[Path, ...] = field(default=())
-    tip: str | None = None
-    locked: Mapping[str, float] | None = None
-    hulls: bool = True
-    base: Pose | None = None
-    mobile_base: tuple[tuple[float, float], tuple[float, float]] | None = None
-    attached: tuple[Attachment, ...] = field(default=())
-    robots: Mapping[str, RobotSpec] = field(default_factory=dict)
-    name: str | None = None
-    group: str | None = None
-    locked_state: str | None = None
-    collision: CollisionSource = "required"
-    accelerations: Mapping[str, float] = field(default_factory=dict)
-    xacro_args: Mapping[str, str] | None = field(default_factory=dict)
-    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    example: str | None = key(document.text, default=None)
+    urdf: Path | None = key(_path, default=None)
+    srdf: Path | None = key(_path, default=None)
+    package_dirs: tuple[Path, ...] = key(document.each, read=_path, default=())
+    tip: str | None = key(document.text, default=None)
+    locked: Mapping[str, float] | None = key(document.numbers_by_name, default=None)
+    hulls: bool = key(document.flag, default=True)
+    base: Pose | None = key(_pose, default=None)
+    mobile_base: Ranges | None = key(_ranges, default=None)
+    attached: tuple[Attachment, ...] = key(document.each, read=_attachment, default=())
+    robots: Mapping[str, RobotSpec] = key(_robots, factory=dict)
+    name: str | None = key(document.text, default=None)
+    group: str | None = key(document.text, default=None)
+    locked_state: str | None = key(document.text, default=None)
+    collision: CollisionSource = key(document.one_of, known=get_args(CollisionSource), default="required")
+    accelerations: Mapping[str, float] = key(document.numbers_by_name, factory=dict, **RATE_BOUNDS["acceleration"])
+    xacro_args: Mapping[str, str] | None = key(_words, factory=dict)
+    limits: Mapping[str, tuple[float, float]] = key(document.by_name, read=document.numbers, count=2, factory=dict)
     models: Models | None = None
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """Raise InputError unless there is one robot, or one cell, and what is said fits it."""
         sources = (self.example, self.urdf, self.robots or None, self.models)
         if sum(source is not None for source in sources) != 1:
             raise InputError("give either example or urdf, one of the two (or robots)", "example")
@@ -134,39 +181,16 @@ class RobotSpec:
             self._check_robots()
         if self.name is not None and self.example is not None:
             raise InputError("an example robot has its own", "name")
-        for key in _OF_FILES:
-            if self.example is not None and getattr(self, key):
-                raise InputError("an example robot brings its own; give it with urdf only", key)
-        for key in ("example", "tip", "name", "group", "locked_state"):
-            if getattr(self, key) is not None:
-                document.text(key, getattr(self, key))
-        document.flag("hulls", self.hulls)
-        check_source(self.collision, "collision")
-        limits = document.mapping("limits", self.limits)
-        words = None if self.xacro_args is None else document.mapping("xacro_args", self.xacro_args)
-        values = {
-            "urdf": self.urdf and Path(self.urdf).resolve(),
-            "srdf": self.srdf and Path(self.srdf).resolve(),
-            "package_dirs": tuple(Path(f).resolve() for f in document.sequence("package_dirs", self.package_dirs)),
-            "locked": None if self.locked is None else document.numbers_by_name("locked", self.locked),
-            "base": None if self.base is None else as_pose(self.base, "base"),
-            "mobile_base": None if self.mobile_base is None else _ranges(self.mobile_base),
-            "attached": tuple(self.attached),
-            "accelerations": document.numbers_by_name(
-                "accelerations", self.accelerations, **RATE_BOUNDS["acceleration"]
-            ),
-            "xacro_args": words and {key: _word(key, word) for key, word in words.items()},
-            "limits": {name: document.numbers(f"limits.{name}", limit, 2) for name, limit in limits.items()},
-        }
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        for name in _OF_FILES:
+            if self.example is not None and getattr(self, name):
+                raise InputError("an example robot brings its own; give it with urdf only", name)
 
     def _check_robots(self) -> None:
         if len(self.robots) < 2:
             raise InputError(f"give two robots or more, not {len(self.robots)}", "robots")
-        for key in _OF_ONE_ROBOT:
-            if getattr(self, key):
-                raise InputError("belongs to one of the robots", key)
+        for name in _OF_ONE_ROBOT:
+            if getattr(self, name):
+                raise InputError("belongs to one of the robots", name)
         for one in sorted(self.robots):
             document.text("prefix", one)
             for other in sorted(self.robots):
@@ -176,43 +200,15 @@ class RobotSpec:
             raise UnknownNameError("robot with the tip", self.tip, self.robots, "tip")
 
     @classmethod
-    def from_mapping(cls, data: Any, folder: Path) -> RobotSpec:
-        """Read the name of an example, or a mapping whose files are relative to `folder`."""
+    def from_mapping(cls, data: Any, folder: Path | None = None) -> RobotSpec:
+        """Read the name of an example, or a mapping whose files, which must exist, are relative to `folder`."""
         if isinstance(data, str):
             return cls(example=data)
-        read = document.mapping("robot", data)
-        document.check_keys(read, [field.name for field in fields(cls) if field.name != "models"])
-        for key, endings in (("urdf", (".urdf", ".xml", ".xacro")), ("srdf", (".srdf", ".xml"))):
-            if key in read:
-                read[key] = document.file(key, folder / document.text(key, read[key]), endings)
-        if "package_dirs" in read:
-            names = document.sequence("package_dirs", read["package_dirs"])
-            read["package_dirs"] = tuple(folder / document.text("package_dirs", name) for name in names)
-        if "attached" in read:
-            read["attached"] = attachments(read["attached"], folder)
-        if "robots" in read:
-            robots = document.mapping("robots", read["robots"])
-            read["robots"] = {}
-            for prefix, robot in robots.items():
-                with document.within(f"robots.{prefix}"):
-                    read["robots"][prefix] = cls.from_mapping(robot, folder)
-        return cls(**read)
-
-    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return what `from_mapping` reads, with files named relative to `folder`."""
-        set_fields = document.changed_fields(self)
-        for key in ("urdf", "srdf"):
-            if key in set_fields:
-                set_fields[key] = document.file_name(set_fields[key], folder)
-        if self.package_dirs:
-            set_fields["package_dirs"] = [document.file_name(path, folder) for path in self.package_dirs]
-        if self.base is not None:
-            set_fields["base"] = self.base.to_mapping()
-        if self.attached:
-            set_fields["attached"] = [item.to_mapping(folder) for item in self.attached]
-        if self.robots:
-            set_fields["robots"] = {prefix: spec.to_mapping(folder) for prefix, spec in self.robots.items()}
-        return set_fields
+        spec = super().from_mapping(document.mapping("robot", data), folder)
+        for name, endings in _ENDINGS.items():
+            if getattr(spec, name) is not None:
+                document.file(name, getattr(spec, name), endings)
+        return spec
 
     def with_package_dirs(self, folders: Sequence[Path]) -> RobotSpec:
         """Return the spec with more folders that hold packages, searched first, for each URDF that it names.
@@ -237,7 +233,7 @@ class RobotSpec:
             if BASE_JOINTS[2] in rest:
                 raise InputError(f"joint {BASE_JOINTS[2]!r} is continuous: it has no limits")
             x, y = (rest.pop(name, old) for name, old in zip(BASE_JOINTS, ranges, strict=False))
-            ranges = _ranges((x, y))
+            ranges = _ranges("mobile_base", (x, y))
         for prefix, spec in self.robots.items():
             own = {name: rest.pop(name) for name in list(rest) if name.startswith(f"{prefix}_")}
             robots[prefix] = spec.with_limits({name.removeprefix(f"{prefix}_"): own[name] for name in own})
@@ -411,19 +407,3 @@ class RobotSpec:
         if self.srdf is None:
             raise InputError(f"{key} is a name of an SRDF: give the SRDF", source)
         return SrdfFile(self.srdf)
-
-
-def _ranges(value: Any) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the limits of a mobile base in x and y [m], or raise InputError if they are not two intervals."""
-    intervals = document.sequence("mobile_base", value)
-    if len(intervals) != 2:
-        raise InputError(f"must be the limits in x and in y, ((x0, x1), (y0, y1)), not {value!r}", "mobile_base")
-    x, y = (document.interval("mobile_base", interval) for interval in intervals)
-    return x, y
-
-
-def _word(key: str, value: Any) -> str:
-    """Return a value of YAML as xacro reads it: `true` is the word "true"."""
-    if not isinstance(value, (str, bool, int, float)):
-        raise InputError(f"must be a text, a number or true or false, not {value!r}", f"xacro_args.{key}")
-    return str(value).lower() if isinstance(value, bool) else str(value)

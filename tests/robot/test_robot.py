@@ -1,7 +1,6 @@
 """The robot: loading, self pairs, kinematics, and errors that say what would be right."""
 
 import logging
-import threading
 import xml.etree.ElementTree as ElementTree
 
 import coal
@@ -12,7 +11,7 @@ from self_pairs import self_pairs
 
 from safe_ompl import InputError, Robot, Sphere, UnknownNameError
 from safe_ompl.robot import EXAMPLES, find_example, robots_folder
-from safe_ompl.robot.collision import sample_configurations
+from safe_ompl.robot.collision import always_in_contact, sample_configurations
 
 JOINTS = {"panda": 7, "ur3": 6, "ur5": 6, "ur10": 6, "xarm7": 7, "kinova": 6, "z1": 6, "so101": 5}
 
@@ -67,23 +66,6 @@ def test_kinds_of_joints(kinova, twin_arm):
 def test_unknown_example_lists_those_that_exist():
     with pytest.raises(UnknownNameError, match=r"unknown example robot 'panda2'; did you mean 'panda'"):
         Robot.from_example("panda2")
-
-
-def test_threads_do_not_disturb_each_other(panda, rng):
-    batch = random_configurations(panda, rng, 200)
-    alone = panda.keypoints_batch(batch)
-    wrong = []
-
-    def work():
-        together = np.array([panda.keypoints(q) for _ in range(5) for q in batch]).reshape(5, *alone.shape)
-        wrong.append(not np.array_equal(together, np.broadcast_to(alone, together.shape)))
-
-    threads = [threading.Thread(target=work) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert wrong == [False] * 3
 
 
 def test_a_sliding_joint_makes_a_link_even_if_its_length_can_be_zero(twin_arm):
@@ -172,16 +154,6 @@ def test_srdf_that_disables_nothing_is_said_so(data_folder, tmp_path, caplog, te
     assert self_pairs(robot) == self_pairs(Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand"))
 
 
-def test_srdf_by_any_name(data_folder, tmp_path, caplog):
-    srdf = tmp_path / "pairs.xml"
-    srdf.write_text('<robot name="a"><disable_collisions link1="base" link2="upper" reason="Adjacent"/></robot>')
-    with caplog.at_level(logging.INFO):
-        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", srdf, tip="hand")
-    assert "1 self-collision pairs disabled by" in caplog.text
-    assert frozenset(("base_0", "upper_0")) not in self_pairs(robot)
-    assert frozenset(("upper_0", "lower_0")) in self_pairs(robot)
-
-
 def test_missing_mesh_names_link_and_file(edited):
     urdf = edited("twin_arm.urdf", "wedge.obj", "package://nowhere/wedge.obj")
     with pytest.raises(InputError, match=r"link 'left_hand': collision mesh 'package://nowhere/wedge.obj' not"):
@@ -198,43 +170,6 @@ def test_a_flat_mesh_gets_a_little_thickness(edited, tmp_path, caplog):
     assert np.ptp(np.array(hand.geometry.points()), axis=0).min() == pytest.approx(2e-4)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("<robot name='x'><link", "not well-formed XML"),
-        ("<sdf/>", "not a URDF: the outermost tag is <sdf>, not <robot>"),
-        ("<robot name='x'/>", "not a valid URDF"),
-    ],
-)
-def test_malformed_urdf(tmp_path, text, message):
-    path = tmp_path / "bad.urdf"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message):
-        Robot.from_urdf(path)
-
-
-@pytest.mark.parametrize("text", ["<robot name='x'><disable_collisions", "no XML at all"])
-def test_malformed_srdf(data_folder, tmp_path, text):
-    path = tmp_path / "bad.srdf"
-    path.write_text(text)
-    with pytest.raises(InputError, match=r"bad.srdf: not a valid SRDF"):
-        Robot.from_urdf(data_folder / "gripper_arm.urdf", path, tip="hand")
-
-
-@pytest.mark.parametrize(
-    ("files", "message"),
-    [
-        (("nowhere.urdf",), r"URDF file '.*nowhere.urdf' does not exist"),
-        (("gripper_arm.urdf", "nowhere.srdf"), r"SRDF file '.*nowhere.srdf' does not exist"),
-        (("gripper_arm.urdf", None, ["nowhere"]), r"package folder '.*nowhere' does not exist"),
-    ],
-)
-def test_missing_files(data_folder, files, message):
-    urdf, *others = files
-    with pytest.raises(InputError, match=message):
-        Robot.from_urdf(data_folder / urdf, *others, tip="hand")
-
-
 def test_other_limits_leave_the_rest_and_the_robot_alone(panda):
     narrow = panda.with_limits({"panda_joint2": (-0.5, 0.25)})
     assert (narrow.lower[1], narrow.upper[1]) == (-0.5, 0.25)
@@ -242,3 +177,51 @@ def test_other_limits_leave_the_rest_and_the_robot_alone(panda):
     assert panda.upper[1] > 1
     held = narrow.with_attached("ball", Sphere(0.05)).with_limits({"panda_joint1": (0.0, 1.0)})
     assert (held.upper[0], held.upper[1], held.attached[0].name) == (1.0, 0.25, "ball")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("bad.urdf", "<robot name='x'><link", "not well-formed XML"),
+        ("bad.urdf", "<sdf/>", "not a URDF: the outermost tag is <sdf>, not <robot>"),
+        ("bad.urdf", "<robot name='x'/>", "not a valid URDF"),
+        ("bad.srdf", "<robot name='x'><disable_collisions", "bad.srdf: not a valid SRDF"),
+        ("bad.srdf", "no XML at all", "bad.srdf: not a valid SRDF"),
+        ("bad.urdf", None, "URDF file '.*bad.urdf' does not exist"),
+        ("bad.srdf", None, "SRDF file '.*bad.srdf' does not exist"),
+        ("nowhere", None, "package folder '.*nowhere' does not exist"),
+    ],
+)
+def test_files_that_are_missing_or_malformed(data_folder, tmp_path, name, text, message):
+    file, whole = tmp_path / name, data_folder / "gripper_arm.urdf"
+    if text is not None:
+        file.write_text(text)
+    files = {"bad.urdf": (file,), "bad.srdf": (whole, file), "nowhere": (whole, None, [file])}[name]
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(*files, tip="hand")
+
+
+def every_pair(robot):
+    geometry = robot.collision_model.copy()
+    geometry.addAllCollisionPairs()
+    return geometry
+
+
+def count_all(model, geometry, samples):
+    """Pairs in contact in over 95 % of the samples, all of them asked at all samples."""
+    data, contacts, hits = model.createData(), pin.GeometryData(geometry), [0] * len(geometry.collisionPairs)
+    for q in samples:
+        pin.computeCollisions(model, data, geometry, contacts, q, False)
+        hits = [n + result.isCollision() for n, result in zip(hits, contacts.collisionResults, strict=True)]
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    return [pair for pair, n in zip(pairs, hits, strict=True) if n > 0.95 * len(samples)]
+
+
+@pytest.mark.parametrize("name", ["ur10", "so101", "twin_arm"])
+def test_deciding_early_changes_no_decision(robot_named, name):
+    robot = robot_named(name)
+    geometry, samples = every_pair(robot), sample_configurations(robot.model)
+    expected = count_all(robot.model, geometry, samples)
+    assert expected, "the case is worth nothing without one"
+    found = always_in_contact(robot.model, geometry, samples)
+    assert [(pair.first, pair.second) for pair in found] == expected

@@ -109,37 +109,6 @@ def workspace(data_folder, tmp_path):
     return urdf
 
 
-def test_packages_are_found_by_name(workspace, twin_arm):
-    assert len(Robot.from_urdf(workspace).collision_model.geometryObjects) == len(
-        twin_arm.collision_model.geometryObjects
-    )
-
-
-def test_packages_below_a_folder_given(workspace, tmp_path):
-    lonely = tmp_path / "elsewhere" / "twin.urdf"
-    lonely.parent.mkdir()
-    lonely.write_text(workspace.read_text())
-    with pytest.raises(InputError, match=r"'package://twin_meshes/files/wedge.obj' not found"):
-        Robot.from_urdf(lonely)
-    for folder in (tmp_path, tmp_path / "src", tmp_path / "src" / "meshes-v2"):
-        assert Robot.from_urdf(lonely, package_dirs=[folder]).n == 6
-
-
-@pytest.mark.parametrize("variable", ["ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"])
-def test_packages_are_found_where_ros_looks(workspace, tmp_path, monkeypatch, variable):
-    lonely = tmp_path / "elsewhere" / "twin.urdf"
-    lonely.parent.mkdir()
-    lonely.write_text(workspace.read_text())
-    (tmp_path / "install" / "share").mkdir(parents=True)
-    (tmp_path / "src" / "meshes-v2").rename(tmp_path / "install" / "share" / "twin_meshes")
-    prefix = tmp_path / "install"
-    folder = prefix if variable == "AMENT_PREFIX_PATH" else prefix / "share"
-    with pytest.raises(InputError, match=r"'package://twin_meshes/files/wedge.obj' not found"):
-        Robot.from_urdf(lonely)
-    monkeypatch.setenv(variable, f"{tmp_path / 'nowhere'}:{folder}")
-    assert Robot.from_urdf(lonely).n == 6
-
-
 def test_a_broken_mesh_is_named(data_folder, tmp_path):
     text = (data_folder / "twin_arm.urdf").read_text().replace("wedge.obj", "broken.stl")
     (tmp_path / "arm.urdf").write_text(text)
@@ -153,27 +122,39 @@ def test_a_robot_without_a_name_is_called_after_its_file(edited):
     assert Robot.from_urdf(urdf).name == urdf.stem
 
 
-def test_a_broken_manifest_is_no_package(workspace, tmp_path):
-    (tmp_path / "src" / "meshes-v2" / "package.xml").write_text("<package>")
-    with pytest.raises(InputError, match="not found"):
-        Robot.from_urdf(workspace)
-
-
-@pytest.mark.parametrize("given", ["below a folder", "a path"])
-def test_a_package_without_a_name(tmp_path, data_folder, given):
-    """Some exporters write three slashes: what follows is a path, whole or below a package folder."""
-    meshes = tmp_path / "elsewhere" / "meshes"
-    meshes.mkdir(parents=True)
-    (meshes / "wedge.obj").write_text((data_folder / "wedge.obj").read_text())
-    name = "/meshes/wedge.obj" if given == "below a folder" else str(meshes / "wedge.obj")
-    text = (data_folder / "twin_arm.urdf").read_text().replace("wedge.obj", f"package://{name}")
-    (tmp_path / "arm.urdf").write_text(text)
-    folders = [tmp_path / "elsewhere"] if given == "below a folder" else []
-    robot = Robot.from_urdf(tmp_path / "arm.urdf", package_dirs=folders)
-    assert "left_hand_0" in [body.name for body in robot.collision_model.geometryObjects]
-
-
 def test_name_spaces_need_not_be_declared(edited):
     """Robots that come from Drake say `drake:acceleration` without saying what drake is."""
     urdf = edited("gripper_arm.urdf", "<limit ", '<limit drake:acceleration="2.5" ')
     assert Robot.from_urdf(urdf).n == 3
+
+
+def test_packages_are_found_by_their_manifest(workspace, tmp_path, monkeypatch):
+    """Beside the folders above the URDF, in and below folders that are given, and where ROS looks."""
+    src, share, lonely = tmp_path / "src", tmp_path / "install" / "share", tmp_path / "elsewhere" / "twin.urdf"
+    missing = r"'package://twin_meshes/files/wedge.obj' not found"
+    lonely.parent.mkdir()
+    lonely.write_text(workspace.read_text())
+    assert Robot.from_urdf(workspace).n == 6
+    for folder in (tmp_path, src, src / "meshes-v2"):
+        assert Robot.from_urdf(lonely, package_dirs=[folder]).n == 6
+    (src / "meshes-v2" / "package.xml").rename(src / "meshes-v2" / "kept.xml")
+    (src / "meshes-v2" / "package.xml").write_text("<package>")
+    with pytest.raises(InputError, match=missing):
+        Robot.from_urdf(workspace)
+    share.mkdir(parents=True)
+    (src / "meshes-v2" / "kept.xml").rename(src / "meshes-v2" / "package.xml")
+    (src / "meshes-v2").rename(share / "meshes")
+    with pytest.raises(InputError, match=missing):
+        Robot.from_urdf(lonely)
+    for variable, folder in (("ROS_PACKAGE_PATH", share), ("AMENT_PREFIX_PATH", share.parent)):
+        with monkeypatch.context() as patch:
+            patch.setenv(variable, f"{tmp_path / 'nowhere'}:{folder}")
+            assert Robot.from_urdf(lonely).n == 6
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_package_without_a_name(edited, data_folder, whole):
+    """Some exporters write three slashes: what follows is a path, whole or below a package folder."""
+    name = str(data_folder / "wedge.obj") if whole else "/data/wedge.obj"
+    urdf = edited("twin_arm.urdf", "wedge.obj", f"package://{name}")
+    assert Robot.from_urdf(urdf, package_dirs=[] if whole else [data_folder.parent]).n == 6

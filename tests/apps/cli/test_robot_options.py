@@ -73,5 +73,5 @@ def test_specs_keep_what_they_were_given(folder, data_folder):
     )
     assert RobotSpec.from_mapping(spec.to_mapping(folder), folder) == spec
     assert Robot(spec).joint_names == ("left_shoulder", "left_elbow")
-    with pytest.raises(InputError, match="collision: unknown choice of collision shapes 'meshes'; known: required"):
+    with pytest.raises(InputError, match="unknown collision 'meshes'; known: required"):
         RobotSpec(example="ur5", collision="meshes")
