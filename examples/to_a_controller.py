@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from safe_ompl import JointPath, Obstacle, Pose, Robot, SafeSetup, Scene, Sphere, load, save
+from safe_ompl import JointPath, Obstacle, Pose, Robot, SafeSetup, Scene, Sphere, load, read_motion, save
 
 scene = Scene((Obstacle("ball", Sphere(0.15), Pose((0.5, 0.0, 0.4)), weight=1.0),))
 setup = SafeSetup(Robot.from_example("ur5"), scene)
@@ -15,13 +15,12 @@ assert result, result.status
 
 path = JointPath.of(result)
 with TemporaryDirectory() as folder:
-    path.to_csv(Path(folder) / "path.csv")
+    save(path, Path(folder) / "path.csv")
+    save(path, Path(folder) / "path.yaml")  # a message: it says where, not when: times are still to come
     save(result, Path(folder) / "result.json")  # the path, its report, its robot and its scene
     print((Path(folder) / "path.csv").read_text().splitlines()[0])
-    assert JointPath.from_csv(Path(folder) / "path.csv") == path
+    print((Path(folder) / "path.yaml").read_text().splitlines()[0])
+    assert read_motion(Path(folder) / "path.csv").joint_names == path.joint_names
     again = load(Path(folder) / "result.json")
     assert np.array_equal(again.path, result.path)
     assert again.scene == scene
-
-message = path.to_joint_trajectory()  # a path says where, not when: times are still to come
-print(f"{len(message['points'])} points for {', '.join(message['joint_names'])}")

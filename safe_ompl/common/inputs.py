@@ -7,6 +7,7 @@ A bool is never taken for a number, and NaN never for a value.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from numbers import Integral, Real
@@ -215,18 +216,12 @@ def halton_point(index: int, dimension: int) -> FloatArray:
 
     Its i-th coordinate is the radical inverse of the index in the i-th prime: the digits mirrored at the point.
     """
-    return np.array([_radical_inverse(index, prime) for prime in first_primes(dimension)])
+    primes = itertools.islice(filter(_is_prime, itertools.count(2)), dimension)
+    return np.array([_radical_inverse(index, prime) for prime in primes])
 
 
-def first_primes(count: int) -> list[int]:
-    """Return the first `count` primes."""
-    primes: list[int] = []
-    candidate = 2
-    while len(primes) < count:
-        if all(candidate % prime for prime in primes):
-            primes.append(candidate)
-        candidate += 1
-    return primes
+def _is_prime(number: int) -> bool:
+    return all(number % divisor for divisor in range(2, number))
 
 
 def _radical_inverse(index: int, base: int) -> float:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, files, finite_array, listed, shown
+from safe_ompl.common import FloatArray, InputError, finite_array, listed, shown
 from safe_ompl.common import documents as document
 from safe_ompl.io.problems import Problem
 from safe_ompl.planning import PlanResult
@@ -76,31 +76,6 @@ class JointPath:
         if result.path is None:
             raise InputError(f"{result.planner} found no path: {result.status}")
         return cls(result.joint_names, result.path)
-
-    @classmethod
-    def from_csv(cls, file: str | Path) -> JointPath:
-        """Read a path from CSV: a line with the names of the joints, then one line for each way point.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read; names the line.
-        """
-        header, values = read_table(file)
-        with document.within(str(file), ": "):
-            return cls(header, values)
-
-    def to_csv(self, file: str | Path) -> None:
-        """Write the path as CSV, which `from_csv` reads back exactly."""
-        files.write(file, files.table(self.joint_names, self.points.tolist()))
-
-    def to_joint_trajectory(self) -> dict[str, Any]:
-        """Return the path in the shape of ROS's trajectory_msgs/JointTrajectory, without times.
-
-        A controller needs a `time_from_start` in every point: a path says where, not when.
-        """
-        points = [{"positions": q} for q in self.points.tolist()]
-        return {"joint_names": list(self.joint_names), "points": points}
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what `from_mapping` reads."""

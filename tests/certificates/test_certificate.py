@@ -19,7 +19,7 @@ from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Pos
 from safe_ompl.certificates import Pairs, certificate, verify
 from safe_ompl.certificates.claims import Danger
 from safe_ompl.certificates.issue import terms_of_field
-from safe_ompl.certificates.verifier.bodies import farthest
+from safe_ompl.certificates.verifier.bodies import Stretch, farthest
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.common import CertificateError, InputError, PlanningError
 from safe_ompl.io import carried_scene
@@ -329,8 +329,9 @@ def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
     content = certificate(path, robot, scene, {"spacing": 0.1}, field=field)
     assert verify(content, robot, scene).edges == 2
     plain = PlainDanger(robot, scene, Danger.from_mapping(content["danger"]))
-    assert plain.exceeded(path[0], np.zeros(robot.n), field.value(path[0]) * (1 + 1e-5)) is None
-    assert plain.exceeded(path[0], np.zeros(robot.n), field.value(path[0]) * (1 - 1e-5)) is not None
+    still = Stretch("still", lambda _: path[0], np.zeros(robot.n))
+    assert plain.exceeded(still, field.value(path[0]) * (1 + 1e-5)) is None
+    assert plain.exceeded(still, field.value(path[0]) * (1 - 1e-5)) is not None
     t = np.linspace(0, 1, 500)[:, None]
     dense = field.values(np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)]))
     assert dense.max() <= content["danger"]["bound"] <= 1.06 * dense.max()

@@ -123,7 +123,7 @@ def test_a_limit_of_the_danger(ur5, clutter, tube):
     wanted = Constraints(danger=DangerLimit(field, 1.2 * peak))
     content = travelled(motion_certificate(check(spline(), ur5, scene, constraints=wanted, tube=tube)))
     assert verify(content, ur5, scene).claims[1].startswith("danger at most")
-    with pytest.raises(CertificateError, match=r"motion: danger .* near .* of piece"):
+    with pytest.raises(CertificateError, match=r"piece . of the motion: danger .* near"):
         verify(tampered(content, lambda c: c["danger"].update(bound=0.99 * peak)), ur5, scene)
     with pytest.raises(InputError, match="danger points of the field are not those of the scene"):
         motion_certificate(check(spline(), ur5, scene, constraints=wanted), spacing=0.07)

@@ -9,7 +9,7 @@ from signing import signed
 
 from safe_ompl import CertificateError, InputError, PlanningError, SafeSetup, certificate, verify
 from safe_ompl.certificates.claims import Tool
-from safe_ompl.certificates.verifier.bodies import PlainTool
+from safe_ompl.certificates.verifier.bodies import PlainTool, Stretch
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0.1, 0, 0]])
 T = np.linspace(0.0, 1.0, 500)[:, None]
@@ -89,7 +89,8 @@ def test_what_the_verifier_accepts_holds_at_every_sample(robot_named, rng, name)
         delta = robot.difference(start, end)
         tips = [robot.tip_pose(start + t * delta) for t in T]
         tool = claim(tips[:1], rng.uniform(0.2, 1.2), rng.uniform(0.05, 0.5))
-        if PlainTool(robot, Tool.from_mapping(tool)).exceeded(start, delta) is None:
+        stretch = Stretch("edge", lambda t, start=start, delta=delta: start + t * delta, np.abs(delta))
+        if PlainTool(robot, Tool.from_mapping(tool)).exceeded(stretch) is None:
             accepted += 1
             for tip in tips:
                 cosine = tip.rotation[:, 2] @ tool["orientation"]["direction"]

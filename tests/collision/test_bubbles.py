@@ -9,7 +9,6 @@ from scipy.optimize import linprog
 
 from safe_ompl.collision import bubbles
 from safe_ompl.common import halton_point
-from safe_ompl.common.inputs import first_primes
 
 SIZES = st.integers(1, 7)
 POSITIVE = st.floats(0.01, 10.0)
@@ -123,7 +122,6 @@ def test_boxes_meet_where_every_coordinate_does(gaps):
 
 
 def test_haltons_points_are_spread_evenly():
-    assert first_primes(5) == [2, 3, 5, 7, 11]
     np.testing.assert_allclose(halton_point(5, 2), [1 / 2 + 1 / 8, 2 / 3 + 1 / 9])
     points = np.array([halton_point(k, 3) for k in range(1, 501)])
     counts, _ = np.histogramdd(points, bins=2, range=[(0, 1)] * 3)

@@ -107,7 +107,7 @@ def test_whoever_keeps_to_a_calibrated_reach_is_not_reached(timed, operator, tmp
     reached = timed(People(reach=reach(dict.fromkeys(LIMBS, (0.05, 0.1, 0.4)))))  # 1 m/s
     assert reached.duration == pytest.approx(timed(People(speed=1.0)).duration, rel=1e-9)
     with pytest.raises(InputError, match=r"people\.reach: a certificate states speeds of people"):
-        trajectory_claim(reached, panda, shelf.scene)
+        trajectory_claim(reached, shelf.scene)
 
 
 def test_nobody_is_reached_beside_another_robot(ur5):

@@ -51,6 +51,15 @@ class Budget:
 ENDLESS = Budget(inf)
 
 
+class Stretch(NamedTuple):
+    """A motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`, within a tube."""
+
+    name: str
+    place: Callable[[float], FloatArray]
+    steps: FloatArray
+    tube: FloatArray | float = 0.0
+
+
 class Separations:
     """Distances of bodies and obstacles by `names`, pair by pair, how far these can approach, what they must keep."""
 
@@ -293,19 +302,9 @@ class PlainTool:
         moving = set(self._model.supports[carrier])
         self._moves = np.array([joint in moving for joint in range(1, self._model.njoints)])
 
-    def exceeded(
-        self, start: FloatArray, delta: FloatArray, tube: FloatArray | float = 0.0
-    ) -> tuple[float, str] | None:
-        """Return where on an edge, and which limit is not proven to be kept; else None."""
-        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), tube)
-
-    def exceeded_along(
-        self, place: Callable[[float], FloatArray], steps: FloatArray, tube: FloatArray | float = 0.0
-    ) -> tuple[float, str] | None:
-        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`.
-
-        Joints may be off by the widths of a tube besides.
-        """
+    def exceeded(self, stretch: Stretch) -> tuple[float, str] | None:
+        """Return where on a stretch, and which limit is not proven to be kept; else None."""
+        place, steps, tube = stretch.place, stretch.steps, stretch.tube
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()

@@ -13,16 +13,16 @@ which ∫(c₀ + c₁t)/‖ρ‖² dt is elementary. Intervals and parts are hal
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates.claims import Danger, MovingDanger
-from safe_ompl.certificates.verifier.bodies import ENDLESS, Budget, bend_bound, joints_below
+from safe_ompl.certificates.claims import Certificate, Danger, MovingDanger
+from safe_ompl.certificates.verifier.bodies import ENDLESS, Budget, PlainTool, Stretch, bend_bound, joints_below
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import CertificateError, FloatArray, IntArray
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -49,19 +49,9 @@ class PlainDanger:
         if not len(self.points):
             self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
 
-    def exceeded(
-        self, start: FloatArray, delta: FloatArray, limit: float, tube: FloatArray | float = 0.0
-    ) -> tuple[float, float] | None:
-        """Return where on an edge, and by how much, a danger is not proven to keep to a limit; else None."""
-        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), limit, tube)
-
-    def exceeded_along(
-        self, place: Callable[[float], FloatArray], steps: FloatArray, limit: float, tube: FloatArray | float = 0.0
-    ) -> tuple[float, float] | None:
-        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`.
-
-        Joints may be off by the widths of a tube besides.
-        """
+    def exceeded(self, stretch: Stretch, limit: float) -> tuple[float, float] | None:
+        """Return where on a stretch, and by how much, a danger is not proven to keep to a limit; else None."""
+        place, steps, tube = stretch.place, stretch.steps, stretch.tube
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()
@@ -116,6 +106,25 @@ class PlainDanger:
         if not np.isfinite(top):
             return top
         return top + float(np.log(np.exp(sharpness * (levels - top)).sum())) / sharpness
+
+
+def check_danger_and_tool(
+    claims: Certificate, robot: Robot, scene: Scene, stretches: Iterable[Stretch], budget: Budget
+) -> None:
+    """Raise CertificateError unless the danger and the tool keep to what is claimed on all stretches of a motion."""
+    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
+    tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
+    for stretch in stretches:
+        budget.where = f"danger and tool of {stretch.name}"
+        if danger is not None and claims.danger is not None:
+            high = danger.exceeded(stretch, claims.danger.bound)
+            if high is not None:
+                words = f"danger {high[1]:.4f} near {high[0]:.6f} of it, {claims.danger.bound:.4f} is claimed"
+                raise CertificateError(f"{stretch.name}: {words}")
+        lost = None if tool is None else tool.exceeded(stretch)
+        if lost is not None:
+            words = f"the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of it"
+            raise CertificateError(f"{stretch.name}: {words}")
 
 
 class _Interval(NamedTuple):

@@ -17,8 +17,8 @@ from math import comb, factorial, perm
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, PolynomialMotion
-from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainTool, Separations, plain_name
-from safe_ompl.certificates.verifier.danger import PlainDanger
+from safe_ompl.certificates.verifier.bodies import GJK, Separations, Stretch, plain_name
+from safe_ompl.certificates.verifier.danger import check_danger_and_tool
 from safe_ompl.common import CertificateError, FloatArray
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -50,7 +50,8 @@ def check_polynomials(
     _check_rates(claim, robot, pieces)
     tube = 0.0 if claims.tube is None else claims.tube
     widths = [row + tube + _ROUNDING * np.abs(piece[0]).max(axis=0) for row, piece in zip(allowed, pieces, strict=True)]
-    _check_danger_and_tool(claims, robot, scene, pieces, widths, separations.budget)
+    stretches = (_stretch(k, piece[0], width) for k, (piece, width) in enumerate(zip(pieces, widths, strict=True)))
+    check_danger_and_tool(claims, robot, scene, stretches, separations.budget)
     parts = distances = 0
     for k, ((points, *_), width) in enumerate(zip(pieces, widths, strict=True)):
         waiting = [(points, 0.0, 1.0, set(separations.names))]
@@ -166,34 +167,12 @@ def _check_rates(claim: PolynomialMotion, robot: Robot, pieces: list[list[FloatA
                 raise CertificateError(f"motion: the {kinds[order]} jumps where piece {k} begins")
 
 
-def _check_danger_and_tool(
-    claims: Certificate,
-    robot: Robot,
-    scene: Scene,
-    pieces: list[list[FloatArray]],
-    widths: list[FloatArray],
-    budget: Budget,
-) -> None:
-    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
-    tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
-    for k, ((points, *_), width) in enumerate(zip(pieces, widths, strict=True)):
-        budget.where = f"danger and tool of piece {k} of the motion"
+def _stretch(k: int, points: FloatArray, width: FloatArray) -> Stretch:
+    def place(t: float) -> FloatArray:
+        row = points
+        while len(row) > 1:
+            row = (1 - t) * row[:-1] + t * row[1:]
+        return row.reshape(-1)
 
-        def place(t: float, points: FloatArray = points) -> FloatArray:
-            while len(points) > 1:
-                points = (1 - t) * points[:-1] + t * points[1:]
-            return points.reshape(-1)
-
-        steps = (len(points) - 1) * np.abs(np.diff(points, axis=0)).max(axis=0)
-        if danger is not None and claims.danger is not None:
-            high = danger.exceeded_along(place, steps, claims.danger.bound, width)
-            if high is not None:
-                raise CertificateError(
-                    f"motion: danger {high[1]:.4f} near {high[0]:.6f} of piece {k}, and "
-                    f"{claims.danger.bound:.4f} is claimed of all that is allowed there"
-                )
-        lost = None if tool is None else tool.exceeded_along(place, steps, width)
-        if lost is not None:
-            raise CertificateError(
-                f"motion: the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of piece {k}"
-            )
+    steps = (len(points) - 1) * np.abs(np.diff(points, axis=0)).max(axis=0)
+    return Stretch(f"piece {k} of the motion", place, steps, width)

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
-from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainSpeeds, PlainTool, Separations, plain_name
-from safe_ompl.certificates.verifier.danger import PlainDanger, PlainMovingDanger
+from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainSpeeds, Separations, Stretch, plain_name
+from safe_ompl.certificates.verifier.danger import PlainMovingDanger, check_danger_and_tool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray
 from safe_ompl.io import schema
@@ -66,7 +66,8 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
             raise CertificateError(f"trajectory: in a stop {failure}")
         required = Required(scene, stops, visits.latest() + motion.window)
     _check_free(motion, separations, required)
-    _check_danger_and_tool(claims, motion, robot, scene, budget)
+    stretches = (_stretch(k, piece) for k, piece in enumerate(motion.pieces))
+    check_danger_and_tool(claims, robot, scene, stretches, budget)
 
 
 def _check_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot, budget: Budget) -> None:
@@ -194,25 +195,6 @@ def _check_free(motion: PlainMotion, separations: Separations, required: Require
                 waiting += [(first, middle, near), (middle, last, near)]
 
 
-def _check_danger_and_tool(
-    claims: Certificate, motion: PlainMotion, robot: Robot, scene: Scene, budget: Budget
-) -> None:
-    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
-    tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
-    for k, piece in enumerate(motion.pieces):
-        budget.where = f"danger and tool of piece {k} of its trajectory"
-
-        def place(t: float, piece: PlainPiece = piece) -> FloatArray:
-            return piece.at(t * piece.length)
-
-        steps = piece.steps(piece.length)
-        if danger is not None and claims.danger is not None:
-            bound = claims.danger.bound
-            failed = danger.exceeded_along(place, steps, bound)
-            if failed is not None:
-                raise CertificateError(
-                    f"trajectory: piece {k}: danger {failed[1]:.4f}, {bound:.4f} is claimed of the path"
-                )
-        lost = None if tool is None else tool.exceeded_along(place, steps)
-        if lost is not None:
-            raise CertificateError(f"trajectory: piece {k}: the {lost[1]} of the tool is not as claimed")
+def _stretch(k: int, piece: PlainPiece) -> Stretch:
+    name = f"piece {k} of the trajectory"
+    return Stretch(name, lambda t: piece.at(t * piece.length), piece.steps(piece.length))

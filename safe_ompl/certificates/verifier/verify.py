@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Interval
-from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainTool, Separations, plain_name
-from safe_ompl.certificates.verifier.danger import PlainDanger
+from safe_ompl.certificates.verifier.bodies import GJK, Budget, Separations, Stretch, plain_name
+from safe_ompl.certificates.verifier.danger import check_danger_and_tool
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
 from safe_ompl.common import CertificateError, FloatArray, InputError, formats, notebook_html, positive
@@ -141,7 +141,11 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
             _check_interval(f"edge {k}, interval {j}", interval, start, delta, separations, claims)
             intervals, distances = intervals + 1, distances + len(separations.names)
     if claims.motion is None:
-        _check_danger_and_tool(claims, robot, scene, ends, budget)
+        edges = (
+            _stretch(f"edge {k}", start, robot.difference(start, end), claims.tube)
+            for k, (start, end) in enumerate(zip(path, ends, strict=False))
+        )
+        check_danger_and_tool(claims, robot, scene, edges, budget)
         check_trajectory(claims, robot, scene, separations)
     else:
         intervals, distances = check_polynomials(claims, claims.motion, robot, scene, separations)
@@ -160,6 +164,10 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
         obstacles=scene.names,
         own=own,
     )
+
+
+def _stretch(name: str, start: FloatArray, delta: FloatArray, tube: FloatArray | None) -> Stretch:
+    return Stretch(name, lambda t: start + t * delta, np.abs(delta), 0.0 if tube is None else tube)
 
 
 def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
@@ -226,24 +234,6 @@ def _check_interval(
 
 def _between(pair: tuple[str, str]) -> str:
     return f"{plain_name(pair[0])!r} and {plain_name(pair[1])!r}"
-
-
-def _check_danger_and_tool(claims: Certificate, robot: Robot, scene: Scene, ends: FloatArray, budget: Budget) -> None:
-    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
-    tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
-    tube = 0.0 if claims.tube is None else claims.tube
-    for k, (start, end) in enumerate(zip(claims.path, ends, strict=False)):
-        delta = robot.difference(start, end)
-        budget.where = f"danger and tool of edge {k}"
-        if danger is not None and claims.danger is not None:
-            bound = claims.danger.bound
-            high = danger.exceeded(start, delta, bound, tube)
-            if high is not None:
-                words = f"danger {high[1]:.4f} near {high[0]:.6f} of it, {bound:.4f} is claimed"
-                raise CertificateError(f"edge {k}: {words}")
-        lost = None if tool is None else tool.exceeded(start, delta, tube)
-        if lost is not None:
-            raise CertificateError(f"edge {k}: the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of it")
 
 
 _SAME = 1e-9  # relative: numbers that are computed from a robot, and differ by less, agree
