@@ -119,7 +119,7 @@ def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptio
         controller = LiveController(cell, lambda: 1e-9 * clock.now().nanoseconds, control)
         log = None
         if options.mcap is not None:
-            header = ticks_header(options.tick, robot, around, controller.header())
+            header = ticks_header(options.tick, robot, around, cell.moving)
             log = stack.enter_context(closing(McapLog(options.mcap, header)))
         ros = RosNode(node, controller, Frames(robot, scenario.frames), around.without(*cell.objects), log)
         name = node.get_fully_qualified_name()

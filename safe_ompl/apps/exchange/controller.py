@@ -53,6 +53,11 @@ class Cell:
     plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner | Shield]
     shielded: bool = False  # Whether proposals are followed, and not goals
 
+    @property
+    def moving(self) -> dict[str, Any]:
+        """Who and what moves, as the header of ticks has it."""
+        return who_moves(self.trackers, self.objects)
+
 
 @dataclass(frozen=True)
 class ControlOptions:
@@ -76,8 +81,9 @@ class LiveController:
 
     Call what was measured as it comes, and `tick` at the rate of the options. Methods that take measurements raise
     InputError for what cannot be used; nothing changes then. The `clock` returns the time now [s], of the clock of all
-    stamps; plans are made in the `executor`, by default in a thread. `command` is what the robot was told last,
-    `blocked` says why the robot must not move, as the caller knows (empty: it may).
+    stamps; plans are made in the `executor`, by default in a thread. `command` is what the robot was told last, and
+    holds while it is `driving`: if not, the robot follows it to its stop. `blocked` says why the robot must not move,
+    as the caller knows (empty: it may).
     """
 
     def __init__(
@@ -100,7 +106,7 @@ class LiveController:
         self._proven_cloud: CloudView | None = None
         self._strangers: tuple[float, str] = (-np.inf, "")
         self._pilot: Replanner | Shield | None = None
-        self._driving = False
+        self.driving = False
         self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
         self.command: Command | None = None
         self._commands: deque[Command] = deque(maxlen=_HISTORY)
@@ -158,7 +164,7 @@ class LiveController:
 
     def propose(self, motion: Motion | FloatArray, start: float | None = None) -> None:
         """Take what the shield is to follow: a motion from a time [s] or the next tick on, or velocities (n,)."""
-        if not self._driving or not isinstance(self._pilot, Shield):
+        if not self.driving or not isinstance(self._pilot, Shield):
             raise InputError(f"is not followed: {self._why}")
         if isinstance(motion, Motion):
             self._pilot.propose(motion, start=start)
@@ -179,7 +185,7 @@ class LiveController:
             self._why = f"the clock went back by {before - self._now:.3f} s"
             return self._record()
         self._take_plan()
-        if self._driving:
+        if self.driving:
             why = self._fault()
             if why is not None:
                 self._halt(why)
@@ -191,17 +197,12 @@ class LiveController:
 
     def think(self, units: int = 60) -> None:
         """Search a detour in the time that is left until the next tick; see `Replanner.think`."""
-        if self._driving and isinstance(self._pilot, Replanner):
+        if self.driving and isinstance(self._pilot, Replanner):
             self._pilot.think(units)
-
-    @property
-    def driving(self) -> bool:
-        """Whether `command` holds; if not, the robot follows the last one to its stop."""
-        return self._driving
 
     def _halt(self, why: str) -> None:
         """Send no more commands: the robot follows the last one to its stop."""
-        self._driving, self._why = False, why
+        self.driving, self._why = False, why
 
     def _fault(self) -> str | None:
         """Return why the robot must be stopped, if it must."""
@@ -212,7 +213,7 @@ class LiveController:
             return "no joint states yet" if np.isinf(late) else f"no joint states for {late:.2f} s"
         if self._now - self._strangers[0] < self.options.replanning.lost_after:
             return f"{self._strangers[1]!r} is seen, but not tracked"
-        if not self._driving:
+        if not self.driving:
             return None
         if self._cloud is not None and (new := self._cloud.news(self._proven_cloud)):
             return f"{new} points of the cloud are new"
@@ -241,7 +242,7 @@ class LiveController:
             self._commands.append(command)
         self.command, self._why = command, command.reason
         if command.doing is Doing.DONE and not self.cell.shielded:
-            self._goal, self._driving, self._why = None, False, _ARRIVED
+            self._goal, self.driving, self._why = None, False, _ARRIVED
 
     def _inform(self, pilot: Replanner | Shield) -> None:
         due = self._sightings.due(self._now)
@@ -293,7 +294,7 @@ class LiveController:
         if away > self.options.tolerance:  # the robot was moved meanwhile: plan anew
             return
         self._sightings.restart()
-        self._driving, self.command = True, None
+        self.driving, self.command = True, None
         self._commands.clear()
 
     # ------------------------------------------------------------------------------------------------------ record
@@ -301,17 +302,13 @@ class LiveController:
     @property
     def state(self) -> str:
         """What the robot does, in one word: as `Doing` says; planning, or standing, and done without a goal."""
-        if self._driving and self.command is not None:
+        if self.driving and self.command is not None:
             return self.command.doing.value
         if self.command is not None and self._now < self.command.standstill:
             return Doing.BRAKING.value
         if self._planning is not None:
             return "planning"
         return Doing.DONE.value if self._why == _ARRIVED else Doing.STANDING.value
-
-    def header(self) -> dict[str, Any]:
-        """Return who and what moves, as the header of ticks has it."""
-        return who_moves(self.cell.trackers, self.cell.objects)
 
     def stop(self) -> tuple[FloatArray, Sequence[Any]]:
         """Return times [s] and states of the rest of the command until the robot stands; none before the first one."""

@@ -80,7 +80,7 @@ class RosNode:
         self, node: Any, controller: LiveController, frames: Frames, scene: Scene, log: TickLog | None = None
     ) -> None:
         self._node, self._controller, self._frames, self._log = node, controller, frames, log
-        self._robot, self._bodies = controller.cell.robot, controller.header()
+        self._robot, self._bodies = controller.cell.robot, controller.cell.moving
         self._said: dict[str, float] = {}
         self._units = 10.0
         self._commands = self._publisher(messages.JOINT_TRAJECTORY, "command")

@@ -22,14 +22,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
+from safe_ompl.common import InputError, SafeOmplError, finite_array
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.command import Command, Doing
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
@@ -133,7 +133,7 @@ class Shield(Guard):
 
         Joints approach it with half of their accelerations. If no other proposal comes the robot stops.
         """
-        return self._take(lambda: self._velocity(finite_array(velocity, (self.robot.n,), "velocity")))
+        return self._take(partial(self._velocity, velocity, of_tip=False))
 
     def propose_twist(self, twist: ArrayLike) -> bool:
         """Propose a twist of the tip, as `propose_velocity`.
@@ -148,7 +148,7 @@ class Shield(Guard):
         The joints get q̇ = Jᵀ(JJᵀ + λ²)⁻¹v with λ = 0.05: near a singularity the tip is slower than v, and q̇ stays
         below ‖v‖/2λ. Where a joint would be too fast the robot is slower in the same direction.
         """
-        return self._take(lambda: self._velocity(finite_array(twist, (6,), "twist"), of_tip=True))
+        return self._take(partial(self._velocity, twist, of_tip=True))
 
     def command(self, time: float) -> ShieldCommand:
         """Return what the robot does from a time [s] on.
@@ -219,8 +219,9 @@ class Shield(Guard):
                 _log.warning("the proposal is refused: %s", error)
         return self._proposal is not None
 
-    def _velocity(self, target: FloatArray, of_tip: bool = False) -> Velocity:
-        return Velocity(self.robot, self.limits.joints, target, self.tick, of_tip)
+    def _velocity(self, given: ArrayLike, of_tip: bool) -> Velocity:
+        shape, what = ((6,), "twist") if of_tip else ((self.robot.n,), "velocity")
+        return Velocity(self.robot, self.limits.joints, finite_array(given, shape, what), self.tick, of_tip)
 
     def _next_way(self, time: float, s: float, speed: float) -> tuple[_Way | None, float, float, str]:
         """Return on which way the robot goes on, from which s and ṡ on; if there is none, why."""
@@ -263,16 +264,15 @@ class Shield(Guard):
             piece = piece._replace(length=piece.length - max(0.0, end - length))
             if piece.length <= 0:
                 break
-            verdict = self._verdict(piece)
-            if verdict.verdict is not Verdict.FREE:
-                blocked = _blocked(verdict, begin + end)
-                for _ in range(_CUTS):
-                    piece = piece._replace(length=0.5 * piece.length)
-                    if self._verdict(piece).verdict is Verdict.FREE:
-                        proven.append(piece)
-                        break
+            for _ in range(1 + _CUTS):
+                verdict = self._verdict(piece)
+                if verdict.verdict is Verdict.FREE:
+                    proven.append(piece)
+                    break
+                blocked = blocked or _blocked(verdict, begin + end)
+                piece = piece._replace(length=0.5 * piece.length)
+            if blocked:
                 break
-            proven.append(piece)
         if not proven:
             return None, blocked
         path = self._path(proven)
