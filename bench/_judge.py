@@ -93,7 +93,9 @@ def carried_robot(recipe: Mapping[str, Any], folder: Path) -> Robot:
     if recipe.get("base") is not None:
         robot = robot.with_base(Pose.from_mapping(recipe["base"]))
     for item in recipe.get("attached", ()):
-        robot = robot.holding(Attachment.from_mapping(item, folder))
+        held = Attachment.from_mapping(item, folder)
+        options = {"touch_links": held.touch_links, "danger": held.danger}
+        robot = robot.with_attached(held.name, held.shape, held.link, held.pose, **options)
     return robot
 
 

@@ -113,7 +113,6 @@ def make_convex(geometry: pin.GeometryModel) -> None:
 _SAMPLES = 1000
 _ALWAYS = 0.95  # share of the samples in contact from which a pair counts as always in contact
 _NAMED = 6  # pairs in a warning; all of them in the log's details
-_BATCH = 16  # samples between two looks at which pairs are decided
 
 
 def select_self_pairs(
@@ -134,8 +133,7 @@ def select_self_pairs(
             pin.removeCollisionPairsFromXML(model, geometry, text, False)
         except (ValueError, RuntimeError) as error:
             raise InputError(f"not a valid SRDF ({error})", str(srdf)) from None
-    removed = before - len(geometry.collisionPairs)
-    if removed:
+    if removed := before - len(geometry.collisionPairs):
         _log.info("%s: %d self-collision pairs disabled by %s", robot, removed, srdf)
     else:
         reason = "no SRDF (`safe-ompl srdf` writes one)" if srdf is None else f"{srdf} disables no pair"
@@ -148,8 +146,6 @@ def select_self_pairs(
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         named = ", ".join(names[:_NAMED])
         warn_once(_log, f"{robot}: not checked, as in contact in over {_ALWAYS:.0%} of samples: {named}{more}")
-        if more:
-            _log.info("%s: always in contact: %s", robot, ", ".join(names))
 
 
 def sample_configurations(
@@ -198,20 +194,17 @@ def always_in_contact(model: pin.Model, geometry: pin.GeometryModel, samples: Fl
     A pair is looked at until it has been free in 5 % of the samples, which for most is soon.
     """
     pairs = _pairs(geometry)
-    data, contacts = model.createData(), pin.GeometryData(geometry)
-    undecided, free = np.arange(len(pairs)), np.zeros(len(pairs))
-    for start in range(0, len(samples), _BATCH):
-        for q in samples[start : start + _BATCH]:
-            pin.computeCollisions(model, data, geometry, contacts, q, False)
-            results = contacts.collisionResults
-            free[undecided] += [not results[k].isCollision() for k in undecided.tolist()]
-        decided = len(samples) - free[undecided] <= _ALWAYS * len(samples)
-        for k in undecided[decided].tolist():
-            contacts.deactivateCollisionPair(k)
-        undecided = undecided[~decided]
-        if not len(undecided):
+    data, contacts, free = model.createData(), pin.GeometryData(geometry), dict.fromkeys(range(len(pairs)), 0)
+    for q in samples:
+        pin.computeCollisions(model, data, geometry, contacts, q, False)
+        for k in list(free):
+            free[k] += not contacts.collisionResults[k].isCollision()
+            if len(samples) - free[k] <= _ALWAYS * len(samples):
+                contacts.deactivateCollisionPair(k)
+                del free[k]
+        if not free:
             break
-    return [pairs[k] for k in undecided]
+    return [pairs[k] for k in free]
 
 
 def drop_fixed_pairs(geometry: pin.GeometryModel) -> None:

@@ -266,22 +266,21 @@ def robot_hash(robot: Robot) -> str:
         "tip": robot.tip,
         "segments": robot.segments.tolist(),
         "keypoints": _numbers(robot.keypoints(np.clip(np.zeros(robot.n), robot.lower, robot.upper))),
-        "bodies": [_body(body) for body in geometry.geometryObjects],
+        "bodies": [
+            {
+                "name": body.name,
+                "joint": int(body.parentJoint),
+                "placement": _numbers(body.placement.homogeneous),
+                "shape": type(body.geometry).__name__,
+                "size": _size(body.geometry),
+            }
+            for body in geometry.geometryObjects
+        ],
         "pairs": sorted((int(pair.first), int(pair.second)) for pair in geometry.collisionPairs),
     }
     if not robot.coupling.trivial:
         content["mimics"] = [_numbers(robot.coupling.matrix), _numbers(robot.coupling.offsets)]
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _body(body: pin.GeometryObject) -> dict[str, Any]:
-    return {
-        "name": body.name,
-        "joint": int(body.parentJoint),
-        "placement": _numbers(body.placement.homogeneous),
-        "shape": type(body.geometry).__name__,
-        "size": _size(body.geometry),
-    }
 
 
 def _size(shape: coal.CollisionGeometry) -> Any:

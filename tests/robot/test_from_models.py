@@ -64,14 +64,6 @@ def test_meshes_become_hulls_and_travel(data_folder):
     assert len(robot.visual_model.geometryObjects) == len(robot.collision_model.geometryObjects)
 
 
-def test_other_things_than_models(models):
-    model, geometry = models
-    with pytest.raises(InputError, match=r"model must be a pin\.Model, not str"):
-        Robot.from_models("robot.urdf", geometry)
-    with pytest.raises(InputError, match=r"geometry must be a pin\.GeometryModel, not Model"):
-        Robot.from_models(model, model)
-
-
 def arm(shapes, *, pairs=False):
     """Return an arm of turning joints, one for each shape, as people write them by hand."""
     model, geometry, parent = pin.Model(), pin.GeometryModel(), 0
@@ -131,6 +123,9 @@ def link_on_another_joint(model, geometry):
 )
 def test_what_would_crash_pinocchio_is_named(spoil, message):
     model, geometry = arm([coal.Sphere(0.1), coal.Sphere(0.1)])
+    for wrong, kind in ((("robot.urdf", geometry), "a pin.Model, not str"), ((model, model), "a pin.GeometryModel")):
+        with pytest.raises(InputError, match=f"must be {kind}"):
+            Robot.from_models(*wrong)
     spoil(model, geometry)
     with pytest.raises(InputError, match=message):
         Robot.from_models(model, geometry)

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import CollisionChecker, InputError, Scene, UnknownNameError
-from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
+from safe_ompl.geometry import Pose, Sphere
 from safe_ompl.robot import Robot, robot_hash
 
 BASE = Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2))
@@ -77,17 +77,6 @@ def test_the_arm_rides_on_the_base(mobile, ur5, rng):
         ride = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, q[2]), np.array([q[0], q[1], 0.0]))
         expected = ride * ur5.tip_pose(q[3:])
         np.testing.assert_allclose(mobile.tip_pose(q).homogeneous, expected.homogeneous, atol=1e-12)
-
-
-def test_bodies_of_the_base_move_and_are_checked(mobile):
-    wall = Scene((Obstacle("wall", Box((0.1, 3.0, 1.0)), Pose((0.6, 0.0, 0.5))),))
-    checker = CollisionChecker(mobile, wall)
-    assert ("base_link", "wall") in checker.pair_names
-    q = (mobile.lower + mobile.upper) / 2
-    q[3:] = [0.0, -1.57, 0.0, 0.0, 0.0, 0.0]
-    assert not checker.in_collision(q)
-    q[0] = 0.6
-    assert checker.in_collision(q)
 
 
 def test_limits_of_the_base_and_of_the_arm(mobile):

@@ -68,14 +68,6 @@ def test_a_joint_may_have_the_name_of_a_link(edited, locked):
     assert self_pairs(robot) == self_pairs(plain)
 
 
-def test_key_points_of_a_joint_with_the_name_of_a_link(edited, data_folder):
-    robot = Robot.from_urdf(edited("gripper_arm.urdf", '"elbow"', '"upper"'), tip="hand")
-    plain = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
-    assert robot.joint_names == ("turn", "upper")
-    q = np.array([0.4, -0.7])
-    np.testing.assert_allclose(robot.keypoints(q), plain.keypoints(q))
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -95,12 +95,6 @@ def test_limits_bind_all_but_continuous_joints(kinova):
     assert kinova.within_limits(kinova.lower - 0.01).tolist() == kinova.continuous.tolist()
 
 
-def test_whole_turns_of_a_continuous_joint_change_nothing(kinova, rng):
-    q = random_configurations(kinova, rng, 1)[0]
-    turned = q + 2 * np.pi * kinova.continuous
-    np.testing.assert_allclose(kinova.keypoints(turned), kinova.keypoints(q), atol=1e-12)
-
-
 def test_srdf_removes_exactly_the_pairs_that_it_names(panda):
     srdf = ElementTree.parse(robots_folder() / find_example("panda").srdf)
     disabled = {frozenset((tag.get("link1"), tag.get("link2"))) for tag in srdf.iter("disable_collisions")}
@@ -143,15 +137,6 @@ def test_pairs_that_always_touch_are_dropped_and_logged(edited, caplog):
     robot = Robot.from_urdf(urdf, tip="hand")
     assert frozenset(("upper_0", "hand_0")) not in self_pairs(robot)
     assert "not checked, as in contact in over 95% of samples: upper_0–hand_0" in caplog.text
-
-
-@pytest.mark.parametrize("text", ["", '<disable_collisions link1="hand" link2="nowhere" reason="Never"/>'])
-def test_srdf_that_disables_nothing_is_said_so(data_folder, tmp_path, caplog, text):
-    srdf = tmp_path / "empty.srdf"
-    srdf.write_text(f'<robot name="gripper_arm">{text}</robot>')
-    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", srdf, tip="hand")
-    assert "empty.srdf disables no pair: " in caplog.text
-    assert self_pairs(robot) == self_pairs(Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand"))
 
 
 def test_missing_mesh_names_link_and_file(edited):

@@ -89,12 +89,6 @@ def test_what_xacro_cannot_expand_is_one_line(tmp_path, text, arguments, message
     assert "\n" not in str(found.value)
 
 
-def test_what_xacro_leaves_behind_does_no_harm(edited):
-    namespace = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="gripper_arm">'
-    urdf = edited("gripper_arm.urdf", '<robot name="gripper_arm">', namespace)
-    assert Robot.from_urdf(urdf, tip="hand").n == 2
-
-
 @pytest.fixture
 def workspace(data_folder, tmp_path):
     """Two packages side by side, in folders that are not called as the packages are."""
@@ -115,17 +109,6 @@ def test_a_broken_mesh_is_named(data_folder, tmp_path):
     (tmp_path / "broken.stl").write_text("solid nothing")
     with pytest.raises(InputError, match=r"arm.urdf: cannot read a mesh .*broken.stl"):
         Robot.from_urdf(tmp_path / "arm.urdf")
-
-
-def test_a_robot_without_a_name_is_called_after_its_file(edited):
-    urdf = edited("gripper_arm.urdf", '<robot name="gripper_arm">', "<robot>")
-    assert Robot.from_urdf(urdf).name == urdf.stem
-
-
-def test_name_spaces_need_not_be_declared(edited):
-    """Robots that come from Drake say `drake:acceleration` without saying what drake is."""
-    urdf = edited("gripper_arm.urdf", "<limit ", '<limit drake:acceleration="2.5" ')
-    assert Robot.from_urdf(urdf).n == 3
 
 
 def test_packages_are_found_by_their_manifest(workspace, tmp_path, monkeypatch):
@@ -158,3 +141,15 @@ def test_a_package_without_a_name(edited, data_folder, whole):
     name = str(data_folder / "wedge.obj") if whole else "/data/wedge.obj"
     urdf = edited("twin_arm.urdf", "wedge.obj", f"package://{name}")
     assert Robot.from_urdf(urdf, package_dirs=[] if whole else [data_folder.parent]).n == 6
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<robot name="', '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="'),  # xacro leaves it behind
+        ('<robot name="gripper_arm">', "<robot>"),  # it is called after its file
+        ("<limit ", '<limit drake:acceleration="2.5" '),  # without saying what drake is
+    ],
+)
+def test_what_many_urdfs_hold_or_lack_does_no_harm(edited, old, new):
+    assert Robot.from_urdf(edited("gripper_arm.urdf", old, new)).name == "gripper_arm"
