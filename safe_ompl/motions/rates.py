@@ -132,8 +132,7 @@ def roughness(motion: Motion, order: int) -> FloatArray:
         found[1:] += factorial(order - lower) * jumps / spans[1:] ** (order - lower)
     if motion.rounding is None:
         return found
-    rounded: FloatArray = perm(motion.degree, order) * motion.rounding / spans**order
-    return np.maximum(found, rounded)  # jumps within the rounding need be none
+    return np.maximum(found, perm(motion.degree, order) * motion.rounding / spans**order)  # jumps within it are none
 
 
 def _jumps(motion: Motion, order: int) -> FloatArray:

@@ -153,10 +153,6 @@ class BlendedCurve:
         self.starts: FloatArray = np.concatenate([[0.0], ends[:-1]])
         self.length = float(ends[-1])
 
-    def __repr__(self) -> str:
-        bent = sum(not piece.straight for piece in self.pieces)
-        return f"BlendedCurve({self.length:.3g} rad, {bent} bent pieces, {len(self.stops)} stops)"
-
     def rest(self, s: float) -> BlendedCurve:
         """Return the curve from an arc length 0 ≤ s < length on."""
         k = int(self.piece_at(np.array([s]))[0])

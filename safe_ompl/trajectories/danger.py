@@ -41,11 +41,18 @@ class CellDanger(NamedTuple):
 
         The bound is convex in ṡ: if it keeps to the limit at rest and at some speed, so it does at all between.
         """
-        found, bad = np.where(self.at(most) <= limit, most, 0.0), most
-        for _ in range(_HALVINGS):
-            middle = (found + bad) / 2
-            holds = self.at(middle) <= limit
-            found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
+        if self.field.field.aggregate == "max":
+            weights = self.field.field.weights
+            share = limit if weights is None else limit / weights
+            with np.errstate(divide="ignore", invalid="ignore"):
+                speeds = np.where(self.pushes > 0, (share - self.levels) / self.pushes, np.inf)
+            found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
+        else:
+            found, bad = np.where(self.at(most) <= limit, most, 0.0), most
+            for _ in range(_HALVINGS):
+                middle = (found + bad) / 2
+                holds = self.at(middle) <= limit
+                found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
         return np.where(self.at(np.zeros(len(most))) <= limit, found, -1.0)
 
 

@@ -107,9 +107,6 @@ class PathTimer:
                 raise InputError("give a motion: its scene says where people are", "motion")
             self.distances = PeopleDistances(robot, motion.checker.scene, self.people)
 
-    def __repr__(self) -> str:
-        return f"PathTimer({self.robot!r}, people={self.people!r})"
-
     def time(self, path: ArrayLike, *, cells: int = CELLS) -> Trajectory:
         """Return the fastest trajectory along a path; parameters and errors as `time_path`.
 

@@ -137,16 +137,10 @@ def test_cells_are_fine_enough_and_coarser_ones_as_proven(
     assert timer.time(shelf_path).duration * (1 - 1e-6) <= found <= 1.05 * timer.time(shelf_path).duration
 
 
-def test_slower_people_contact_and_a_path_that_keeps_away_mean_faster_motions(
-    timed, panda, shelf_path, shelf_motion, panda_limits
-):
-    apart, slow = timed(People()).duration, timed(People(speed=0.8)).duration
-    assert apart > 1.5 * slow
+def test_slower_people_and_contact_mean_faster_motions(timed):
+    apart = timed(People()).duration
+    assert apart > 1.5 * timed(People(speed=0.8)).duration
     assert timed(People(speed=0)).duration == pytest.approx(timed(People(speed=0.01)).duration, rel=0.05)
-    nearer = shelf_path.copy()
-    nearer[1, 1] += 0.1
-    beside = {"motion": shelf_motion, "people": People(speed=1.3)}
-    assert time_path(nearer, panda, panda_limits, **beside).duration > timed(People(speed=1.3)).duration
     touching = timed(People(contact=True))
     assert touching.duration < 0.9 * apart
     least = {cap.name: cap.least for cap in touching.caps[2:]}
