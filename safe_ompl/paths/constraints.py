@@ -40,19 +40,9 @@ class Constraints:
     """What every configuration and every motion must keep to, besides joint limits and collision.
 
     Others are put in place with `setConstraints`, as ``setConstraints(replace(getConstraints(), danger=None))``.
-
-    Attributes
-    ----------
-    separation : Separation
-        The distances from obstacles, at rest or moving.
-    danger : DangerLimit or None
-        The largest danger.
-    tool : tuple of ToolLimit
-        Orientation and place of the tool.
-    user : UserCheck or None
-        The user's own state validity checker, which nothing can be proven of.
-    from_dangerous : (float, sequence of (str, str)) or None
-        Distance [m] and exempt pairs of a minimum clearance that is kept from whatever is dangerous, in any scene.
+    `separation` is the distances from obstacles, at rest or moving; `danger` the largest one; `tool` limits orientation
+    and place of the tool; `user` is the user's own state validity checker, which nothing can be proven of. A minimum
+    clearance `from_dangerous` [m], with its exempt pairs, is kept from whatever is dangerous, in any scene.
     """
 
     separation: Separation = TOUCHING_ONLY
@@ -105,10 +95,7 @@ def danger_objection(limit: DangerLimit, q: FloatArray) -> str | None:
 
 
 class ConfigurationCheck:
-    """Says of single configurations whether constraints allow them: quickly, or in words.
-
-    An UnknownNameError if the scene has no obstacle of a name in the constraints.
-    """
+    """Says of configurations whether constraints allow them; an UnknownNameError if these name no obstacle."""
 
     def __init__(self, checker: CollisionChecker, constraints: Constraints) -> None:
         self.checker, self.constraints = checker, constraints
@@ -122,10 +109,7 @@ class ConfigurationCheck:
         return self._joint_limits.hold(q)
 
     def allows(self, q: FloatArray, state: Any = None) -> bool:
-        """Return whether `q: (n,)` is finite, within the joint limits, and allowed.
-
-        Where `state` is the same configuration as an OMPL state, the user's checker is asked about that.
-        """
+        """Return whether `q: (n,)` is finite, within the joint limits, and allowed; it may also be given as a state."""
         if not self._joint_limits.hold(q) or self.checker.touches(q) or self._required.violated(q):
             return False
         if self._tool and not all(limit.allows(q) for limit in self._tool):

@@ -90,10 +90,7 @@ def integrated(path: FloatArray, values: FloatArray, slopes: FloatArray) -> tupl
 
 @compiled
 def add_bends(path: FloatArray, rows: IntArray, bends: FloatArray, blocks: FloatArray, beside: FloatArray) -> None:
-    """Add to the Hessian of a path (N, n) what bends at its nodes, rows (C,), like Σ vvᵀ with v: (C, n).
-
-    Its blocks (N, n, n) are on the diagonal, and (N − 1, n, n) right of them.
-    """
+    """Add to the Hessian's blocks on and beside the diagonal what bends at nodes, rows (C,), like Σ vvᵀ: v (C, n)."""
     for c in range(len(rows)):
         k, t = rows[c] // 2, SECOND if rows[c] % 2 else FIRST
         squared = 0.0

@@ -107,10 +107,7 @@ def claims_of(motion: MotionProver) -> tuple[str, ...]:
 
 
 def first_refused(path: FloatArray, motion: MotionProver | UserCheck) -> tuple[int, MotionVerdict] | None:
-    """Return the index of the first edge of `path: (N, n)` that is not proven free, with the verdict; else None.
-
-    A path of a single configuration is checked as an edge to itself.
-    """
+    """Return the first edge of a path (N, n) that is not proven free, with the verdict; one way point is an edge."""
     ends = path[1:] if len(path) > 1 else path
     for k, (start, end) in enumerate(zip(path, ends, strict=False)):
         verdict = motion.check(start, end)

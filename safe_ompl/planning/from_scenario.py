@@ -126,14 +126,9 @@ def repair(
 ) -> motions.Repair:
     """Return a motion that something else made with as little changed as a proof needs.
 
-    Parameters
-    ----------
-    motion : Motion or what `Motion.of` takes
-        Such as way points (N, n), a SciPy spline, or a plain `og.SimpleSetup` that has been solved.
-    robot, scene, tube, limits, people
-        As `check`; under other constraints it is `SafeSetup.repair`.
-    time : float
-        [s] for planning ways round, where moving pieces aside does not succeed.
+    The motion is what `Motion.of` takes, such as way points (N, n), a SciPy spline, or a plain `og.SimpleSetup` that is
+    solved; other arguments and errors as `check`, under other constraints it is `SafeSetup.repair`. The time [s] is
+    for planning ways round, where moving pieces aside does not succeed.
 
     Returns
     -------
@@ -141,11 +136,6 @@ def repair(
         True if it is proven. `motion` has the ends, the degree, the times and the smoothness of the one given; `path`
         the way points where it is straight between them; `how`, `deviation` and `changed` say what was done. Where
         rates exceed `limits`, or stops are too late for `people`, it takes `slower` times as long.
-
-    Raises
-    ------
-    InputError
-        As `check`.
     """
     setup = SafeSetup(robot, scene)
     if tube is not None:

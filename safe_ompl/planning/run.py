@@ -92,10 +92,7 @@ class PlanningRun:
         return self._result(before, nodes, first, elapsed - first, said)
 
     def validated(self, result: PlanResult, begin: float) -> PlanResult:
-        """Return a result with the report on its path; `begin` is when all began.
-
-        A PlanningError if the path is not proven, or is none from a start to the goal.
-        """
+        """Return a result with the report on its path; a PlanningError if it is not proven, or leads elsewhere."""
         setup, path = self._setup, result.path
         setup_time = clock() - begin - result.planning_time - result.simplification_time
         begin, report = clock(), None

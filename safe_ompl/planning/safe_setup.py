@@ -35,22 +35,18 @@ class SafeSetup(ProblemSetup):
 
     Parameters
     ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        The obstacles.
+    robot, scene : Robot, Scene
+        The robot, and the obstacles.
     danger : mapping or None
-        Options of `DangerField` (aggregate, weighting, sharpness, …) and `spacing` of the danger points [m].
-        Where no obstacle is dangerous, danger is zero. None plans without danger.
+        Options of `DangerField` (aggregate, weighting, …) and `spacing` of the danger points [m]. Where no obstacle is
+        dangerous, danger is zero. None plans without danger.
     movable : sequence of str
         Names of obstacles that will move, so that `moveObstacle` is quick from the first time on.
 
     Attributes
     ----------
-    counts : Counts
-        Queries and field evaluations so far.
-    field : DangerField or None
-        The danger.
+    counts, field : Counts, DangerField or None
+        Queries and field evaluations so far, and the danger.
     """
 
     _simplification_time = 0.0

@@ -117,16 +117,6 @@ def test_times_add_up(setup, ticks, options):
     assert result.report.time > 0
 
 
-def test_simplification_keeps_to_the_time_limit(setup, monkeypatch):
-    given = []
-    monkeypatch.setattr(setup, "simplifySolution", lambda time: given.append(time))
-    for simplify in (True, 30.0, 0.25):
-        setup.plan(seed=0, time=20.0, simplify=simplify)
-    assert 0 < given[0] < 20
-    assert 0 < given[1] < 20
-    assert given[2] == 0.25
-
-
 @pytest.mark.parametrize("time", [math.inf, 1e10, np.float32(20.0), 20])
 def test_long_times_and_our_planner_where_none_is_set(setup, time):
     assert setup.solve(time)

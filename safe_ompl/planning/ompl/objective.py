@@ -112,10 +112,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         return ob.Cost(self._least() * math.sqrt(delta.dot(delta)))
 
     def _least(self) -> float:
-        """Return the danger that no configuration goes below; say so if it is a thread of OMPL's own that asks.
-
-        Such a thread waits for Python, and the planner, which keeps Python, waits for the thread.
-        """
+        """Return the danger that no configuration goes below; say so if a thread of OMPL's own asks, and hangs."""
         thread = threading.get_ident()
         if thread != self._thread:
             self._thread = thread

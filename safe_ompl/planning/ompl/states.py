@@ -21,11 +21,7 @@ _new_capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
 
 
 def joint_space(robot: Robot) -> Any:
-    """Return the OMPL state space of a robot's joints.
-
-    A `RealVectorStateSpace` where no joint is continuous; else a `CompoundStateSpace` with an `SO2StateSpace` for
-    each continuous joint and a real vector for each run of the others, in the order of the joints.
-    """
+    """Return the OMPL state space of a robot's joints, in their order: an SO(2) for each that is continuous."""
     if not robot.continuous.any():
         return _real_vector(robot.lower, robot.upper)
     space = ob.CompoundStateSpace()
@@ -137,10 +133,7 @@ class StateBridge:
         return delta
 
     def distances(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the space's own distances (…) between `start` and `end: (…, n)`.
-
-        Of a compound OMPL adds up the lengths of the motion in each part, times the part's weight.
-        """
+        """Return the space's own distances (…) between `start` and `end: (…, n)`; compounds add up weighted parts."""
         squares = np.add.reduceat(self.difference(start, end) ** 2, self._firsts, axis=-1)
         distances: FloatArray = np.sqrt(squares) @ self._weights
         return distances
