@@ -8,6 +8,7 @@ from functools import cached_property
 from time import perf_counter
 from typing import Any, TypeVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
@@ -78,8 +79,14 @@ class Validation:
         }
 
 
-def validate(path: FloatArray, motion: MotionProver) -> Validation:
-    """Return what can be proven of a path (N, n), and what the user's own checks among the motion's limits say."""
+def validate(path: ArrayLike, motion: MotionProver) -> Validation:
+    """Return what can be proven of a path (N, n), and what the user's own checks among the motion's limits say.
+
+    An InputError if the path is empty, has the wrong shape, or is not finite.
+    """
+    path = finite_array(path, (None, motion.checker.robot.n), "path")
+    if not len(path):
+        raise InputError("path must have a configuration at least, got none")
     own = [limit for limit in motion.limits if isinstance(limit, UserCheck)]
     proof = motion.with_limits([limit for limit in motion.limits if not isinstance(limit, UserCheck)])
     refused = first_refused(path, proof)
@@ -140,20 +147,15 @@ class PathReport:
         field: DangerField | None = None,
         motion: MotionProver | None = None,
     ) -> PathReport:
-        """Validate a path (N, n) [rad or m] of straight motions, and return the report on it.
+        """Validate a path (N, n) [rad or m] of straight motions, and return the report on it; errors as `validate`.
 
-        By default a `MotionProver` with the checker is the validator. An InputError if the path is empty, has the
-        wrong shape, or is not finite.
+        By default a `MotionProver` with the checker is the validator.
         """
-        robot = checker.robot
-        points = finite_array(path, (None, robot.n), "path")
-        if not len(points):
-            raise InputError("path must have a configuration at least, got none")
         report = cls.__new__(cls)
-        report._examination = examination = _Examination(points, checker, field)
+        report.validation = validate(path, motion or MotionProver(checker))
+        report._examination = examination = _Examination(np.asarray(path, dtype=float), checker, field)
         report.length, report.time = examination.curve.length, 0.0
-        report.validation = validate(points, motion or MotionProver(checker))
-        report.links_without_collision = robot.links_without_collision
+        report.links_without_collision = checker.robot.links_without_collision
         return report
 
     @cached_property

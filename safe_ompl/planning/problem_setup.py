@@ -18,7 +18,7 @@ from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolL
 from safe_ompl.common import Counts, FloatArray, InputError, instance, number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle
-from safe_ompl.paths import Constraints, PathReport, Validation
+from safe_ompl.paths import Constraints, PathReport, Validation, validate
 from safe_ompl.planning.first_plan import compile_kernels
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
@@ -312,7 +312,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         The `Validation` is true if so; else `why` names the edge and the pair, and `refused` holds them. An InputError
         if the path is empty, has the wrong shape, or is not finite.
         """
-        return self.report(path).validation
+        return validate(path, self.motion_prover)
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
