@@ -112,6 +112,7 @@ def make_convex(geometry: pin.GeometryModel) -> None:
 
 _SAMPLES = 1000
 _ALWAYS = 0.95  # share of the samples in contact from which a pair counts as always in contact
+_LARGEST = 1e3  # [rad or m] of the values of joints whose limits are none
 _NAMED = 6  # pairs in a warning; all of them in the log's details
 
 
@@ -158,7 +159,8 @@ def sample_configurations(
     rows = np.array([pin.integrate(model, neutral, v) for v in velocities])
     for joint in list(model.joints)[1:]:  # the first is the fixed base, which claims a coordinate it has not
         if joint.nq == 1:
-            low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            low, high = np.clip(np.nan_to_num(ends, posinf=np.pi, neginf=-np.pi), -_LARGEST, _LARGEST)
             rows[:, joint.idx_q] = rng.uniform(low, high, count)
     for name, mimic in (mimics or {}).items():
         joint, first = (model.joints[model.getJointId(n)] for n in (name, mimic.primary))

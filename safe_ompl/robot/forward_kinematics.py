@@ -218,9 +218,6 @@ class JointLimits:
         factors = np.take_along_axis(coupling.matrix, mover[:, None], axis=1)[:, 0]
         self._coupling = np.stack([mover, factors, coupling.offsets, robot.continuous[mover]], axis=1)
 
-    def __repr__(self) -> str:
-        return f"JointLimits({self._bounds.shape[1]} joints)"
-
     @property
     def tables(self) -> tuple[FloatArray, FloatArray]:
         """The coupling (m, 4) and the limits (2, n) of `safe_ompl.robot.kernels.lay_edge`."""

@@ -48,10 +48,6 @@ class Place:
         self.rotation = None if rotation is None else _matrix(rotation)
         self.dimension = 3 if rotation is None else 6
 
-    def __repr__(self) -> str:
-        turn = "" if self.rotation is None else f", {self.rotation.round(4).tolist()}"
-        return f"Place({self.robot.name!r}, {self.position.tolist()}{turn})"
-
     @cached_property
     def redundancy(self) -> int:
         """Number of degrees of freedom that the place leaves to the arm, n − rank J: its null space."""
@@ -302,19 +298,18 @@ def inverse_kinematics(
     --------
     >>> inverse_kinematics(robot, [0.4, 0.1, 0.5], [0.0, 1.0, 0.0, 0.0])  # doctest: +SKIP
     """
-    place = place_of(robot, position, rotation)
-    number = whole_number("seeds", seeds, at_least=1)
-    home = None if near is None else finite_array(near, (robot.n,), "near")
+    place, number = place_of(robot, position, rotation), whole_number("seeds", seeds, at_least=1)
     begin = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (number, robot.n))
-    if home is not None:
-        begin[0] = np.where(robot.continuous, home, np.clip(home, robot.lower, robot.upper))
+    if near is not None:
+        near = finite_array(near, (robot.n,), "near")
+        begin[0] = np.where(robot.continuous, near, np.clip(near, robot.lower, robot.upper))
     found: list[FloatArray] = []
     for start in begin:
         q = solve_from_seed(place, start, _PRECISION)
-        if q is None or (valid is not None and not valid(q)):
-            continue
-        if home is None:
-            return q
-        found.append(q)
-    ways = [float(np.linalg.norm(robot.difference(q if home is None else home, q))) for q in found]
-    return found[ways.index(min(ways))] if found else None
+        if q is not None and (valid is None or valid(q)):
+            if near is None:
+                return q
+            found.append(q)
+    if near is None:
+        return None
+    return min(found, key=lambda q: float(np.linalg.norm(robot.difference(near, q))), default=None)

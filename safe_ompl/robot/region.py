@@ -181,9 +181,6 @@ class RegionPlace(Place):
         super().__init__(robot, *region.nearest(region.frame.se3))
         self.region = region
 
-    def __repr__(self) -> str:
-        return f"RegionPlace({self.robot.name!r}, {self.region!r})"
-
     def error(self, q: FloatArray) -> FloatArray:
         """Return Δx (m,) [m] from the tip at `q: (n,)` to the nearest pose of the region, in world axes."""
         return self.region.error(self.robot.tip_pose(q))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import InputError, UnknownNameError
@@ -172,15 +172,20 @@ def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") ->
     geometry = build_collision_geometry(urdf, model, collision)
     make_convex(geometry)
     geometry.addAllCollisionPairs()
-    adjacent = adjacent_pairs(model, geometry)
-    together = _links(model, geometry, geometry.collisionPairs)
+    names = [model.frames[body.parentFrame].name for body in geometry.geometryObjects]
+
+    def links(pairs: Iterable[pin.CollisionPair]) -> Counter[tuple[str, str]]:
+        """Count for each pair of links how many of the pairs of shapes are theirs."""
+        return Counter((names[pair.first], names[pair.second]) for pair in pairs)
+
+    adjacent, together = adjacent_pairs(model, geometry), links(geometry.collisionPairs)
     for pair in adjacent:
         geometry.removeCollisionPair(pair)
     ranges = {name for name in list(model.names)[1:] if limits_of(model, name)}
     mimics = {name: mimic for name, mimic in urdf.mimics().items() if {name, mimic.primary} <= ranges}
-    always = always_in_contact(model, geometry, sample_configurations(_bounded(model), samples, mimics))
-    found = [DisabledLinks(a, b, "Adjacent") for a, b in _links(model, geometry, adjacent)]
-    for (a, b), count in _links(model, geometry, always).items():
+    always = always_in_contact(model, geometry, sample_configurations(model, samples, mimics))
+    found = [DisabledLinks(a, b, "Adjacent") for a, b in links(adjacent)]
+    for (a, b), count in links(always).items():
         if count == together[a, b]:
             found.append(DisabledLinks(a, b, "Always"))
         else:
@@ -200,24 +205,3 @@ def srdf_text(robot: str, pairs: Iterable[DisabledLinks], samples: int) -> str:
         f"<!-- Always: in contact in more than 95 % of {samples} configurations spread over the joint limits. -->\n"
         f"<robot name={quoteattr(robot)}>\n{disabled}</robot>\n"
     )
-
-
-def _links(
-    model: pin.Model, geometry: pin.GeometryModel, pairs: Iterable[pin.CollisionPair]
-) -> dict[tuple[str, str], int]:
-    """For each pair of links, how many of the pairs of shapes are theirs."""
-    counted: dict[tuple[str, str], int] = {}
-    for pair in pairs:
-        bodies = (geometry.geometryObjects[k] for k in (pair.first, pair.second))
-        first, second = (model.frames[body.parentFrame].name for body in bodies)
-        counted[first, second] = counted.get((first, second), 0) + 1
-    return counted
-
-
-def _bounded(model: pin.Model) -> pin.Model:
-    """Return a copy of a model with limits of a whole turn where it has none."""
-    bounded = model.copy()
-    for name in ("lowerPositionLimit", "upperPositionLimit"):
-        limit = np.nan_to_num(getattr(bounded, name), posinf=np.pi, neginf=-np.pi)
-        setattr(bounded, name, np.clip(limit, -1e3, 1e3))
-    return bounded
