@@ -124,15 +124,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
             mover.tracker = replace(mover.tracker, gate=gate)
     setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
     output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
-    replanner = Replanner(
-        robot,
-        found.scene,
-        found.trackers,
-        found.speeds,
-        people=people,
-        options=ReplanningOptions(tick=options.tick),
-        prover=setup.motion_prover,
-    )
+    trackers = {name: mover.tracker for name, mover in found.people.items()}
+    how: dict[str, Any] = {"people": people, "options": ReplanningOptions(options.tick), "prover": setup.motion_prover}
+    replanner = Replanner(robot, found.scene, trackers, found.speeds, **how)
     return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
 
 
@@ -185,15 +179,9 @@ def _drive(
 
 def timed_way(way: FloatArray, robot: Robot, motion: MotionProver, scenario: Scenario) -> Trajectory:
     """Return the trajectory along way points under the scenario's limits."""
-    limits = scenario.motion
-    return time_path(
-        way,
-        robot,
-        RateLimits.of(robot, limits.velocity, limits.acceleration),
-        motion=motion,
-        tool_speed=limits.tool_speed,
-        link_speed=limits.link_speed,
-    )
+    own = scenario.motion
+    rates = RateLimits.of(robot, own.velocity, own.acceleration)
+    return time_path(way, robot, rates, motion=motion, tool_speed=own.tool_speed, link_speed=own.link_speed)
 
 
 def describe(summary: Summary) -> str:
@@ -233,11 +221,6 @@ class Actors:
     people: dict[str, PersonMover] = field(default_factory=dict)  # By the name of the person that each replaces
     objects: dict[str, Drifting] = field(default_factory=dict)  # By obstacle
     speeds: dict[str, float] = field(default_factory=dict)  # Bounds of the speeds of the objects [m/s]
-
-    @property
-    def trackers(self) -> dict[str, Tracker]:
-        """How the people are tracked."""
-        return {name: mover.tracker for name, mover in self.people.items()}
 
     @property
     def still(self) -> Scene:

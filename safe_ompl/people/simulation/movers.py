@@ -111,10 +111,9 @@ class World:
     ) -> None:
         self.people, self.objects = dict(people), dict(objects)
         self._surroundings = surroundings
-        gated = {name: mover for name, mover in people.items() if mover.tracker.gate is not None}
-        self.gated = bool(gated)
+        self.gated = any(mover.tracker.gate is not None for mover in people.values())
         self._true = {
-            name: mover.without_glitches() if name in gated and isinstance(mover, Playback) else mover
+            name: mover.without_glitches() if isinstance(mover, Playback) and mover.tracker.gate is not None else mover
             for name, mover in people.items()
         }
 
