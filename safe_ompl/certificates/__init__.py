@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.certificates.issue import Claims, Pairs, certificate, clearance_claim, motion_certificate, terms_of
+    from safe_ompl.certificates.intervals import Pairs
+    from safe_ompl.certificates.issue import Claims, certificate, clearance_claim, motion_certificate, terms_of
     from safe_ompl.certificates.verifier.verify import TIME, Verified, verify
 
 __all__ = [
