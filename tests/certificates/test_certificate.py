@@ -266,25 +266,36 @@ def test_a_negative_clearance_lets_nothing_overlap(ur5, clutter, plain_check):
         verify(signed(content), ur5, clutter)
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("distance", "0.1", "must be a (finite|positive) number"),
-        ("distance", float("nan"), "must be a finite number"),
-        ("distance", 10**400, "must be a finite number"),
-        ("obstacles", ["ghost"], "unknown obstacle 'ghost'"),
-        ("obstacles", "ball", "must be a list"),
-        ("obstacles", [], "must name one obstacle at least"),
-        ("exempt", [["wrist_3_link", "ball"]], "unknown key"),
-        ("extra", 1, "unknown key"),
-    ],
-)
-def test_clearances_that_cannot_be_claimed(tampered, ur5, clutter, key, value, message):
-    tampered["clearance"] = {**clearance(clutter, 0.0), key: value}
-    with pytest.raises(InputError, match=rf"clearance.*{message}"):
-        verify(signed(tampered), ur5, clutter)
+BALL = {"distance": 0.1, "obstacles": ["ball"]}
+MOVING = {"speeds": {"ball": 0.01}, "time": 0.1}
+UP = {"axis": [0, 0, 1], "direction": [0, 0, 1], "angle": 1.0}
+MALFORMED = [
+    ({"clearance": {**BALL, "distance": "0.1"}}, r"clearance\.distance: must be a finite number >= 0, got '0\.1'"),
+    ({"clearance": {**BALL, "distance": float("nan")}}, r"clearance\.distance: must be a finite number"),
+    ({"clearance": {**BALL, "distance": 10**400}}, r"clearance\.distance: must be a finite number"),
+    ({"clearance": {**BALL, "obstacles": ["ghost"]}}, "unknown obstacle 'ghost'"),
+    ({"clearance": {**BALL, "obstacles": "ball"}}, r"clearance\.obstacles: must be a list"),
+    ({"clearance": {**BALL, "obstacles": []}}, r"clearance\.obstacles: must name one obstacle at least"),
+    ({"clearance": {**BALL, "exempt": []}}, r"clearance\.exempt: unknown key"),
+    ({"moving_obstacles": {**MOVING, "time": -1.0}}, r"moving_obstacles\.time: must be a finite number >= 0, got -1"),
+    ({"moving_obstacles": {**MOVING, "speeds": {}}}, r"moving_obstacles\.speeds: must name one obstacle at least"),
+    ({"moving_obstacles": {**MOVING, "speeds": {"ball": -1}}}, r"moving_obstacles\.speeds\.ball: "),
+    ({"moving_obstacles": {**MOVING, "speeds": {"ghost": 1.0}}}, "unknown obstacle 'ghost'"),
+    ({"moving_obstacles": {**MOVING, "speeds": ["ball"]}}, r"moving_obstacles\.speeds: must be a mapping"),
+    ({"tool": {}}, r"tool\.orientation: must claim"),
+    ({"tool": {"position": {}}}, r"tool\.position: must name one axis"),
+    ({"tool": {"position": {"x": [0, None]}}}, r"tool\.position\.x: must be numbers, all of them finite"),
+    ({"tool": {"orientation": {**UP, "angle": 0}}}, r"tool\.orientation\.angle: must be a finite number in \(0"),
+    ({"tool": {"orientation": {**UP, "axis": [0, 0, 0]}}}, r"orientation\.axis: must be a direction"),
+]
+
+
+@pytest.mark.parametrize(("claim", "message"), MALFORMED)
+def test_claims_without_a_meaning_are_neither_verified_nor_issued(tampered, ur5, clutter, claim, message):
     with pytest.raises(InputError, match=message):
-        certificate(tampered["path"], ur5, clutter, {"clearance": tampered["clearance"]})
+        verify(signed({**tampered, **claim}), ur5, clutter)
+    with pytest.raises(InputError, match=message):
+        certificate(tampered["path"], ur5, clutter, claim)
 
 
 # ----------------------------------------------------------------------------------------------------- danger

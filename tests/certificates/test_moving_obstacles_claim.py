@@ -1,15 +1,14 @@
 """The claim that a path stays free while obstacles move: proven for `setMovingObstacles`, and not to be faked."""
 
-import copy
 import json
 
 import numpy as np
 import pytest
 from signing import signed
 
-from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Pose, Scene
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Pose
 from safe_ompl.certificates import certificate, verify
-from safe_ompl.common import CertificateError, InputError, PlanningError
+from safe_ompl.common import CertificateError, PlanningError
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0, 0, 0]])
 
@@ -80,37 +79,9 @@ def test_another_obstacle_is_not_proven(ur5, clutter, nearest):
         verify(signed(content), ur5, clutter)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"time": -1.0}, r"moving_obstacles\.time: "),
-        ({"time": float("nan")}, r"moving_obstacles\.time: must be a finite number"),
-        ({"time": "1"}, r"moving_obstacles\.time: must be a finite number >= 0, got '1'"),
-        ({"speeds": {}}, r"moving_obstacles\.speeds: must name one obstacle at least"),
-        ({"speeds": {"ball": -1}}, r"moving_obstacles\.speeds\.ball: "),
-        ({"speeds": {"ghost": 1.0}}, "unknown obstacle 'ghost'"),
-        ({"speeds": ["ball"]}, r"moving_obstacles\.speeds: must be a mapping"),
-        ({"from": 0.1}, r"moving_obstacles\.from: unknown key"),
-    ],
-)
-def test_claims_without_a_meaning(ur5, clutter, change, message):
-    claim = {"speeds": {"ball": 0.01}, "time": 0.1}
-    content = copy.deepcopy(written(ur5, clutter, 0.01, 0.1))
-    content["moving_obstacles"] = {**claim, **change}
-    with pytest.raises(InputError, match=message):
-        verify(signed(content), ur5, clutter)
-    with pytest.raises(InputError, match=message):
-        certificate(PATH, ur5, clutter, {"moving_obstacles": {**claim, **change}})
-
-
 def test_the_danger_is_said_to_be_that_of_the_scene(ur5, clutter):
     ball = clutter["ball"]
     scene = clutter.without("ball").with_obstacles(Obstacle("ball", ball.shape, ball.pose, weight=1.0))
     points, weights, _ = scene.danger_points(0.1)
     content = written(ur5, scene, 0.01, 0.1, field=DangerField(ur5, points, weights), spacing=0.1)
     assert "points 0.1 m apart where the scene has them" in verify(content, ur5, scene).claims[1]
-
-
-def test_a_scene_without_obstacles_moves_nothing(ur5):
-    with pytest.raises(InputError, match="unknown obstacle 'ball'"):
-        certificate(PATH, ur5, Scene(), {"moving_obstacles": {"speeds": {"ball": 1.0}, "time": 1.0}})
