@@ -16,7 +16,7 @@ from safe_ompl.robot import PackageFolders, parsed, robots_folder
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 _MOST_CHARACTERS = 270_000_000  # of all files that travel in one document
-_LARGEST = 500_000_000  # bytes of one file that is unpacked
+_MOST_BYTES = 500_000_000  # of these, unpacked
 _PACKAGE = "package://"
 
 
@@ -67,14 +67,16 @@ def check_carried(key: str, items: Any, files: Mapping[str, str]) -> list[dict[s
 
 def unpack(files: Mapping[str, str], folder: Path) -> None:
     """Write files into a folder; names that lead out of it are none, see `carried_files`."""
+    room = _MOST_BYTES
     for name, data in files.items():
         try:
             unpacking = zlib.decompressobj()
-            content = unpacking.decompress(b64decode(data, validate=True), _LARGEST)
+            content = unpacking.decompress(b64decode(data, validate=True), room + 1)
         except (ValueError, zlib.error) as error:
             raise InputError(f"is not a compressed file in base 64: {error}", name) from None
-        if not unpacking.eof:
-            raise InputError(f"is cut, or larger than {_LARGEST} bytes", name)
+        room -= len(content)
+        if room < 0 or not unpacking.eof:
+            raise InputError(f"is cut, or all files are larger than {_MOST_BYTES} bytes", name)
         (folder / name).write_bytes(_self_contained(content) if name.lower().endswith(".obj") else content)
 
 

@@ -284,6 +284,13 @@ def test_names_that_are_none_of_files(everything, name):
         built_scene({**carried, "files": {**carried["files"], name: "AA=="}})
 
 
+def test_files_that_grow_when_they_are_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr("safe_ompl.io.carried_files._MOST_BYTES", 1000)
+    unpack({"a.obj": packed(bytes(500)), "b.obj": packed(bytes(500))}, tmp_path)
+    with pytest.raises(InputError, match=r"b\.obj: is cut, or all files are larger than 1000 bytes"):
+        unpack({"a.obj": packed(bytes(500)), "b.obj": packed(bytes(501))}, tmp_path)
+
+
 def test_a_carried_mesh_names_no_other_file(everything, files, tmp_path):
     named = tmp_path / "named"
     named.mkdir()
