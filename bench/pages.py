@@ -11,6 +11,7 @@ import argparse
 import io
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from time import sleep
 from typing import Any
@@ -48,7 +49,7 @@ from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import find_scenario
 from safe_ompl.view.browser.view import save_page
 from safe_ompl.view.content import ViewerContent, read_recording
-from safe_ompl.view.pictures.path import DrawnPath, render_comparison, render_path, save_picture
+from safe_ompl.view.pictures.path import render_comparison, render_path, save_picture
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
 from safe_ompl.view.plots.paths import plot_speeds
 from safe_ompl.view.plots.planners import plot_profiles
@@ -79,9 +80,7 @@ def simplification() -> None:
     setup.setConfigurations(LEFT, RIGHT)
     paths = {}
     for name, simplify in (("as planned", False), ("simplified", True)):
-        result = setup.plan("RRTConnect", time=5.0, seed=1, simplify=simplify)
-        words = f"{result.report.length:.1f} rad, mean danger {result.report.danger.mean:.1f}"
-        paths[name] = DrawnPath(result.path, accent=(0.04, 0.38, 0.71), subtitle=words)
+        paths[name] = replace(setup.plan("RRTConnect", time=5.0, seed=1, simplify=simplify), planned_path=None)
     render_comparison(robot, scene, paths, OUT / "simplification.png", panel=(460, 400))
 
 
@@ -245,7 +244,7 @@ def draw_moments(ticks: str) -> None:
     scenes = [Scene((*still, *movers.people_at(motion.times[k]))) for k in shown]
     panel = (420, 400)
     everyone = Scene((*still, *movers.people_at(motion.times[shown[2]])))
-    camera = best_view(DrawnScene(content.robot, everyone, [motion.configurations[shown]]), panel, azimuth=2.5)
+    camera = best_view(DrawnScene(content.robot, everyone, [motion.configurations[shown]]), panel)
     images = [
         render_path(content.robot, scene, motion.configurations[[k, k]], size=panel, ghosts=0, camera=camera)
         for scene, k in zip(scenes, shown, strict=True)

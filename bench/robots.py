@@ -2,8 +2,7 @@
 
 The commands are run as they are printed, each in a process of its own: `safe-ompl new`, and then what that prints
 (plan, verify, view --html; the view in the browser is left out). An SRDF of the same name beside the URDF, or the only
-one in `../srdf`, is given. Where an error says what to type (`--collision visual`, xacro), that is done, and the table
-says so.
+one in `../srdf`, is given. Where an error says to type `--collision visual`, that is done, and the table says so.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import argparse
 import json
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -66,14 +64,6 @@ def tried(file: Path, options: argparse.Namespace) -> Record:
             words += ["--srdf", str(srdf)]
             record["remarks"].append("SRDF")
         status, said = _run(words, folder, options.patience)
-        if "expand it with: xacro" in said:
-            record["remarks"].append("xacro")
-            problem = _expanded(file, folder / "expanded.urdf")
-            if problem is not None:
-                return {**record, "error": problem}
-            words[1] = "expanded.urdf"
-            words += [word for above in file.parents[:4] for word in ("--package-dir", str(above))]
-            status, said = _run(words, folder, options.patience)
         if status and "--collision visual" in said:
             record["remarks"].append("visual shapes collide")
             status, said = _run([*words, "--collision", "visual"], folder, options.patience)
@@ -105,14 +95,6 @@ def _run(words: list[str], folder: Path, patience: float) -> tuple[int, str]:
     except subprocess.TimeoutExpired:
         return 124, f"not done within {patience:g} s"
     return done.returncode, done.stdout + done.stderr
-
-
-def _expanded(file: Path, target: Path) -> str | None:
-    """Expand a xacro file; return why that is not possible, if so."""
-    if shutil.which("xacro") is None:
-        return "a xacro file, and xacro is not installed"
-    done = subprocess.run(["xacro", str(file), "-o", str(target)], capture_output=True, text=True, check=False)
-    return None if done.returncode == 0 else f"xacro: {(done.stderr.strip() or 'failed').splitlines()[-1]}"
 
 
 def _srdf(file: Path) -> Path | None:

@@ -18,15 +18,13 @@ if TYPE_CHECKING:
     from safe_ompl.view.content import RECORDING_ENDING, ViewerContent, read_recording
     from safe_ompl.view.pictures.path import (
         ANIMATION_ENDINGS,
-        DrawnPath,
         draw_plan,
-        drawn_path,
         render_comparison,
         render_path,
         save_animation,
         save_picture,
+        small_picture,
     )
-    from safe_ompl.view.pictures.small import small_picture
     from safe_ompl.view.pictures.surface import RobotBody
     from safe_ompl.view.plots.page import PLOT_ENDINGS
 
@@ -35,11 +33,9 @@ __all__ = [
     "PLOT_ENDINGS",
     "RECORDING_ENDING",
     "BrowserView",
-    "DrawnPath",
     "RobotBody",
     "ViewerContent",
     "draw_plan",
-    "drawn_path",
     "plots",
     "read_recording",
     "render_comparison",

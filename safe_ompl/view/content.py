@@ -1,4 +1,4 @@
-"""What a view shows: a robot in its scene, paths by planner, danger, the proof of a path, people who move."""
+"""What a view shows: a robot in its scene, paths by planner, danger, people who move."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates import Pairs
 from safe_ompl.collision import fresh_data
 from safe_ompl.common import FloatArray, InputError, finite_array
 from safe_ompl.common import documents as document
@@ -48,7 +47,6 @@ class ViewerContent:
     posture: FloatArray | None = None
     # Options of the danger field, as those of `SafeSetup`; None: without danger
     danger: Mapping[str, Any] | None = field(default_factory=dict)
-    proof: Proof | None = None  # The intervals that prove a path of the same name
     # Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
     # configurations are the path of that name
     motions: Mapping[str, TimedMotion] = field(default_factory=dict)
@@ -69,7 +67,7 @@ class ViewerContent:
 
     @classmethod
     def of_certificate(cls, content: Mapping[str, Any], robot: Robot | None = None) -> ViewerContent:
-        """Return what a certificate is about, with its proof; it is shown, not verified.
+        """Return what a certificate is about; it is shown, not verified.
 
         Its robot is by default built from what it carries.
 
@@ -83,11 +81,10 @@ class ViewerContent:
         path = np.array(content["path"], dtype=float)
         claim = content.get("danger") or {}
         danger = {key: value for key, value in claim.items() if key != "bound"}
-        if content.get("motion") is not None:  # its proof has no intervals
+        if content.get("motion") is not None:
             motion = Motion.from_mapping(content["motion"])
             path = motion.at(np.linspace(motion.times[0], motion.times[-1], _SAMPLES))
-        proof = None if content.get("motion") else Proof.of_certificate(content, robot, scene)
-        return cls(robot, scene, {CERTIFIED: path}, danger=danger, proof=proof, title=f"{robot.name}, proven")
+        return cls(robot, scene, {CERTIFIED: path}, danger=danger, title=f"{robot.name}, proven")
 
     @classmethod
     def of_results(
@@ -231,74 +228,6 @@ class Movers:
         places = self.places[self.sample(time)]
         things = [replace(o, pose=places[o.name]) for o in scene if o.name in places]
         return [*self.people_at(time), *things]
-
-
-# ------------------------------------------------------------------------------------ what is said of a configuration
-
-
-class ProvenInterval(NamedTuple):
-    """An interval of an edge, from 0, in which nothing can touch; start and end are where on the edge, from 0 to 1.
-
-    The pair are the two bodies that have least to spare at its centre; empty names where nothing can meet. There they
-    are a distance [m] apart, and may approach each other by the margin within the interval, with what they must keep.
-    """
-
-    edge: int
-    start: float
-    end: float
-    pair: tuple[str, str]
-    distance: float
-    margin: float
-
-    def __str__(self) -> str:
-        where = f"edge {self.edge + 1}, {self.start:.0%} to {self.end:.0%}"
-        if not any(self.pair):
-            return f"{where}: nothing can meet"
-        one, other = (name.removeprefix("obstacle:") for name in self.pair)
-        return (
-            f"{where}: {one} and {other} are {1e3 * self.distance:.1f} mm apart, "
-            f"may approach by {1e3 * self.margin:.1f} mm"
-        )
-
-
-@dataclass(frozen=True)
-class Proof:
-    """The intervals of a path, in the order in which it is driven."""
-
-    intervals: tuple[ProvenInterval, ...]
-    stops: FloatArray  # (I + 1,), where each begins, as a fraction of the path's length; and its end
-
-    @classmethod
-    def of_certificate(cls, content: Mapping[str, Any], robot: Robot, scene: Scene) -> Proof:
-        """Return the intervals of a certificate; they are shown as they are, and not verified."""
-        path = np.array(content["path"], dtype=float)
-        pairs = Pairs(robot, scene)
-        steps = robot.difference(path[:-1], path[1:])
-        arcs = np.linalg.norm(steps, axis=1)
-        before = np.concatenate([[0.0], np.cumsum(arcs)])
-        intervals, stops = [], []
-        for edge, proven in enumerate(content["edges"][: len(steps)]):
-            reached = 0.0
-            for item in proven:
-                end = min(1.0, item["centre"] + item["half_length"])
-                q = path[edge] + item["centre"] * steps[edge]
-                margins, nearest = np.array(item["margins"]), (("", ""), np.inf, 0.0)
-                if len(margins):
-                    distances = pairs.distances(q)
-                    k = int(np.argmin(distances - margins))
-                    nearest = pairs.names[k], float(distances[k]), float(margins[k])
-                intervals.append(ProvenInterval(edge, reached, end, *nearest))
-                stops.append(before[edge] + reached * arcs[edge])
-                reached = end
-        total = float(before[-1]) or 1.0
-        return cls(tuple(intervals), np.array([*stops, before[-1]]) / total)
-
-    def at(self, share: float) -> ProvenInterval | None:
-        """Return the interval at a fraction of the path's length; None where there is none."""
-        if not self.intervals:
-            return None
-        number = int(np.searchsorted(self.stops, share, side="right")) - 1
-        return self.intervals[min(max(number, 0), len(self.intervals) - 1)]
 
 
 class NearestPoints(NamedTuple):

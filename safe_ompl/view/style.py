@@ -114,7 +114,6 @@ Bytes = NDArray[np.uint8]
 NEUTRAL: Colour = (0.82, 0.83, 0.85)
 START_COLOUR: Colour = (0.55, 0.56, 0.58)
 _LEVELS = np.array([(1.0, 0.96, 0.80), (0.99, 0.80, 0.42), (0.94, 0.45, 0.24), (0.72, 0.12, 0.16), (0.36, 0.02, 0.13)])
-_TIGHT, _ROOMY = 0.004, 0.25  # [m]
 
 
 def level_colours(levels: FloatArray, most: float) -> Bytes:
@@ -122,12 +121,6 @@ def level_colours(levels: FloatArray, most: float) -> Bytes:
     shares = np.clip(levels / most, 0.0, 1.0) if most > 0 else np.zeros(len(levels))
     stops = np.linspace(0.0, 1.0, len(_LEVELS))
     return as_bytes(np.column_stack([np.interp(shares, stops, channel) for channel in _LEVELS.T]))
-
-
-def gap_colours(gaps: FloatArray) -> Bytes:
-    """Return colours (M, 3) of distances (M,) [m]: pale where there is room, darkest where two bodies almost touch."""
-    room = np.log(np.maximum(gaps, _TIGHT) / _TIGHT) / np.log(_ROOMY / _TIGHT)
-    return level_colours(1.0 - room, 1.0)
 
 
 def as_bytes(colours: FloatArray | Colour) -> Bytes:

@@ -10,7 +10,7 @@ from logging.handlers import QueueHandler
 from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple
 
-from safe_ompl.common import InputError, pass_on, whole_number
+from safe_ompl.common import InputError, ctrl_c_as_such, pass_on, whole_number
 from safe_ompl.planning import PlanResult, SafeSetup
 
 _log = logging.getLogger(__name__)
@@ -53,7 +53,8 @@ def run_planner(
     """
     try:
         options: dict[str, Any] = {"parameters": parameters, "simplify": simplify}
-        result = setup.plan(run.planner if planner is None else planner, time=time, seed=run.seed, **options)
+        with ctrl_c_as_such():
+            result = setup.plan(run.planner if planner is None else planner, time=time, seed=run.seed, **options)
     except InputError:
         raise
     except Exception as error:

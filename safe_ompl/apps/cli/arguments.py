@@ -13,8 +13,8 @@ from typing import Any, TypeVar, get_args
 from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.planning.planners import planner_names
-from safe_ompl.robot import CollisionSource, Robot, RobotSpec, find_example
-from safe_ompl.scene import MovingObstacles, Scenario, ToolConstraint, find_scenario
+from safe_ompl.robot import CollisionSource
+from safe_ompl.scene import Scenario, ToolConstraint, find_scenario
 
 _Number = TypeVar("_Number", int, float)
 
@@ -119,27 +119,6 @@ def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -
     }
 
 
-def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
-    """Add options for another robot; `instead_of` names the one that is used without them."""
-    group = parser.add_argument_group(f"another robot than {instead_of}")
-    kinds = group.add_mutually_exclusive_group()
-    option(kinds, "--robot NAME", "an example robot, see `safe-ompl robots`")
-    option(kinds, "--urdf FILE", "a robot's URDF")
-    add_urdf_options(group)
-
-
-def add_urdf_options(parser: argparse._ActionsContainer) -> None:
-    """Add options for what a URDF does not say: SRDF, packages, tip, joints that move, shapes that collide."""
-    option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
-    add_package_dirs(parser)
-    add_xacro_args(parser)
-    option(parser, "--tip FRAME", "frame at the end of the arm")
-    option(parser, "--lock JOINT=VALUE", "hold a joint still [rad or m] (repeatable)", joint_value, [])
-    option(parser, "--group NAME", "group of the SRDF whose joints move; the others are held")
-    option(parser, "--locked-state NAME", "state of the SRDF in which joints are held (default: zero)")
-    add_collision_option(parser)
-
-
 def add_xacro_args(parser: argparse._ActionsContainer) -> None:
     """Add values of the arguments of a URDF that holds xacro."""
     option(parser, "--xacro-arg NAME:=VALUE", "of a URDF that holds xacro (repeatable)", _xacro_arg, [])
@@ -183,37 +162,6 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
     return _once("--param", vars(options).get("param", ()))
 
 
-def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> RobotSpec:
-    """Return the robot that the options ask for: another one, or the usual one with another tip or other locks."""
-    for name in ("srdf", "xacro_arg"):
-        if options.urdf is None and getattr(options, name):
-            raise InputError("needs --urdf", f"--{name.replace('_', '-')}")
-    locked, words = _once("--lock", options.lock), xacro_args(options)
-    keys = ("tip", "group", "locked_state", "collision")
-    chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
-    folders = tuple(options.package_dir)
-    with document.within("--", separator=""):
-        if options.urdf is not None:
-            chosen |= {"urdf": options.urdf, "locked": locked, "xacro_args": words}
-            chosen |= {} if options.srdf is None else {"srdf": options.srdf}
-            return RobotSpec.from_mapping({**chosen, "package_dirs": list(map(str, folders))}, Path())
-        spec = usual() if options.robot is None else RobotSpec(options.robot)
-        if folders:
-            spec = spec.with_package_dirs(folders)
-    if locked:
-        usually = spec.locked or {}
-        if spec.locked is None and spec.example is not None:
-            usually = find_example(spec.example).locked
-        spec = dataclasses.replace(spec, locked={**usually, **locked})
-    return dataclasses.replace(spec, **chosen) if chosen else spec
-
-
-def scenario_robot(options: argparse.Namespace, scenario: Scenario) -> tuple[RobotSpec, Robot]:
-    """Return the robot that the options ask for instead of the scenario's, or else the scenario's."""
-    spec = given_robot(options, lambda: scenario.robot)
-    return spec, scenario.build_robot() if spec is scenario.robot else Robot(spec)
-
-
 def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
@@ -234,18 +182,6 @@ def add_limit_options(parser: argparse.ArgumentParser) -> None:
         "the axis of the tool that points up at the start stays within DEG degrees of upright",
         degrees,
     )
-    option(
-        group,
-        "--moving NAME=SPEED[,…]",
-        "obstacles that may move, and their largest speeds [m/s]: the path is free however they move",
-        speeds,
-    )
-    option(
-        group,
-        "--moving-time SECONDS",
-        "how long they may move, from the time of the scene on (default: the scenario's limits.moving.time)",
-        limit,
-    )
 
 
 def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
@@ -254,24 +190,7 @@ def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
     given: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
     if options.keep_upright:
         given["tool"] = ToolConstraint(options.keep_upright)
-    if options.moving or options.moving_time:
-        given["moving"] = _moving(scenario, options)
     return dataclasses.replace(scenario, limits=dataclasses.replace(scenario.limits, **given))
-
-
-def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
-    """Return the obstacles that may move; the scenario gives what the options do not."""
-    own = scenario.limits.moving
-    moving = options.moving or (own and own.speeds)
-    time = options.moving_time or (own and own.time)
-    if not moving:
-        raise InputError("needs the obstacles that move: give --moving, too", "--moving-time")
-    if not time:
-        raise InputError("needs how long they move: give --moving-time SECONDS, too", "--moving")
-    for name in moving:
-        if name not in scenario.scene.names:
-            raise UnknownNameError("obstacle", name, scenario.scene.names, "--moving")
-    return MovingObstacles(moving, time)
 
 
 # ----------------------------------------------------------------------------------------------- scenarios
@@ -354,17 +273,6 @@ def parameter(text: str) -> tuple[str, Any]:
         with suppress(ValueError):
             return name, kind(value)
     return name, _BOOLEANS.get(value.lower(), value)
-
-
-def joint_value(text: str) -> tuple[str, float]:
-    """Read ``joint=value`` [rad or m]."""
-    name, value = _assignment(text, "joint=value")
-    return name, _reader(float, math.isfinite, f"a finite number for joint {name!r}")(value)
-
-
-def speeds(text: str) -> dict[str, float]:
-    """Read ``name=speed`` [m/s], several with commas between them."""
-    return _by_name(text, "NAME=SPEED", "a speed >= 0 [m/s]")
 
 
 def _by_name(text: str, form: str, what: str) -> dict[str, float]:

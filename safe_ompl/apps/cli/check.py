@@ -15,11 +15,9 @@ from rich.text import Text
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import add_timed_options, rate_limits, show_timed, timed
-from safe_ompl.apps.cli.tables import check_table
 from safe_ompl.apps.cli.verify import certificate_of
-from safe_ompl.apps.cli.view import add_view_options, check_view_options, show
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.common import InputError, files, formats
+from safe_ompl.common import FloatArray, InputError, files, formats
 from safe_ompl.common import documents as document
 from safe_ompl.io import WRITABLE, TimedMotion, motion_content, read_log, read_motion
 from safe_ompl.motions import (
@@ -39,9 +37,7 @@ from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario
 from safe_ompl.trajectories import RateLimits
-from safe_ompl.view import ViewerContent, plots
-
-_SHOWN = ("view", "html", "animation")
+from safe_ompl.view import ViewerContent, plots, save_page
 
 
 def add_commands(commands: Any) -> None:
@@ -100,11 +96,10 @@ def add_commands(commands: Any) -> None:
     words = "leave out times and rates, and drive the way points as fast as limits and people allow, in straight lines"
     add_timed_options(parser, "--retime", words)
     arguments.add_force(parser)
-    group = parser.add_argument_group("in three dimensions")
-    option(group, "--view", "show it in the browser")
-    add_view_options(group)
+    words = "write one file that shows it in three dimensions and opens offline, with a play bar (.html)"
+    option(parser, "--html FILE", words, output.PAGE)
     arguments.add_limit_options(parser)
-    arguments.add_robot_options(parser, instead_of="the scenario's")
+    arguments.add_package_dirs(parser)
     parser = arguments.add_parser(
         commands,
         "tube",
@@ -126,8 +121,8 @@ def add_commands(commands: Any) -> None:
     option(parser, "--measured FILE", "this one; they are interpolated at each other's times")
     option(parser, "--factor F", "tube over largest error, >= 1", arguments.limit, FACTOR)
     option(parser, "--degrees", "joints that turn are in degrees; needs the robot")
-    option(parser, "--scenario SCENARIO", "with this robot: whole turns are no error")
-    arguments.add_robot_options(parser, instead_of="the scenario's")
+    option(parser, "--scenario SCENARIO", "with its robot: whole turns are no error")
+    arguments.add_package_dirs(parser)
 
 
 # ------------------------------------------------------------------------------------------------------- check
@@ -135,13 +130,11 @@ def add_commands(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the motion and the scenario, and return the job."""
-    if any(getattr(options, key) for key in _SHOWN):
-        check_view_options(options)
     message = False
     if options.repair is not None:
         message = Path(options.file).suffix.lower() == ".json" and "format" not in formats.read_json(options.file)
-    scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)
-    _, robot = arguments.scenario_robot(options, scenario)
+    scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
+    robot = scenario.build_robot()
     given = scenario.limits.tube if options.tube is None else options.tube
     source = f"{scenario.file}: limits.tube" if options.tube is None else "--tube"
     tube = () if given is None else tube_of(given, robot, source)
@@ -233,8 +226,7 @@ def _check(
         said = {key: value for key, value in vars(repair).items() if key not in ("motion", "check")}
         record["repair"] = {"proven": bool(repair), **said}
     if options.json != output.STANDARD_OUTPUT:
-        title = f"{options.file} · {scenario.name} · {robot.name}"
-        output.console().print(check_table(title, found, widest, without))
+        _say(f"{options.file} · {scenario.name} · {robot.name}", found, widest, without)
     written = found
     if repair is not None:
         written = repair.check
@@ -251,9 +243,19 @@ def _check(
         output.write_json(options.certificate, motion_certificate(written, spacing=spacing, source={"scenario": name}))
     if options.plot:
         plots.plot_check(found, options.plot, title=Path(options.file).name)
-    if any(getattr(options, key) for key in _SHOWN):
-        show(ViewerContent.of_check(found, Path(options.file).name), options)
+    if options.html:
+        save_page(ViewerContent.of_check(found, Path(options.file).name), options.html)
     return 0 if written else 1
+
+
+def _say(title: str, found: MotionCheck, widest: FloatArray | None, without: str) -> None:
+    """Say what is proven, and what not; `without` says why people are not looked at."""
+    lines = [title, f"motion: {found.motion!r}", str(found)]
+    if widest is not None:
+        each = zip(found.proof.checker.robot.joint_names, widest.tolist(), strict=True)
+        beside = " (people aside)" * (found.people is not None)
+        lines.append(f"widest tube{beside} [rad or m]: {', '.join(f'{name} ±{width:.3g}' for name, width in each)}")
+    output.say("\n".join([*lines, *([f"people: {without}"] if without else [])]))
 
 
 def _retime(
@@ -275,8 +277,7 @@ def _retime(
         record |= {"duration": trajectory and trajectory.duration, "objection": None if found else objection(found)}
         output.write_json(options.json, record)
     if options.json != output.STANDARD_OUTPUT:
-        title = f"{options.file} · {scenario.name} · {robot.name}"
-        output.console().print(check_table(title, found, None, "--no-people" * options.no_people))
+        _say(f"{options.file} · {scenario.name} · {robot.name}", found, None, "--no-people" * options.no_people)
     if options.plot:
         plots.plot_check(found, options.plot, title=name)
     if result is None or trajectory is None:
@@ -286,9 +287,9 @@ def _retime(
         proof = certificate_of(result, setup, scenario, options.certificate, trajectory)
         output.write_json(options.certificate, proof)
     written = show_timed(trajectory, result, setup, scenario, options)
-    if any(getattr(options, key) for key in _SHOWN):
+    if options.html:
         moved = TimedMotion.of(trajectory, robot, setup.scene, danger=setup.danger_options, name=name)
-        show(ViewerContent.of_motions([moved], title=name), options)
+        save_page(ViewerContent.of_motions([moved], title=name), options.html)
     return 0 if written else 1
 
 
@@ -338,9 +339,7 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
         raise InputError("are for recordings: give one", "--commanded-topic and --measured-topic")
     robot = None
     if options.scenario is not None:
-        _, robot = arguments.scenario_robot(options, arguments.load_scenario(options.scenario))
-    elif options.robot is not None or options.urdf is not None:
-        robot = Robot(arguments.given_robot(options, lambda: None))  # type: ignore[arg-type,return-value]
+        robot = arguments.load_scenario(options.scenario, options.package_dir).build_robot()
     if options.degrees and robot is None:
         raise InputError("needs the robot, which knows the joints that turn: give --scenario", "--degrees")
     found: dict[str, MeasuredTube] = {}
@@ -391,7 +390,7 @@ def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
     by_name = ",".join(f"{name}={width:g}" for name, width in widths.items())
     entry = ", ".join(f"{name}: {width:g}" for name, width in widths.items())
     for line in (f"--tube {by_name}", f"limits: {{tube: {{{entry}}}}}"):
-        output.console().print(line, markup=False, soft_wrap=True)
+        output.say(line)
     return 0
 
 

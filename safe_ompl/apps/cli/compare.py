@@ -5,18 +5,19 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from rich.table import Table
+from rich.text import Text
 
 from safe_ompl.apps.benchmark import Campaign, Summary, default_planners, summarize
-from safe_ompl.apps.cli import arguments, output, tables
+from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.planning import PlanResult, SafeSetup, path_timer, setup_scenario
-from safe_ompl.trajectories import PathTimer, duration_of
-from safe_ompl.view import drawn_path, plots, render_comparison
+from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.view import plots, render_comparison
 
 _RUNS = 10
 
@@ -29,8 +30,7 @@ def add_commands(commands: Any) -> None:
         prepare,
         "compare planners: table, report.json and pictures",
         "Run several planners with several seeds each, and compare them: a table, report.json, "
-        "and pictures of danger, times, and the robot along each planner's typical path. Paths are simplified; "
-        "the table, the report and the picture of the paths say what they were before.",
+        "and pictures of danger, times, and the robot along each planner's typical path. Paths are simplified.",
     )
     arguments.add_scenario(parser)
     option(parser, "--planners A,B,...", "default: OMPL's RRTConnect and all of ours", arguments.names)
@@ -45,7 +45,6 @@ def add_commands(commands: Any) -> None:
     option(parser, "--processes N", "runs at the same time; times are cleanest with one", arguments.count, 1)
     option(parser, "--out DIR", "folder for report and pictures (default: compare-SCENARIO)", Path)
     arguments.add_force(parser)
-    option(parser, "--timed", "also compare durations, within the scenario's limits and beside its people")
     arguments.add_package_dirs(parser)
 
 
@@ -56,13 +55,12 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)
     campaign.check(setup)
-    timer = path_timer(scenario, setup) if options.timed else None
     folder = options.out or Path(f"compare-{scenario.name}")
     output.make_folder(folder, "--out", ("report.json",), force=options.force)
-    return partial(_compare, campaign, setup, options.processes, folder, timer)
+    return partial(_compare, campaign, setup, options.processes, folder)
 
 
-def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path, timer: PathTimer | None) -> int:
+def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path) -> int:
     """Run the campaign, show the table, write the report, draw the pictures."""
     name, robot = campaign.scenario.name, setup.robot
     with output.progress_bar(output.error_console()) as progress:
@@ -70,26 +68,17 @@ def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path,
         results: list[PlanResult] = []
         tracked = progress.track(runs, total=len(campaign), description=f"planning {name}")
         status = output.each_until_ctrl_c(tracked, results.append)
-    summaries, planned = summarize(results), _as_planned(results, setup)
-    report: dict[str, Any] = {
+    summaries = summarize(results)
+    report = {
         "scenario": name,
         "robot": robot.name,
         "seed": campaign.seed,
         "summary": [summary.as_dict() for summary in summaries],
-        "summary_as_planned": [summary.as_dict() for summary in planned],
         "runs": [record(name, robot, result) for result in results],
     }
-    # +inf where nothing allows motion, None where there is no path
-    durations = [
-        None if timer is None or result.path is None else duration_of(timer, result.path)
-        for result in (() if timer is None else results)
-    ]
-    for run, duration in zip(report["runs"], durations, strict=False):
-        run["duration"] = duration if duration is not None and math.isfinite(duration) else None
     output.write_json(str(folder / "report.json"), report)
-    output.console().print(tables.comparison_table(campaign, robot.name, summaries, planned))
-    if timer is not None:
-        output.console().print(tables.durations_table([result.planner for result in results], durations))
+    title = f"{name} · {robot.name} · {campaign.runs} runs each"
+    output.console().print(summary_table("planner", summaries, title, mark_best=True))
     console, advice = output.error_console(), output.missing_extra("plots")
     if advice:
         console.print(f"safe-ompl: no pictures: {advice}")
@@ -101,29 +90,71 @@ def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path,
     return status or int(not all(summary.solved for summary in summaries))
 
 
-def _as_planned(results: Sequence[PlanResult], setup: SafeSetup) -> list[Summary]:
-    """Return the summaries of the paths before they were simplified; none if no path was."""
-    found = []
-    for result in results:
-        path = result.planned_path
-        if path is not None:
-            result = replace(result, path=path, report=setup.report(path), simplification_time=0.0)
-        found.append(result)
-    return summarize(found) if any(result.planned_path is not None for result in results) else []
-
-
 def draw_comparison(setup: SafeSetup, summaries: Sequence[Summary], folder: Path) -> None:
-    """Draw what a campaign found: danger profiles and bands, times, and the robot along the typical paths."""
+    """Draw what a campaign found: danger profiles, clearance and danger of each run, and the robot on typical paths."""
     profiles = {summary.planner: summary.profiles for summary in summaries}
     plots.plot_profiles(profiles, folder / "profiles.png")
-    plots.plot_bands(profiles, folder / "bands.png")
-    plots.plot_times({s.planner: s.metrics["planning_time"] for s in summaries}, folder / "times.png")
     plots.plot_clearance_danger(
         {s.planner: s.metrics["clearance_min"] for s in summaries},
         {s.planner: s.metrics["danger_mean"] for s in summaries},
         folder / "clearances.png",
     )
-    # Without accents: planners beside each other choose their colours together.
-    typical = {s.planner: replace(drawn_path(s.typical), accent=None) for s in summaries if s.typical}
+    typical = {summary.planner: summary.typical for summary in summaries if summary.typical}
     if typical:
         render_comparison(setup.robot, setup.scene, typical, folder / "paths.png")
+
+
+_BEST = "*"
+
+
+class _Column(NamedTuple):
+    """One quantity of a comparison: its heading, which median it is, how that is written, which ones are good."""
+
+    heading: str
+    metric: str  # Of `Summary.metrics`; empty: how many runs are solved
+    digits: int = 0
+    scale: float = 1.0
+    more_is_better: bool = False
+
+    def value(self, summary: Summary) -> float:
+        return self.scale * summary.percentile(self.metric) if self.metric else summary.solved / summary.runs
+
+    def cells(self, summaries: Sequence[Summary], mark_best: bool) -> list[Text]:
+        """Return a cell for each summary; those that look as good as the best may be marked."""
+        values = [self.value(summary) for summary in summaries]
+        written = [f"{value:.{self.digits}f}" if math.isfinite(value) else "–" for value in values]
+        if not self.metric:
+            written = [f"{summary.solved}/{summary.runs}" for summary in summaries]
+        best = None
+        if mark_best and len(set(written)) > 1:
+            choose = max if self.more_is_better else min
+            best = written[values.index(choose(value for value in values if not math.isnan(value)))]
+        return [Text(text + _BEST, "bold green") if text == best else Text(f"{text} ") for text in written]
+
+
+_COLUMNS = (
+    _Column("solved", "", more_is_better=True),
+    _Column("time\nms", "planning_time", 0, 1e3),
+    _Column("path\nrad", "length", 2),
+    _Column("danger\nmean", "danger_mean", 2),
+    _Column("danger\nmax", "danger_max", 2),
+    _Column("avoid-\nable", "danger_avoidable", 2),
+    _Column("clear.\nmm", "clearance_min", 1, 1e3, more_is_better=True),
+    _Column("near\nrad", "length_below_50mm", 2),
+)
+
+
+def summary_table(name: str, summaries: Sequence[Summary], title: str | None = None, mark_best: bool = False) -> Table:
+    """Return a table with one row per summary: medians over the solved runs. `name` heads the first column."""
+    table = output.plain_table(title=title, gap=1)
+    best = f"; {_BEST} best" if mark_best else ""
+    table.caption = f"Medians over the solved runs{best}. near: length of path with less than 50 mm of clearance"
+    table.add_column(name, no_wrap=True)
+    for column in _COLUMNS:
+        # A space at the end of each line: headings stand above the digits, not above the mark.
+        heading = column.heading.replace("\n", " \n") + " "
+        table.add_column(heading, justify="right", vertical="bottom", no_wrap=True)
+    rows = zip(*(column.cells(summaries, mark_best) for column in _COLUMNS), strict=True)
+    for summary, cells in zip(summaries, rows, strict=True):
+        table.add_row(summary.planner, *cells)
+    return table

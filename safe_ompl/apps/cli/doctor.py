@@ -10,13 +10,10 @@ import platform
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, metadata, requires, version
-from pathlib import Path
 from pkgutil import resolve_name
-from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, Literal
 
@@ -24,7 +21,6 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from safe_ompl.apps import exchange
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.common import PlanningError, compile_together
 from safe_ompl.danger import CertifiedDanger, DangerField, KinetostaticField
@@ -36,14 +32,12 @@ from safe_ompl.people import TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
 from safe_ompl.planning.planners import NearestNode
-from safe_ompl.robot import UrdfFile
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import RateLimits, time_path
 from safe_ompl.version import __version__
-from safe_ompl.view import ViewerContent, plots, render_comparison, render_path, save_page
+from safe_ompl.view import render_path
 
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
-_XACRO = '<robot name="r" xmlns:xacro="http://wiki.ros.org/xacro"><link name="${1 + 1}"/></robot>'
 _MANY = 1000  # points, which are put into balls
 _TICKS = 8
 ALL_JOBS = (  # those that need what a plan needs come after it
@@ -57,29 +51,6 @@ ALL_JOBS = (  # those that need what a plan needs come after it
 )
 
 
-@dataclass(frozen=True)
-class Requirement:
-    """A package by its name on PyPI, versions that fit (">=2.0,<3"), and the extra that requires it, if any."""
-
-    name: str
-    bounds: str
-    extra: str
-
-    @property
-    def found(self) -> str | None:
-        """The version that is installed, or None."""
-        try:
-            return version(self.name)
-        except PackageNotFoundError:
-            return None
-
-    @property
-    def fits(self) -> bool:
-        """Whether a version is installed that fits."""
-        found = self.found
-        return found is not None and all(_within(found, bound) for bound in filter(None, self.bounds.split(",")))
-
-
 def examine() -> int:
     """Show versions beside those that fit, and try all that is installed; return 0 if nothing needed lacks or fails."""
     table = Table(box=None, show_header=False, pad_edge=False)
@@ -87,67 +58,44 @@ def examine() -> int:
     python = metadata("safe-ompl")["Requires-Python"] or ""
     table.add_row("Python", platform.python_version(), f"{python}, {platform.system()} {platform.machine()}")
     healthy = True
-    for requirement in requirements():
-        said = requirement.found or "missing"
-        wanted = f"needs {requirement.bounds}" if requirement.bounds else ""
-        table.add_row(requirement.name, said, escape(requirement.bounds if requirement.fits else wanted))
-        healthy &= requirement.fits or bool(requirement.extra)
+    for name, bounds, extra in requirements():
+        found = installed(name)
+        table.add_row(name, found or "missing", escape(f"needs {bounds}" if bounds else ""))
+        healthy &= found is not None or bool(extra)
     output.console().print(table)
     compile_all()
-    with TemporaryDirectory() as folder:
-        kernels = {f"kernels: {job.rpartition(':')[2]}": resolve_name(job) for job in ALL_JOBS}
-        for what, job in {**kernels, "plan": _plan, **_trials(Path(folder))}.items():
-            try:
-                job()
-            except Exception as error:  # of any kind: what is installed badly may raise anything
-                why = error.__cause__ or error
-                said = " ".join(f"{type(why).__name__}: {why}".split())
-                output.console().print(escape(f"fails: {what}: {said[:200]}"), soft_wrap=True)
-                healthy = False
+    trials: dict[str, Callable[[], Any]] = {f"kernels: {job.rpartition(':')[2]}": resolve_name(job) for job in ALL_JOBS}
+    trials["plan"] = _plan
+    for extra, (module, _) in output.EXTRAS.items():
+        if advice := output.missing_extra(extra):
+            output.console().print(escape(f"{extra}: {advice}"))
+        else:
+            trials[extra] = partial(import_module, module)
+    for what, trial in trials.items():
+        try:
+            trial()
+        except Exception as error:  # of any kind: what is installed badly may raise anything
+            why = error.__cause__ or error
+            said = " ".join(f"{type(why).__name__}: {why}".split())
+            output.console().print(escape(f"fails: {what}: {said[:200]}"), soft_wrap=True)
+            healthy = False
     return 0 if healthy else 1
 
 
-def _trials(folder: Path) -> dict[str, Callable[[], Any]]:
-    """Return what tries the optional packages that are installed, and print how to install the others."""
-    robot, scene = small_robot(), Scene()
-    content, path = ViewerContent(robot, scene), {_PLANNER: np.zeros((2, 2))}
-
-    def draw() -> None:
-        plots.plot_times({_PLANNER: [1.0, 2.0]}, folder / "times.svg")
-        render_comparison(robot, scene, path, folder / "paths.webp", panel=(99, 99))
-
-    def log() -> None:
-        exchange.McapLog(folder / "log.mcap", {"joint_names": [], "robot": {"name": "arm"}}).close()
-
-    def expand() -> None:
-        (folder / "robot.xacro").write_text(_XACRO)
-        UrdfFile(folder / "robot.xacro", xacro_args={})
-
-    def start() -> None:
-        with exchange.ros_context([]):
-            pass
-
-    trials: dict[str, Callable[[], Any]] = {
-        "plots": draw,
-        "viewer": partial(save_page, content, folder / "page.html"),
-        "mcap": log,
-        "ros": start,
-        "mujoco": partial(import_module, "mujoco"),
-        "xacro": expand,
-    }
-    missing = {extra: output.missing_extra(extra) for extra in trials}
-    for extra, advice in missing.items():
-        if advice:
-            output.console().print(escape(f"{extra}: {advice}"))
-    return {extra: trial for extra, trial in trials.items() if not missing[extra]}
-
-
-def requirements() -> Iterator[Requirement]:
-    """Yield the requirements of the installed package and of its extras; ROS 2 is seldom of PyPI."""
+def requirements() -> Iterator[tuple[str, str, str]]:
+    """Yield the requirements of the installed package: name on PyPI, versions that fit, and the extra, if any."""
     for line in requires("safe-ompl") or ():
         found = re.match(r"""([\w.-]+)(?:\[.*?\])?\s*([^;]*?)\s*(?:;.*extra == ['"](\w+)['"].*)?$""", line)
-        if found and found[3] != "ros" and (found[3] is None or found[3] in output.EXTRAS):
-            yield Requirement(found[1], found[2].replace(" ", ""), found[3] or "")
+        if found and found[3] != "ros" and (found[3] is None or found[3] in output.EXTRAS):  # ROS 2 is seldom of PyPI
+            yield found[1], found[2].replace(" ", ""), found[3] or ""
+
+
+def installed(name: str) -> str | None:
+    """Return the version of a package that is installed, or None."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
 
 
 def _plan() -> None:
@@ -162,19 +110,6 @@ def _plan() -> None:
         f"{_PLANNER} in {_SCENARIO}: {len(result.path)} way points, proven; {1e3 * (built - begin):.0f} ms to set up, "
         f"{1e3 * result.planning_time:.1f} ms to plan"
     )
-
-
-def _within(found: str, bound: str) -> bool:
-    """Return whether a version keeps to a bound such as ">=2.0" or "<3"."""
-    sign, wanted = re.match(r"([<>=!~]+)(.*)", bound).groups()  # type: ignore[union-attr]
-    this, that = _numbers(found), _numbers(wanted)
-    length = max(len(this), len(that))
-    this, that = (numbers + (0,) * (length - len(numbers)) for numbers in (this, that))
-    return {">=": this >= that, "<": this < that, "==": this == that, "!=": this != that}.get(sign, True)
-
-
-def _numbers(text: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in re.findall(r"\d+", text))
 
 
 def compile_all() -> None:

@@ -8,11 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from safe_ompl.apps.benchmark import failure
-from safe_ompl.apps.cli import arguments, output, tables
+from safe_ompl.apps.benchmark import Run, Summary, failure, run_planner
+from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
+from safe_ompl.apps.cli.compare import summary_table
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.common import InputError, SafeOmplError, UnknownNameError
+from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem
 from safe_ompl.planning.planners import make_planner
@@ -39,7 +40,8 @@ def add_commands(commands: Any) -> None:
     read = output.output_file(".jsonl", ".json", output.STANDARD_OUTPUT)
     option(parser, "--json FILE", "a line for each; default: standard output", read, output.STANDARD_OUTPUT)
     arguments.add_force(parser)
-    arguments.add_robot_options(parser, instead_of="the file's")
+    option(parser, "--robot ROBOT", "an example robot, or a scenario with the robot; default: the file's")
+    arguments.add_package_dirs(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -75,46 +77,42 @@ class Mbm:
                 results.setdefault(problem[0], []).append(result)
 
             status = output.each_until_ctrl_c(progress.track(self.chosen, description=self.file.path.name), solve)
-        console.print(tables.families_table(results))
+        summaries = [Summary.of(family, of_family) for family, of_family in results.items()]
+        console.print(summary_table("family", summaries))
         return status or int(not all(result for of_family in results.values() for result in of_family))
 
     def _solve(self, family: str, k: int) -> tuple[dict[str, Any], PlanResult]:
         """Return the k-th problem's line, and its result."""
-        index, widened = k, {}
+        index, widened, run = k, {}, Run(self.options.planner, self.options.seed)
         try:
             problem = self.file.problem(family, k)
             index, widened = problem.index, problem.widened_limits(self.robot)
-            result = setup_problem(problem, self.robot).plan(
-                self.options.planner,
+            result = run_planner(
+                setup_problem(problem, self.robot),
+                run,
                 time=self.options.time or USUAL_TIME,
-                seed=self.options.seed,
                 parameters=self.parameters,
                 simplify=self.options.simplify,
             )
-        except SafeOmplError as error:
-            kind = "Invalid input" if isinstance(error, InputError) else "Error"
-            who = self.options.planner, self.options.seed, self.robot.joint_names
-            result = failure(f"{kind}: {error}", *who)
-        if result.interrupted:  # Ctrl-C is for all the problems
-            raise KeyboardInterrupt
+        except InputError as error:
+            result = failure(f"Invalid input: {error}", *run, self.robot.joint_names)
         told = record(f"{family}/{index}", self.robot, result)
         return {"family": family, "index": index, **told, "widened_limits": widened}, result
 
 
 def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
     """Return the robot of the options or of the file; its joints must be those of the file."""
-
-    def named() -> RobotSpec:
-        if file.robot not in EXAMPLES:
-            words = f"{file.robot!r} is not an example robot: give --urdf or --robot"
-            raise InputError(words, f"{file.path}: robot")
-        return RobotSpec(file.robot)
-
-    robot = Robot(arguments.given_robot(options, named))
+    name = options.robot or file.robot
+    if name in EXAMPLES:
+        robot = Robot(RobotSpec(name))
+    elif options.robot is not None:
+        robot = arguments.load_scenario(name, options.package_dir).build_robot()
+    else:
+        raise InputError(f"{name!r} is not an example robot: give --robot", f"{file.path}: robot")
     if file.joint_names and set(file.joint_names) != set(robot.joint_names):
         raise InputError(
             f"the problems are for the joints {', '.join(file.joint_names)}, "
-            f"but {robot.name} moves {', '.join(robot.joint_names)}; --tip and --lock hold joints still",
+            f"but {robot.name} moves {', '.join(robot.joint_names)}; a scenario's robot says what is locked",
             f"{file.path}: joints",
         )
     return robot

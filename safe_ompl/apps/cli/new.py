@@ -41,6 +41,7 @@ from safe_ompl.robot import (
 from safe_ompl.scene import Scene
 
 _SAMPLES, _SEED = 2000, 0
+_SRDF_SAMPLES = 1000
 _ROOM = 0.03  # [m] that start and goal leave around the robot, where there are such
 _CHOICE = 12  # configurations on each side that may become start and goal
 _PLANNER, _TRIALS, _TIME = "SafeRRTConnect", 6, 5.0  # who tries how many pairs of them, for how long each [s]
@@ -65,7 +66,12 @@ def add_commands(commands: Any) -> None:
     read = output.output_file(".yaml", ".yml")
     option(parser, "-o, --output FILE", "where the scenario goes (.yaml)", read, required=True)
     arguments.add_force(parser)
-    arguments.add_urdf_options(parser)
+    option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
+    option(parser, "--tip FRAME", "frame at the end of the arm")
+    option(parser, "--group NAME", "group of the SRDF whose joints move; the others are held")
+    arguments.add_package_dirs(parser)
+    arguments.add_xacro_args(parser)
+    arguments.add_collision_option(parser)
     parser = arguments.add_parser(
         commands,
         "srdf",
@@ -78,7 +84,6 @@ def add_commands(commands: Any) -> None:
     read = output.output_file(".srdf", ".xml", output.STANDARD_OUTPUT)
     option(parser, "-o, --output FILE", "default: standard output", read, output.STANDARD_OUTPUT)
     arguments.add_force(parser)
-    option(parser, "--samples N", "configurations", arguments.count, 1000)
     arguments.add_package_dirs(parser)
     arguments.add_xacro_args(parser)
     arguments.add_collision_option(parser)
@@ -87,14 +92,18 @@ def add_commands(commands: Any) -> None:
 def _prepare_srdf(options: argparse.Namespace) -> Callable[[], int]:
     """Read the URDF, and return the job."""
     urdf = UrdfFile(options.urdf, options.package_dir, arguments.xacro_args(options))
-    return partial(_write_srdf, urdf, options.output, options.samples, options.collision or "required")
+    return partial(_write_srdf, urdf, options.output, options.collision or "required")
 
 
 def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
     """Read the robot, choose its arm, and return the job."""
     document.file("URDF", options.urdf, (".urdf", ".xml", ".xacro"))
-    spec, robot = with_arm(arguments.given_robot(options, lambda: RobotSpec(urdf=Path(options.urdf))))
-    return New(spec, robot, Path(options.output))
+    keys = ("urdf", "srdf", "tip", "group", "collision")
+    chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
+    chosen |= {"package_dirs": list(map(str, options.package_dir)), "xacro_args": arguments.xacro_args(options)}
+    with document.within("--", separator=""):
+        given = RobotSpec.from_mapping(chosen, Path())
+    return New(*with_arm(given), Path(options.output))
 
 
 def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
@@ -108,16 +117,14 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
     # A joint that mimics one which does not exist is held as any other.
     mimics = {name: mimic for name, mimic in urdf.mimics().items() if full.existJointName(mimic.primary)}
     srdf = None if given.srdf is None else SrdfFile(given.srdf)
-    if srdf is None and (given.group or given.locked_state):
-        option = "--group" if given.group else "--locked-state"
-        raise InputError("is a name of an SRDF: give --srdf, too", option)
+    if srdf is None and given.group:
+        raise InputError("is a name of an SRDF: give --srdf, too", "--group")
     group, tip, moving = _arm(full, mimics, srdf, given)
     if not moving:
         raise InputError("it has no arm: no joint that could be planned for moves a link", str(given.urdf))
-    posture = srdf.state(given.locked_state) if srdf is not None and given.locked_state else {}
     still = [name for name in list(full.names)[1:] if name not in mimics and name not in moving]
-    locked = {name: posture.get(name, resting_value(full, name)) for name in still} | dict(given.locked or {})
-    spec = replace(given, group=group, tip=tip, locked=locked, locked_state=None)
+    locked = {name: resting_value(full, name) for name in still}
+    spec = replace(given, group=group, tip=tip, locked=locked)
     robot = Robot(spec)
     return replace(spec, tip=robot.tip), robot
 
@@ -290,12 +297,12 @@ def _by_joint(robot: Robot, q: FloatArray) -> str:
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=True, width=np.inf).strip()
 
 
-def _write_srdf(urdf: UrdfFile, file: str, samples: int, collision: str) -> int:
-    pairs = disabled_links(urdf, samples, collision)
-    output.write_text(file, srdf_text(urdf.build_model().name, pairs, samples))
+def _write_srdf(urdf: UrdfFile, file: str, collision: str) -> int:
+    pairs = disabled_links(urdf, _SRDF_SAMPLES, collision)
+    output.write_text(file, srdf_text(urdf.build_model().name, pairs, _SRDF_SAMPLES))
     reasons = [pair.reason for pair in pairs]
     _say(
-        f"safe-ompl: {samples} samples: {reasons.count('Always')} pairs of links always touch, "
+        f"safe-ompl: {_SRDF_SAMPLES} samples: {reasons.count('Always')} pairs of links always touch, "
         f"{reasons.count('Adjacent')} are adjacent"
     )
     return 0

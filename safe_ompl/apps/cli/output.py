@@ -48,6 +48,11 @@ def console() -> Console:
     return Console(highlight=False, width=_width(sys.stdout.isatty()))
 
 
+def say(text: str) -> None:
+    """Print text as it is to standard output."""
+    console().print(text, markup=False, soft_wrap=True)
+
+
 def error_console() -> Console:
     """Return where progress and messages go: standard error. Messages are not wrapped."""
     return Console(stderr=True, highlight=False, markup=False, soft_wrap=True, width=_width(sys.stderr.isatty()))

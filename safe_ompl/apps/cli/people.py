@@ -35,23 +35,13 @@ def add_commands(commands: Any) -> None:
     option(parser, "-o, --out FILE", "the reach file (.yaml)", output.output_file(".yaml", ".yml"), required=True)
     arguments.add_force(parser)
     option(parser, "--gate V", "faster key points are glitches [m/s]", arguments.limit, Calibration.gate)
-    option(
-        parser,
-        "--horizons S",
-        "times at which the shapes have corners [s]",
-        arguments.seconds,
-        Calibration.horizons,
-        nargs="+",
-    )
     option(parser, "--fit SHARE", "share of the recordings that give the shapes", arguments.share, Calibration.fit)
-    option(parser, "--seed N", "draws those recordings; default: 0", arguments.random_seed, 0)
     option(parser, "--block S", "units are blocks of so many seconds; default: recordings", arguments.seconds)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the recordings, and return the job."""
-    keys = ("level", "gate", "fit", "seed", "block")
-    how = Calibration(horizons=tuple(options.horizons), **{key: getattr(options, key) for key in keys})
+    how = Calibration(**{key: getattr(options, key) for key in ("level", "gate", "fit", "block")})
     recordings = [Recording.load(file, clip) for file in options.recordings for clip in list_clips(file)]
     return partial(_calibrate, recordings, how, options.out)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.apps.benchmark import check_named_planner
-from safe_ompl.apps.cli import arguments, output, tables
+from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError, files
@@ -44,14 +44,14 @@ def add_commands(commands: Any) -> None:
     add_timed_options(parser)
     arguments.add_force(parser)
     arguments.add_limit_options(parser)
-    arguments.add_robot_options(parser, instead_of="the scenario's")
+    arguments.add_package_dirs(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     begin = perf_counter()
-    scenario = arguments.with_limits(arguments.load_scenario(options.scenario), options)
-    _, robot = arguments.scenario_robot(options, scenario)
+    scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
+    robot = scenario.build_robot()
     setup = setup_scenario(scenario, robot)
     check_named_planner(scenario, options.planner, setup)
     parameters = arguments.run_options(options, scenario, options.planner)["parameters"]
@@ -73,7 +73,7 @@ def _plan(
         names = {"scenario": scenario.name, "robot": setup.robot.name}
         output.write_json(options.json, {**marked("result", names), **result_to_mapping(result)})
     if options.json != output.STANDARD_OUTPUT:
-        output.console().print(tables.plan_table(scenario.name, setup.robot.name, result))
+        output.say(f"{scenario.name} · {setup.robot.name}\n{result}")
     trajectory = None
     if limits is not None and result.path is not None:
         trajectory = timed(result, scenario, limits)

@@ -6,25 +6,23 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NoReturn
 
-import argcomplete
 from rich.table import Table
 
 from safe_ompl.apps.cli import arguments, check, compare, live, mbm, new, output, people, plan, ros, verify, view
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError, ctrl_c_as_such
-from safe_ompl.robot import EXAMPLES, ExampleRobot, UrdfFile, frame_index, links_lacking_shapes, robots_folder
+from safe_ompl.robot import EXAMPLES
 from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
 
 BAD_INPUT, BROKEN_PIPE = 2, 141
 
 _FIRST = (
-    "first steps: safe-ompl view panda_shelf; for your own robot: safe-ompl new arm.urdf -o scenario.yaml, "
-    "then safe-ompl view scenario.yaml. "
+    "to begin with: plan, view, check. First steps: safe-ompl view panda_shelf; for your own robot: "
+    "safe-ompl new arm.urdf -o scenario.yaml, then safe-ompl view scenario.yaml. "
 )
 _EPILOG = "exit status: 0 solved, 1 not solved, 2 bad input"
 
@@ -37,7 +35,6 @@ def main(words: Sequence[str] | None = None) -> int:
     console = output.error_console()
     try:
         parser = command_line()
-        argcomplete.autocomplete(parser)
         options = parser.parse_args((sys.argv[1:] if words is None else words) or ["--help"])
         output.check_outputs(options)
         with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log, ctrl_c_as_such():
@@ -71,7 +68,7 @@ def command_line() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (plan, check, view, verify, live, people, ros, compare, mbm, new):
+    for command in (plan, view, check, new, verify, compare, live, ros, mbm, people):
         command.add_commands(commands)
     add_commands(commands)
     for own in commands.choices.values():
@@ -86,11 +83,8 @@ def _broken_pipe() -> int:
     return BROKEN_PIPE
 
 
-_SHELLS = ("bash", "zsh", "fish")
-
-
 def add_commands(commands: Any) -> None:
-    """Add `scenarios`, `robots`, `doctor` and `completion` to the commands."""
+    """Add `scenarios`, `robots` and `doctor` to the commands."""
     arguments.add_parser(commands, "scenarios", lambda _: _printed(scenarios_table), "list the scenarios")
     arguments.add_parser(commands, "robots", lambda _: _printed(robots_table), "list the example robots")
     arguments.add_parser(
@@ -102,15 +96,6 @@ def add_commands(commands: Any) -> None:
         "yet (one to two minutes), and try what is installed. The exit status is 1 if something needed is missing, "
         "or something installed fails.",
     )
-    parser = arguments.add_parser(
-        commands,
-        "completion",
-        lambda options: partial(_complete, options.shell),
-        "make a shell complete commands and options",
-        'Print what makes a shell complete commands and options: add `eval "$(safe-ompl completion bash)"` '
-        "to ~/.bashrc, the same with zsh to ~/.zshrc, or `safe-ompl completion fish | source` to config.fish.",
-    )
-    parser.add_argument("shell", choices=_SHELLS, help="which shell")
 
 
 def _printed(table: Callable[[], Table]) -> Callable[[], int]:
@@ -119,11 +104,6 @@ def _printed(table: Callable[[], Table]) -> Callable[[], int]:
         return 0
 
     return job
-
-
-def _complete(shell: str) -> int:
-    print(argcomplete.shellcode(["safe-ompl"], shell=shell))
-    return 0
 
 
 def scenarios_table() -> Table:
@@ -142,26 +122,9 @@ def scenarios_table() -> Table:
 
 
 def robots_table() -> Table:
-    """Return the example robots by name: how many joints move, the tip, what is locked, what has no collision shape."""
-    table = output.plain_table("robot", "joints", "tip", "locked", "not checked")
+    """Return the example robots by name: the tip, and which joints are locked."""
+    table = output.plain_table("robot", "tip", "locked")
     for name, example in sorted(EXAMPLES.items()):
         locked = ", ".join(f"{joint} = {value:g}" for joint, value in example.locked.items())
-        urdf = UrdfFile(robots_folder() / example.urdf)
-        moving = str(_moving_joints(urdf, example))
-        table.add_row(name, moving, example.tip, locked, ", ".join(_bare_links(urdf)))
-    table.caption = "not checked: links that have no collision shapes"
+        table.add_row(name, example.tip, locked)
     return table
-
-
-def _bare_links(urdf: UrdfFile) -> list[str]:
-    """Return the moving links that lack collision shapes, in the URDF's order."""
-    model = urdf.build_model()
-    bare = links_lacking_shapes(model, urdf.links_with("collision"), urdf.links_with("visual"))
-    return [frame.name for frame in model.frames if frame.name in bare and frame.parentJoint]
-
-
-def _moving_joints(urdf: UrdfFile, example: ExampleRobot) -> int:
-    """Return how many joints move the tip; the meshes, which take long, are not read."""
-    model = urdf.build_model()
-    chain = model.supports[model.frames[frame_index(model, example.tip)].parentJoint]
-    return sum(model.names[joint] not in example.locked for joint in list(chain)[1:])

@@ -21,7 +21,6 @@ from safe_ompl.trajectories import Trajectory
 
 REFUSED = 1
 _MOST_BYTES = 1_000_000_000  # of a certificate
-_OF_SCENARIOS = ("robot", "srdf", "tip", "lock", "group", "locked_state", "collision")
 
 
 def add_commands(commands: Any) -> None:
@@ -39,33 +38,24 @@ def add_commands(commands: Any) -> None:
     option(parser, "file FILE", "the certificate")
     option(parser, "scenario SCENARIO", "what it must be about; default: what the file carries", nargs="?")
     option(parser, "--time SECONDS", "leave undecided what is not verified by then", arguments.seconds, TIME)
-    arguments.add_robot_options(
-        parser, instead_of="the scenario's (without a scenario: where the carried one's files are)"
-    )
+    arguments.add_package_dirs(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the certificate and the scenario, and return the job."""
     content = _read_certificate(options.file)
     if options.scenario is None:
-        why = "is for verification against a scenario: give the scenario, too"
-        arguments.refuse(options, _OF_SCENARIOS, why)
-        urdf = None if options.urdf is None else Path(options.urdf)
-        carried = partial(
-            verify, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)), time=options.time
-        )
-        built = "" if urdf is None else f" (with the URDF {urdf})"
-        own = f"{built} and scene are the file's own, compared with no scenario"
+        carried = partial(verify, content, package_dirs=tuple(options.package_dir), time=options.time)
+        own = " and scene are the file's own, compared with no scenario"
         return partial(_verify, options.file, carried, own)
-    scenario = arguments.load_scenario(options.scenario)
-    spec, robot = arguments.scenario_robot(options, scenario)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir)
+    robot = scenario.build_robot()
 
     def against_scenario() -> Verified:
         terms = terms_of(scenario, robot, timed=_is_timed(content))
         return verify(content, robot, scenario.scene, terms=terms, time=options.time)
 
-    other = "" if spec is scenario.robot else f" of {options.urdf or options.robot or 'the options'}"
-    return partial(_verify, options.file, against_scenario, f"{other} and scene of {scenario.file}")
+    return partial(_verify, options.file, against_scenario, f" and scene of {scenario.file}")
 
 
 def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
@@ -87,7 +77,7 @@ def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
     if found.not_covered:
         lines.append(f"not covered: {'; '.join(found.not_covered)}")
     for line in lines:
-        output.console().print(f"{file}: {line}", markup=False, soft_wrap=True)
+        output.say(f"{file}: {line}")
     return 0
 
 

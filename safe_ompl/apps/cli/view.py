@@ -54,22 +54,18 @@ def add_commands(commands: Any) -> None:
     )
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
-    add_view_options(parser)
-    arguments.add_force(parser)
-
-
-def add_view_options(parser: argparse._ActionsContainer) -> None:
-    """Add the files that a view is written to, and how it is served."""
     option(parser, "--html FILE", "write one file that opens offline, with a play bar (.html)", output.PAGE)
     words = "write the motions side by side as one moving picture (.webp or .gif)"
     option(parser, "--animation FILE", words, output.output_file(*ANIMATION_ENDINGS, extra="plots"))
     option(parser, "--port N", "port; the next free one if it is taken", arguments.port, 8080)
     option(parser, "--no-browser", "do not open the browser, only say the address")
+    arguments.add_force(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    check_view_options(options)
+    if options.animation is None:
+        output.need_extra("viewer")
     readers = {RECORDING_ENDING: read_ticks, ".mcap": _read_log}
     recordings = [name for name in options.what if Path(name).suffix.lower() in readers]
     if recordings:
@@ -77,17 +73,17 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
             raise InputError(f"one recording at a time, not {', '.join(options.what)}")
         read = readers[Path(recordings[0]).suffix.lower()]
         recorded = read_recording(recordings[0], package_dirs=options.package_dir, read=read)
-        return lambda: show(recorded, options)
+        return lambda: _show(recorded, options)
     files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
     if not files:
         if len(options.what) > 1:
             raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
         scenario = arguments.load_scenario(options.what[0], options.package_dir)
-        return lambda: show(_planned(scenario, options), options)
+        return lambda: _show(_planned(scenario, options), options)
     if len(files) < len(options.what):
         raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
     content = _loaded(files, options.package_dir)
-    return lambda: show(content, options)
+    return lambda: _show(content, options)
 
 
 def _read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -98,13 +94,7 @@ def _read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     return read_log(file)
 
 
-def check_view_options(options: argparse.Namespace) -> None:
-    """Raise InputError if what a view is written to cannot be, or the viewer is missing."""
-    if options.animation is None:
-        output.need_extra("viewer")
-
-
-def show(content: ViewerContent, options: argparse.Namespace) -> int:
+def _show(content: ViewerContent, options: argparse.Namespace) -> int:
     """Write the files that the options name, or else serve the view until Ctrl-C."""
     if options.animation is not None:
         with output.error_console().status("drawing"):

@@ -15,22 +15,11 @@ from safe_ompl.geometry import Person
 from safe_ompl.io import ACCELERATION, TimedMotion
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.view.content import Keypoints, Movers, Nearest, NearestPoints, Proof, ViewerContent
+from safe_ompl.view.content import Keypoints, Movers, Nearest, NearestPoints, ViewerContent
 from safe_ompl.view.pictures.scene import DrawnScene
 from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, limb_surfaces, obstacle_surfaces
 from safe_ompl.view.plots.paths import AXES, SIZE, plot_speeds
-from safe_ompl.view.style import (
-    NEUTRAL,
-    START_COLOUR,
-    Bytes,
-    Colour,
-    as_bytes,
-    cap_colours,
-    gap_colours,
-    level_colours,
-    mixed,
-    rgb,
-)
+from safe_ompl.view.style import NEUTRAL, START_COLOUR, Colour, as_bytes, cap_colours, level_colours, mixed, rgb
 
 _MOST_POINTS = 4000  # danger points that are shown; of more, evenly chosen ones
 _PEOPLE, _THINGS = (0.80, 0.10, 0.12), (0.10, 0.35, 0.75)
@@ -93,23 +82,8 @@ def add_timed_trace(view: Any, name: str, motion: TimedMotion) -> None:
     points = np.asarray(motion.robot.keypoints_batch(motion.configurations)[:, -1])
     paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
     paint = as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
-    _add_stripes(view, name, points, paint, 0.014)
-
-
-def add_proof(view: Any, name: str, robot: Robot, samples: FloatArray, proof: Proof) -> None:
-    """Add the way of the tip along `samples: (S, n)`, in stripes of the intervals, warm where bodies are near."""
-    points = np.asarray(robot.keypoints_batch(samples)[:, -1])
-    middles = (np.arange(len(samples) - 1) + 0.5) / max(1, len(samples) - 1)
-    numbers = np.clip(np.searchsorted(proof.stops, middles, side="right") - 1, 0, len(proof.intervals) - 1)
-    paint = gap_colours(np.array([interval.distance for interval in proof.intervals])[numbers])
-    paint = np.where((numbers % 2 == 0)[:, None], paint, (0.72 * paint).astype(np.uint8))
-    _add_stripes(view, name, points, paint, 0.02)
-
-
-def _add_stripes(view: Any, name: str, points: FloatArray, paint: Bytes, thickness: float) -> None:
-    """Add a line through `points: (P, 3)` [m], whose pieces have the colours `paint: (P - 1, 3)`."""
     segments = np.stack([points[:-1], points[1:]], axis=1)
-    view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=thickness)
+    view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=0.014)
 
 
 def wxyz(rotation: FloatArray) -> FloatArray:
@@ -311,9 +285,6 @@ class PathView:
         self.label: Any = None
         if colour is not None:
             self._add_way(body, colour)
-        if content.proof is not None:
-            dense = content.along(name, np.linspace(0.0, 1.0, 10 * SAMPLES))
-            add_proof(view, f"{node}/proof", content.robot, dense, content.proof)
 
     def at(self, share: float) -> FloatArray:
         """Return the configuration (n,) at a fraction of the path's length."""
@@ -339,8 +310,6 @@ class PathView:
         lines += [f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)]
         if self.motion is not None and share is not None:
             lines.append(self.motion.remark(share * self._content.playing_time))
-        if self._content.proof is not None and share is not None:
-            lines.append(f"proven: {self._content.proof.at(share)}")
         return "  \n".join(lines)
 
     def add_board(self, centre: FloatArray, width: float, facing: FloatArray) -> None:

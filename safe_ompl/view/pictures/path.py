@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +13,19 @@ from numpy.typing import NDArray
 
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.geometry import Person
-from safe_ompl.paths import PROFILE_POINTS, Curve
+from safe_ompl.motions import MotionCheck, Repair
+from safe_ompl.paths import PROFILE_POINTS, Curve, PathReport
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
+from safe_ompl.trajectories import Trajectory
 from safe_ompl.view.content import Nearest, ViewerContent
 from safe_ompl.view.pictures.camera import Camera
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
 from safe_ompl.view.plots.page import plot_kind
-from safe_ompl.view.plots.paths import plot_plan
+from safe_ompl.view.plots.paths import plot_check, plot_motion, plot_plan
 from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
 
 if TYPE_CHECKING:
@@ -41,43 +44,40 @@ PALE: Colour = (1.0, 1.0, 1.0)
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
 
 
-@dataclass(frozen=True)
-class DrawnPath:
-    """A path, and how it is drawn."""
-
-    path: FloatArray  # (N, n), way points [rad or m]; between them the joints move on straight lines
-    # (N', n), the path before it was simplified; the way of its tip is drawn as a thin line
-    planned: FloatArray | None = None
-    # Where along the path, as a fraction of its length, the robot is closest to an obstacle: this posture will
-    # be among those shown
-    closest: float | None = None
-    accent: Colour | None = None  # Colour of the goal posture and of the trace of the tip
-    subtitle: str = ""  # What to write under the name, for example "mean danger 3.9, closest 12 mm"
-
-
 def render_path(
     robot: Robot,
     scene: Scene,
-    path: FloatArray | DrawnPath,
+    path: FloatArray | PlanResult,
     *,
     size: tuple[int, int] = (900, 700),
     camera: Camera | None = None,
     ghosts: int = GHOSTS,
 ) -> Image:
-    """Draw a robot along a path: start in grey, goal in the accent colour, translucent postures between.
+    """Draw a robot along a path: start in grey, goal in colour, translucent postures between.
 
-    The path is way points (N, n) [rad or m], between which the joints move on straight lines; so many `ghosts` are
-    shown between start and goal. The picture of a width and height `size` [px] is (height, width, 3) of uint8, sRGB, by
-    default from where most of robot and people is seen. Raises InputError if a path is empty, has the wrong number of
-    joints or is not finite.
+    The path is way points (N, n) [rad or m], between which the joints move on straight lines, or a solved result: then
+    in the planner's colour, one posture is where the robot is closest to an obstacle, and the way of the tip before the
+    path was simplified is a thin line. So many `ghosts` are shown between start and goal. The picture of a width and
+    height `size` [px] is (height, width, 3) of uint8, sRGB, by default from where most of robot and people is seen.
+    Raises InputError if a path is empty, has the wrong number of joints or is not finite.
     """
-    shown = path if isinstance(path, DrawnPath) else DrawnPath(path)
-    drawn = DrawnScene(robot, scene, [shown.path])
+    drawn = DrawnScene(robot, scene, [_way_points(path)])
     renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
-    return draw(drawn, renderer, shown, ghosts)
+    accent = ACCENT
+    if isinstance(path, PlanResult):
+        accent = planner_styles([path.planner])[path.planner].colour
+    return _draw(drawn, renderer, path, accent, ghosts)
 
 
-def moments(count: int, closest: float | None) -> FloatArray:
+def _way_points(path: FloatArray | PlanResult) -> FloatArray:
+    if not isinstance(path, PlanResult):
+        return path
+    if path.path is None:
+        raise InputError(f"{path.planner} found no path to draw: {path.status}")
+    return path.path
+
+
+def _moments(count: int, closest: float | None) -> FloatArray:
     """Return `count` fractions of a path, evenly spaced but for the one that gives way to `closest`."""
     even = np.linspace(0.0, 1.0, count + 2)[1:-1]
     if closest is not None and count:
@@ -85,9 +85,15 @@ def moments(count: int, closest: float | None) -> FloatArray:
     return even
 
 
-def draw(drawn: DrawnScene, renderer: Renderer, shown: DrawnPath, ghosts: int) -> Image:
-    """Return the picture of one path of a scene with so many translucent postures, see `render_path`."""
-    samples, accent = resampled(drawn.robot, shown.path), shown.accent or ACCENT
+def _draw(
+    drawn: DrawnScene, renderer: Renderer, path: FloatArray | PlanResult, accent: Colour, ghosts: int = GHOSTS
+) -> Image:
+    """Return the picture of one path of a scene, see `render_path`."""
+    samples, closest, before = resampled(drawn.robot, _way_points(path)), None, None
+    if isinstance(path, PlanResult):
+        before = path.planned_path
+        if path.report is not None and path.report.clearance.obstacle is not None:
+            closest = path.report.clearance.at
     start, goal = samples[0], samples[-1]
     gap = _COINCIDENCE * drawn.size
     things = [
@@ -96,10 +102,10 @@ def draw(drawn: DrawnScene, renderer: Renderer, shown: DrawnPath, ghosts: int) -
         ColouredSurface(trace(drawn, samples, TRACE), accent),
         *drawn.surroundings(),
     ]
-    if shown.planned is not None:
-        planned = resampled(drawn.robot, shown.planned)
+    if before is not None:
+        planned = resampled(drawn.robot, before)
         things.append(ColouredSurface(trace(drawn, planned, _THIN), mixed(accent, PALE, 0.35)))
-    shares = moments(ghosts, shown.closest)
+    shares = _moments(ghosts, closest)
     postures = [samples[round(share * (len(samples) - 1))] for share in shares]
     bodies = [drawn.body.posed(q, moved_from=start).inflated(-2.0 * gap) for q in postures]
     linear, layers = renderer.render_layers(things, [(body, _glass(body, renderer)) for body in bodies])
@@ -145,25 +151,8 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     )
     right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
     size = len(right) * 5 // 4, len(right)
-    left = render_path(setup.robot, setup.scene, drawn_path(result), size=size)
+    left = render_path(setup.robot, setup.scene, result, size=size)
     save_picture(np.hstack([left, right]), file)
-
-
-def drawn_path(result: PlanResult) -> DrawnPath:
-    """Return the path of a solved plan as it is drawn: in the planner's colour, with danger and clearance in words."""
-    assert result.path is not None
-    assert result.report is not None
-    danger, clearance = result.report.danger, result.report.clearance
-    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}"]
-    if clearance.obstacle is not None:
-        facts.append(f"clearance: min {1e3 * clearance.min:.0f} mm")
-    return DrawnPath(
-        result.path,
-        result.planned_path,
-        clearance.at if clearance.obstacle is not None else None,
-        planner_styles([result.planner])[result.planner].colour,
-        "; ".join(facts),
-    )
 
 
 def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
@@ -189,32 +178,39 @@ _DARK, _GREY = (77, 77, 77), (102, 102, 102)  # of subtitles, and of the line be
 def render_comparison(
     robot: Robot,
     scene: Scene,
-    paths: Mapping[str, FloatArray | DrawnPath],
+    paths: Mapping[str, FloatArray | PlanResult],
     file: str | Path,
     *,
     panel: tuple[int, int] | None = None,
-    ghosts: int = GHOSTS,
 ) -> None:
     """Draw the paths of several planners, one panel each, and save the picture as a PNG file; see `render_path`.
 
-    The paths are by planner; without an accent they have the planner's colour. Panels have a width and height [px], by
-    default they are smaller the more there are. Raises InputError if there is no path or one cannot be used, and
-    SafeOmplError if Matplotlib and Pillow are not installed.
+    The paths are by planner, in its colour; results say their danger and clearance, too. Panels have a width and height
+    [px], by default they are smaller the more there are. Raises InputError if there is no path or one cannot be used,
+    and SafeOmplError if Matplotlib and Pillow are not installed.
     """
     if not paths:
         raise InputError("no path to draw; give at least one")
     styles = planner_styles(paths)
-    shown = {name: path if isinstance(path, DrawnPath) else DrawnPath(path) for name, path in paths.items()}
     size = panel or {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(len(paths), (620, 520))
-    drawn = DrawnScene(robot, scene, [path.path for path in shown.values()])
+    drawn = DrawnScene(robot, scene, [_way_points(path) for path in paths.values()])
     renderer = Renderer(drawn.floor, best_view(drawn, size), size)
-    images = [
-        draw(drawn, renderer, replace(path, accent=path.accent or styles[name].colour), ghosts)
-        for name, path in shown.items()
-    ]
-    caption = _CAPTION + (_PLANNED if any(path.planned is not None for path in shown.values()) else "")
-    page = _panels(images, list(paths), [path.subtitle for path in shown.values()], caption)
+    images = [_draw(drawn, renderer, path, styles[name].colour) for name, path in paths.items()]
+    results = [path if isinstance(path, PlanResult) else None for path in paths.values()]
+    simplified = any(result is not None and result.planned_path is not None for result in results)
+    page = _panels(images, list(paths), [_facts(result) for result in results], _CAPTION + _PLANNED * simplified)
     save_picture(np.asarray(page), file)
+
+
+def _facts(result: PlanResult | None) -> str:
+    """Return danger and clearance of a result in words."""
+    if result is None or result.report is None:
+        return ""
+    danger, clearance = result.report.danger, result.report.clearance
+    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}"]
+    if clearance.obstacle is not None:
+        facts.append(f"clearance: min {1e3 * clearance.min:.0f} mm")
+    return "; ".join(facts)
 
 
 def save_picture(image: Image, file: str | Path) -> None:
@@ -329,3 +325,35 @@ def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatA
         facts += [] if found is None else [f"{1e3 * found.distance:.0f} mm to {found.obstacle}"]
         captions.append(", ".join(facts))
     return captions
+
+
+_SMALL, _SMALL_DPI = (360, 280), 60  # [px] of robots, and of plots
+
+
+def small_picture(shown: Any) -> bytes:
+    """Return a small picture as a PNG file: a robot along its path, or the plot of a report, a trajectory or a check.
+
+    It is empty where there is nothing to draw, or Matplotlib is not installed.
+    """
+    if find_spec("matplotlib") is None:
+        return b""
+    stream = BytesIO()
+    shown = shown.check if isinstance(shown, Repair) else shown
+    if isinstance(shown, PlanResult) and shown.robot is not None and shown.scene is not None:
+        from matplotlib.image import imsave
+
+        if shown.path is None:
+            return b""
+        imsave(stream, render_path(shown.robot, shown.scene, shown, size=_SMALL), format="png")
+    elif (figure := _plot(shown)) is not None:
+        figure.savefig(stream, format="png", dpi=_SMALL_DPI)
+    return stream.getvalue()
+
+
+def _plot(shown: Any) -> Any:
+    report = shown.report if isinstance(shown, PlanResult) else shown
+    if isinstance(report, PathReport) and report.danger is not None:
+        return plot_plan(np.asarray(report.danger.profile), None, title="danger")
+    if isinstance(shown, Trajectory):
+        return plot_motion(shown, None)
+    return plot_check(shown, None) if isinstance(shown, MotionCheck) else None

@@ -125,40 +125,27 @@ def _carries(thing: ColouredSurface, centre: FloatArray, bottom: float, gap: flo
 
 _AZIMUTHS = np.arange(20) * (2 * np.pi / 20)
 _ELEVATIONS = np.radians([20.0, 35.0])
-_HAZARD_POINTS, _END_POINTS = 200, 500
+_HAZARD_POINTS = 200
 _NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
 _COARSE = (160, 120)  # [px] of the picture in which views are compared
 _CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
 _TOLERANCE, _FINE = 0.03, 0.012  # relative, of depths; finer than a person is deep
 
 
-def best_view(
-    drawn: DrawnScene, size: tuple[int, int], azimuth: float | None = None, elevation: float | None = None
-) -> Camera:
-    """Return the camera that shows most of the robot's motion and of what it has to keep away from.
-
-    Azimuth and elevation are the direction from the scene to the camera [rad], where it is not to be chosen; `size` is
-    in pixels.
-    """
+def best_view(drawn: DrawnScene, size: tuple[int, int]) -> Camera:
+    """Return the camera that shows most of the robot's motion and of what it keeps away from; `size` is in pixels."""
     landmarks = drawn.landmarks()
-    if elevation is None and np.ptp(drawn.skeletons()[:, 2]) < 0.01 * drawn.size:  # best seen from above
-        elevation = np.pi / 2
-    if elevation is not None and elevation > 0.99 * np.pi / 2 and azimuth is None:
-        azimuth = -np.pi / 2
-    views = [
-        Camera.framing(landmarks, turn, height, size)
-        for height in (_ELEVATIONS if elevation is None else [elevation])
-        for turn in (_AZIMUTHS if azimuth is None else [azimuth])
-    ]
-    return views[0] if len(views) == 1 else max(views, key=_Merit(drawn))
+    if np.ptp(drawn.skeletons()[:, 2]) < 0.01 * drawn.size:  # best seen from above
+        return Camera.framing(landmarks, -np.pi / 2, np.pi / 2, size)
+    views = [Camera.framing(landmarks, turn, height, size) for height in _ELEVATIONS for turn in _AZIMUTHS]
+    return max(views, key=_Merit(drawn))
 
 
 class _Merit:
-    """The merit of a view: how much is seen of motion, ends and hazards, most of all of the nearest part of these."""
+    """The merit of a view: how much is seen of motion and hazards, most of all of the nearest part of these."""
 
     def __init__(self, drawn: DrawnScene) -> None:
         self._links = drawn.skeletons()
-        self._ends = drawn.ends.vertices[:: 1 + len(drawn.ends.vertices) // _END_POINTS]
         things = drawn.surroundings(drawn.hazards)
         dangerous = [thing for name in drawn.hazards for thing in drawn.groups.get(name, [])]
         hazards = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in dangerous])
@@ -173,26 +160,22 @@ class _Merit:
         self._everything = Surface.merged([self._all, drawn.ends.simplified(cell)])
 
     def __call__(self, view: Camera) -> float:
-        parts = np.concatenate([self._links, self._ends])
-        links, ends = (seen.mean() for seen in np.split(_seen(view, self._all, parts), [len(self._links)]))
-        hazards = _seen(view, self._things, self._points).mean() if len(self._points) else 1.0
-        near = _seen(view, self._everything, self._near, _FINE).mean() if len(self._near) else 1.0
-        apart = 1.0 - _before(view, self._hazards, self._links).mean()
+        links = _seen(view, self._all, self._links).mean()
+        hazards = near = 1.0
+        if len(self._points):
+            hazards = _seen(view, self._things, self._points).mean()
+            near = _seen(view, self._everything, self._near, _FINE).mean()
+        nearest, own = _nearness(view, self._hazards, self._links)
+        apart = 1.0 - (np.isfinite(nearest) & (own > nearest)).mean()  # links that are before no hazard
         extent = np.linalg.det(np.cov(in_picture(view, self._links, _COARSE)[:, :2], rowvar=False))
         shown = (0.5 + 0.5 * hazards) * near**2
-        return float(links**2 * ends**2 * apart * shown * max(extent, 0.0) ** 0.25)
+        return float(links**2 * apart * shown * max(extent, 0.0) ** 0.25)
 
 
 def _seen(view: Camera, solid: Surface, points: FloatArray, tolerance: float = _TOLERANCE) -> BoolArray:
     """Return whether a solid leaves points (P, 3) in view: (P,)."""
     nearest, own = _nearness(view, solid, points)
     return np.asarray(own >= (1.0 - tolerance) * nearest)
-
-
-def _before(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
-    """Return whether a solid is behind points (P, 3) in the view: (P,)."""
-    nearest, own = _nearness(view, solid, points)
-    return np.isfinite(nearest) & (own > nearest)
 
 
 def _nearness(view: Camera, solid: Surface, points: FloatArray) -> tuple[FloatArray, FloatArray]:

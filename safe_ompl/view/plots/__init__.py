@@ -6,15 +6,6 @@ line above it, `dpi` are pixels per inch, where these can be chosen. Without Mat
 """
 
 from safe_ompl.view.plots.paths import plot_check, plot_motion, plot_plan, plot_speeds
-from safe_ompl.view.plots.planners import plot_bands, plot_clearance_danger, plot_profiles, plot_times
+from safe_ompl.view.plots.planners import plot_clearance_danger, plot_profiles
 
-__all__ = [
-    "plot_bands",
-    "plot_check",
-    "plot_clearance_danger",
-    "plot_motion",
-    "plot_plan",
-    "plot_profiles",
-    "plot_speeds",
-    "plot_times",
-]
+__all__ = ["plot_check", "plot_clearance_danger", "plot_motion", "plot_plan", "plot_profiles", "plot_speeds"]

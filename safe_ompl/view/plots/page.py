@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -94,18 +93,6 @@ class Page:
 def natural(count: int) -> FloatArray:
     """Return the natural parameter in [0, 1] at `count` equal steps of a path."""
     return np.linspace(0.0, 1.0, count)
-
-
-def by_planner(values: Mapping[str, ArrayLike], kind: str, dimensions: int) -> dict[str, FloatArray]:
-    """Return the values of each planner as an array of so many dimensions, an empty one where there are none."""
-    if not values:
-        raise InputError(f"no {kind} to draw; give at least one planner")
-    return {
-        name: finite_array(given, (None,) * dimensions, f"{kind} of {name}")
-        if np.size(given)
-        else np.empty((0,) * dimensions)
-        for name, given in values.items()
-    }
 
 
 def curve(values: ArrayLike, kind: str) -> FloatArray:

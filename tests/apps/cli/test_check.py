@@ -67,7 +67,7 @@ def test_a_motion_is_proven_or_what_is_not_is_said(call, tmp_path, setup):
     save(motion(), "free.json")
     status, out, _ = call("check", "free.json", "--scenario", "own.yaml", "--widest-tube", "--json", "found.json")
     assert status == 0
-    assert "proven       joint limits, collision" in out
+    assert "proven: joint limits, collision" in out
     found = json.loads((tmp_path / "found.json").read_text())
     width = found["widest_tube"]["joint1"]
     assert found["proven"]
@@ -328,7 +328,7 @@ def test_the_tube_is_the_largest_error_times_a_factor_and_check_takes_it(call, t
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario(**yaml.safe_load(entry))))
     status, out, _ = call("check", "free.json", "--scenario", "own.yaml")
     assert status == 0
-    assert f"joint1 ±{float(widths['joint1']):.3g} rad" in out
+    assert f"within a tube of ±[{float(widths['joint1']):.3g}, " in out
     other = np.outer(np.cos(np.pi * times / 8), [0.003, 0.006, 0.0])
     log(tmp_path / "other.csv", other, times)
     _, out, _ = call("tube", "log.csv", "other.csv")
@@ -360,44 +360,6 @@ def _columns(file):
 # --------------------------------------------------------------------------------------------------- bad input
 
 
-def points(change):
-    """Return a message with one thing changed in it."""
-    content = {
-        "joint_names": list(NAMES),
-        "points": [
-            {"positions": q.tolist(), "time_from_start": t} for t, q in zip(T, (START, MIDDLE, END), strict=True)
-        ],
-    }
-    change(content)
-    return content
-
-
-def put(key, value, point=1):
-    return lambda content: content["points"][point].update({key: value})
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (put("time_from_start", 5.0), "times: must increase"),
-        (put("time_from_start", 0.0), "times: must increase"),
-        (put("positions", [0.0, float("nan"), 0.0]), "points[1].positions: must be a finite number, got nan"),
-        (put("positions", [0.0, 0.0]), "points[1].positions: must be 3 numbers, got 2"),
-        (put("positions", ["a", 0.0, 0.0]), "points[1].positions: "),
-        (put("positions", [90.0, 0.0, 0.0]), "joint 'joint1' moves to 90 rad"),
-        (
-            lambda content: content.update(joint_names=["joint1", "joint2", "elbow"]),
-            "lacks the joints joint3; has joints that the robot has not: elbow",
-        ),
-        (lambda content: content.pop("points"), "must hold joint_names and points"),
-        (lambda content: content.update(points=[]), "points: must be two at least, got 0"),
-    ],
-)
-def test_messages_that_are_none(call, tmp_path, change, said):
-    (tmp_path / "ros.json").write_text(json.dumps(points(change)))
-    refused(call, tmp_path, "ros.json", said)
-
-
 def refused(call, folder, file, said, *options):
     before = set(folder.iterdir())
     status, out, err = call(
@@ -415,17 +377,13 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
     content = json.loads((tmp_path / "jump.json").read_text())
     content["coefficients"][1][0][2] += 0.01
     (tmp_path / "jump.json").write_text(json.dumps(content))
-    refused(call, tmp_path, "jump.json", "joint 'joint3' jumps by 0.01 at 2 s")
     (tmp_path / "text.csv").write_text("time,joint1,joint2,joint3\n0,a,b,c\n")
-    refused(call, tmp_path, "text.csv", "text.csv:2: must be numbers")
-    (tmp_path / "mesh.stl").write_text("solid")
-    refused(call, tmp_path, "mesh.stl", "must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy")
-    (tmp_path / "zip.npz").write_text("no archive")
-    refused(call, tmp_path, "zip.npz", "is no archive of arrays")
-    (tmp_path / "list.yaml").write_text("- 1\n- 2\n")
-    refused(call, tmp_path, "list.yaml", "must be a mapping of keys to values, got list [1, 2]")
-    refused(call, tmp_path, "gone.json", "cannot be read")
+    (tmp_path / "far.csv").write_text("time,joint1,joint2,joint3\n0,0,0,0\n1,90,0,0\n")
     save(setup.scene, "scene.json")
+    refused(call, tmp_path, "jump.json", "joint 'joint3' jumps by 0.01 at 2 s")
+    refused(call, tmp_path, "text.csv", "text.csv:2: must be numbers")
+    refused(call, tmp_path, "far.csv", "joint 'joint1' moves to 90 rad")
+    refused(call, tmp_path, "gone.json", "cannot be read")
     refused(call, tmp_path, "scene.json", "must hold a motion, but it holds a scene")
 
 
@@ -433,12 +391,10 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
     ("options", "said"),
     [
         (("--repair", "out.npy"), "--repair: 'out.npy' must end in .csv or .tsv or .txt or .npz or .json or .yaml"),
-        (("--repair", "no/out.csv"), "--repair: cannot write 'no/out.csv' (No such file or directory)"),
         (
             ("--repair", "a.json", "--json", "a.json"),
             "--json: 'a.json' is written by --repair already: give another file",
         ),
-        (("--plot", "a.jpg"), "--plot: 'a.jpg' must end in .png"),
         (("--tube", "wide"), "argument --tube: must be a positive number, not 'wide'"),
         (("--tube", "-1"), "argument --tube: must be a positive number, not '-1'"),
         (("--tube", "joint1=0.1"), "--tube: no value for 'joint2', 'joint3'"),
@@ -448,7 +404,6 @@ def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
         (("--retime", "--repair", "out.json"), "--repair: is for a motion with its own times: leave out --retime"),
         (("--retime", "--widest-tube"), "--widest-tube: is for a motion with its own times: leave out --retime"),
         (("--rate", "50"), "--rate: is for a path in time: give --trajectory FILE, too"),
-        (("--scenario", "nowhere"), "unknown scenario file or name 'nowhere'"),
     ],
 )
 def test_options_that_cannot_be(call, tmp_path, options, said):

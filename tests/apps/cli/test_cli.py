@@ -21,39 +21,13 @@ from safe_ompl.apps.cli import compare, output
 from safe_ompl.view import render_comparison, render_path
 from safe_ompl.view.pictures import path as pictures
 
-RECORD = [
-    "scenario",
-    "robot",
-    "planner",
-    "seed",
-    "status",
-    "solved",
-    "setup_time",
-    "planning_time",
-    "simplification_time",
-    "report_time",
-    "joint_names",
-    "path",
-    "length",
-    "danger",
-    "clearance",
-    "certified",
-    "validation",
-    "links_without_collision",
-    "counts",
-]
-SAVED = ["format", "version", "kind", *RECORD, "problem"]
-DANGER = ["mean", "max", "max_bound", "integral", "avoidable", "profile"]
-CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"]
-COUNTS = [
-    "nodes",
-    "collision_queries",
-    "margin_queries",
-    "bound_queries",
-    "distance_queries",
-    "field_configurations",
-    "field_points",
-]
+RECORD = (
+    "scenario robot planner seed status solved setup_time planning_time simplification_time report_time joint_names "
+    "path length danger clearance certified validation links_without_collision counts"
+)
+SAVED = f"format version kind {RECORD} problem"
+DANGER = {"mean", "max", "max_bound", "integral", "avoidable", "profile"}
+CLEARANCE = {"min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"}
 
 LINK = """
   <link name="link{k}">
@@ -125,18 +99,12 @@ def strict(text):
 
 
 def assert_solved_record(record):
-    assert list(record["danger"]) == DANGER
-    assert list(record["clearance"]) == CLEARANCE
-    assert list(record["counts"]) == COUNTS
-    assert record["solved"] is True
-    assert record["certified"] is True
-    assert record["status"] == "Exact solution"
-    assert record["planning_time"] > 0
-    assert record["simplification_time"] >= 0
-    path = np.array(record["path"])
+    danger, clearance, path = record["danger"], record["clearance"], np.array(record["path"])
+    assert (set(danger), set(clearance)) == (DANGER, CLEARANCE)
+    assert (record["solved"], record["certified"], record["status"]) == (True, True, "Exact solution")
+    assert record["planning_time"] > 0 <= record["simplification_time"]
     assert path.shape[1] == len(record["joint_names"])
     assert record["length"] == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    danger, clearance = record["danger"], record["clearance"]
     assert len(danger["profile"]) == 101
     assert 0 < danger["mean"] <= danger["max"] <= danger["max_bound"] <= 1.05 * danger["max"]
     assert 0 <= danger["avoidable"] <= danger["integral"]
@@ -154,7 +122,7 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run):
     status, out, err = run("plan", "test.yaml", "--json", "-", "--seed", 3)
     record = strict(out)
     assert (status, err) == (0, "")
-    assert list(record) == SAVED
+    assert set(record) == set(SAVED.split())
     assert (record["scenario"], record["robot"], record["seed"]) == ("test", "arm", 3)
     assert record["planner"] == "SafeRRTConnect"
     assert record["joint_names"] == ["joint1", "joint2"]
@@ -167,7 +135,7 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run):
 def test_plan_shows_a_table_beside_a_json_file(run, folder):
     status, out, _ = run("plan", "test.yaml", "--planner", "RRTConnect", "--json", "result.json")
     assert status == 0
-    for word in ("test", "arm", "RRTConnect", "Exact solution", "proven free", "avoidable", "nearer than"):
+    for word in ("test · arm", "RRTConnect", "Exact solution", "certified: collision", "danger mean", "clearance "):
         assert word in out
     assert strict((folder / "result.json").read_text())["planner"] == "RRTConnect"
 
@@ -176,31 +144,10 @@ def test_plan_not_solved_is_status_1_and_null(run):
     status, out, _ = run("plan", "test.yaml", "--time", "1e-9", "--json", "-")
     record = strict(out)
     assert status == 1
-    assert list(record) == SAVED
+    assert set(record) == set(SAVED.split())
     assert record["solved"] is False
     assert record["certified"] is False
     assert [record[key] for key in ("path", "length", "danger", "clearance")] == [None] * 4
-
-
-def test_plan_hands_parameters_to_the_planner(run):
-    safe, bold = (strict(run("plan", "test.yaml", "--json", "-", "--param", f"alpha={alpha}")[1]) for alpha in (5, 0))
-    assert safe["counts"]["field_configurations"] > bold["counts"]["field_configurations"]
-
-
-def test_plan_takes_another_robot(run, folder):
-    (folder / "twin.urdf").write_text(URDF.replace('name="arm"', 'name="twin"'))
-    robot = ("--urdf", "twin.urdf", "--srdf", "arm.srdf", "--package-dir", folder, "--tip", "link2")
-    status, out, _ = run("plan", "test.yaml", "--json", "-", *robot)
-    assert status == 0
-    assert strict(out)["robot"] == "twin"
-
-
-def test_plan_locks_joints_of_the_scenarios_robot(run, folder):
-    locked = SCENARIO.replace(", joint2: 0.2", "").replace(", joint2: -0.2", "").replace("0.62", "0.95")
-    (folder / "locked.yaml").write_text(locked)
-    status, out, _ = run("plan", "locked.yaml", "--json", "-", "--lock", "joint2=0.1")
-    assert status == 0
-    assert strict(out)["joint_names"] == ["joint1"]
 
 
 @pytest.mark.usefixtures("quick_renderer")
@@ -211,10 +158,10 @@ def test_plan_draws_a_picture(run, folder):
 
 
 def test_log_is_shown_on_request_and_left_as_it_was(run, folder):
-    robot = ("--urdf", "arm.urdf")
+    (folder / "bare.yaml").write_text(SCENARIO.replace(", srdf: arm.srdf", ""))
     before = (logging.getLogger("safe_ompl").handlers[:], logging.getLogger("safe_ompl").level)
     level = ou.getLogLevel()
-    status, _, err = run("plan", "test.yaml", *robot)
+    status, _, err = run("plan", "bare.yaml")
     assert status == 0
     assert [line.startswith("safe-ompl: warning: ") for line in err.splitlines()] == [True]
     _, _, err = run("plan", "test.yaml", "-v")
@@ -254,11 +201,6 @@ def test_a_certificate_is_verified(run, folder):
     said = re.search(rf"danger at most (\S+) \({re.escape(kind)}\)", out)
     assert said is not None, out
     assert danger["bound"] <= float(said[1]) < 1.01 * danger["bound"]
-    elsewhere = folder / "elsewhere"
-    elsewhere.mkdir()
-    assert run("plan", "test.yaml", "--urdf", "arm.urdf", "--certificate", "elsewhere/proof.json")[0] == 0
-    assert run("verify", "elsewhere/proof.json")[0] == 0
-    assert run("verify", "elsewhere/proof.json", "test.yaml")[0] == 0
 
 
 def test_without_a_path_there_is_no_certificate(run, folder, monkeypatch):
@@ -295,22 +237,18 @@ def test_compare_writes_table_and_report(run, folder, monkeypatch):
     assert status == 0
     assert "4/4" in out
     assert "*" in out
+    assert max(map(len, out.partition("Medians")[0].splitlines())) <= 80
     assert "no_such_module" in err
     assert "pip install" in err
     report = strict((folder / "deep/out/report.json").read_text())
-    assert list(report) == ["scenario", "robot", "seed", "summary", "summary_as_planned", "runs"]
+    assert list(report) == ["scenario", "robot", "seed", "summary", "runs"]
     assert [(run["planner"], run["seed"]) for run in report["runs"]] == [
         (planner, seed) for seed in range(7, 11) for planner in ("RRTConnect", "SafeRRTConnect")
     ]
     for record in report["runs"]:
-        assert list(record) == [*RECORD, "planned_path"]
+        assert set(record) == set(f"{RECORD} planned_path".split())
         assert_solved_record(record)
         assert record["planned_path"][0] == record["path"][0]
-    for summary, planned in zip(report["summary"], report["summary_as_planned"], strict=True):
-        assert planned["planner"] == summary["planner"]
-        assert planned["danger_mean"]["median"] > summary["danger_mean"]["median"]
-        assert planned["simplification_time"]["median"] == 0 < summary["simplification_time"]["median"]
-    assert out.count("as planned") == 3, "a row for each planner, and the caption"
     for summary in report["summary"]:
         assert summary["solved"] == summary["runs"] == 4
         assert list(summary["danger_mean"]) == ["median", "p15", "p85"]
@@ -319,12 +257,10 @@ def test_compare_writes_table_and_report(run, folder, monkeypatch):
 
 def test_compare_leaves_paths_as_planned_on_request(run, folder, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
-    status, out, _ = run("compare", "test.yaml", "--planners", "RRTConnect", "--runs", 1, "--no-simplify")
+    status, _, _ = run("compare", "test.yaml", "--planners", "RRTConnect", "--runs", 1, "--no-simplify")
     assert status == 0
-    assert "as planned" not in out
     report = strict((folder / "compare-test/report.json").read_text())
-    assert report["summary_as_planned"] == []
-    assert list(report["runs"][0]) == RECORD
+    assert set(report["runs"][0]) == set(RECORD.split())
 
 
 @pytest.mark.usefixtures("quick_renderer")
@@ -332,30 +268,7 @@ def test_compare_draws_pictures(run, folder):
     status, _, _ = run("compare", "test.yaml", "--planners", "RRTConnect,SafeRRTConnect", "--runs", 3)
     assert status == 0
     drawn = {file.name for file in (folder / "compare-test").glob("*.png")}
-    assert drawn == {"profiles.png", "bands.png", "times.png", "clearances.png", "paths.png"}
-
-
-@pytest.mark.parametrize(("width", "shown"), [(60, "path"), (80, "min"), (120, "evals"), (None, "evals")])
-def test_the_table_of_planners_keeps_their_names(run, monkeypatch, width, shown):
-    monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
-    monkeypatch.delenv("COLUMNS", raising=False)
-    if width is not None:
-        monkeypatch.setenv("COLUMNS", str(width))
-    planners = "PaperSafeRRTConnect,SafeRRTConnect"
-    _, out, _ = run("compare", "test.yaml", "--planners", planners, "--runs", 1, "--force")
-    table = out.partition("Medians")[0]
-    assert all(f"\n{name} " in table for name in planners.split(","))
-    assert shown in table
-    assert "…" not in table
-    assert max(map(len, out.splitlines())) <= (width or 160)
-    assert ("not shown" in out) == (shown != "evals")
-
-
-def test_compare_without_solution_is_status_1(run, monkeypatch):
-    monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
-    status, out, _ = run("compare", "test.yaml", "--planners", "SafeRRTConnect", "--runs", 2, "--time", "1e-9")
-    assert status == 1
-    assert "0/2" in out
+    assert drawn == {"profiles.png", "clearances.png", "paths.png"}
 
 
 # ----------------------------------------------------------------------------------------------------- mbm
@@ -382,31 +295,21 @@ def problems(folder):
     return file
 
 
-ARM = ("--urdf", "arm.urdf", "--srdf", "arm.srdf", "--tip", "tool")
+ARM = ("--robot", "test.yaml")
 
 
 def test_mbm_writes_a_line_for_each_problem(run, problems):
-    status, out, err = run("mbm", problems, *ARM, "--families", "easy", "--seed", 2)
+    status, out, err = run("mbm", problems, *ARM, "--families", "easy", "--problems", "0:2", "--seed", 2)
     records = [strict(line) for line in out.splitlines()]
     assert status == 0
     assert "easy" in err
     assert [(record["family"], record["index"]) for record in records] == [("easy", 4), ("easy", 5)]
     for record in records:
-        assert list(record) == ["family", "index", *RECORD, "widened_limits"]
+        assert set(record) == set(f"family index {RECORD} widened_limits".split())
         assert_solved_record(record)
         assert (record["robot"], record["seed"]) == ("arm", 2)
         assert record["joint_names"] == ["joint1", "joint2"]
         assert record["path"][0] == [1.2, 0.2]
-
-
-def test_mbm_widens_limits_for_a_goal_slightly_outside(run, problems):
-    _, out, err = run("mbm", problems, *ARM, "--families", "easy")
-    first, second = (strict(line) for line in out.splitlines())
-    assert first["widened_limits"] == {}
-    assert second["widened_limits"] == {"joint1": [-2.95, 2.9]}
-    assert second["path"][-1] == [-2.95, -0.2]
-    assert "warning: easy 5" in err
-    assert "joint1 to [-2.95, 2.9]" in err
 
 
 def test_mbm_goes_on_after_bad_problems(run, problems):
@@ -423,7 +326,7 @@ def test_mbm_goes_on_after_bad_problems(run, problems):
         ),
         strict=True,
     ):
-        assert list(line) == ["family", "index", *RECORD, "widened_limits"]
+        assert set(line) == set(f"family index {RECORD} widened_limits".split())
         assert line["status"].startswith("Invalid input: ")
         assert all(word in line["status"] for word in words)
 
@@ -446,12 +349,6 @@ def test_mbm_takes_files_that_name_no_joints(run, folder):
     assert second["widened_limits"] == {"joint1": [-2.95, 2.9]}
 
 
-def test_mbm_takes_a_range_of_problems(run, problems):
-    lines = run("mbm", problems, *ARM, "--problems", "0:1", "--planner", "RRTConnect")[1].splitlines()
-    assert [strict(line)["family"] for line in lines] == ["easy", "bad"]
-    assert strict(lines[0])["planner"] == "RRTConnect"
-
-
 # ---------------------------------------------------------------------------------------------------- lists
 
 
@@ -467,10 +364,15 @@ def test_scenarios_lists_files_here_and_says_which_are_broken(run, folder):
 def test_robots_lists_the_examples(run):
     status, out, _ = run("robots")
     assert status == 0
-    assert [line.split()[:2] for line in out.splitlines() if line.startswith(("panda", "ur5"))] == [
-        ["panda", "7"],
-        ["ur5", "6"],
-    ]
+    assert {"panda", "ur5"} <= {line.split()[0] for line in out.splitlines() if line}
+
+
+def test_help_leads_with_what_a_beginner_needs(capsys):
+    with pytest.raises(SystemExit):
+        main([])
+    out = capsys.readouterr().out
+    assert re.findall(r"^    (\w+) ", out, re.MULTILINE)[:3] == ["plan", "view", "check"]
+    assert "First steps: safe-ompl view panda_shelf" in " ".join(out.split())
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["plan", "--help"]])
@@ -494,68 +396,51 @@ def assert_refused(outcome, *words):
         assert word in err
 
 
-DRIVE = ["test.yaml", "--out", "drive"]
-BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
-    "no scenario": (["plan"], ["SCENARIO"]),
-    "unknown command": (["fly"], ["fly", "plan"]),
-    "unknown option": (["plan", "test.yaml", "--fast"], ["--fast"]),
-    "unknown scenario": (["plan", "nowhere"], ["'nowhere'"]),
-    "unknown planner": (["plan", "test.yaml", "--planner", "Fly"], ["'Fly'", *planner_names()]),
-    "unknown parameter": (["plan", "test.yaml", "--param", "alfa=1"], ["SafeRRTConnect", "'alfa'"]),
-    "parameter out of range": (["plan", "test.yaml", "--param", "alpha=-1"], ["alpha", "-1"]),
-    "parameter not a number": (["plan", "test.yaml", "--param", "alpha=nan"], ["alpha", "nan"]),
-    "parameter of wrong type": (
-        ["plan", "test.yaml", "--planner", "RRTConnect", "--param", "range=far"],
-        ["'range'", "RRTConnect", "'far'"],
-    ),
-    "parameter without value": (["plan", "test.yaml", "--param", "alpha"], ["--param", "'alpha'"]),
-    "parameter twice": (["plan", "test.yaml", "--param", "alpha=1", "--param", "alpha=2"], ["'alpha'"]),
-    "no time": (["plan", "test.yaml", "--time", "0"], ["--time", "'0'"]),
-    "negative time": (["plan", "test.yaml", "--time", "-1"], ["--time", "'-1'"]),
-    "time not a number": (["plan", "test.yaml", "--time", "nan"], ["--time", "'nan'"]),
-    "endless time": (["compare", "test.yaml", "--time", "inf"], ["--time", "'inf'"]),
-    "negative seed": (["plan", "test.yaml", "--seed", "-3"], ["--seed", "'-3'"]),
-    "seed of wrong type": (["plan", "test.yaml", "--seed", "1.5"], ["--seed", "'1.5'"]),
-    "no runs": (["compare", "test.yaml", "--runs", "0"], ["--runs", "'0'"]),
-    "empty planner name": (["compare", "test.yaml", "--planners", "RRT,"], ["--planners", "'RRT,'"]),
-    "unknown planner among several": (["compare", "test.yaml", "--planners", "RRT,Fly"], ["'Fly'"]),
-    "planner twice": (["compare", "test.yaml", "--planners", "RRT,RRT"], ["'RRT'", "twice"]),
-    "missing URDF": (["plan", "test.yaml", "--urdf", "no.urdf"], ["--urdf", "'no.urdf'"]),
-    "missing SRDF": (["plan", "test.yaml", "--urdf", "arm.urdf", "--srdf", "no.srdf"], ["--srdf", "no.srdf"]),
-    "SRDF alone": (["plan", "test.yaml", "--srdf", "arm.srdf"], ["--srdf", "--urdf"]),
-    "missing package folder": (["plan", "test.yaml", "--urdf", "arm.urdf", "--package-dir", "no"], ["no'"]),
-    "two robots": (["plan", "test.yaml", "--urdf", "arm.urdf", "--robot", "ur5"], ["--urdf", "--robot"]),
-    "unknown robot": (["plan", "test.yaml", "--robot", "r2d2"], ["'r2d2'", "panda"]),
-    "unknown tip": (["plan", "test.yaml", "--tip", "hand"], ["arm.urdf", "'hand'", "tool"]),
-    "unknown joint to lock": (["plan", "test.yaml", "--lock", "knee=0"], ["arm.urdf", "'knee'", "joint1"]),
-    "lock without value": (["plan", "test.yaml", "--lock", "joint1"], ["--lock", "'joint1'"]),
-    "lock not a number": (["plan", "test.yaml", "--lock", "joint1=nan"], ["--lock", "'joint1'", "'nan'"]),
-    "lock outside limits": (["plan", "test.yaml", "--lock", "joint1=9"], ["'joint1'", "9", "[-2.9, 2.9]"]),
-    "robot that does not fit": (["plan", "test.yaml", "--robot", "ur5"], ["test.yaml", "start", "'joint1'"]),
-    "JSON into a missing folder": (["plan", "test.yaml", "--json", "no/x.json"], ["--json", "'no/x.json'"]),
-    "JSON onto a folder": (["plan", "test.yaml", "--json", "."], ["--json", "'.'"]),
-    "picture into a missing folder": (["plan", "test.yaml", "--plot", "no/x.png"], ["--plot", "'no/x.png'"]),
-    "picture of unknown kind": (["plan", "test.yaml", "--plot", "x.doc"], ["--plot", "'x.doc'", ".png"]),
-    "report onto a file": (["compare", "test.yaml", "--out", "arm.urdf"], ["--out", "'arm.urdf'"]),
-    "missing problem file": (["mbm", "no.json"], ["no.json"]),
-    "problem file that is none": (["mbm", "arm.urdf"], ["arm.urdf", "JSON"]),
-    "problems of an unknown robot": (["mbm", "problems.json"], ["problems.json: robot", "'arm'", "--urdf"]),
-    "problems of another robot": (["mbm", "problems.json", "--robot", "ur5"], ["joints", "joint2", "elbow"]),
-    "unknown family": (["mbm", "problems.json", *ARM, "--families", "odd"], ["--families", "'odd'", "easy"]),
-    "no such problems": (["mbm", "problems.json", *ARM, "--problems", "9:"], ["--problems"]),
-    "problems backwards": (["mbm", "problems.json", *ARM, "--problems", "5:2"], ["--problems", "'5:2'"]),
-    "points of no trajectory": (["plan", "test.yaml", "--rate", "100"], ["--rate", "--trajectory"]),
-    "no points": (["plan", "test.yaml", "--timed", "--rate", "0"], ["--rate", "a positive number, not '0'"]),
-    "a place nowhere": (["live", *DRIVE, "--place", "1,2,nan,0"], ["--place", "finite", "'1,2,nan,0'"]),
-    "answers that are late": (["live", *DRIVE, "--late", "nan"], ["--late", "[0, 1]", "'nan'"]),
-    "slower than not at all": (["live", *DRIVE, "--faster", "-1"], ["--faster", "a positive number, not '-1'"]),
-    "unwritable lines": (["mbm", "problems.json", *ARM, "--json", "no/x"], ["--json", "'no/x'"]),
-}
+BAD_OPTIONS = [
+    ("plan", "SCENARIO"),
+    ("fly", "fly", "plan"),
+    ("plan test.yaml --fast", "--fast"),
+    ("plan nowhere", "'nowhere'"),
+    ("plan test.yaml --planner Fly", "'Fly'", *planner_names()),
+    ("plan test.yaml --param alfa=1", "SafeRRTConnect", "'alfa'"),
+    ("plan test.yaml --param alpha=-1", "alpha", "-1"),
+    ("plan test.yaml --param alpha=nan", "alpha", "nan"),
+    ("plan test.yaml --planner RRTConnect --param range=far", "'range'", "RRTConnect", "'far'"),
+    ("plan test.yaml --param alpha", "--param", "'alpha'"),
+    ("plan test.yaml --param alpha=1 --param alpha=2", "'alpha'"),
+    *((f"plan test.yaml --time {time}", "--time", f"'{time}'") for time in ("0", "-1", "nan", "inf")),
+    *((f"plan test.yaml --seed {seed}", "--seed", f"'{seed}'") for seed in ("-3", "1.5")),
+    ("compare test.yaml --runs 0", "--runs", "'0'"),
+    ("compare test.yaml --planners RRT,", "--planners", "'RRT,'"),
+    ("compare test.yaml --planners RRT,Fly", "'Fly'"),
+    ("compare test.yaml --planners RRT,RRT", "'RRT'", "twice"),
+    ("compare test.yaml --out arm.urdf", "--out", "'arm.urdf'"),
+    ("plan test.yaml --package-dir no", "no'"),
+    ("plan test.yaml --json no/x.json", "--json", "'no/x.json'"),
+    ("plan test.yaml --json .", "--json", "'.'"),
+    ("plan test.yaml --plot no/x.png", "--plot", "'no/x.png'"),
+    ("plan test.yaml --plot x.doc", "--plot", "'x.doc'", ".png"),
+    ("plan test.yaml --rate 100", "--rate", "--trajectory"),
+    ("plan test.yaml --timed --rate 0", "--rate", "a positive number, not '0'"),
+    ("plan test.yaml --timed-plot x.txt", "--timed-plot", "'x.txt'", ".png"),
+    ("mbm no.json", "no.json"),
+    ("mbm arm.urdf", "arm.urdf", "JSON"),
+    ("mbm problems.json", "problems.json: robot", "'arm'", "--robot"),
+    ("mbm problems.json --robot r2d2", "'r2d2'"),
+    ("mbm problems.json --robot ur5", "joints", "joint2", "elbow"),
+    ("mbm problems.json --robot test.yaml --families odd", "--families", "'odd'", "easy"),
+    ("mbm problems.json --robot test.yaml --problems 9:", "--problems"),
+    ("mbm problems.json --robot test.yaml --problems 5:2", "--problems", "'5:2'"),
+    ("mbm problems.json --robot test.yaml --json no/x", "--json", "'no/x'"),
+    ("live test.yaml --out drive --place 1,2,nan,0", "--place", "finite", "'1,2,nan,0'"),
+    ("live test.yaml --out drive --late nan", "--late", "[0, 1]", "'nan'"),
+    ("live test.yaml --out drive --faster -1", "--faster", "a positive number, not '-1'"),
+]
 
 
-@pytest.mark.parametrize(("arguments", "words"), BAD_OPTIONS.values(), ids=list(BAD_OPTIONS))
-def test_bad_options(run, problems, arguments, words):
-    assert_refused(run(*arguments), *words)
+@pytest.mark.parametrize("row", BAD_OPTIONS, ids=lambda row: row[0])
+def test_bad_options(run, problems, row):
+    assert_refused(run(*row[0].split()), *row[1:])
 
 
 @pytest.mark.parametrize(("options", "shown"), [((), False), (("-v",), True)])
@@ -588,36 +473,48 @@ def test_where_nothing_is_dangerous_danger_is_zero(run, folder, monkeypatch, com
     assert "0.0" in out
 
 
-BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
-    "malformed YAML": ("start:", "start: [", ["malformed YAML", ".yaml:"]),
-    "unknown key": ("time: 2.0", "tine: 2.0", ["tine", "did you mean 'time'"]),
-    "missing URDF": ("arm.urdf", "leg.urdf", ["robot.urdf", "leg.urdf"]),
-    "start outside limits": ("joint1: 1.2", "joint1: 7", ["start", "'joint1'", "7", "[-2.9, 2.9]"]),
-    "start in collision": ("1.2, joint2: 0.2", "0, joint2: 0", ["start", "collision", "'link2'", "'person'"]),
-    "goal in collision": ("-1.2, joint2: -0.2", "0, joint2: 0", ["goal", "collision", "'link2'", "'person'"]),
-    "unknown joint": ("joint1: 1.2", "knee: 1.2", ["start", "'knee'", "joint1"]),
-    "negative radius": ("radius: 0.1", "radius: -0.1", ["obstacles[0]", "'person'", "radius", "-0.1"]),
-    "bad danger parameter": ("time: 2.0", "danger: {aggregate: sum}", ["aggregate", "'sum'", "max"]),
-    "unknown planner": ("time: 2.0", "planners: {Fly: {}}", ["planners", "'Fly'"]),
-    "unknown parameter": ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", ["'alfa'"]),
-    "missing mesh": ("box: {size: [0.1, 0.1, 0.3]}", "mesh: {file: no.stl}", ["obstacles[1]", "'post'", "no.stl"]),
-}
+MOVING = "limits: {moving: {speeds: {%s}, time: %s}}"
+BAD_SCENARIOS = [
+    ("start:", "start: [", "malformed YAML", ".yaml:"),
+    ("time: 2.0", "tine: 2.0", "tine", "did you mean 'time'"),
+    ("arm.urdf", "leg.urdf", "robot.urdf", "leg.urdf"),
+    ("joint1: 1.2", "joint1: 7", "start", "'joint1'", "7", "[-2.9, 2.9]"),
+    ("1.2, joint2: 0.2", "0, joint2: 0", "start", "collision", "'link2'", "'person'"),
+    ("-1.2, joint2: -0.2", "0, joint2: 0", "goal", "collision", "'link2'", "'person'"),
+    ("joint1: 1.2", "knee: 1.2", "start", "'knee'", "joint1"),
+    ("radius: 0.1", "radius: -0.1", "obstacles[0]", "'person'", "radius", "-0.1"),
+    ("time: 2.0", "danger: {aggregate: sum}", "aggregate", "'sum'", "max"),
+    ("time: 2.0", "planners: {Fly: {}}", "planners", "'Fly'"),
+    ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", "'alfa'"),
+    ("box: {size: [0.1, 0.1, 0.3]}", "mesh: {file: no.stl}", "obstacles[1]", "'post'", "no.stl"),
+    ("time: 2.0", MOVING % ("", 1), "speeds: must name an obstacle"),
+    ("time: 2.0", MOVING % ("person: -1", 1), "speeds.person: must be"),
+    ("time: 2.0", MOVING % ("person: 1", 0), "time: must be"),
+    ("time: 2.0", MOVING % ("persn: 1", 1), "'persn'", "did you mean 'person'"),
+    ("time: 2.0", MOVING % ("person: 9", 9), "'person' may move 81000 mm, and come to"),
+]
 
 
-@pytest.mark.parametrize(("old", "new", "words"), BAD_SCENARIOS.values(), ids=list(BAD_SCENARIOS))
-def test_bad_scenarios(run, folder, old, new, words):
+@pytest.mark.parametrize("row", BAD_SCENARIOS, ids=lambda row: row[1])
+def test_bad_scenarios(run, folder, row):
+    old, new, *words = row
     assert old in SCENARIO
     (folder / "bad.yaml").write_text(SCENARIO.replace(old, new))
-    command = "compare" if "collision" in words else "plan"
-    assert_refused(run(command, "bad.yaml"), "bad.yaml", *words)
+    assert_refused(run("compare" if "collision" in words else "plan", "bad.yaml"), *words)
 
 
-def test_output_is_checked_before_planning(run, monkeypatch):
-    def never(*arguments, **options):
-        raise AssertionError("planning started")
-
-    monkeypatch.setattr(SafeSetup, "plan", never)
-    assert_refused(run("plan", "test.yaml", "--json", "no/x.json"), "--json")
+def test_a_path_is_free_whatever_moving_obstacles_do(run, folder):
+    (folder / "moving.yaml").write_text(SCENARIO + MOVING % ("person: 0.2, post: 0.05", 0.5))
+    status, out, _ = run("plan", "moving.yaml", "--json", "result.json", "--certificate", "proof.json")
+    assert status == 0
+    assert "moving obstacles" in out
+    result, proof = (strict((folder / f"{name}.json").read_text()) for name in ("result", "proof"))
+    claimed = {"speeds": {"person": 0.2, "post": 0.05}, "time": 0.5}
+    assert result["moving_obstacles"] == proof["moving_obstacles"] == claimed
+    assert (
+        "the same while obstacles move no faster than person 0.2 m/s" in run("verify", "proof.json", "moving.yaml")[1]
+    )
+    assert result["clearance"]["obstacles"]["person"] >= 0.1
 
 
 def test_checking_an_output_file_leaves_it_alone(run, folder):
@@ -628,31 +525,28 @@ def test_checking_an_output_file_leaves_it_alone(run, folder):
     assert not (folder / "new.json").exists()
 
 
-OUTPUTS: dict[str, tuple[list[str], str]] = {
-    "a plan": (["plan", "test.yaml", "--json", "old.json"], "--json: 'old.json' is there already"),
-    "a picture": (["plan", "test.yaml", "--plot", "old.svg"], "--plot: 'old.svg' is there already"),
-    "a trajectory": (["plan", "test.yaml", "--trajectory", "old.json"], "--trajectory: 'old.json' is there"),
-    "a repair": (
-        ["check", "old.json", "--scenario", "test.yaml", "--repair", "old.csv"],
-        "--repair: 'old.csv' is there",
-    ),
-    "lines": (["mbm", "problems.json", *ARM, "--json", "old.json"], "--json: 'old.json' is there already"),
-    "a scenario": (["new", "arm.urdf", "-o", "old.yaml"], "--output: 'old.yaml' is there already"),
-    "an SRDF": (["srdf", "arm.urdf", "-o", "arm.srdf"], "--output: 'arm.srdf' is there already"),
-    "a page": (["view", "test.yaml", "--html", "old.html"], "--html: 'old.html' is there already"),
-    "reach": (["people", "calibrate", "a.npz", "--level", "0.9", "-o", "old.yaml"], "'old.yaml' is there"),
-    "a report": (["compare", "test.yaml", "--out", "old"], "--out: the folder 'old' holds report.json already"),
-    "a drive": (["live", "test.yaml", "--movers", "1", "--out", "old"], "'old' holds ticks.jsonl already"),
-}
+OUTPUTS = [
+    ("plan test.yaml --json old.json", "--json: 'old.json' is there already"),
+    ("plan test.yaml --plot old.svg", "--plot: 'old.svg' is there already"),
+    ("plan test.yaml --trajectory old.json", "--trajectory: 'old.json' is there"),
+    ("check old.json --scenario test.yaml --repair old.csv", "--repair: 'old.csv' is there"),
+    ("mbm problems.json --robot test.yaml --json old.json", "--json: 'old.json' is there already"),
+    ("new arm.urdf -o old.yaml", "--output: 'old.yaml' is there already"),
+    ("srdf arm.urdf -o arm.srdf", "--output: 'arm.srdf' is there already"),
+    ("view test.yaml --html old.html", "--html: 'old.html' is there already"),
+    ("people calibrate a.npz --level 0.9 -o old.yaml", "'old.yaml' is there"),
+    ("compare test.yaml --out old", "--out: the folder 'old' holds report.json already"),
+    ("live test.yaml --movers 1 --out old", "'old' holds ticks.jsonl already"),
+]
 
 
-@pytest.mark.parametrize(("arguments", "words"), OUTPUTS.values(), ids=list(OUTPUTS))
-def test_nothing_is_overwritten_without_force(run, folder, problems, arguments, words):
+@pytest.mark.parametrize(("line", "words"), OUTPUTS)
+def test_nothing_is_overwritten_without_force(run, folder, problems, line, words):
     (folder / "old").mkdir()
     names = ("old.json", "old.csv", "old.yaml", "old.html", "old.svg", "old/report.json", "old/ticks.jsonl")
     for name in names:
         (folder / name).write_text("precious")
-    assert_refused(run(*arguments), words, "or --force")
+    assert_refused(run(*line.split()), words, "or --force")
     assert all((folder / name).read_text() == "precious" for name in names)
 
 

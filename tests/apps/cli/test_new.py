@@ -75,27 +75,10 @@ def test_a_link_without_shapes_is_named_by_every_command(tmp_path, capfd):
         assert "not covered: links without collision geometry: upper_arm" in said("verify", proof, *against)
 
 
-def test_nothing_is_overwritten(urdf, tmp_path, capsys):
-    file = tmp_path / "mine.yaml"
-    file.write_text("mine")
-    assert main(["new", str(urdf), "-o", str(file)]) == 2
-    assert "is there already" in capsys.readouterr().err
-    assert file.read_text() == "mine"
-    assert main(["new", str(urdf), "-o", str(tmp_path / "mine.json")]) == 2
-    assert "must end in .yaml" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("command", ["plan", "view"])
 def test_a_urdf_in_place_of_a_scenario_is_told_what_to_do(command, urdf, capsys):
     assert main([command, str(urdf)]) == 2
     assert "`safe-ompl new" in capsys.readouterr().err
-
-
-def test_without_a_command_there_are_first_steps(capsys):
-    with pytest.raises(SystemExit) as left:
-        main([])
-    assert left.value.code == 0
-    assert "first steps" in capsys.readouterr().out
 
 
 # ------------------------------------------------------------------------- two arms, a gripper, wheels, a camera
@@ -226,8 +209,6 @@ def test_the_srdf_says_which_arm(butler, capsys, monkeypatch):
         (["--srdf", "nothing.srdf"], ["srdf", "nothing.srdf' does not exist"]),
         (["--srdf", "butler.urdf"], ["srdf", "butler.urdf' must end in .srdf or .xml"]),
         (["--srdf", "empty.srdf"], ["empty.srdf", "not a valid SRDF"]),
-        (["--lock", "tail=0"], ["butler.urdf", "joint to lock 'tail'", "left_1"]),
-        (["--lock", "lift=2"], ["butler.urdf", "'lift'", "2 is outside its limits [0, 0.3]"]),
     ],
 )
 def test_wrong_options_are_one_line(words, said, butler, capsys, tmp_path):
@@ -278,11 +259,10 @@ def test_arguments_of_xacro_go_to_the_scenario(tmp_path, capsys, monkeypatch, da
         assert said.startswith("--xacro-arg: ")
 
 
-def test_a_drive_can_be_looked_at_here_and_elsewhere(butler, capsys, monkeypatch):
-    """Its ticks carry the robot; the page that is written at once needs nothing but the robot in memory."""
+def test_a_drive_can_be_looked_at_elsewhere(butler, capsys, monkeypatch):
+    """Its ticks carry the robot, and its meshes where these are small."""
     pytest.importorskip("viser")
     folder = ["--package-dir", str(butler)]
-    assert main(["new", "butler.urdf", "-o", "mine.yaml"]) == 2
     assert main(["new", "butler.urdf", "-o", "mine.yaml", *folder]) == 0
     text = Path("mine.yaml").read_text()
     Path("mine.yaml").write_text(re.sub(r"  package_dirs: .*\n", "", text))  # as if made on another machine
@@ -296,11 +276,6 @@ def test_a_drive_can_be_looked_at_here_and_elsewhere(butler, capsys, monkeypatch
     assert main(ticks) == 2
     assert "drive/ticks.jsonl: robot: " in capsys.readouterr().err
     assert main([*ticks, *folder]) == 0
-    monkeypatch.undo()
-    monkeypatch.chdir(butler.parent / "work" / "here")
-    assert main([*drive, *folder, "--force"]) == 0
-    butler.rename(butler.parent / "gone")
-    assert main([*ticks, "--force"]) == 0
 
 
 def test_a_gripper_without_an_arm_has_no_sides(tmp_path, capsys, monkeypatch):

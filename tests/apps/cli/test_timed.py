@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 
 from safe_ompl import InputError, KinetostaticField, People, Scenario, plan, read_motion
 from safe_ompl.apps import main
@@ -30,24 +29,6 @@ def scenario_file(beside_her, tmp_path_factory):
     file = tmp_path_factory.mktemp("timed") / "beside_her.yaml"
     beside_her.save(file)
     return file
-
-
-def test_scenarios_hold_limits_and_people(beside_her, scenario_file):
-    read = Scenario.load(scenario_file)
-    assert read.motion == beside_her.motion
-    assert read.people == beside_her.people
-
-
-@pytest.mark.parametrize(
-    ("key", "name", "value"), [("motion", "acceleration", 0), ("people", "speed", -1), ("people", "who", ["nobody"])]
-)
-def test_wrong_values_in_a_scenario_are_named(scenario_file, tmp_path, key, name, value):
-    document = yaml.safe_load(scenario_file.read_text())
-    document[key][name] = value
-    broken = tmp_path / "broken.yaml"
-    broken.write_text(yaml.safe_dump(document))
-    with pytest.raises(InputError, match=rf"broken.yaml:\d+: {key}.*{value[0] if name == 'who' else name}"):
-        Scenario.load(broken)
 
 
 def test_where_people_allow_no_motion_the_command_says_so(beside_her, tmp_path, capsys):
@@ -145,13 +126,3 @@ def test_a_picture_of_the_motion(scenario_file, tmp_path):
     file = tmp_path / "motion.png"
     assert main(["plan", str(scenario_file), "--time", "5", "--timed-plot", str(file)]) == 0
     assert file.stat().st_size > 10_000
-    assert main(["plan", str(scenario_file), "--timed-plot", str(tmp_path / "motion.txt")]) == 2
-
-
-def test_compare_tells_durations(scenario_file, tmp_path, capsys):
-    folder = tmp_path / "out"
-    planners = ["--planners", "SafeRRTConnect", "--runs", "1", "--time", "2", "--out", str(folder)]
-    assert main(["compare", str(scenario_file), "--timed", *planners]) == 0
-    assert "duration, s" in capsys.readouterr().out
-    runs = json.loads((folder / "report.json").read_text())["runs"]
-    assert all(run["duration"] > 1 for run in runs)

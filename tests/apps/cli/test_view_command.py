@@ -51,28 +51,6 @@ def test_what_cannot_be_shown_is_refused(files, tmp_path, capsys):
         assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"positions": [1.0, 2.0, 3.0]}, "points[3].positions: must be 2 numbers, got 3"),
-        ({"positions": [0.0, None]}, "points[3].positions: must be a finite number, got None"),
-        ({"positions": "home"}, "points[3].positions: must be a list, got str 'home'"),
-        ({"time_from_start": "soon"}, "points[3].time_from_start: must be a finite number, got 'soon'"),
-        ({"time_from_start": -1.0}, "times: must increase from 0"),
-    ],
-)
-def test_a_trajectory_that_is_none_is_refused(files, tmp_path, capsys, change, said):
-    content = json.loads(files["TRAJECTORY"].read_text())
-    content["points"][3].update(change)
-    file = tmp_path / "bad.json"
-    file.write_text(json.dumps(content))
-    assert main(["view", str(file), "--html", str(tmp_path / "x.html")]) == 2
-    err = capsys.readouterr().err
-    assert err.startswith(f"safe-ompl: {file}: ")
-    assert said in err
-    assert len(err.splitlines()) == 1
-
-
 def test_a_start_in_collision_can_be_looked_at(tmp_path, capsys):
     scenario = Scenario.load(find_scenario("planar2"))
     block = Obstacle("block", Box((3.0, 3.0, 3.0)))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene, certificate
+from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene
 from safe_ompl.view import ViewerContent
-from safe_ompl.view.content import Nearest, Proof
+from safe_ompl.view.content import Nearest
 from safe_ompl.view.style import level_colours
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
@@ -42,21 +42,6 @@ def test_the_nearest_points_are_as_far_apart_as_the_checker_says(ur5, scene, rng
             apart = np.linalg.norm(found.on_robot - found.on_obstacle)
             assert apart == pytest.approx(found.distance, abs=1e-4)
     assert Nearest(ur5, ()).at(np.zeros(6)) is None
-
-
-def test_the_intervals_of_a_proof_cover_the_path(ur5, scene, result):
-    content = certificate(result.path, ur5, scene)
-    proof = Proof.of_certificate(content, ur5, scene)
-    assert len(proof.intervals) == sum(len(edge) for edge in content["edges"])
-    assert proof.stops[0] == 0.0
-    assert proof.stops[-1] == 1.0
-    assert (np.diff(proof.stops) > 0).all()
-    for interval in proof.intervals:
-        assert interval.distance >= interval.margin > 0  # else it would prove nothing
-    first, last = proof.at(0.0), proof.at(1.0)
-    assert (first.edge, first.start) == (0, 0.0)
-    assert (last.edge, last.end) == (len(result.path) - 2, 1.0)
-    assert "mm apart" in str(first)
 
 
 def test_a_view_knows_where_a_path_goes(result):

@@ -1,5 +1,7 @@
 """Pictures of robots: what they show, where they are taken from, and what they refuse."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,14 +10,13 @@ pytest.importorskip("matplotlib")
 import coal
 from matplotlib.image import imread
 
-from safe_ompl import Box, InputError, Obstacle, Person, Pose, Robot, Scene, Sphere
+from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, Robot, Scene, Sphere
 from safe_ompl.geometry import surfaces
-from safe_ompl.view import DrawnPath, render_comparison, render_path
+from safe_ompl.view import render_comparison, render_path
 from safe_ompl.view.pictures.camera import Camera, in_picture
-from safe_ompl.view.pictures.path import moments
 from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, nearest_triangles, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
-from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces, tessellate, tube
+from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces, tessellate
 
 SMALL = (96, 72)
 ARM = """
@@ -37,9 +38,14 @@ GREY = (0.5, 0.5, 0.5)
 PATH = np.array([[-1.2, 0.3], [-0.4, 1.0], [0.9, 0.5]])
 
 
-def choose_camera(robot, scene, paths, **direction):
+def planned(path, before=None):
+    """Return the result of a planner that found a path."""
+    return PlanResult("Exact solution", path, None, "SafeRRTConnect", 0, ("a", "b"), 0.1, planned_path=before)
+
+
+def choose_camera(robot, scene, paths):
     """Return the camera that shows paths best."""
-    return best_view(DrawnScene(robot, scene, list(paths.values())), (900, 700), **direction)
+    return best_view(DrawnScene(robot, scene, list(paths.values())), (900, 700))
 
 
 @pytest.fixture(scope="module")
@@ -108,28 +114,6 @@ def test_unknown_geometry_is_named():
         tessellate(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
 
 
-def test_normals_are_smooth_on_a_ball_and_flat_on_a_box():
-    ball = Surface.from_triangles(*tessellate(coal.Sphere(1.0)))
-    assert np.einsum("ij,ij->i", ball.vertices, ball.normals).min() > 0.99
-    box = Surface.from_triangles(*tessellate(coal.Box(1.0, 1.0, 1.0)))
-    assert np.abs(box.normals).max(axis=1) == pytest.approx(1.0)
-
-
-def test_simplified_surfaces_stay_within_a_cell():
-    ball = Surface.from_triangles(*tessellate(coal.Sphere(1.0)))
-    coarse = ball.simplified(0.2)
-    assert 0 < len(coarse.faces) < len(ball.faces)
-    assert _volume(coarse.vertices, coarse.faces) == pytest.approx(4.19, rel=0.1)
-
-
-def test_a_tube_keeps_its_radius_round_a_corner():
-    bend = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]])
-    vertices, _ = tube(bend, 0.1)
-    gaps = np.linalg.norm(vertices[:, None] - bend[None], axis=2).min(axis=1)
-    assert gaps == pytest.approx(0.1)
-    assert len(tube(bend[:1], 0.1)[0])  # a tip that stands still is a ball
-
-
 # ------------------------------------------------------------------------------------------------- camera
 
 
@@ -157,25 +141,11 @@ def test_the_camera_goes_where_a_wall_does_not_hide_the_arm(upright):
     assert camera.eye[1] > 0.0
 
 
-def test_azimuth_and_elevation_can_be_given(upright, scene):
-    camera = choose_camera(upright, scene, {"a": PATH}, azimuth=0.5, elevation=0.3)
-    back = camera.eye - camera.target
-    assert np.arctan2(back[1], back[0]) == pytest.approx(0.5)
-    assert np.arcsin(back[2] / np.linalg.norm(back)) == pytest.approx(0.3)
-
-
 # ------------------------------------------------------------------------------------------------ renderer
 
 
 def _ball(radius, at):
     return Surface.from_triangles(*tessellate(coal.Sphere(radius))).moved(np.eye(3), np.array(at))
-
-
-def test_development_keeps_order_and_range():
-    values = tone_mapped(np.linspace(0.0, 5.0, 200))
-    assert (np.diff(values) >= 0).all()
-    assert values[0] == 0.0
-    assert values[-1] <= 1.0
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -201,23 +171,6 @@ def test_what_is_behind_the_camera_is_not_drawn():
     camera = Camera.framing(np.eye(3), 0.3, 0.5, SMALL)
     behind = _ball(0.3, tuple(camera.eye + (camera.eye - camera.target)))
     assert (nearest_triangles(in_picture(camera, behind.vertices, SMALL), behind.faces, *SMALL)[1] == -1).all()
-
-
-def test_the_empty_floor_has_its_value_everywhere():
-    image = Renderer(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL).render([])
-    assert image == pytest.approx(FLOOR_VALUE, abs=1e-6)
-
-
-def test_layers_show_the_body_where_nothing_hides_it():
-    camera = Camera.framing(_ball(1.0, (0, 0, 0)).vertices, 0.0, 0.0, SMALL)
-    renderer = Renderer(-1.0, camera, SMALL)
-    body = _ball(0.5, (0, 0, 0))
-    values = np.tile((1.0, 0.5, 0.0), (len(body.vertices), 1))
-    walls = [[ColouredSurface(_ball(0.3, at), GREY)] for at in ((-1, 0, 0), (2, 0, 0))]
-    free, hidden = (renderer.render_layers(wall, [(body, values)])[1][0] for wall in walls)
-    assert free[36, 48] == pytest.approx((1.0, 0.5, 0.0), abs=1e-3)
-    assert free[2, 2] == pytest.approx(0.0)
-    assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_shadow_falls_on_the_floor_away_from_the_light():
@@ -254,30 +207,17 @@ def test_the_lowest_wide_slab_is_the_floor(planar):
     assert [thing.colour for thing in drawn.surroundings()] == [(0.62, 0.63, 0.65)]  # a pedestal alone
 
 
-def test_postures_leave_out_what_has_not_moved(planar):
-    body = RobotBody(planar)
-    whole, moved = body.posed(PATH[0]), body.posed(PATH[0] + (0.0, 0.4), moved_from=PATH[0])
-    assert 0 < len(moved.faces) < len(whole.faces)
-    assert not len(body.posed(PATH[0], moved_from=PATH[0]).faces)
-
-
-def test_a_robot_without_geometry_is_drawn_by_its_skeleton(tmp_path):
-    import re
-
-    file = tmp_path / "bare.urdf"
-    file.write_text(re.sub(r"<collision>.*?</collision>", "", ARM.format(axis="0 0 1"), flags=re.DOTALL))
-    body = RobotBody(Robot.from_urdf(file, tip="tip", collision="optional"))
-    extent = np.ptp(body.posed(np.zeros(2)).vertices, axis=0)
-    assert extent[0] > 0.7
-    assert extent[1] < 0.2
-
-
-@pytest.mark.parametrize(
-    ("count", "closest", "expected"),
-    [(3, None, [0.25, 0.5, 0.75]), (3, 0.6, [0.25, 0.6, 0.75]), (0, 0.6, []), (1, 0.0, [0.0])],
-)
-def test_the_closest_moment_is_among_those_shown(count, closest, expected):
-    assert moments(count, closest).tolist() == pytest.approx(expected)
+def test_a_robot_is_drawn_by_its_visual_shapes_or_as_it_collides_or_by_its_skeleton(tmp_path):
+    text, file = ARM.format(axis="0 0 1"), tmp_path / "arm.urdf"
+    bare = re.sub(r"<collision>.*?</collision>", "", text, flags=re.DOTALL)
+    partly = text.replace("<collision>", "<visual>", 1).replace("</collision>", "</visual>", 1)
+    for written, links in ((text, 2), (partly, 2), (bare, 2)):
+        file.write_text(written)
+        body = RobotBody(Robot.from_urdf(file, tip="tip", collision="optional"))
+        extent = np.ptp(body.posed(np.zeros(2)).vertices, axis=0)
+        assert len(body.links) >= links
+        assert extent[0] > 0.69
+        assert extent[1] < 0.2
 
 
 # --------------------------------------------------------------------------------------------------- pictures
@@ -301,7 +241,7 @@ def test_the_planned_path_is_a_thinner_line_than_the_simplified_one(planar):
     camera = choose_camera(planar, Scene(), {"a": PATH, "b": around})
     views = [
         render_path(planar, Scene(), path, size=(240, 180), camera=camera, ghosts=0).astype(int)
-        for path in (DrawnPath(PATH), DrawnPath(PATH, around), DrawnPath(around))
+        for path in (planned(PATH), planned(PATH, around), planned(around))
     ]
     thin, bold = ((np.abs(view - views[0]).max(axis=2) > 30).sum() for view in views[1:])
     assert 20 < thin < 0.7 * bold
@@ -315,21 +255,11 @@ def test_a_ghost_tints_the_picture_the_same_each_time(planar):
 
 def test_a_comparison_is_saved_with_a_panel_per_planner(planar, scene, tmp_path):
     file = tmp_path / "new" / "paths.png"
-    render_comparison(
-        planar,
-        scene,
-        {
-            "RRTConnect": DrawnPath(PATH, accent=(1.0, 0.0, 0.0), subtitle="mean danger 3.9"),
-            "SafeRRTConnect": DrawnPath(PATH[::2], PATH, closest=0.3),
-        },
-        file,
-        panel=SMALL,
-        ghosts=1,
-    )
+    render_comparison(planar, scene, {"SafePRM": PATH, "SafeRRTConnect": planned(PATH[::2], PATH)}, file, panel=SMALL)
     image = imread(file)
     assert image.shape[:2] == (72 + 52 + 30, 2 * 96 + 3 * 14)
     left, right = image[52:124, 14:110], image[52:124, 124:220]
-    assert ((left[..., 0] - left[..., 2]) > 0.3).any()
+    assert ((left[..., 1] - left[..., 0]) > 0.3).any()
     assert ((right[..., 2] - right[..., 0]) > 0.3).any()
 
 
@@ -353,20 +283,3 @@ def test_a_path_that_cannot_be_drawn_says_why(planar, path, size, message):
 def test_a_comparison_needs_paths(planar, tmp_path):
     with pytest.raises(InputError, match="no path to draw"):
         render_comparison(planar, Scene(), {}, tmp_path / "a.png")
-
-
-def test_links_without_visual_shapes_are_drawn_as_they_collide(tmp_path):
-    box = "<geometry><box size='0.2 0.1 0.1'/></geometry>"
-    joint = "<axis xyz='0 0 1'/><limit lower='-1' upper='1' velocity='1' effort='1'/>"
-    file = tmp_path / "arm.urdf"
-    file.write_text(
-        "<robot name='r'><link name='a'/>"
-        f"<link name='b'><visual>{box}</visual><collision>{box}</collision></link>"
-        f"<link name='c'><collision>{box}</collision></link>"
-        f"<joint name='j' type='revolute'><parent link='a'/><child link='b'/>{joint}</joint>"
-        f"<joint name='k' type='revolute'><parent link='b'/><child link='c'/><origin xyz='1 0 0'/>{joint}"
-        "</joint></robot>"
-    )
-    body = RobotBody(Robot.from_urdf(file))
-    assert len(body.links) == 2
-    assert body.posed(np.zeros(2)).vertices[:, 0].max() == pytest.approx(1.1)

@@ -10,11 +10,9 @@ pytest.importorskip("matplotlib")
 import matplotlib
 from matplotlib.image import imread
 
-from safe_ompl import DangerField, InputError, KinetostaticField, RateLimits, SafeOmplError, SafeSetup, Scene, time_path
-from safe_ompl.geometry import Box, Obstacle, Person, Pose
+from safe_ompl import DangerField, InputError, KinetostaticField, RateLimits, SafeOmplError, time_path
 from safe_ompl.io import ACCELERATION
-from safe_ompl.view.pictures.path import _clearances
-from safe_ompl.view.plots import plot_bands, plot_clearance_danger, plot_motion, plot_plan, plot_profiles, plot_times
+from safe_ompl.view.plots import plot_clearance_danger, plot_motion, plot_plan, plot_profiles
 from safe_ompl.view.style import planner_styles
 
 PROFILES = {
@@ -56,36 +54,10 @@ def test_profiles_show_the_mean_of_each_planner(tmp_path):
     assert dict(matplotlib.rcParams) == before  # the style of others is left alone
 
 
-def test_bands_share_the_scale_and_span_the_percentiles(tmp_path):
-    figure = plot_bands(PROFILES, tmp_path / "bands.png")
-    assert [axes.get_title(loc="left") for axes in figure.axes] == list(PROFILES)
-    assert len({axes.get_ylim() for axes in figure.axes}) == 1
-    band = figure.axes[0].collections[0].get_paths()[0].vertices
-    expected = np.percentile(PROFILES["RRTConnect"][:, 0], (15, 85))
-    assert sorted({round(y, 6) for x, y in band if x == 0.0}) == pytest.approx(expected)
-    assert [text.get_text() for text in figure.axes[2].texts] == ["no runs"]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mean", "median", "15–85 %"]
-    assert (tmp_path / "bands.png").stat().st_size > 0
-
-
-def test_times_have_a_box_with_a_mean_for_each_planner(tmp_path):
-    times = {"RRTConnect": [0.1, 0.2, 0.3, 0.2, 0.9], "SafeRRTConnect": [0.2, 0.3, 0.4], "BITstar": []}
-    axes = plot_times(times, tmp_path / "times.png").axes[0]
-    assert [label.get_text() for label in axes.get_yticklabels()] == list(times)
-    assert len(axes.patches) == 2
-    means = [line.get_xdata()[0] for line in axes.get_lines() if line.get_markerfacecolor() == "black"]
-    assert means == pytest.approx([0.34, 0.3])
-    assert axes.get_xscale() == "linear"
-    spread = plot_times({"PRM": [0.01, 0.1, 5.0]}, tmp_path / "times.svg").axes[0]
-    assert spread.get_xscale() == "log"
-    assert (tmp_path / "times.svg").read_text(encoding="utf-8").startswith("<?xml")
-    assert axes.get_xlabel() == "time [s]"
-
-
 def test_each_run_is_a_point(tmp_path):
     axes = plot_clearance_danger(
-        {"RRTConnect": [0.01, 0.02], "SafeRRTConnect": [0.05]},
-        {"RRTConnect": [3.0, 4.0], "SafeRRTConnect": [2.0]},
+        {"RRTConnect": np.array([0.01, 0.02]), "SafeRRTConnect": np.array([0.05])},
+        {"RRTConnect": np.array([3.0, 4.0]), "SafeRRTConnect": np.array([2.0])},
         tmp_path / "runs.png",
     ).axes[0]
     assert axes.collections[0].get_offsets().tolist() == pytest.approx(np.array([[10.0, 3.0], [20.0, 4.0]]))
@@ -94,7 +66,7 @@ def test_each_run_is_a_point(tmp_path):
 
 def test_the_legend_of_many_planners_hides_no_runs(tmp_path):
     names = ["RRTConnect", "SafeRRTConnect", "SafePRM", "ClassicPRM", "SafeJTRRT", "BITstar"]
-    many = {name: [0.01 * k, 0.02] for k, name in enumerate(names, 1)}
+    many = {name: np.array([0.01 * k, 0.02]) for k, name in enumerate(names, 1)}
     figure = plot_clearance_danger(many, many, tmp_path / "runs.png")
     figure.canvas.draw()
     assert [text.get_text() for text in figure.legends[0].get_texts()] == names
@@ -102,34 +74,25 @@ def test_the_legend_of_many_planners_hides_no_runs(tmp_path):
 
 
 def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):
-    danger, clearance = np.array([1.0, 4.0, 2.0]), np.array([0.2, 0.03, 0.1])
-    figure = plot_plan(danger, tmp_path / "plan.png", clearance={"things": clearance}, planner="SafePRM")
+    danger, clearances = np.array([1.0, 4.0, 2.0]), {"people": [0.5, 0.4, 0.6], "things": [0.2, 0.03, 0.1]}
+    figure = plot_plan(danger, tmp_path / "plan.png", clearance=clearances, planner="SafePRM")
     upper, lower = figure.axes
     assert upper.get_title(loc="left") == "SafePRM"
     assert {text.get_text(): text.get_position()[1] for text in upper.texts} == {"start": 1.0, "goal": 2.0}
     assert lower.get_title(loc="right") == "closest: 30 mm to things"
-    assert lower.get_lines()[0].get_ydata() == pytest.approx(1e3 * clearance)
+    assert [line.get_ydata().tolist() for line in lower.get_lines()[:2]] == [[500, 400, 600], [200, 30, 100]]
+    assert [text.get_text() for text in lower.get_legend().get_texts()] == ["to people", "to things"]
 
 
 # ----------------------------------------------------------------------------------------------- bad input
 
 
 @pytest.mark.parametrize(
-    ("plot", "given", "message"),
-    [
-        *((plot, ({},), "at least one planner") for plot in (plot_profiles, plot_bands, plot_times)),
-        (plot_profiles, ({"PRM": [1.0, 2.0]},), r"profiles of PRM must have shape \(any, any\), got \(2,\)"),
-        (plot_profiles, ({"PRM": [[1.0, np.nan]]},), "profiles of PRM must be finite"),
-        (plot_profiles, ({"PRM": [["a", "b"]]},), "profiles of PRM must be numbers"),
-        (plot_times, ({"PRM": [0.1, -1.0]},), "negative, got -1"),
-        (plot_clearance_danger, ({"PRM": [0.1, 0.2]}, {"PRM": [1.0]}), "one pair per run"),
-        (plot_clearance_danger, ({"PRM": [0.1, 0.2]}, {"RRT": [1.0, 2.0]}), "one pair per run"),
-        (plot_plan, ([],), "danger has no values"),
-    ],
+    ("danger", "message"), [([], "danger has no values"), ([1.0, np.nan], "finite"), (["a"], "danger must be numbers")]
 )
-def test_what_cannot_be_drawn_is_named(plot, given, message, tmp_path):
+def test_what_cannot_be_drawn_is_named(danger, message, tmp_path):
     with pytest.raises(InputError, match=message):
-        plot(*given, tmp_path / "a.png")
+        plot_plan(danger, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
 
 
@@ -149,16 +112,6 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
 # --------------------------------------------------------------------------------------------- the plot of one plan
 
 
-def test_clearances_of_several_kinds_are_told_apart(tmp_path):
-    people, things = np.array([0.5, 0.4, 0.6]), np.array([0.1, 0.1, 0.08])
-    axes = plot_plan([1, 2, 1], tmp_path / "p.png", clearance={"people": people, "things": things}).axes[1]
-    np.testing.assert_allclose(axes.lines[0].get_ydata(), 1e3 * people)
-    np.testing.assert_allclose(axes.lines[1].get_ydata(), 1e3 * things)
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["to people", "to things"]
-    assert axes.get_title(loc="right") == "closest: 80 mm to things"
-    assert axes.get_ylim()[1] > 600
-
-
 @pytest.mark.parametrize("danger", [[5.0, 1.0, 5.01], [5.01, 1.0, 5.0], [1.0, 3.0, 5.0]])
 def test_labels_of_start_and_goal_are_beside_the_axes_and_apart(danger, tmp_path):
     figure = plot_plan(danger, tmp_path / "p.png")
@@ -168,21 +121,6 @@ def test_labels_of_start_and_goal_are_beside_the_axes_and_apart(danger, tmp_path
     assert len(boxes) == 2
     assert all(box.x0 >= axes.get_window_extent(renderer).x1 for box in boxes)
     assert not boxes[0].overlaps(boxes[1])
-
-
-def test_people_and_things_of_a_setup(ur5):
-    person = Obstacle("worker", Person(height=1.7), Pose((1.2, 0.0, -0.8)))
-    table = Obstacle("table", Box((1.0, 1.0, 0.04)), Pose((0.0, 0.0, -0.05)))
-    path = np.array([[0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]])
-    both = SafeSetup(ur5, Scene((person, table)))
-    found = _clearances(both, path)
-    assert list(found) == ["people", "things"]
-    nearest = [both.checker.clearance(q).distance for q in path]
-    np.testing.assert_allclose(np.minimum(*found.values())[[0, -1]], nearest)
-    assert list(_clearances(SafeSetup(ur5, Scene((table,))), path)) == ["things"]
-    assert not _clearances(SafeSetup(ur5, Scene()), path)
-    block = Obstacle("block", Box((0.1, 0.1, 0.1)), Pose((1.5, 0.0, 0.0)), weight=1.0)
-    assert list(_clearances(SafeSetup(ur5, Scene((block,))), path)) == ["what is dangerous"]
 
 
 # -------------------------------------------------------------------------------------- the picture of a trajectory
@@ -215,14 +153,6 @@ def test_speed_and_what_binds_it(trajectory, tmp_path):
     for axes in (velocity, acceleration):
         shares = np.concatenate([line.get_ydata() for line in axes.lines if len(line.get_ydata()) > 2])
         assert 0.3 < abs(shares).max() <= 1 + 1e-9
-
-
-def test_jerk_is_drawn_where_it_is_limited(panda, tmp_path):
-    limits = RateLimits.of(panda, 1.0, 4.0, 100.0)
-    axes = plot_motion(time_path(PATH, panda, limits, tool_speed=0.4), tmp_path / "motion.png").axes
-    assert axes[3].get_ylabel() == "jerk / limit"
-    shares = np.concatenate([line.get_ydata() for line in axes[3].lines if len(line.get_ydata()) > 2])
-    assert 0.3 < abs(shares).max() <= 1 + 1e-9
 
 
 def test_nothing_is_cut_at_the_edges(trajectory, tmp_path):
