@@ -487,7 +487,7 @@ BAD_SCENARIOS = [
     ("time: 2.0", "planners: {Fly: {}}", "planners", "'Fly'"),
     ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", "'alfa'"),
     ("box: {size: [0.1, 0.1, 0.3]}", "mesh: {file: no.stl}", "obstacles[1]", "'post'", "no.stl"),
-    ("time: 2.0", MOVING % ("", 1), "speeds: must name an obstacle"),
+    ("time: 2.0", MOVING % ("", 1), "speeds: must name"),
     ("time: 2.0", MOVING % ("person: -1", 1), "speeds.person: must be"),
     ("time: 2.0", MOVING % ("person: 1", 0), "time: must be"),
     ("time: 2.0", MOVING % ("persn: 1", 1), "'persn'", "did you mean 'person'"),
