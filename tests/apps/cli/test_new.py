@@ -205,7 +205,6 @@ def test_the_srdf_says_which_arm(butler, capsys, monkeypatch):
         (["--group", "left_arm"], ["--group", "give --srdf"]),
         (["--srdf", "butler.srdf", "--group", "legs"], ["butler.srdf", "'legs'", "left_arm"]),
         (["--srdf", "butler.srdf", "--group", "broken"], ["butler.srdf", "'broken'", "'tail'"]),
-        (["--srdf", "butler.srdf", "--locked-state", "home"], ["butler.srdf", "'home'"]),
         (["--srdf", "nothing.srdf"], ["srdf", "nothing.srdf' does not exist"]),
         (["--srdf", "butler.urdf"], ["srdf", "butler.urdf' must end in .srdf or .xml"]),
         (["--srdf", "empty.srdf"], ["empty.srdf", "not a valid SRDF"]),
