@@ -15,7 +15,7 @@ def random_path(rng):
     return edges, squares, brakes, stops, ceilings(sizes, squares, brakes, stops)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_motions_keep_their_bounds_and_end_at_rest(seed):
     rng = np.random.default_rng(seed)
     edges, squares, brakes, stops, ceiling = random_path(rng)
