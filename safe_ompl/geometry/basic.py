@@ -25,6 +25,20 @@ from safe_ompl.geometry.surfaces import Triangles
 LONGEST = 1e4  # [m] of a size: what is larger is a slip of unit
 
 
+def _settle_boxes() -> None:
+    """Ask coal for the distance of a box, once and before anything else does.
+
+    Boxes are larger by a share of 1e-10 for the rest of the process if the first direction in which coal looks at one
+    has a zero in it. Without this, distances would depend on what was asked first, and so would planned paths.
+    """
+    askew = coal.Transform3s(pin.rpy.rpyToMatrix(0.5, 0.6, 0.7), np.array([3.0, 1.0, 2.0]))
+    rod, question = (coal.Capsule(0.1, 0.2), coal.Transform3s.Identity()), coal.DistanceRequest()
+    coal.distance(*rod, coal.Box(1.0, 1.0, 1.0), askew, question, coal.DistanceResult())
+
+
+_settle_boxes()
+
+
 class Part(NamedTuple):
     """One piece of a shape: its name, empty if it is the only one; a convex solid or a triangle mesh; its placement."""
 
