@@ -22,7 +22,7 @@ from safe_ompl import CollisionChecker, DangerField, DangerObjective, MotionProv
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.planning.ompl import StateBridge, StateCost
-from safe_ompl.planning.planners.parts.tree import Tree
+from safe_ompl.planning.planners.tree import Tree
 
 CLAIM = "time grows slowly with obstacles, danger points and nodes"
 ROUNDS, ITEMS = 5, 80  # configurations in all

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.planning.planners.base import SafePlanner
+    from safe_ompl.planning.planners.base import Parameter, SafePlanner
     from safe_ompl.planning.planners.bubble import BubblePlanner
     from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
-    from safe_ompl.planning.planners.parameters import Parameter
-    from safe_ompl.planning.planners.parts.tree import NearestNode, PlannerGraph
+    from safe_ompl.planning.planners.nearest import NearestNode
     from safe_ompl.planning.planners.prm import SafePRM
     from safe_ompl.planning.planners.registry import (
         accepts,
@@ -32,7 +31,6 @@ __all__ = [
     "BubblePlanner",
     "NearestNode",
     "Parameter",
-    "PlannerGraph",
     "SafeJTRRT",
     "SafePRM",
     "SafePlanner",

@@ -1,23 +1,27 @@
-"""The base of the planners: what OMPL asks of one, its parameters, and the path that it publishes."""
+"""The base of the planners: their parameters, what OMPL asks of a planner, and the path that it publishes."""
 
 from __future__ import annotations
 
+import inspect
 import logging
+import re
+import textwrap
 from abc import abstractmethod
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, ClassVar, Generic, TypeVar, cast, overload
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, warn_once, whole_number
+from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, flag, number, warn_once, whole_number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.paths import danger_objection
-from safe_ompl.planning.planners.parameters import Parameter, camel_case, describe, parameters_of
-from safe_ompl.planning.planners.parts.problem import PlanningProblem
-from safe_ompl.planning.planners.parts.roadmap import Roadmap
-from safe_ompl.planning.planners.parts.tree import PlannerGraph, Trees, TwoTrees
+from safe_ompl.planning.planners.problem import PlanningProblem
+from safe_ompl.planning.planners.roadmap import Roadmap
+from safe_ompl.planning.planners.tree import PlannerGraph, Trees, TwoTrees
 
 _log = logging.getLogger(__name__)
 
@@ -25,6 +29,137 @@ _FIRST_GOALS = 100  # taken before planning begins
 _UNREAD = object()  # stands for an objective until the problem's is read
 # Of the space's extent: 1.1 rad on an arm. Longer steps are trapped more often, shorter ones need more nodes.
 _RANGE_FRACTION = 0.075
+_WIDTH = 100  # of generated docstrings
+T = TypeVar("T", bool, int, float)
+
+
+@dataclass(eq=False)
+class Parameter(Generic[T]):
+    """A parameter of a planner, declared as an attribute of its class.
+
+    >>> class Planner(SafePlanner):  # doctest: +SKIP
+    ...     goal_bias = Parameter(0.05, "Share of the extensions towards a goal.", at_most=1)
+
+    The declaration gives `Planner` the methods `setGoalBias` and `getGoalBias`, the keyword argument ``goal_bias`` and
+    an entry in its docstring; `planner.goal_bias` is the value. What is set is checked.
+
+    Attributes
+    ----------
+    default : bool, int or float
+        The default. Its type is the parameter's: flag, whole number or number.
+    doc, unit : str
+        What it means, and its unit, such as "rad".
+    at_least, above, at_most : float
+        Bounds of a number, at least 0 unless it is to be above something.
+    kept_in : str
+        The path of an attribute of one of the planner's parts, such as "_danger.alpha", that keeps the value.
+    """
+
+    default: T
+    doc: str
+    unit: str = ""
+    at_least: float = 0.0
+    above: float | None = None
+    at_most: float | None = None
+    kept_in: str = ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+        self._part, _, self._attribute = self.kept_in.rpartition(".")
+
+        def setter(planner: Any, value: Any) -> None:
+            setattr(planner, name, value)
+
+        def getter(planner: Any) -> Any:
+            return getattr(planner, name)
+
+        for method, verb in ((setter, "set"), (getter, "get")):
+            method.__name__ = f"{verb}{camel_case(name)}"
+            method.__doc__ = f"{verb.capitalize()} the parameter `{name}`.\n\n{self.entry}"
+            if method.__name__ not in vars(owner):
+                method.__qualname__ = f"{owner.__qualname__}.{method.__name__}"
+                setattr(owner, method.__name__, method)
+
+    @overload
+    def __get__(self, planner: None, owner: type) -> Parameter[T]: ...
+    @overload
+    def __get__(self, planner: object, owner: type) -> T: ...
+    def __get__(self, planner: object | None, owner: type) -> Parameter[T] | T:
+        if planner is None:
+            return self
+        if self.kept_in:
+            return cast(T, attrgetter(self.kept_in)(planner))
+        return cast(T, planner.__dict__[self.name])
+
+    def __set__(self, planner: object, value: T) -> None:
+        checked = self._checked(value)
+        if self.kept_in:
+            setattr(attrgetter(self._part)(planner), self._attribute, checked)
+        else:
+            planner.__dict__[self.name] = checked
+
+    def _checked(self, value: Any) -> T:
+        """Return a value as the parameter's type, or raise an InputError that says what would be right."""
+        kind = type(self.default)
+        checked: Any
+        if kind is bool:
+            checked = flag(self.name, value)
+        elif kind is int:
+            checked = whole_number(self.name, value, at_least=int(self.at_least))
+        else:
+            least = self.at_least if self.above is None else None
+            checked = number(self.name, value, above=self.above, at_least=least, at_most=self.at_most)
+        return cast(T, checked)
+
+    @property
+    def entry(self) -> str:
+        """The parameter as an entry of a NumPy-style docstring."""
+        kind = type(self.default).__name__
+        if kind != "bool":
+            kind += f" >= {self.at_least:g}" if self.above is None else f" > {self.above:g}"
+            kind += "" if self.at_most is None else f", <= {self.at_most:g}"
+        unit = f" [{self.unit}]" if self.unit else ""
+        words = textwrap.fill(" ".join(self.doc.split()), _WIDTH, initial_indent="    ", subsequent_indent="    ")
+        return f"{self.name} : {kind}, default {self.default!r}{unit}\n{words}"
+
+
+def parameters_of(kind: type) -> dict[str, Parameter[Any]]:
+    """Return the parameters that a class of planners declares, its own before those of its base."""
+    found: dict[str, Parameter[Any]] = {}
+    for owner in kind.__mro__:
+        for name, value in vars(owner).items():
+            if isinstance(value, Parameter):
+                found.setdefault(name, value)
+    return found
+
+
+_ARGUMENTS = """Parameters
+----------
+si : ob.SpaceInformation
+    What the planner plans in.
+name : str
+    Name in logs and benchmarks; by default that of the class.
+"""
+
+
+def _describe(kind: type) -> None:
+    """Put the parameters of a class of planners into its docstring, before notes and references, and its signature."""
+    declared = parameters_of(kind)
+    section = _ARGUMENTS + "\n".join(parameter.entry for parameter in declared.values()) + "\n"
+    text = inspect.cleandoc(kind.__doc__ or kind.__name__)
+    cut = re.search(r"^(Notes|References)\n-+$", text, re.MULTILINE)
+    end = cut.start() if cut else len(text)
+    kind.__doc__ = f"{text[:end].rstrip()}\n\n{section}\n{text[end:]}"
+    usual = inspect.Parameter
+    arguments = [usual("si", usual.POSITIONAL_OR_KEYWORD)]
+    arguments.append(usual("name", usual.POSITIONAL_OR_KEYWORD, default=kind.__name__))
+    arguments += [usual(name, usual.KEYWORD_ONLY, default=each.default) for name, each in declared.items()]
+    kind.__signature__ = inspect.Signature(arguments)  # type: ignore[attr-defined]
+
+
+def camel_case(name: str) -> str:
+    """Return goal_bias as GoalBias."""
+    return "".join(word.capitalize() for word in name.split("_"))
 
 
 class UnansweredRequest:
@@ -68,7 +203,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        describe(cls)
+        _describe(cls)
 
     def __init__(self, si: Any, name: str | None = None, **parameters: Any) -> None:
         super().__init__(si, name or type(self).__name__)

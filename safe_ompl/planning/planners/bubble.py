@@ -1,29 +1,23 @@
-"""BubblePlanner: bidirectional search that chains bubbles of free configuration space."""
+"""BubblePlanner: bidirectional search that chains bubbles of free configuration space; and its volume trees."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import count, islice
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import BUBBLE_SHAPES, Bubble, CollisionChecker
-from safe_ompl.common import FloatArray, halton_point
-from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import Parameter
-from safe_ompl.planning.planners.parts.clearance import WORTHWHILE, AdaptiveMargin
-from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
-from safe_ompl.planning.planners.parts.problem import DangerDecay, DangerWeight
-from safe_ompl.planning.planners.parts.tree import ROOT, TwoTrees
-from safe_ompl.planning.planners.parts.volume_tree import (
-    JointMetric,
-    VolumeTree,
-    bubble_validity,
-    intersect,
-    volume_trees,
-)
+from safe_ompl.collision import BUBBLE_SHAPES, INSIDE, Bubble, CollisionChecker
+from safe_ompl.common import FloatArray, InputError, IntArray, halton_point
+from safe_ompl.planning.ompl import CollisionFreeValidity, StateBridge
+from safe_ompl.planning.planners.base import Parameter, SafePlanner
+from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerWeight, Margin, PlanningProblem
+from safe_ompl.planning.planners.tree import ROOT, TwoTrees, branch
 
+_SHAPE = "link"  # the diamond of all links' own distances; it holds the paper's, and is 4 times as large on a 6-DOF arm
+_LEAST_CLEARANCE = 1e-3  # [m]; points as near to contact as this are not closed: their bubbles lead nowhere
 _PATH_SHARE = 0.1  # weight of g: greedy, as in weighted A*
 _PENALTY = 0.5  # [m] added to the cost-to-go of a point whose clearance is below the margin
 _LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
@@ -34,7 +28,7 @@ class BubblePlanner(SafePlanner):
     """Two volume trees of bubbles, from start and goal, grown by A* until they intersect (BUBBLE_PLANNER).
 
     One distance query at a configuration gives a whole bubble of free configurations around it. Its end points
-    wait in Open; the next one to be closed minimises f = g + h + α·CDF − β·diversity, eq. (10). No edge needs a
+    wait in Open; the next one to be closed minimises f = g + h + α·CDF, eq. (10) without its diversity. No edge needs a
     check: it lies within a bubble. The planner is deterministic.
 
     Notes
@@ -43,7 +37,7 @@ class BubblePlanner(SafePlanner):
 
     The planner as it is printed in [1] is `PaperSafeBubble`, and with α = 0 `PaperBubble`. What differs here, and why:
 
-    * bubbles of links, clipped by how far an obstacle is from the joint's axis (`shape`): fewer of them;
+    * bubbles of links, clipped by how far an obstacle is from the joint's axis: fewer of them;
     * f is in metres, joints by how far they move the arm, danger by its usual slope and on a logarithmic scale: one set
       of parameters serves all robots and scenes;
     * a bubble also has an end point where the way to the current goal leaves it, and a tree goes on while it comes
@@ -54,7 +48,7 @@ class BubblePlanner(SafePlanner):
       stays closed;
     * points near obstacles are penalised (`clearance`): obstacles that are not dangerous are not grazed, either, and no
       way is closed;
-    * points below a clearance are left out (`least_clearance`): no bubbles creep along a surface.
+    * points below a clearance of 1 mm are left out: no bubbles creep along a surface.
 
     References
     ----------
@@ -69,11 +63,6 @@ class BubblePlanner(SafePlanner):
         classical one.""",
         kept_in="_danger.alpha",
     )
-    beta = Parameter(
-        0.0,
-        """β: weight of the diversity, how far a point is from all closed configurations of its tree. Here it seldom
-        pays; the paper's form needs it.""",
-    )
     nearest_fraction = Parameter(
         1 / 3,
         "ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.",
@@ -85,27 +74,12 @@ class BubblePlanner(SafePlanner):
         that it cannot keep the planner out of a narrow place. 0 for no decay.""",
         kept_in="_decay.half_life",
     )
-    shape = Parameter(
-        "link",
-        """The diamond of all links' own distances ("link"), or the largest cube in the bubble of all links ("cube");
-        the paper's diamond (9), or the largest cube in that. The first holds the third and is 4 times as large on a
-        6-DOF arm; with cubes the search is complete [2].""",
-        choices=tuple(BUBBLE_SHAPES),
-    )
     slide = Parameter(
         0.8,
         """Largest sideways motion of the middle of a motion of the path, as a fraction of the range; it acts where α
         > 0.""",
         at_most=1,
         kept_in="_descent.share",
-    )
-    max_open = Parameter(
-        0,
-        """Largest number of points that wait in each Open list; when it is exceeded the better half stays. 0 for no
-        limit.""",
-    )
-    least_clearance = Parameter(
-        1e-3, "Points as near to contact as this are not closed: their bubbles lead nowhere.", unit="m"
     )
     clearance = Parameter(
         0.05,
@@ -116,18 +90,13 @@ class BubblePlanner(SafePlanner):
         unit="m",
         kept_in="_margin.largest",
     )
-    iterations = Parameter(
-        0,
-        """k_max: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is
-        up.""",
-    )
 
     def _make_parts(self) -> None:
         self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
-        self._margin = AdaptiveMargin(self._problem, self._danger, WORTHWHILE)
+        self._margin = Margin(self._problem, self._danger, WORTHWHILE)
         self._band = ElasticBand(self._problem, self._danger, self._descent)
 
     @property
@@ -141,9 +110,7 @@ class BubblePlanner(SafePlanner):
     def _search(self, ptc: Any) -> FloatArray | None:
         """BUBBLE_PLANNER."""
         tree, other = self._volumes.start, self._volumes.goal
-        for _ in islice(count(), self.iterations or None):
-            if ptc() or not (len(tree.open) or len(other.open)):
-                break
+        while not ptc() and (len(tree.open) or len(other.open)):
             self._take_goals(ptc)
             self._decay.fade()
             if self._margin.is_unknown:
@@ -159,10 +126,10 @@ class BubblePlanner(SafePlanner):
 
     def _expand(self, tree: VolumeTree, other: VolumeTree, goal: FloatArray, ptc: Any) -> FloatArray | None:
         """Close the most promising point of Open(1), again and again as long as the tree comes nearer to the goal."""
-        progress = _Progress()
+        left, best = None, 0.0
         while len(tree.open) and not ptc():
             x = tree.take(int(self._f(tree, goal).argmin()))
-            bubble = Bubble.around(x.q, self._checker, self.shape, 0.0 if x.parent == ROOT else self.least_clearance)
+            bubble = Bubble.around(x.q, self._checker, _SHAPE, 0.0 if x.parent == ROOT else _LEAST_CLEARANCE)
             if bubble is None:
                 return None
             if not x.penalty and x.parent != ROOT and self._is_narrow(bubble):
@@ -171,28 +138,27 @@ class BubblePlanner(SafePlanner):
                 continue
             new = tree.close(x, bubble.weights)
             self.counts.nodes += 1
-            path = intersect(self._problem, self.shape, tree, new, other)
+            path = intersect(self._problem, _SHAPE, tree, new, other)
             if path is not None:
                 return path
             points = self._bubble_endpoints(bubble, goal)
             if not len(points):  # so near to contact that its vertices are its centre
                 return None
             tree.add(points, new, self._danger_term(points))
-            self._bound_open(tree, goal)
-            before, after = (self._metric.lengths(rows, goal).min() for rows in (x.q, points))
-            if not progress.goes_on(float(before), float(after)):
+            before, after = (float(self._metric.lengths(rows, goal).min()) for rows in (x.q, points))
+            gain = (before if left is None else left) - after
+            if gain < max(_LEAST_GAIN, _GAIN_SHARE * best):
                 return None
+            left, best = after, max(best, gain)
         return None
 
     def _f(self, tree: VolumeTree, goal: FloatArray) -> FloatArray:
-        """Return f = g + h + α·CDF − β·diversity, eq. (10), for the points in Open."""
+        """Return f = g + h + α·CDF, eq. (10) without its diversity, for the points in Open."""
         rows = tree.open
         f = self._metric.lengths(rows["q"], goal)
         f += _PATH_SHARE * rows["path_length"]
         if self.alpha and not self._ignores_danger:
             f += self.alpha * self._danger.scale * rows["cost"] + rows["penalty"]
-        if self.beta:
-            f -= self.beta * rows["diversity"]
         return f
 
     def _bubble_endpoints(self, bubble: Bubble, goal: FloatArray) -> FloatArray:
@@ -225,17 +191,18 @@ class BubblePlanner(SafePlanner):
         obstacles = self._checker.pairs.meets_obstacle
         return margin > 0 and bool((bubble.distances < margin)[obstacles].any())
 
-    def _bound_open(self, tree: VolumeTree, goal: FloatArray) -> None:
-        if self.max_open and len(tree.open) > self.max_open:
-            half = max(1, self.max_open // 2)
-            tree.open.keep(np.argpartition(self._f(tree, goal), half)[:half])
-
     def _danger_term(self, points: FloatArray) -> FloatArray:
-        """Return the danger (K,) of points in metres, as f takes it."""
+        """Return the danger (K,) of points as lengths [m], by its usual slope and on a logarithmic scale."""
         cost = self._problem.cost
         if not self.alpha or cost.is_zero:
             return np.zeros(len(points))
-        return self._danger.in_metres(cost.values(points), self._checker.robot.bounds.arm_rates)
+        values, usual, slope = cost.values(points), cost.usual_value, self._danger.slope
+        if not (usual > 0 and slope > 0):
+            return np.zeros(len(points))
+        rates = self._checker.robot.bounds.arm_rates
+        metres = float(np.sqrt(np.mean(rates**2))) / slope
+        scaled: FloatArray = metres * usual * np.log1p(values / usual)
+        return scaled
 
     # -------------------------------------------------------------------------------------------- the trees
 
@@ -248,22 +215,224 @@ class BubblePlanner(SafePlanner):
 
     def _forget(self) -> None:
         self._metric = JointMetric(self._bridge, self._checker.robot.bounds.arm_rates, taxicab=False)
-        self._volumes = volume_trees(self._bridge, self._metric, diverse=self.beta > 0)
+        self._volumes = volume_trees(self._bridge, self._metric, diverse=False)
         self._turns = self._places = 0
         self._decay.reset()
         self._margin.reset()
 
 
-class _Progress:
-    """Judges whether a tree that heads for a goal still comes nearer to it."""
+class Rows:
+    """Columns of numbers and vectors that grow together, row by row; each has a type, and a shape of its entries."""
 
-    def __init__(self) -> None:
-        self._left: float | None = None
-        self._best = 0.0
+    def __init__(self, **columns: tuple[type, tuple[int, ...]]) -> None:
+        self._columns: dict[str, Any] = {
+            name: np.empty((64, *shape), dtype=kind) for name, (kind, shape) in columns.items()
+        }
+        self._size = 0
 
-    def goes_on(self, before: float, after: float) -> bool:
-        """Take the distances from the goal before and after a step; return whether the gain was large enough."""
-        gain = (before if self._left is None else self._left) - after
-        is_enough = gain >= max(_LEAST_GAIN, _GAIN_SHARE * self._best)
-        self._left, self._best = after, max(self._best, gain)
-        return is_enough
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the column `name`, a view."""
+        return self._columns[name][: self._size]
+
+    def extend(self, number: int, **values: Any) -> None:
+        """Append `number` rows; a value is one for all of them, or one for each."""
+        end = self._size + number
+        for name, column in self._columns.items():
+            if end > len(column):
+                self._columns[name] = column = np.resize(column, (2 * end, *column.shape[1:]))
+            column[self._size : end] = values[name]
+        self._size = end
+
+    def remove(self, row: int) -> None:
+        """Remove a row; the last one takes its place."""
+        self._size -= 1
+        for column in self._columns.values():
+            column[row] = column[self._size]
+
+    def keep(self, rows: IntArray) -> None:
+        """Remove all rows but these."""
+        for column in self._columns.values():
+            column[: len(rows)] = column[rows]
+        self._size = len(rows)
+
+
+class JointMetric:
+    """The distances in the heuristic f, eq. (10): `rates: (n,)` are the lengths of a unit of each coordinate.
+
+    g and h are measured in the 1-norm if `taxicab`, as in the paper; else in the 2-norm.
+    """
+
+    def __init__(self, bridge: StateBridge, rates: FloatArray, *, taxicab: bool) -> None:
+        self._bridge, self._rates, self._taxicab = bridge, rates, taxicab
+
+    def lengths(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the lengths (…) of motions between `start` and `end: (…, n)`, for g and h."""
+        if not self._taxicab:
+            return self.separations(start, end)
+        lengths: FloatArray = np.abs(self._bridge.difference(start, end)) @ self._rates
+        return lengths
+
+    def separations(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the distances (…) between `start` and `end: (…, n)` in the 2-norm, for the diversity."""
+        steps = self._bridge.difference(start, end) * self._rates
+        separations: FloatArray = np.sqrt(np.einsum("...i,...i->...", steps, steps))
+        return separations
+
+
+class EndPoint(NamedTuple):
+    """An entry of an Open list: `parent` is the closed bubble that it is in, `path_length` is g, from the root.
+
+    `diversity` is its distance from the nearest closed configuration, `penalty` is added as it is near to obstacles.
+    """
+
+    q: FloatArray
+    parent: int
+    path_length: float
+    cost: float
+    diversity: float
+    penalty: float
+
+
+class VolumeTree:
+    """The lists Closed (bubbles) and Open (end points) of one search direction.
+
+    If `diverse`, every end point knows how far it is from the nearest closed configuration.
+    """
+
+    def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
+        self.from_start, self._metric, self._diverse = from_start, metric, diverse
+        vector, number = (float, (bridge.n,)), (float, ())
+        self.closed = Rows(center=vector, weights=vector, parent=(np.intp, ()), path_length=number, alive=(bool, ()))
+        self.open = Rows(
+            q=vector, parent=(np.intp, ()), path_length=number, cost=number, diversity=number, penalty=number
+        )
+
+    def __len__(self) -> int:
+        return len(self.closed) + len(self.open)
+
+    def add_root(self, q: FloatArray) -> None:
+        """Open a start or goal configuration (n,)."""
+        self.open.extend(1, q=q, parent=ROOT, path_length=0.0, cost=0.0, diversity=0.0, penalty=0.0)
+
+    @property
+    def latest(self) -> FloatArray:
+        """The configuration (n,) closed last, or the first root."""
+        latest: FloatArray = self.closed["center"][-1] if len(self.closed) else self.open["q"][0]
+        return latest.copy()
+
+    def take(self, row: int) -> EndPoint:
+        """Remove an end point from Open and return it."""
+        rows = self.open
+        numbers = (float(rows[name][row]) for name in ("path_length", "cost", "diversity", "penalty"))
+        point = EndPoint(rows["q"][row].copy(), int(rows["parent"][row]), *numbers)
+        rows.remove(row)
+        return point
+
+    def put_back(self, point: EndPoint, penalty: float) -> None:
+        """Return an end point to Open, with a penalty that is added to its cost-to-go."""
+        self.open.extend(1, **point._replace(penalty=penalty)._asdict())
+
+    def close(self, point: EndPoint, weights: FloatArray) -> int:
+        """Add the bubble of an end point to Closed and return its index."""
+        self.closed.extend(
+            1, center=point.q, weights=weights, parent=point.parent, path_length=point.path_length, alive=True
+        )
+        if self._diverse and len(self.open):
+            diversity = self.open["diversity"]
+            np.minimum(diversity, self._metric.separations(self.open["q"], point.q), out=diversity)
+        return len(self.closed) - 1
+
+    def add(self, points: FloatArray, parent: int, costs: FloatArray) -> None:
+        """Add end points (K, n) of a closed bubble, with their costs (K,), to Open."""
+        center, length = self.closed["center"][parent], self.closed["path_length"][parent]
+        self.open.extend(
+            len(points),
+            q=points,
+            parent=parent,
+            path_length=length + self._metric.lengths(center, points),
+            cost=costs,
+            diversity=self._diversity(points) if self._diverse else 0.0,
+            penalty=0.0,
+        )
+
+    def branch(self, node: int) -> list[int]:
+        """Return the closed bubbles from the root to `node`."""
+        return branch(self.closed["parent"], node)
+
+    def nodes(self) -> tuple[FloatArray, IntArray]:
+        """Return the closed configurations (N, n) and roots not yet closed, with the index of each one's parent."""
+        roots = self.open["q"][self.open["parent"] == ROOT]
+        parents = np.concatenate([self.closed["parent"], np.full(len(roots), ROOT)])
+        return np.vstack([self.closed["center"], roots]), parents
+
+    def cut(self, node: int) -> None:
+        """Take a bubble out of the search, and all that has grown from it."""
+        alive, parents = self.closed["alive"], self.closed["parent"]
+        alive[node] = False
+        for later in range(node + 1, len(self.closed)):
+            alive[later] &= parents[later] == ROOT or bool(alive[parents[later]])
+        owners = self.open["parent"]
+        self.open.keep(np.flatnonzero((owners == ROOT) | alive[owners]))
+
+    def _diversity(self, points: FloatArray) -> FloatArray:
+        """Return min_z ‖x − z‖ over the closed configurations z for each point x, (K,)."""
+        return np.array([self._metric.separations(self.closed["center"], x).min() for x in points])
+
+
+def volume_trees(bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> TwoTrees[VolumeTree]:
+    """Return the volume trees of both directions, still empty."""
+    return TwoTrees(*(VolumeTree(bridge, metric, from_start=side, diverse=diverse) for side in (True, False)))
+
+
+def intersect(problem: PlanningProblem, shape: str, tree: VolumeTree, new: int, other: VolumeTree) -> FloatArray | None:
+    """INTERSECT: return the path (N, n) through a new bubble and the one of the other tree that it overlaps most.
+
+    The motion validator may know more than bubbles do: what it refuses is cut off the trees.
+    """
+    if not len(other.closed):
+        return None
+    q, weights = tree.closed["center"][new], tree.closed["weights"][new]
+    delta = problem.bridge.difference(q, other.closed["center"])
+    reach = np.abs(delta)
+    u, v = weights * reach, other.closed["weights"] * reach
+    form = BUBBLE_SHAPES[shape]
+    near = np.flatnonzero(other.closed["alive"] & form.may_meet(u, v))
+    gaps, shares = form.meetings(u[near], v[near])
+    if gaps.min(initial=np.inf) >= INSIDE:
+        return None
+    best = int(gaps.argmin())
+    met = int(near[best])
+    meeting = q + shares[best] * delta[met]
+    if tree.from_start:
+        return _path(problem, tree, new, meeting, other, met)
+    return _path(problem, other, met, meeting, tree, new)
+
+
+def _path(
+    problem: PlanningProblem, first: VolumeTree, there: int, meeting: FloatArray, second: VolumeTree, back: int
+) -> FloatArray | None:
+    """PATH: the two branches, from start to goal, joined at a point of both bubbles; None if a motion is refused."""
+    out, home = first.branch(there), second.branch(back)[::-1]
+    path = np.vstack([first.closed["center"][out], meeting, second.closed["center"][home]])
+    for k, (start, end) in enumerate(pairwise(problem.bridge.wrapped(path))):
+        if not problem.motion_is_free(start, end):
+            if k < len(out):
+                first.cut(out[min(k + 1, len(out) - 1)])
+            else:
+                second.cut(home[max(k - len(out) - 1, 0)])
+            return None
+    return problem.bridge.wrapped(path)
+
+
+def bubble_validity(si: Any, name: str) -> CollisionFreeValidity:
+    """Return the state validity checker, which gives the distances of bubbles; raise InputError if it does not."""
+    validity = si.getStateValidityChecker()
+    if not isinstance(validity, CollisionFreeValidity):
+        raise InputError(
+            f"{name} needs a CollisionFreeValidity as state validity checker, for the distances that bubbles "
+            f"come from; got {type(validity).__name__}"
+        )
+    return validity

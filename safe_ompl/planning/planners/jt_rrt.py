@@ -13,25 +13,24 @@ import numpy as np
 
 from safe_ompl.common import Counts, FloatArray
 from safe_ompl.planning.ompl import StateBridge, StateCost, WorkspaceGoal
-from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import Parameter
-from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
-from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, TangentialDescent
-from safe_ompl.planning.planners.parts.problem import (
+from safe_ompl.planning.planners.base import Parameter, SafePlanner
+from safe_ompl.planning.planners.extend import Extension, SafeStep, TangentialDescent
+from safe_ompl.planning.planners.problem import (
     AdaptiveThreshold,
     DangerDecay,
     DangerWeight,
-    FixedThreshold,
+    Margin,
     PlanningProblem,
     SafeSelection,
 )
-from safe_ompl.planning.planners.parts.tree import Graph, Tree, Trees
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.planning.planners.tree import Graph, Tree, Trees
 from safe_ompl.robot import Place, StepLimits, limited_step, motion_limits, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
 
 _LEAST_MARGIN = 0.01  # [m]; the clearance at the goal is unknown: little is tried before the margin ends
+_RANDOM_STARTS = 0.3  # share of the extensions towards the goal that begin at any node not chosen before
 _SAME_SLOPE = 4  # steps for which the gradient of the danger, the dearest part of a step, is kept
 
 
@@ -53,11 +52,10 @@ class SafeJTRRT(SafePlanner):
       configuration falls, which a sum over all points does not ensure;
     * that gradient is kept for a few steps: fewer evaluations of the field;
     * joints at their limits stop, and the others take over: the tip still gets there;
-    * some extensions begin elsewhere (`random_starts`), and some choices ignore danger (`nearest_fraction`): out of
+    * some extensions begin elsewhere than at the best node, and some choices ignore danger (`nearest_fraction`): out of
       dead ends;
-    * random steps descend sideways and keep to thresholds (`slide`, `threshold_rise`, `danger_threshold`): lower
-      danger;
-    * nodes safer than their parents are always allowed: a start in danger can be left;
+    * random steps descend sideways and keep to a threshold (`slide`, `threshold_rise`): lower danger;
+    * CDF_Threshold is that of random steps; what `max_danger` forbids is proven not to happen;
     * motions keep a margin, as long as they can (`clearance`): obstacles that are not dangerous are not grazed, either;
     * danger loses weight where no path is found (`danger_decay`): it costs no solution;
     * α is relative to the usual slope of the danger: one default serves all robots.
@@ -99,22 +97,10 @@ class SafeJTRRT(SafePlanner):
         an objective with gradients (`DangerObjective`). 0 leaves the posture alone.""",
         kept_in="_step.null_space_gain",
     )
-    danger_threshold = Parameter(
-        np.inf,
-        """CDF_Threshold: nodes as dangerous as this, in the field's units, are not added, unless they are safer than
-        the node that they grow from (a start may be in danger).""",
-        above=0,
-        kept_in="_fixed_threshold.level",
-    )
     transpose = Parameter(
         False,
         "Whether Jᵀ takes the place of J†, without posture motion. With α = 0 this is the classical JT-RRT [2].",
         kept_in="_step.transpose",
-    )
-    random_starts = Parameter(
-        0.3,
-        """Share of the extensions towards the goal that begin at any node not chosen before, instead of the best.""",
-        at_most=1,
     )
     danger_decay = SafeRRTConnect.danger_decay
     clearance = Parameter(
@@ -134,10 +120,8 @@ class SafeJTRRT(SafePlanner):
         self._selection = SafeSelection(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
-        self._margin = AdaptiveMargin(self._problem, self._danger, _LEAST_MARGIN)
-        self._fixed_threshold = FixedThreshold(self._problem, self._margin.motion_is_free)
-        parts = self._descent, self._threshold, self._margin, self._fixed_threshold
-        self._random_step = SafeStep(self._problem, self._danger, *parts)
+        self._margin = Margin(self._problem, self._danger, _LEAST_MARGIN)
+        self._random_step = SafeStep(self._problem, self._danger, self._descent, self._threshold, self._margin)
         self._step = GoalStep(self._problem)
         self._goal: Any = None
         self._place: Place
@@ -167,8 +151,7 @@ class SafeJTRRT(SafePlanner):
             q_new = self._bridge.inside(q_old + self._step.at(q_old, distance, downhill))
             if self._place.distance(q_new) > STALLED * distance:
                 return
-            # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
-            if not self._fixed_threshold.motion_is_free(q_old, q_new):
+            if not self._margin.motion_is_free(q_old, q_new):  # COLLISION_FREE
                 return
             old = approach.add(tree, q_new, old)
             approach.measure()
@@ -187,7 +170,7 @@ class SafeJTRRT(SafePlanner):
 
     def _best_for_goal(self) -> int | None:
         """Return argmin of WS_DISTANCE + α·CDF over the nodes not chosen before; None if there is none."""
-        return self._trees.best(self._danger.weight * self._place.lever, self.random_starts, self._rng)
+        return self._trees.best(self._danger.weight * self._place.lever, _RANDOM_STARTS, self._rng)
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the place from the problem; no goal configurations are drawn."""

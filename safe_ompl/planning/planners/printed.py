@@ -12,26 +12,27 @@ from safe_ompl.collision import Bubble
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl import WorkspaceGoal
-from safe_ompl.planning.planners.base import SafePlanner
+from safe_ompl.planning.planners.base import Parameter, SafePlanner
+from safe_ompl.planning.planners.bubble import JointMetric, VolumeTree, bubble_validity, intersect, volume_trees
+from safe_ompl.planning.planners.extend import Extension, steered
 from safe_ompl.planning.planners.jt_rrt import STALLED, Approach
-from safe_ompl.planning.planners.parameters import Parameter
-from safe_ompl.planning.planners.parts.extend import Extension, straight_extension
-from safe_ompl.planning.planners.parts.roadmap import (
-    LocalPlanner,
-    Roadmap,
-    Samples,
-    SearchGraph,
-    joined_branches,
-    roadmap_metric,
-)
-from safe_ompl.planning.planners.parts.tree import Tree, TwoTrees
-from safe_ompl.planning.planners.parts.volume_tree import (
-    JointMetric,
-    VolumeTree,
-    bubble_validity,
-    intersect,
-    volume_trees,
-)
+from safe_ompl.planning.planners.problem import PlanningProblem
+from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph
+from safe_ompl.planning.planners.tree import Tree, Trees, TwoTrees
+
+_SHAPE = "paper"  # the diamond (9)
+
+
+def straight_extension(
+    problem: PlanningProblem, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
+) -> tuple[Extension, int]:
+    """Add a node at most `step` [rad] from node `old` straight towards `target: (n,)`; return outcome and node."""
+    q_old = tree.configurations[old]
+    length, (q_new, _) = steered(problem.bridge, q_old, target, step)
+    outcome = Extension.REACHED if length <= step else Extension.ADVANCED
+    if not problem.motion_is_free(*tree.as_driven(q_old, q_new)):
+        return Extension.TRAPPED, old
+    return outcome, trees.add(tree, q_new, old)
 
 
 class PaperSafeRRTConnect(SafePlanner):
@@ -104,7 +105,7 @@ class PaperSafePRM(SafePlanner):
         roadmap = self._roadmap
         missing = self.samples + len(roadmap.starts) + len(roadmap.goals) - len(roadmap)
         if missing > 0:
-            roadmap.add(Samples(self._bridge).uniform(missing, self._rng))  # RANDOM_SET
+            roadmap.add(self._problem.random_configurations(self._rng, missing))  # RANDOM_SET
         self._take_goals(ptc)
         graph = SearchGraph(len(roadmap), roadmap.starts, from_start=True)
         other = SearchGraph(len(roadmap), roadmap.goals, from_start=False)
@@ -116,7 +117,7 @@ class PaperSafePRM(SafePlanner):
             self.counts.nodes += not roadmap.connected[new]
             roadmap.connected[new] = True
             if other.closed[new]:  # CONNECTED
-                return roadmap.configurations[joined_branches(graph, other, new)]  # PATH
+                return roadmap.configurations[graph.joined(other, new)]  # PATH
             neighbors = self._neighbors(graph, new, ptc)
             graph.add_open(neighbors, new, self._lengths_from(new)[neighbors])
             if not len(graph.g):
@@ -132,23 +133,21 @@ class PaperSafePRM(SafePlanner):
 
     def _neighbors(self, graph: SearchGraph, new: int, ptc: Any) -> IntArray:
         """NEIGHBORS: of Samples ∖ Closed(1) those of the K nearest to `new` that a free edge connects to it."""
-        local = LocalPlanner(self._problem, self._roadmap)
-        nearest: IntArray = self._roadmap.nearest(new, graph.closed)[: self.neighbors]
-        connected = [not ptc() and local.check(*graph.as_driven(new, other)) for other in nearest.tolist()]
-        free: IntArray = nearest[np.array(connected, dtype=bool)]
-        return free
+        nearest = self._roadmap.nearest(new, graph.closed)[: self.neighbors].tolist()
+        free = [other for other in nearest if not ptc() and self._roadmap.check(*graph.as_driven(new, other))]
+        return np.array(free, dtype=np.intp)
 
     def _lengths_from(self, milestone: int) -> FloatArray:
         """Return the distances (N,) in the 1-norm between all milestones and one of them."""
-        return self._roadmap.lengths(self._roadmap.configurations[milestone], taxicab=True)
+        lengths: FloatArray = np.abs(self._roadmap.ways_to(milestone)).sum(axis=1)
+        return lengths
 
     @property
     def _structure(self) -> Roadmap:
         return self._roadmap
 
     def _forget(self) -> None:
-        metric = roadmap_metric(self.getSpaceInformation(), self._bridge)
-        self._roadmap = Roadmap(self._bridge, self._problem.cost, metric)
+        self._roadmap = Roadmap(self._problem, self._problem.robot)
 
 
 class PaperSafeJTRRT(SafePlanner):
@@ -179,7 +178,7 @@ class PaperSafeJTRRT(SafePlanner):
         paper's scenes.""",
     )
     danger_threshold = Parameter(
-        np.inf, "CDF_Threshold: danger from which on a step towards the goal is refused.", above=0
+        0.0, "CDF_Threshold: danger from which on a step towards the goal is refused; 0 for none."
     )
     _trees: Approach
     transpose = Parameter(False, "Whether the step is k₂JᵀΔx, as in the classical JT-RRT.")
@@ -245,7 +244,7 @@ class PaperSafeJTRRT(SafePlanner):
     def _is_below_threshold(self, q: FloatArray) -> bool:
         """Return whether ‖CDF(q)‖ < CDF_Threshold."""
         level = self.danger_threshold
-        return bool(np.isinf(level) or self._problem.cost.values(q[None])[0] < level)
+        return not level or bool(self._problem.cost.values(q[None])[0] < level)
 
     @property
     def _field(self) -> DangerField | None:
@@ -280,7 +279,6 @@ class PaperSafeBubble(SafePlanner):
 
     alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
     beta = Parameter(0.0, "Weight β of the diversity.")
-    shape = Parameter("paper", "The paper's diamond (9), or the largest cube in it.", choices=("paper", "paper_cube"))
     iterations = Parameter(0, "k_max: how many turns the trees take; 0: until time is up.")
 
     def _make_parts(self) -> None:
@@ -302,12 +300,12 @@ class PaperSafeBubble(SafePlanner):
     def _expand(self, tree: VolumeTree, other: VolumeTree, current_goal: FloatArray) -> FloatArray | None:
         """Move argmin of f from Open(1) to Closed(1), and add the end points of its bubble to Open(1)."""
         x = tree.take(int(self._f(tree, current_goal).argmin()))
-        bubble = Bubble.around(x.q, self._validity.checker, self.shape)
+        bubble = Bubble.around(x.q, self._validity.checker, _SHAPE)
         if bubble is None:
             return None
         new = tree.close(x, bubble.weights)
         self.counts.nodes += 1
-        path = intersect(self._problem, self.shape, tree, new, other)
+        path = intersect(self._problem, _SHAPE, tree, new, other)
         if path is None:
             points = self._bubble_endpoints(bubble)
             dangers = self._problem.cost.values(points) if self.alpha else np.zeros(len(points))

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import Parameter
-from safe_ompl.planning.planners.parts.clearance import PenaltyMargin
-from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
-from safe_ompl.planning.planners.parts.problem import DangerDecay, DangerWeight
-from safe_ompl.planning.planners.parts.roadmap import (
-    LocalPlanner,
-    Roadmap,
-    Samples,
-    SearchGraph,
-    joined_branches,
-    roadmap_metric,
-)
-from safe_ompl.planning.planners.parts.tree import ROOT
+from safe_ompl.planning.planners.base import Parameter, SafePlanner
+from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.problem import WORTHWHILE, DangerWeight, Margin
+from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph, squares
+from safe_ompl.planning.planners.tree import ROOT
 
 _PENALTY = 4  # ranges; added to the length of an edge that does not keep the margin
+_PENALTIES = 2  # of an edge before it is taken whatever it keeps
+_PENALTY_FALL = 0.3  # share of the margin that remains after each penalty
+_GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …
+_LARGEST_GROWTH = 500  # … but by no more milestones at a time, …
+_TOWARDS_SHARE = 0.8  # … of which this share grows out of the graph that is stuck, …
+_NEAREST_TO_GRAPH = 0.05  # … from this fraction of the way to a random configuration on.
+_LARGEST_FRINGE = 1000  # milestones of a stuck graph from which samples are drawn
 _LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
 
 
@@ -84,13 +82,6 @@ class SafePRM(SafePlanner):
         at_most=1,
         kept_in="_descent.share",
     )
-    danger_decay = Parameter(
-        0.0,
-        """Number of searches, each with more samples, after which danger counts half; after three times as many it
-        counts next to nothing. 0 for no decay: here none is needed, because where milestones are dense danger leads
-        out of narrow places.""",
-        kept_in="_decay.half_life",
-    )
     clearance = Parameter(
         0.05,
         """Margin from all obstacles, dangerous or not. Edges that do not keep it are penalised by four times the range,
@@ -103,11 +94,9 @@ class SafePRM(SafePlanner):
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
-        self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._band = ElasticBand(self._problem, self._danger, self._descent)
-        self._margin = PenaltyMargin(self._problem, self._danger)
-        self._sampler = Samples(self._bridge)
+        self._margin = Margin(self._problem, self._danger, WORTHWHILE)
 
     def clearQuery(self) -> None:
         """Forget start and goal, but keep the roadmap and all that is known of it."""
@@ -122,14 +111,12 @@ class SafePRM(SafePlanner):
         self._random_set(self.samples + roots - len(self._roadmap))
         while not ptc():
             self._take_goals(ptc)
-            self._decay.fade()
             ends = self._roadmap.starts, self._roadmap.goals
             self._margin.begin_between([self._roadmap.configurations[of] for of in ends])
             graph = SearchGraph(len(self._roadmap), self._roadmap.starts, from_start=True)
             other = SearchGraph(len(self._roadmap), self._roadmap.goals, from_start=False)
             path = self._safe_prm_planner(graph, other, ptc)
-            if path is not None and self._local.can_be_driven(path):
-                self._decay.reset()
+            if path is not None and all(starmap(self._roadmap.check, pairwise(path))):
                 return self._driven(path, ptc)
             if path is None and not ptc():
                 self._margin.lower()
@@ -142,7 +129,7 @@ class SafePRM(SafePlanner):
         while (new := self._best_of_open(graph, current_goal, ptc)) is not None:
             # CONNECTED: only q_new can have become common to Closed(1) and Closed(2).
             if other.closed[new]:
-                return joined_branches(graph, other, new)  # PATH
+                return graph.joined(other, new)  # PATH
             neighbors = self._neighbors(graph, new, ptc)
             graph.add_open(neighbors, new, self._lengths_from(new)[neighbors])
             graph, other = other, graph
@@ -158,8 +145,8 @@ class SafePRM(SafePlanner):
         while best is None and len(tried) < len(f) and not ptc():
             offer = int(f.argmin())
             parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
-            margin = 0.0 if parent == ROOT else self._margin.after(int(graph.penalties[offer]))
-            is_free = parent == ROOT or self._local.is_free(*graph.as_driven(parent, milestone), margin)
+            margin = 0.0 if parent == ROOT else self._margin_after(int(graph.penalties[offer]))
+            is_free = parent == ROOT or self._roadmap.is_free(*graph.as_driven(parent, milestone), margin)
             if margin and not is_free:  # it stays in Open, with a penalty
                 graph.penalise(offer, penalty)
                 f[offer] += penalty
@@ -171,6 +158,13 @@ class SafePRM(SafePlanner):
                 self._count(best)
         graph.remove_open(tried)
         return best
+
+    def _margin_after(self, penalties: int) -> float:
+        """Return what an edge must keep [m] after so many penalties; 0 if it need only be free.
+
+        So no way is closed, and the search takes a wider way where there is one that is not much longer.
+        """
+        return self._margin.in_force * _PENALTY_FALL**penalties if penalties < _PENALTIES else 0.0
 
     def _f(self, graph: SearchGraph, current_goal: int) -> FloatArray:
         """Return f = g + h + α·CDF, (10) without its diversity term, for the offers in Open(1)."""
@@ -185,7 +179,7 @@ class SafePRM(SafePlanner):
         for milestone in self._roadmap.nearest(new, graph.closed).tolist():
             if len(neighbors) == self.neighbors or ptc():
                 break
-            if self._local.is_valid(milestone):
+            if self._roadmap.is_valid(milestone):
                 neighbors.append(milestone)
         return np.array(neighbors, dtype=np.intp)
 
@@ -194,15 +188,32 @@ class SafePRM(SafePlanner):
     def _random_set(self, count: int) -> None:
         """RANDOM_SET: add uniform random milestones."""
         if count > 0:
-            self._roadmap.add(self._sampler.uniform(count, self._rng))
+            self._roadmap.add(self._problem.random_configurations(self._rng, count))
 
     def _enlarge(self, stuck: SearchGraph) -> None:
         """Add milestones: some uniform, most of them around the graph that cannot go on."""
-        if len(self._roadmap) > _LARGEST_ROADMAP:
+        roadmap = self._roadmap
+        if len(roadmap) > _LARGEST_ROADMAP:
             self._begin_anew()
             return
-        roadmap = self._roadmap
-        roadmap.add(self._sampler.more(len(roadmap), roadmap.configurations[stuck.closed], self._rng))
+        fringe = roadmap.configurations[stuck.closed]
+        count = min(_LARGEST_GROWTH, 1 + int(_GROWTH * len(roadmap)))
+        outwards = round(_TOWARDS_SHARE * count) if len(fringe) else 0
+        rows = [self._outwards(fringe, outwards)] if outwards else []
+        if count > outwards:
+            rows.append(self._problem.random_configurations(self._rng, count - outwards))
+        roadmap.add(np.concatenate(rows))
+
+    def _outwards(self, fringe: FloatArray, count: int) -> FloatArray:
+        """Return configurations (count, n) between a fringe (N, n) and random ones, from the nearest of it on."""
+        if len(fringe) > _LARGEST_FRINGE:
+            fringe = fringe[self._rng.choice(len(fringe), _LARGEST_FRINGE, replace=False)]
+        targets = self._problem.random_configurations(self._rng, count)
+        deltas = [self._bridge.difference(fringe, target) for target in targets]
+        nearest = [int(squares(delta).argmin()) for delta in deltas]
+        steps = np.array([delta[k] for delta, k in zip(deltas, nearest, strict=True)])
+        fractions = _NEAREST_TO_GRAPH ** self._rng.random((count, 1))
+        return self._bridge.wrapped(fringe[nearest] + fractions * steps)
 
     # --------------------------------------------------------------------------------- the path as it is driven
 
@@ -219,7 +230,7 @@ class SafePRM(SafePlanner):
         if not self._descent.acts:
             return []
         margin, _ = self._roadmap.margins_of(start, end)
-        detours, key = self._roadmap.detours, (start, end, self.slide, self.getRange(), margin)
+        detours, key = self._detours, (start, end, self.slide, self.getRange(), margin)
         if key not in detours:
             configurations = self._roadmap.configurations
             ends = configurations[start], configurations[end]
@@ -230,7 +241,7 @@ class SafePRM(SafePlanner):
 
     def _lengths_from(self, milestone: int) -> FloatArray:
         """Return the lengths (N,) of the straight motions between all milestones and one of them."""
-        return self._roadmap.lengths(self._roadmap.configurations[milestone])
+        return np.sqrt(squares(self._roadmap.ways_to(milestone)))
 
     def _count(self, milestone: int) -> None:
         self.counts.nodes += not self._roadmap.connected[milestone]
@@ -244,10 +255,8 @@ class SafePRM(SafePlanner):
         self._danger.prepare()
 
     def _forget(self) -> None:
-        metric = roadmap_metric(self.getSpaceInformation(), self._bridge)
-        self._roadmap = Roadmap(self._bridge, self._problem.cost, metric)
-        self._local = LocalPlanner(self._problem, self._roadmap)
-        self._decay.reset()
+        self._roadmap = Roadmap(self._problem, self._problem.robot)
+        self._detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
         self._margin.reset()
 
     def _begin_anew(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,10 +13,9 @@ from ompl import util as ou
 
 from safe_ompl.common import InputError, UnknownNameError, clock
 from safe_ompl.planning.ompl import WorkspaceGoal
-from safe_ompl.planning.planners.base import SafePlanner
+from safe_ompl.planning.planners.base import SafePlanner, camel_case
 from safe_ompl.planning.planners.bubble import BubblePlanner
 from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
-from safe_ompl.planning.planners.parameters import camel_case, snake_case
 from safe_ompl.planning.planners.printed import PaperSafeBubble, PaperSafeJTRRT, PaperSafePRM, PaperSafeRRTConnect
 from safe_ompl.planning.planners.prm import SafePRM
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
@@ -192,8 +192,8 @@ def _set_ompls(planner: Any, key: str, value: Any) -> None:
     setter = getattr(planner, f"set{camel_case(key)}", None)
     if setter is None:
         setters = {n[3:] for n in dir(type(planner)) if n.startswith("set") and n[3:4].isupper()}
-        known = sorted(snake_case(name) for name in setters - {"Name", "ProblemDefinition"})
-        raise UnknownNameError(f"parameter of {planner.getName()}", key, known)
+        words = (re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower() for name in setters - {"Name", "ProblemDefinition"})
+        raise UnknownNameError(f"parameter of {planner.getName()}", key, sorted(words))
     try:
         setter(value)
     except TypeError:

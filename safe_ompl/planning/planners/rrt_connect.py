@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from itertools import count, islice
+from math import sqrt
 from typing import Any
 
 from safe_ompl.common import FloatArray
-from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import Parameter
-from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
-from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
-from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerDecay, DangerWeight, SafeSelection
-from safe_ompl.planning.planners.parts.tree import Tree, TreeSchedule
+from safe_ompl.planning.planners.base import Parameter, SafePlanner
+from safe_ompl.planning.planners.extend import Extension, SafeStep, TangentialDescent
+from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin, SafeSelection
+from safe_ompl.planning.planners.tree import Tree
+
+_SHORTEST = 0.05  # of a whole step
+_LARGE = 64  # nodes; easy problems are solved before a tree has more
+_IN_A_ROW = 8  # turns of a tree that lags before the other has one
 
 
 class SafeRRTConnect(SafePlanner):
@@ -28,7 +31,7 @@ class SafeRRTConnect(SafePlanner):
 
     * a share of the choices ignores danger (`nearest_fraction`): no passage stays closed;
     * steps descend sideways and keep to a threshold (`slide`, `threshold_rise`): lower danger;
-    * a shorter step is tried where a whole one is trapped (`short_steps`): fewer nodes in narrow places;
+    * a shorter step is tried where a whole one is trapped: fewer nodes in narrow places;
     * once a tree has more than 64 nodes, the smaller one has eight of nine turns (all of them in [3], §5.5.3): a
       narrow place around a start or a goal is left sooner;
     * motions keep a margin, as long as they can (`clearance`): obstacles that are not dangerous are not grazed, either;
@@ -70,13 +73,6 @@ class SafeRRTConnect(SafePlanner):
         peak of the danger low. 0 for no threshold.""",
         kept_in="_threshold.rise",
     )
-    short_steps = Parameter(
-        True,
-        """Whether a shorter step, of 5 to 100 % of the range, is tried where the step towards a random configuration is
-        trapped. While danger has weight only nodes whose last step was trapped, too, get one: elsewhere short steps
-        double the checks, and make for paths that graze obstacles.""",
-        kept_in="_short_steps.allowed",
-    )
     danger_decay = Parameter(
         100.0,
         """Number of turns after which half of the turns ignore danger; after three times as many nearly all do. So
@@ -96,15 +92,15 @@ class SafeRRTConnect(SafePlanner):
         0, "K: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up."
     )
 
+    _in_a_row: int  # turns of one tree
+
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._selection = SafeSelection(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
-        self._margin = AdaptiveMargin(self._problem, self._danger)
-        self._short_steps = ShortSteps(self._bridge, self._danger)
-        self._schedule = TreeSchedule()
+        self._margin = Margin(self._problem, self._danger)
         self._step = SafeStep(self._problem, self._danger, self._descent, self._threshold, self._margin)
 
     def _search(self, ptc: Any) -> FloatArray | None:
@@ -119,15 +115,14 @@ class SafeRRTConnect(SafePlanner):
             q_rand = self._problem.random_configuration(self._rng)
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
-            if outcome is Extension.TRAPPED and self._short_steps.is_due(tree, old):
-                nearer = self._short_steps.nearer(tree.configurations[old], q_rand, self.getRange(), self._rng)
-                outcome, new = self._extend(tree, old, nearer)
+            if outcome is Extension.TRAPPED and self._is_narrow(tree, old):
+                outcome, new = self._extend(tree, old, self._nearer(tree.configurations[old], q_rand))
             if outcome is not Extension.TRAPPED:
                 q_new = tree.configurations[new]
                 outcome, met = self._connect(other, self._select(other, q_new), q_new, ptc)
                 if outcome is Extension.REACHED:
                     return self._trees.path(tree, new, other, met)  # RETURN_PATH
-            if not self._schedule.grows_again(tree, other):
+            if not self._grows_again(tree, other):
                 tree, other = other, tree  # SWAP
         return None
 
@@ -146,6 +141,34 @@ class SafeRRTConnect(SafePlanner):
             outcome, node = self._extend(tree, node, target)
         return outcome, node
 
+    def _is_narrow(self, tree: Tree, node: int) -> bool:
+        """Note that a step from a node was trapped; return whether a shorter one is to be tried now.
+
+        Short steps lead out of narrow places; elsewhere they would double the checks and make for paths that graze
+        obstacles. So while danger has weight only nodes whose last step was trapped, too, get one.
+        """
+        was_trapped = node in tree.trapped
+        tree.trapped.add(node)
+        return was_trapped or not self._danger.weight
+
+    def _nearer(self, q: FloatArray, target: FloatArray) -> FloatArray:
+        """Return a configuration (n,) on the way to a target, log-uniformly nearer than a whole step."""
+        delta = self._bridge.difference(q, target)
+        length = sqrt(delta @ delta)
+        step = _SHORTEST ** self._rng.random() * min(length, self.getRange())
+        return self._bridge.inside(q + (step / length) * delta) if length else q
+
+    def _grows_again(self, tree: Tree, other: Tree) -> bool:
+        """Return whether the tree that had this turn has the next one, too.
+
+        A tree in a narrow place hardly grows, while the other fills the space outside, which helps little. The larger
+        tree keeps some of the turns: the smaller one may be enclosed, and more goals are taken as nodes are added.
+        """
+        lags = len(other) > max(_LARGE, len(tree))
+        again = lags and self._in_a_row < _IN_A_ROW
+        self._in_a_row = self._in_a_row + 1 if again else 1
+        return again
+
     def _prepare(self) -> None:
         self._danger.prepare()
 
@@ -154,4 +177,4 @@ class SafeRRTConnect(SafePlanner):
         self._threshold.reset()
         self._margin.reset()
         self._decay.reset()
-        self._schedule.reset()
+        self._in_a_row = 1

@@ -8,10 +8,9 @@ import pinocchio as pin
 import pytest
 from ompl import base as ob
 
-from safe_ompl import Box, InputError, Obstacle, Pose, Robot, SafeJTRRT, SafeSetup, Sphere, make_planner
+from safe_ompl import Box, Obstacle, Pose, Robot, SafeJTRRT, SafeSetup, Sphere, make_planner
 from safe_ompl.common import Counts
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import ScratchState
 from safe_ompl.planning.planners.jt_rrt import Approach
 from safe_ompl.scene import Scenario, Scene, find_scenario
 
@@ -176,24 +175,6 @@ def test_the_classical_step_follows_the_transpose(setup, ur5):
     assert min(straight) > 1 - 1e-9
 
 
-def test_no_node_is_as_dangerous_as_the_threshold(setup):
-    """With danger out of the choice of nodes, so that only the threshold can keep the arm from it."""
-    plain = {"alpha": 0.0, "null_space_gain": 0.0, "transpose": True}
-    peak = max(setup.field.values(setup.plan("SafeJTRRT", seed=seed, parameters=plain).path).max() for seed in range(5))
-    threshold = 0.5 * (setup.field.value(START) + peak)
-    assert peak > 1.05 * threshold
-    for seed in range(5):
-        path = setup.plan("SafeJTRRT", seed=seed, parameters={**plain, "danger_threshold": threshold}).path
-        assert setup.field.values(path).max() < threshold
-
-
-def test_without_a_danger_objective_it_plans_all_the_same(ur5, scene):
-    setup = SafeSetup(ur5, scene, danger=None)
-    setup.setStartConfiguration(START)
-    setup.setWorkspaceGoal(POSITION)
-    assert setup.plan("SafeJTRRT", time=10.0)
-
-
 # -------------------------------------------------------------------------------------------------- what it cannot do
 
 
@@ -230,36 +211,17 @@ def test_solve_plans_to_the_place_though_there_are_goal_configurations_too(setup
     assert place.distance(setup.solution()[-1]) < setup.getGoal().tolerance
 
 
-def test_solve_plans_to_a_goal_of_ones_own(setup):
-    own = ob.GoalStates(setup.getSpaceInformation())
+@pytest.mark.parametrize("own", [True, False])
+def test_goal_configurations_are_refused(setup, caplog, own):
     setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
-    own.addState(ScratchState(setup.bridge).set(START * [-1, 1, 1, 1, 1, 1]))
-    setup.setGoal(own)
+    if own:
+        setup.setGoal(ob.GoalStates(setup.getSpaceInformation()))
+    else:
+        setup = SafeSetup(setup.robot, Scene(()), danger=None)
+        setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
     setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
     assert setup.solve(1.0).asString() == "Unrecognized goal type"
-
-
-def test_goal_configurations_are_refused(ur5, scene, caplog):
-    setup = SafeSetup(ur5, scene)
-    setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
-    assert setup.plan("SafeJTRRT").status == "Unrecognized goal type"
     assert "SafeJTRRT plans to a WorkspaceGoal, not to a GoalStates" in caplog.text
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"step": 0.0}, "step must be a positive number, got 0.0"),
-        ({"step": np.nan}, "step must be a positive number, got nan"),
-        ({"goal_bias": 1.5}, r"goal_bias must be a finite number in \[0, 1\], got 1.5"),
-        ({"null_space_gain": -1.0}, "null_space_gain must be a finite number >= 0, got -1.0"),
-        ({"danger_threshold": 0.0}, "danger_threshold must be a positive number, got 0.0"),
-        ({"danger_threshold": np.nan}, "danger_threshold must be a positive number, got nan"),
-    ],
-)
-def test_parameters_that_make_no_sense(setup, options, message):
-    with pytest.raises(InputError, match=message):
-        SafeJTRRT(setup.getSpaceInformation(), **options)
 
 
 def test_each_node_is_chosen_once_the_best_first_but_for_chance(scene):

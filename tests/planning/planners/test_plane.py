@@ -1,7 +1,9 @@
-"""What SafeRRTConnect and SafePRM promise alike, shown where every step can be followed: a point in a plane."""
+"""Planners on OMPL's own kinds of problems: any space of straight motions, checker, validator, objective, goal."""
 
+import logging
 from functools import partial
 from itertools import pairwise
+from math import cos, hypot, sin
 
 import numpy as np
 import pytest
@@ -39,6 +41,27 @@ def problem(kind):
     return partial(PlaneProblem, kind)
 
 
+def state_at(space, values):
+    state = space.allocState()
+    space.copyFromReals(state, values)
+    return state
+
+
+class StateCosts(ob.OptimizationObjective):
+    """A cost of states, asked state by state."""
+
+    def __init__(self, si, cost):
+        super().__init__(si)
+        self._cost, self.asked = cost, 0
+
+    def stateCost(self, state):
+        self.asked += 1
+        return ob.Cost(self._cost(state))
+
+    def motionCost(self, start, end):
+        return ob.Cost(0.0)
+
+
 # -------------------------------------------------------------------------------------------------- ways in the plane
 
 
@@ -63,18 +86,19 @@ def test_a_goal_that_cannot_be_reached_takes_its_time_and_no_more(problem):
     assert not task.problem.hasSolution()
 
 
-@pytest.mark.parametrize("start", [(0.0, 0.0), (-1.5, 0.0), (np.nan, 0.0)])
-def test_a_start_that_is_not_valid(problem, start):
-    task = problem(wall_with_a_gap, starts=[start])
-    if np.isnan(start[0]):
-        task.walls.forbidden = lambda x, y: np.isnan(x)
-    assert task.solve() == ob.PlannerStatus.INVALID_START
-
-
-@pytest.mark.parametrize("goal", [(0.0, 0.0), (1.5, 0.0)])
-def test_a_goal_that_is_not_valid_wastes_no_time(problem, goal):
-    task = problem(wall_with_a_gap, goals=[goal])
-    assert task.solve(5.0) == ob.PlannerStatus.INVALID_GOAL
+@pytest.mark.parametrize(
+    ("ends", "status"),
+    [
+        ({"starts": [(0.0, 0.0)]}, ob.PlannerStatus.INVALID_START),
+        ({"starts": [(-1.5, 0.0)]}, ob.PlannerStatus.INVALID_START),
+        ({"starts": [(np.nan, 0.0)]}, ob.PlannerStatus.INVALID_START),
+        ({"goals": [(0.0, 0.0)]}, ob.PlannerStatus.INVALID_GOAL),
+        ({"goals": [(1.5, 0.0)]}, ob.PlannerStatus.INVALID_GOAL),
+    ],
+)
+def test_ends_that_are_not_valid_waste_no_time(problem, ends, status):
+    task = problem(lambda x, y: np.isnan(x) or wall_with_a_gap(x, y), **ends)
+    assert task.solve() == status
     assert len(task.walls.asked) <= 2, "start and goal"
 
 
@@ -89,13 +113,8 @@ def test_several_starts_and_goals_of_which_some_will_do(problem, within_walls):
     assert tuple(task.path[-1]) in ({(0.8, -0.3)} if within_walls else {(0.8, -0.3), GOAL})
 
 
-def test_every_goal_can_be_the_one(problem):
-    task = problem(walled_in, goals=[GOAL, (0.0, 0.8)])
-    assert task.solve() == EXACT
-    np.testing.assert_array_equal(task.path[-1], (0.0, 0.8))
-
-
-def test_a_goal_region_without_end(problem):
+@pytest.mark.parametrize("number", [2**32 - 1, 1000])
+def test_a_goal_region_almost_without_end(problem, number):
     class Right(ob.GoalSampleableRegion):
         def __init__(self, si):
             super().__init__(si)
@@ -108,7 +127,7 @@ def test_a_goal_region_without_end(problem):
             state[0:2] = [0.8, self.rng.uniform(-0.9, 0.9)]
 
         def maxSampleCount(self):
-            return 2**32 - 1
+            return number
 
     task = problem(wall_with_a_gap)
     task.problem.setGoal(Right(task.si))
@@ -116,7 +135,7 @@ def test_a_goal_region_without_end(problem):
     assert task.path[-1][0] == 0.8
 
 
-def test_goals_that_cannot_be_sampled(problem):
+def test_what_cannot_be_planned_is_said(problem, kind):
     class Right(ob.GoalRegion):
         def distanceGoal(self, state):
             return max(0.0, 0.7 - state[0])
@@ -124,11 +143,8 @@ def test_goals_that_cannot_be_sampled(problem):
     task = problem()
     task.problem.setGoal(Right(task.si))
     assert task.solve() == ob.PlannerStatus.UNRECOGNIZED_GOAL_TYPE
-
-
-def test_without_a_problem(problem, kind):
     with pytest.raises(InputError, match="no problem definition"):
-        kind(problem().si).solve(1.0)
+        kind(task.si).solve(1.0)
 
 
 def test_an_error_in_a_checker_reaches_the_caller(problem):
@@ -137,8 +153,7 @@ def test_an_error_in_a_checker_reaches_the_caller(problem):
             raise ZeroDivisionError("in the checker")
         return False
 
-    task = problem(starts=[(-0.8, 0.0)], goals=[(-0.8, 0.9)])
-    task.walls.forbidden = broken
+    task = problem(broken, starts=[(-0.8, 0.0)], goals=[(-0.8, 0.9)])
     with pytest.raises(ZeroDivisionError, match="in the checker"):
         task.solve()
 
@@ -166,6 +181,18 @@ def test_alpha_zero_is_the_classical_planner_step_by_step(problem, objective):
     assert anxious.walls.asked != classical.walls.asked
 
 
+def test_another_objective_is_noticed(problem):
+    task, classical = problem(wall_with_a_gap), problem(wall_with_a_gap)
+    assert classical.solve() == EXACT
+    for solved_before in (False, True):
+        task.problem.setOptimizationObjective(HotSpot(task.si))
+        assert task.solve() == EXACT
+        graph = task.planner.plannerGraph()
+        np.testing.assert_allclose(graph.costs, HotSpot(task.si).values(graph.configurations))
+        if not solved_before:
+            assert task.path.shape != classical.path.shape or (task.path != classical.path).any()
+
+
 def test_the_scale_of_an_objective_does_not_matter(problem):
     class Scaled(SlopedHotSpot):
         def values(self, Q):
@@ -176,38 +203,122 @@ def test_the_scale_of_an_objective_does_not_matter(problem):
     np.testing.assert_allclose(usual.path, scaled.path, atol=1e-9)
 
 
-# --------------------------------------------------------------------------------------------------- beyond the plane
+def test_a_point_keeps_clear_of_a_disc_only_if_told_that_it_is_dangerous(problem, caplog):
+    """As in OMPL's demo OptimalPlanning, with a cost that is asked state by state."""
+
+    def clearance(x, y):
+        return hypot(x, y) - 0.4
+
+    def mean_clearance(objective):
+        found = []
+        for seed in range(10):
+            task = problem(lambda x, y: clearance(x, y) <= 0, objective, seed=seed, alpha=5.0)
+            assert task.solve() == EXACT
+            found.append(np.mean([clearance(*point) for point in dense(task.path)]))
+        return np.mean(found)
+
+    with caplog.at_level(logging.INFO):
+        unaware = mean_clearance(None)
+    assert "no danger objective; planning is classical" in caplog.text
+    aware = mean_clearance(lambda si: StateCosts(si, lambda state: 1 / max(clearance(*state[0:2]), 1e-3)))
+    assert aware > unaware + 0.02
 
 
-def test_a_circle_is_crossed_where_it_closes(kind):
-    space = ob.CompoundStateSpace()
-    height = ob.RealVectorStateSpace(1)
-    height.setBounds(0, 1)
-    space.addSubspace(ob.SO2StateSpace(), 1.0)
-    space.addSubspace(height, 1.0)
+def test_the_users_motion_validator_is_asked(problem):
+    class NeverDown(ob.MotionValidator):
+        asked = 0
+
+        def checkMotion(self, start, end):
+            NeverDown.asked += 1
+            return bool(end[1] >= start[1] - 1e-9)
+
+    task = problem(goals=[(0.8, 0.5)])
+    task.si.setMotionValidator(NeverDown(task.si))
+    assert task.solve() == EXACT
+    assert np.diff(task.path[:, 1]).min() >= -1e-9
+    assert NeverDown.asked
+
+
+# --------------------------------------------------------------------------------------------------- other spaces
+
+
+def planned(kind, space, free, start, goal, cost=None, resolution=0.01):
+    """Plan in any space; return its path as states."""
     setup = og.SimpleSetup(space)
-    setup.setStateValidityChecker(lambda state: bool(abs(state[0].value) > 1.0))
-
-    def state(angle, z):
-        made = space.allocState()
-        made[0].value, made[1][0] = angle, z
-        return made
-
-    setup.addStartState(state(2.5, 0.2))
-    goal = ob.GoalStates(setup.getSpaceInformation())
-    goal.addState(state(-2.5, 0.8))
-    setup.setGoal(goal)
+    setup.setStateValidityChecker(free)
+    setup.getSpaceInformation().setStateValidityCheckingResolution(resolution)
+    space.setup()
+    setup.setStartAndGoalStates(state_at(space, start), state_at(space, goal))
+    if cost is not None:
+        setup.setOptimizationObjective(StateCosts(setup.getSpaceInformation(), cost))
     planner = kind(setup.getSpaceInformation())
     planner.setSeed(0)
     setup.setPlanner(planner)
-    assert setup.solve(5.0).getStatus() == EXACT
+    assert setup.solve(30.0).getStatus() == EXACT
     path = setup.getSolutionPath()
-    angles = np.array([path.getState(k)[0].value for k in range(path.getStateCount())])
-    assert (np.abs(angles) <= np.pi).all()
-    assert (np.abs(angles) > 1.0).all()
+    assert path.check()
+    return [path.getState(k) for k in range(path.getStateCount())]
+
+
+def test_a_circle_is_crossed_where_it_closes(kind):
+    space, height = ob.CompoundStateSpace(), ob.RealVectorStateSpace(1)
+    height.setBounds(0, 1)
+    space.addSubspace(ob.SO2StateSpace(), 1.0)
+    space.addSubspace(height, 1.0)
+    states = planned(kind, space, lambda state: bool(abs(state[0].value) > 1.0), [2.5, 0.2], [-2.5, 0.8])
+    angles = np.array([state[0].value for state in states])
+    assert ((np.abs(angles) <= np.pi) & (np.abs(angles) > 1.0)).all()
     assert (angles[0], angles[-1]) == (2.5, -2.5)
     assert (np.sign(angles[:-1]) != np.sign(angles[1:])).any()
-    assert path.check()
+
+
+def test_a_planar_chain_folds_out_of_a_horn(kind):
+    """Six links that must cross neither each other nor the walls, as in OMPL's demo KinematicChain."""
+    links, walls = 6, [((0.35, 0.12), (1.0, 0.4)), ((0.35, -0.12), (1.0, -0.4))]
+    space = ob.CompoundStateSpace()
+    for _ in range(links):
+        space.addSubspace(ob.SO2StateSpace(), 1.0)
+
+    def crosses(one, other):
+        def side(p, q, r):
+            return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+        first, second = ((side(*a, b[0]) > 0) != (side(*a, b[1]) > 0) for a, b in ((one, other), (other, one)))
+        return first and second
+
+    def points(state):
+        angles = np.cumsum([state[k].value for k in range(links)])
+        ends = np.cumsum(np.stack([np.cos(angles), np.sin(angles)], axis=1), axis=0) / links
+        return np.vstack([[0.0, 0.0], ends])
+
+    def is_free(state):
+        chain = list(pairwise(points(state).tolist()))
+        others = [[*walls, *chain[k + 2 :]] for k in range(links)]
+        return not any(crosses(link, other) for link, rest in zip(chain, others, strict=True) for other in rest)
+
+    goal = [2.2] + [0.1] * (links - 1)
+    states = planned(kind, space, is_free, [0.0] * links, goal, lambda state: 1 / (0.1 + abs(points(state)[-1, 0] - 1)))
+    np.testing.assert_allclose([states[-1][k].value for k in range(links)], goal, atol=1e-9)
+
+
+def test_a_rigid_body_turns_to_pass_a_gap(kind):
+    """A bar of 0.8 by 0.1, which fits through the gap in one direction only, as in OMPL's demo RigidBodyPlanning."""
+
+    def is_free(state):
+        c, s = cos(state.getYaw()), sin(state.getYaw())
+        corners = [(x, y) for x in np.linspace(-0.4, 0.4, 9) for y in (-0.05, 0.05)]
+        return all(
+            abs(state.getX() + c * x - s * y) > 0.05 or abs(state.getY() + s * x + c * y) < 0.25 for x, y in corners
+        )
+
+    space, bounds = ob.SE2StateSpace(), ob.RealVectorBounds(2)
+    bounds.setLow(-2.0)
+    bounds.setHigh(2.0)
+    space.setBounds(bounds)
+    ends = [-1.0, 0.0, 1.57], [1.0, 0.5, 1.57]
+    states = planned(kind, space, is_free, *ends, lambda state: abs(state.getY()), resolution=0.002)
+    assert states[0].getX() == pytest.approx(-1.0)
+    assert states[-1].getY() == pytest.approx(0.5)
 
 
 def test_paths_of_a_robot_are_free_and_safer(kind, ur5, clutter, plain_check, rng):
@@ -217,13 +328,11 @@ def test_paths_of_a_robot_are_free_and_safer(kind, ur5, clutter, plain_check, rn
     field = DangerField(ur5, points)
     setup.setOptimizationObjective(DangerObjective(setup.getSpaceInformation(), field))
     free = [q for q in rng.uniform(ur5.lower / 2, ur5.upper / 2, (60, 6)) if plain.nearest(q) > 0.01]
-    safe = kind.__name__
-    danger = {safe: [], safe.replace("Safe", "Classic"): []}
+    danger = {kind.__name__: [], kind.__name__.replace("Safe", "Classic"): []}
     for start, goal in zip(free[:6], free[6:12], strict=True):
         setup.setConfigurations(start, goal)
         for name, means in danger.items():
             result = setup.plan(name, time=5.0, seed=1)
-            assert result
             assert result.report.certified
             np.testing.assert_allclose(result.path[[0, -1]], [start, goal])
             means.append(np.mean([field.value(q) for q in dense(result.path)[::20]]))
@@ -231,3 +340,23 @@ def test_paths_of_a_robot_are_free_and_safer(kind, ur5, clutter, plain_check, rn
                 assert plain.first_contact(a, b, 0.01) is None
     with_danger, without = map(np.mean, danger.values())
     assert with_danger < 0.9 * without
+
+
+@pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafePRM", "BubblePlanner"])
+@pytest.mark.parametrize("goal", ["place", "configurations"])
+def test_a_robots_goals(planar3, scenario, planner, goal):
+    start, end = scenario.start_configuration(planar3.robot), scenario.goal_configurations(planar3.robot)[0]
+    setup = SafeSetup(planar3.robot, scenario.scene)
+    if goal == "place":
+        setup.setStartConfiguration(start)
+        setup.setWorkspaceGoal(scenario.goal.position)
+    else:
+        goals = [end, end + np.array([0.05, 0.0, 0.0]), start + np.array([0.1, 0.0, 0.0])]
+        setup.setConfigurations(start, goals)
+    result = setup.plan(planner, time=10.0, seed=2)
+    assert result.report.certified
+    if goal == "place":
+        tip = setup.robot.tip_pose(result.path[-1]).translation
+        assert np.linalg.norm(tip - scenario.goal.position) <= scenario.goal.tolerance
+    else:
+        assert any(np.array_equal(result.path[-1], q) for q in goals)

@@ -17,19 +17,10 @@ from plane import (
     walled_in,
 )
 
-from safe_ompl import SafePRM, SafeSetup, Scene
-from safe_ompl.planning.ompl import StateBridge, StateCost
+from safe_ompl import SafePRM
 from safe_ompl.planning.planners import prm
-from safe_ompl.planning.planners.parts.problem import DangerWeight, PlanningProblem
-from safe_ompl.planning.planners.parts.roadmap import (
-    LinkMetric,
-    LocalPlanner,
-    Roadmap,
-    Samples,
-    SearchGraph,
-    SpaceMetric,
-    roadmap_metric,
-)
+from safe_ompl.planning.planners.problem import DangerWeight, PlanningProblem
+from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph
 
 
 class Watched(SafePRM):
@@ -67,7 +58,7 @@ def test_checks_heed_the_termination_condition():
     assert stop.checked_too_late <= 1
 
 
-def test_memory_stays_bounded(monkeypatch):
+def test_memory_stays_bounded_and_clear_forgets(monkeypatch):
     monkeypatch.setattr(prm, "_LARGEST_ROADMAP", 150)
     task = Problem(walled_in, samples=20)
     sizes = []
@@ -76,12 +67,13 @@ def test_memory_stays_bounded(monkeypatch):
         sizes.append(len(task.milestones))
         return bool((np.diff(sizes) < 0).sum() > 1)
 
-    stop = ob.PlannerTerminationCondition(begun_anew)
-    assert task.solve(stop) == TIMEOUT
+    assert task.solve(ob.PlannerTerminationCondition(begun_anew)) == TIMEOUT
     assert 120 < max(sizes) <= 150 * 1.25 + 1
     task.walls.forbidden = nowhere
     task.planner.clear()
+    assert task.planner.counts.nodes == len(task.milestones) == 0
     assert task.solve() == EXACT
+    np.testing.assert_array_equal(task.path[[0, -1]], [START, GOAL])
 
 
 def test_a_start_that_is_a_goal():
@@ -131,10 +123,8 @@ def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
     monkeypatch.setattr(
         SearchGraph, "add_closed", lambda self, offer: order.append(add_closed(self, offer)) or order[-1]
     )
-    asked, check = {}, LocalPlanner.check
-    monkeypatch.setattr(LocalPlanner, "check", lambda self, *edge: asked.setdefault(edge, check(self, *edge)))
+    monkeypatch.setattr(Roadmap, "is_valid", lambda self, milestone: True)
     task = Problem(wall_with_a_gap, objective, seed=seed, neighbors=12, samples=200, slide=0.0)
-    monkeypatch.setattr(LocalPlanner, "is_valid", lambda self, milestone: True)
     assert task.solve() == EXACT
     assert len(task.milestones) == 202, "the first samples suffice"
 
@@ -155,6 +145,7 @@ def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
     expected_order, expected_path = literal_search(Q, 0, 1, 12, cost, is_free)
     assert order == expected_order
     np.testing.assert_array_equal(task.path, Q[expected_path])
+    asked = task.planner._roadmap.edges
     assert len(asked) < 0.7 * len(checked), "though fewer edges were checked"
     assert all(checked[edge] == verdict for edge, verdict in asked.items() if edge in checked)
 
@@ -163,7 +154,7 @@ def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
 def test_the_safer_of_two_ways_is_taken_if_danger_counts(monkeypatch, alpha, way):
     task = Problem(lambda x, y: abs(x) < 0.3 and abs(y) < 0.1, HotSpot, alpha=alpha, slide=0.0)
     ways = np.array([[0.0, 0.2], [0.0, -0.5]])  # the short way is the more dangerous one
-    monkeypatch.setattr(Samples, "uniform", lambda self, count, rng: ways)
+    monkeypatch.setattr(PlanningProblem, "random_configurations", lambda self, rng, count: ways)
     assert task.solve() == EXACT
     np.testing.assert_array_equal(task.path, [START, (0.0, way), GOAL])
 
@@ -201,16 +192,6 @@ def test_other_queries_use_what_is_known():
 
 
 def test_the_way_back_is_checked_as_it_is_driven():
-    task = Problem(wall_with_a_gap)
-    assert task.solve() == EXACT
-    there, first = task.path, len(task.walls.asked)
-    task.ask_again([GOAL], [START])
-    assert task.solve() == EXACT
-    assert len(task.walls.asked) < 0.5 * first
-    assert {tuple(q) for q in task.path} == {tuple(q) for q in there}
-
-
-def test_an_edge_that_is_free_one_way_only_is_not_driven_the_other_way():
     class OneWay(ob.MotionValidator):
         def __init__(self, si):
             super().__init__(si)
@@ -218,6 +199,13 @@ def test_an_edge_that_is_free_one_way_only_is_not_driven_the_other_way():
         def checkMotion(self, start, end):
             return bool(end[0] > start[0])
 
+    task = Problem(wall_with_a_gap)
+    assert task.solve() == EXACT
+    there, first = task.path, len(task.walls.asked)
+    task.ask_again([GOAL], [START])
+    assert task.solve() == EXACT
+    assert len(task.walls.asked) < 0.5 * first
+    assert {tuple(q) for q in task.path} == {tuple(q) for q in there}
     task = Problem()
     task.si.setMotionValidator(OneWay(task.si))
     assert task.solve() == EXACT
@@ -225,64 +213,57 @@ def test_an_edge_that_is_free_one_way_only_is_not_driven_the_other_way():
     assert task.solve(0.3) == TIMEOUT
 
 
-def test_a_second_solve_goes_on_and_clear_forgets():
-    task = Problem(walled_in)
-    task.solve(0.1)
-    milestones = len(task.milestones)
-    assert task.planner.counts.nodes > 0
-    task.solve(0.1)
-    assert len(task.milestones) > milestones
-    task.walls.forbidden = nowhere
-    task.planner.clear()
-    assert task.planner.counts.nodes == len(task.milestones) == 0
-    assert task.solve() == EXACT
-    np.testing.assert_array_equal(task.path[[0, -1]], [START, GOAL])
+def test_a_roadmap_asks_for_each_margin_of_an_edge_once(shelf, monkeypatch):
+    problem, asked = PlanningProblem(shelf.getSpaceInformation()), []
+    roadmap, start = Roadmap(problem, shelf.robot), np.array(shelf.problem.start)
+    roadmap.add(np.array([start, start + 0.01]))
+    is_free = problem.motion_is_free
+    monkeypatch.setattr(problem, "motion_is_free", lambda *args: asked.append(args) or is_free(*args))
+    assert roadmap.is_free(0, 1, 1e-3)
+    kept, _ = roadmap.margins_of(0, 1)
+    assert kept >= 1e-3
+    asked.clear()
+    assert roadmap.is_free(0, 1, kept)
+    assert roadmap.is_free(1, 0, kept / 2)
+    assert not asked, "it is known"
+    assert not roadmap.is_free(0, 1, 10.0), "no motion of an arm keeps so much from a floor"
+    assert not roadmap.is_free(1, 0, 20.0)
+    assert len(asked) == 1
+    assert roadmap.is_free(0, 1)
 
 
-def test_another_objective_is_noticed():
-    task = Problem(wall_with_a_gap)
-    assert task.solve() == EXACT
-    task.problem.setOptimizationObjective(HotSpot(task.si))
-    assert task.solve() == EXACT
-    graph = task.planner.plannerGraph()
-    np.testing.assert_allclose(graph.costs, HotSpot(task.si).values(graph.configurations))
+def test_penalties_ask_for_less_each_time_and_then_for_nothing(shelf):
+    planner = SafePRM(shelf.getSpaceInformation())
+    planner._problem.take(shelf.getProblemDefinition().getOptimizationObjective(), None)
+    planner._margin.level = 0.04
+    assert [planner._margin_after(penalties) for penalties in range(3)] == pytest.approx([0.04, 0.012, 0.0])
+    planner._margin.lower()
+    assert planner._margin_after(0) == pytest.approx(0.024)
+    planner._margin.lower()
+    assert planner._margin_after(0) == 0.0, "less than is worth while"
 
 
 # -------------------------------------------------------------------------------------------------------------- metrics
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "twin_arm", "slider"])
-def test_the_metric_of_the_link_ends_is_equation_11(robot_named, rng, name):
+def test_the_metric_of_the_link_ends_is_equation_11(robot_named, rng, plane, name):
     robot = robot_named(name)
     Q = rng.uniform(robot.lower, robot.upper, (20, robot.n))
-    metric = LinkMetric(robot)
-    places = metric.places(Q)
-    expected = [
-        sum(np.linalg.norm(a - b) ** 2 for a, b in zip(robot.keypoints(q), robot.keypoints(Q[3]), strict=True))
-        for q in Q
-    ]
-    np.testing.assert_allclose(metric.distances(places, places[3]), expected, atol=1e-12)
-    roadmap = Roadmap(*_space(robot), metric)
+    points = [robot.keypoints(q) for q in Q]
+    expected = [sum(np.linalg.norm(a - b) ** 2 for a, b in zip(row, points[3], strict=True)) for row in points]
+    plane.bridge.n = robot.n
+    roadmap = Roadmap(plane, robot)
     roadmap.add(Q)
     roadmap.invalid[5] = True
-    excluded = np.arange(20) < 2
     nearest = [k for k in np.argsort(expected, kind="stable") if k not in (0, 1, 5)]
-    assert roadmap.nearest(3, excluded).tolist() == nearest
+    assert roadmap.nearest(3, np.arange(20) < 2).tolist() == nearest
 
 
-def _space(robot):
-    bridge = StateBridge(SafeSetup(robot, Scene(()), danger=None).getStateSpace())
-    return bridge, StateCost(None, bridge)
-
-
-def test_the_metric_of_the_space_wraps():
-    metric = SpaceMetric(StateBridge(ob.SO2StateSpace()))
-    places = metric.places(np.array([[3.0], [-3.0], [0.0]]))
-    np.testing.assert_allclose(metric.distances(places, places[0]), [0.0, 2 * np.pi - 6, 3.0])
-
-
-def test_which_metric_is_used(ur5, clutter):
-    si = Problem().si
-    assert isinstance(roadmap_metric(si, StateBridge(si.getStateSpace())), SpaceMetric)
-    si = SafeSetup(ur5, clutter, danger=None).getSpaceInformation()
-    assert isinstance(roadmap_metric(si, StateBridge(si.getStateSpace())), LinkMetric)
+def test_without_a_robot_the_metric_is_that_of_the_space():
+    si = ob.SpaceInformation(ob.SO2StateSpace())
+    problem = PlanningProblem(si)
+    assert problem.robot is None
+    roadmap = Roadmap(problem, None)
+    roadmap.add(np.array([[3.0], [-3.0], [0.0]]))
+    assert roadmap.nearest(0, np.zeros(3, dtype=bool)).tolist() == [0, 1, 2], "it wraps"

@@ -1,16 +1,15 @@
-"""SafeRRTConnect: its steps, its threshold, what clears and what stays, and its company in OMPL."""
+"""SafeRRTConnect: its trees and steps, its threshold, and its company in OMPL."""
 
 import subprocess
 import sys
 from functools import partial
 
 import numpy as np
+import pytest
 from ompl import tools as ot
-from plane import EXACT, TIMEOUT, HotSpot, PlaneProblem, SlopedHotSpot, Stop, wall_with_a_gap
+from plane import EXACT, TIMEOUT, PlaneProblem, SlopedHotSpot, Stop, walled_in
 
-from safe_ompl import SafeRRTConnect, SafeSetup, Scenario
-from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import find_scenario
+from safe_ompl import SafeRRTConnect, SafeSetup, make_planner
 
 Problem = partial(PlaneProblem, SafeRRTConnect)
 
@@ -22,23 +21,41 @@ def test_small_steps_heed_the_termination_condition():
     assert stop.checked_too_late <= 2, "one step"
 
 
-# ---------------------------------------------------------------------------------------------------------- promises
-
-
 def test_clear_keeps_the_parameters():
     task = Problem(alpha=0.25, range=0.3, nearest_fraction=0.5)
     task.planner.clear()
     assert (task.planner.getAlpha(), task.planner.getRange(), task.planner.getNearestFraction()) == (0.25, 0.3, 0.5)
 
 
-def test_another_objective_is_noticed():
-    task, classical = Problem(wall_with_a_gap), Problem(wall_with_a_gap)
-    task.problem.setOptimizationObjective(HotSpot(task.si))
-    assert task.solve() == classical.solve() == EXACT
-    assert task.path.shape != classical.path.shape or (task.path != classical.path).any()
+@pytest.mark.parametrize("name", ["SafeRRTConnect", "ClassicRRTConnect", "PaperSafeRRTConnect"])
+def test_the_tree_outside_grows_less_while_the_other_is_walled_in(name):
+    task = PlaneProblem(lambda si: make_planner(name, si, {"range": 0.25, "iterations": 900}), walled_in, SlopedHotSpot)
+    assert task.solve(60.0) == TIMEOUT
+    outside = len(task.planner.plannerGraph().configurations)
+    if name == "PaperSafeRRTConnect":  # whose trees alternate
+        assert outside > 350
+    else:
+        assert 100 < outside < 200, "every second turn at first, then one of nine"
 
 
-# -------------------------------------------------------------------------------------------------------- other spaces
+def test_shorter_steps_lead_into_a_pocket():
+    """They are tried from nodes that were trapped before, at once while danger has no weight."""
+    task = Problem(lambda x, y: x > 0.3 and (abs(y) > 0.02 or x > 0.9), SlopedHotSpot, range=0.5)
+    assert task.solve() == EXACT
+    planner, tree = task.planner, task.planner._trees.start
+    tree.trapped.clear()
+    planner._danger.scale = 1.0
+    assert [planner._is_narrow(tree, node) for node in (0, 1, 0, 1)] == [False, False, True, True]
+    tree.trapped.clear()
+    planner._danger.scale = 0.0
+    assert planner._is_narrow(tree, 0)
+    q, target = np.array([-0.8, 0.0]), np.array([0.8, 0.6])
+    rows = np.array([planner._nearer(q, target) for _ in range(200)]) - q
+    lengths = np.linalg.norm(rows, axis=1)
+    assert 0.05 * 0.5 <= lengths.min() < 0.03
+    assert 0.4 < lengths.max() <= 0.5
+    np.testing.assert_allclose(rows, lengths[:, None] * (target - q) / np.linalg.norm(target - q), atol=1e-12)
+    np.testing.assert_array_equal(planner._nearer(q, q), q)
 
 
 def test_through_the_benchmark(ur5, clutter):
@@ -57,20 +74,10 @@ def test_through_the_benchmark(ur5, clutter):
     assert len({run["solution length REAL"] for run in runs}) > 1, "runs differ"
 
 
-# -------------------------------------------------------------------------------------------------------- with a robot
-
-
 SCRIPT = """
-import numpy as np
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl import Obstacle, Pose, Robot, SafeSetup, Scene, Sphere
 
-scene = Scene((Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.6)), weight=1.0),))
-setup = SafeSetup(Robot.from_example("ur5"), scene)
+setup = SafeSetup(Robot.from_example("ur5"), Scene((Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.6)), weight=1.0),)))
 setup.setConfigurations([0.8, -1.6, 1.2, -1.2, -1.57, 0.0], [-0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 for seed in (0, 0, 1):
     result = setup.plan(seed=seed)
@@ -89,30 +96,16 @@ def test_a_process_ends_quietly_and_repeats_itself():
     assert first != other
 
 
-# -------------------------------------------------------------------------------------------- the adaptive threshold
+def test_the_threshold_keeps_the_peak_of_the_danger_low(shelf):
+    def avoidable_danger(rise):
+        planner = SafeRRTConnect(shelf.getSpaceInformation(), threshold_rise=rise)
+        return np.mean([shelf.plan(planner, time=20.0, seed=seed).report.danger.avoidable for seed in range(5)])
 
-
-def avoidable_danger(setup, seed, **options):
-    planner = SafeRRTConnect(setup.getSpaceInformation(), **options)
-    result = setup.plan(planner, time=20.0, seed=seed)
-    assert result
-    return result.report.danger.avoidable
-
-
-def test_the_threshold_keeps_the_peak_of_the_danger_low():
-    setup = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
-    with_it, without = (
-        np.mean([avoidable_danger(setup, seed, threshold_rise=rise) for seed in range(5)]) for rise in (0.05, 0.0)
-    )
-    assert with_it < 0.5 * without
+    assert avoidable_danger(0.05) < 0.5 * avoidable_danger(0.0)
 
 
 def test_a_threshold_does_not_close_a_dangerous_passage():
     """Start and goal are harmless; the only gap lies in the middle of the hot spot."""
-
-    def hot_gap(x, y):
-        return abs(x) < 0.1 and abs(y) > 0.1
-
     for seed in range(4):
-        problem = Problem(hot_gap, SlopedHotSpot, seed=seed, threshold_rise=0.01, danger_decay=0)
-        assert problem.solve() == EXACT
+        gap = {"threshold_rise": 0.01, "danger_decay": 0}
+        assert Problem(lambda x, y: abs(x) < 0.1 and abs(y) > 0.1, SlopedHotSpot, seed=seed, **gap).solve() == EXACT

@@ -1,21 +1,35 @@
-"""The planning problem on arrays, and danger in a planner's decisions: weight, decay, choice of nodes, thresholds."""
+"""The planning problem on arrays; danger and clearance in a planner's decisions: weight, decay, threshold, margin."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from math import inf, isfinite, sqrt
 from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision import MotionProver
+from safe_ompl.collision import MotionProver, PairSet
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerLimit
-from safe_ompl.planning.ompl import CertifiedMotionValidator, ScratchState, StateBridge, StateCost
-from safe_ompl.planning.planners.parts.tree import Tree, Trees
-from safe_ompl.robot import JointLimits
+from safe_ompl.planning.ompl import (
+    CertifiedMotionValidator,
+    CollisionFreeValidity,
+    ScratchState,
+    StateBridge,
+    StateCost,
+)
+from safe_ompl.planning.planners.tree import Tree, Trees
+from safe_ompl.robot import JointLimits, Robot
 
 _SHARPNESS = 4  # of the decay: easy problems are solved before danger loses weight
-_REFUSALS = 8  # of nodes that are too dangerous before the threshold rises
+_DANGEROUS = 8  # nodes that are refused before the threshold rises
+_SHARE = 0.8  # of what start and goal keep; with all of it no motion could leave them
+_NARROW = 12  # motions that are refused before the margin falls …
+_FALL = 0.6  # … to this share of itself
+_LEAST = 5e-4  # [m]; below this there is none
+_EXAMINED = 5  # starts, and goals
+_HALVINGS = 5  # of the logarithm of what start and goal keep: to within 15 %
+WORTHWHILE = 0.02  # [m]; where start and goal keep less, penalties cost time and lead nowhere else
 
 
 class PlanningProblem:
@@ -81,6 +95,16 @@ class PlanningProblem:
         """Return a uniform random configuration (n,)."""
         return self.bridge.between_bounds(rng.random(self.bridge.n))
 
+    def random_configurations(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Return uniform random configurations (count, n)."""
+        return self.bridge.between_bounds(rng.random((count, self.bridge.n)))
+
+    @property
+    def robot(self) -> Robot | None:
+        """The robot whose collisions the validity checker knows; None for a user's own checker."""
+        validity = self._si.getStateValidityChecker()
+        return validity.checker.robot if isinstance(validity, CollisionFreeValidity) else None
+
     def state(self, q: FloatArray) -> Any:
         """Return an `ob.State` at `q: (n,)`, which holds until the next question."""
         return self._from.set(q)
@@ -95,8 +119,7 @@ class DangerWeight:
 
     def __init__(self, problem: PlanningProblem) -> None:
         self._problem = problem
-        self.alpha = 1.0
-        self.scale = 1.0
+        self.alpha = self.scale = 1.0
 
     @property
     def cost(self) -> StateCost:
@@ -115,18 +138,6 @@ class DangerWeight:
         if not alpha:  # the slope need not be known
             return 0.0
         return alpha / self.slope if self.slope else 0.0
-
-    def in_metres(self, costs: FloatArray, rates: FloatArray) -> FloatArray:
-        """Return dangers (K,) as lengths [m], by their usual slope and on a logarithmic scale; 0 without a slope.
-
-        `rates: (n,)` is how far a unit of each joint moves the arm [m/rad].
-        """
-        usual, slope = self.cost.usual_value, self.slope
-        if not (usual > 0 and slope > 0):
-            return costs * 0.0
-        metres = float(np.sqrt(np.mean(rates**2))) / slope
-        scaled: FloatArray = metres * usual * np.log1p(costs / usual)
-        return scaled
 
     def prepare(self) -> None:
         """Measure the slope if it will be needed, so that planning need not."""
@@ -223,27 +234,118 @@ class AdaptiveThreshold:
     def refuse(self) -> None:
         """Count a refusal; every eighth raises the threshold."""
         self._refusals += 1
-        if self._refusals % _REFUSALS == 0:
+        if self._refusals % _DANGEROUS == 0:
             self.level *= 1 + self.rise
 
 
-class FixedThreshold:
-    """A threshold on the danger at the end of a motion, which may be exceeded where the start is more dangerous."""
+class Margin:
+    """The clearance that motions should keep: nearly what start and goal keep, but no more than the largest.
 
-    def __init__(self, problem: PlanningProblem, is_free: Callable[[FloatArray, FloatArray], bool]) -> None:
-        self._problem, self._is_free = problem, is_free
-        self.level = np.inf
+    The danger field accounts for dangerous obstacles only, so a way around them could graze all others. The margin is
+    proven by the same queries as that a motion is free, while danger has weight. `largest`, `level`, the margin at
+    present, and `allowed`, what start and goal allow, are in metres; before these were examined there is no level.
+    """
+
+    def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST) -> None:
+        self._problem, self._danger, self._least = problem, danger, least
+        self.largest = 0.0
+        # Lower bounds of clearances, with what they are those of: pairs, their revision, and how good they are [m].
+        self._source: tuple[PairSet, int, float] | None = None
+        self._bounds: dict[bytes, float] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self.level: float | None = None
+        self.allowed = 0.0
+        self._refusals = 0
+
+    def begin(self, trees: Trees) -> None:
+        """Take the margin that starts and goals allow, unless that is known."""
+        if self.is_unknown:
+            self.begin_between([tree.roots for tree in (trees.start, trees.goal)])
+
+    def begin_between(self, ends: Sequence[FloatArray]) -> None:
+        """Take the margin that one of each of the `ends: (R, n)` allows, unless that is known."""
+        if self.is_unknown:
+            self._take(self._allowed_by([Q[:_EXAMINED] for Q in ends if len(Q)]))
+            self.allowed = self.level or 0.0
 
     @property
-    def acts(self) -> bool:
-        """Whether there is a threshold."""
-        return not np.isinf(self.level)
+    def is_unknown(self) -> bool:
+        """Whether there is to be a margin, and start and goal were not examined yet."""
+        return self.level is None and self.largest > 0 and self._danger.weight > 0
+
+    @property
+    def in_force(self) -> float:
+        """The margin [m] while danger has weight; 0 for none."""
+        return self.level if self.level and self._danger.weight else 0.0
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether a motion is free, and its end less dangerous than the threshold or than its start."""
-        if not self._is_free(start, end):
-            return False
-        if not self.acts:
+        """Return whether the motion between two configurations (n,) is free, and keeps the margin.
+
+        Whether a motion that is refused would be free without a margin is not asked: it would cost as much again.
+        """
+        margin = self.in_force
+        if self._problem.motion_is_free(start, end, margin):
             return True
-        before, after = self._problem.cost.values(np.array([start, end]))
-        return bool(after < max(self.level, before))
+        if margin:
+            self.refuse()
+        return False
+
+    @property
+    def falls_next(self) -> bool:
+        """Whether the next refusal lowers the margin."""
+        return self._refusals % _NARROW == _NARROW - 1
+
+    def refuse(self) -> None:
+        """Count a refusal; every twelfth lowers the margin."""
+        self._refusals += 1
+        if self._refusals % _NARROW == 0:
+            self.lower()
+
+    def lower(self) -> None:
+        """Lower the margin to 60 %, or to none where little is left."""
+        if self.level:
+            self._take(_FALL * self.level)
+
+    def _take(self, level: float) -> None:
+        self.level = level if level >= self._least else 0.0
+
+    def _allowed_by(self, ends: list[FloatArray]) -> float:
+        """Return the largest margin [m] that one of each of the `ends: (R, n)` allows, by bisection; 0 for none.
+
+        Exact distances of all pairs would cost more than a whole easy problem.
+        """
+
+        def is_allowed(margin: float) -> bool:
+            return all(any(self._keeps(q, margin / _SHARE) for q in Q) for Q in ends)
+
+        if is_allowed(self.largest):
+            return self.largest
+        low, high = self._least, self.largest
+        if not is_allowed(low):
+            return 0.0
+        for _ in range(_HALVINGS):
+            middle = sqrt(low * high)
+            low, high = (middle, high) if is_allowed(middle) else (low, middle)
+        return low
+
+    def _keeps(self, q: FloatArray, margin: float) -> bool:
+        """Return whether the robot is proven to keep a margin [m] from obstacles at `q: (n,)`."""
+        motion = self._problem.motion_prover
+        if motion is None:
+            return False
+        bound = self._clearance(motion.checker.pairs, q, margin)
+        return bound >= margin if isfinite(bound) else motion.is_free(q, q, margin)
+
+    def _clearance(self, pairs: PairSet, q: FloatArray, enough: float) -> float:
+        """Return a lower bound [m] of the clearance from obstacles at `q: (n,)`, computed once if it is good enough."""
+        known = self._source
+        if known is None or known[:2] != (pairs, pairs.revision) or known[2] < enough:
+            self._source, self._bounds = (pairs, pairs.revision, enough), {}
+        key = q.tobytes()
+        if key not in self._bounds:
+            bounds = pairs.bounds.of(q[None], np.flatnonzero(pairs.meets_obstacle), enough)
+            self._bounds[key] = float(bounds.min(initial=inf))
+        return self._bounds[key]

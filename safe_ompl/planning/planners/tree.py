@@ -1,67 +1,19 @@
-"""Trees of configurations that grow row by row, with the cost of every node; two that are to meet; whose turn it is."""
+"""Trees of configurations that grow row by row, with the cost of every node; two that are to meet; what was built."""
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.common import BoolArray, Counts, FloatArray, IntArray
+from safe_ompl.common import Counts, FloatArray, IntArray
 from safe_ompl.planning.ompl import StateBridge, StateCost
-from safe_ompl.planning.planners.parts import kernels as kernel
-from safe_ompl.robot import plain
-
-_FEW = 400  # nodes that a scan is through with before a search in the tree is
-_NOTHING: FloatArray = np.empty(0)
-
-
-class NearestNode:
-    """Finds argmin ρ(node, q) + α·cost(node), of equal ones the first, among nodes that are only ever added.
-
-    ρ is Euclidean, but for coordinates that wrap, `wraps: (n,)`, which go the short way round.
-    """
-
-    def __init__(self, wraps: BoolArray) -> None:
-        self._wraps = np.array(wraps, dtype=bool)
-        self._tree = _box_tree(self._wraps, 0, 0)
-
-    def find(self, rows: FloatArray, q: FloatArray, alpha: float = 0.0, costs: FloatArray = _NOTHING) -> int:
-        """Return the node for `q: (n,)` and α ≥ 0; 0 where there are none.
-
-        `rows: (N, n)`, C-contiguous, and their costs (N,) are those of the last call, and others.
-        """
-        q = plain(q)
-        if len(rows) <= _FEW:
-            return int(kernel.scan(rows, q, self._wraps, alpha, costs))
-        while (found := kernel.nearest(rows, q, alpha, costs, self._tree)) < 0:
-            self._tree = self._larger()
-        return int(found)
-
-    def _larger(self) -> kernel.BoxTree:
-        """Return the tree with room for more than twice as many pages and leaves."""
-        old = self._tree
-        larger = _box_tree(self._wraps, 2 * len(old.pages) + _FEW, 2 * len(old.leaves) + _FEW)
-        for name, array in old._asdict().items():
-            getattr(larger, name)[: len(array)] = array
-        return larger
-
-
-def _box_tree(wraps: BoolArray, pages: int, leaves: int) -> kernel.BoxTree:
-    """Return a tree of boxes without nodes, with room for some."""
-    n, boxes, size = len(wraps), kernel.BOXES, kernel.SIZE
-    return kernel.BoxTree(
-        wraps, np.empty((2 * leaves, 4), np.intp), np.empty(2 * leaves),
-        np.empty((pages, kernel.OWN + boxes), np.intp), np.empty((pages, 2 * n + 1, boxes), np.float32),
-        np.empty((leaves, kernel.OWN + size), np.intp), np.empty((leaves, n + 1, size), np.float32),
-        np.zeros(7, np.intp), np.zeros(1),
-    )  # fmt: skip
-
+from safe_ompl.planning.planners.nearest import NearestNode
 
 ROOT = -1
-Graph: TypeAlias = tuple[FloatArray, IntArray, IntArray, IntArray]
+Graph: TypeAlias = tuple[FloatArray, IntArray, IntArray, IntArray]  # vertices, edges, starts, goals
 
 
 def branch(parents: IntArray, node: int) -> list[int]:
@@ -73,10 +25,6 @@ def branch(parents: IntArray, node: int) -> list[int]:
     return nodes[::-1]
 
 
-_LARGE = 64  # nodes; easy problems are solved before a tree has more
-_IN_A_ROW = 8  # turns of a tree that lags before the other has one
-
-
 class Tree:
     """Configurations as rows of one array, each with the index of its parent.
 
@@ -86,7 +34,7 @@ class Tree:
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, *, from_start: bool = True) -> None:
-        self.from_start, self._bridge, self._cost = from_start, bridge, cost
+        self.from_start, self._cost = from_start, cost
         self._rows: FloatArray = np.empty((64, bridge.n))
         self._parents: IntArray = np.empty(64, dtype=np.intp)
         self._costs: FloatArray = np.full(64, np.nan)  # NaN: not evaluated yet
@@ -136,7 +84,9 @@ class Tree:
     def add(self, q: FloatArray, parent: int = ROOT, cost: float = np.nan, gradient: FloatArray | None = None) -> int:
         """Append the configuration `q: (n,)`, with what is known of its cost, and return its index."""
         if self._size == len(self._rows):
-            self._grow()
+            self._rows = np.resize(self._rows, (2 * self._size, self._rows.shape[1]))
+            self._parents = np.resize(self._parents, 2 * self._size)
+            self._costs = np.concatenate([self._costs, np.full_like(self._costs, np.nan)])
         self._rows[self._size] = q
         self._parents[self._size] = parent
         self.trapped.discard(parent)
@@ -154,12 +104,6 @@ class Tree:
         """Return configurations and parents."""
         return self.configurations, self.parents
 
-    def distances(self, q: FloatArray) -> FloatArray:
-        """Return ρ (N,) from every node to `q: (n,)` [rad or m]."""
-        delta = self._bridge.difference(self.configurations, q)
-        distances: FloatArray = np.sqrt(np.einsum("ij,ij->i", delta, delta))
-        return distances
-
     def best(self, q: FloatArray, alpha: float) -> int:
         """Return argmin of ρ(node, q) + α·cost(node); the nearest node for α = 0."""
         if alpha:
@@ -173,12 +117,6 @@ class Tree:
     def branch(self, node: int) -> FloatArray:
         """Return the configurations (k, n) from the root to `node`."""
         return self.configurations[branch(self._parents, node)]
-
-    def _grow(self) -> None:
-        capacity = 2 * len(self._rows)
-        self._rows = np.resize(self._rows, (capacity, self._bridge.n))
-        self._parents = np.resize(self._parents, capacity)
-        self._costs = np.concatenate([self._costs, np.full_like(self._costs, np.nan)])
 
 
 class SearchTree(Protocol):
@@ -220,8 +158,23 @@ class TwoTrees(Generic[AnyTree]):
         return len(self.goal) > 0
 
     def graph(self) -> Graph:
-        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
-        return two_trees(self.start.nodes(), self.goal.nodes())
+        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals.
+
+        A configuration of both trees, where they have met, is one vertex.
+        """
+        (there, parents), (back, followers) = self.start.nodes(), self.goal.nodes()
+        known = {q.tobytes(): k for k, q in enumerate(there)}
+        numbers = np.empty(len(back), dtype=np.intp)
+        new: list[int] = []
+        for k, q in enumerate(back):
+            numbers[k] = known.get(q.tobytes(), len(there) + len(new))
+            if numbers[k] >= len(there):
+                new.append(k)
+        forward, backward = np.flatnonzero(parents >= 0), np.flatnonzero(followers >= 0)
+        outwards = np.stack([parents[forward], forward], axis=1)
+        homewards = np.stack([numbers[backward], numbers[followers[backward]]], axis=1)
+        starts, goals = np.flatnonzero(parents < 0), np.unique(numbers[followers < 0])
+        return np.concatenate([there, back[new]]), np.concatenate([outwards, homewards]), starts, goals
 
 
 class Trees(TwoTrees[Tree]):
@@ -253,33 +206,6 @@ class Trees(TwoTrees[Tree]):
         """Return the cost that no path can avoid: of the cheapest start or the cheapest goal, whichever is dearer."""
         roots = (tree.costs[tree.parents == ROOT] for tree in (self.start, self.goal))
         return max(float(costs.min()) for costs in roots if len(costs))
-
-
-class TreeSchedule:
-    """Says which of two trees grows next: they alternate, but one that lags behind a large one has eight of nine turns.
-
-    A tree in a narrow place hardly grows, while the other fills the space outside, which helps little. The larger tree
-    keeps some of the turns: the smaller one may be enclosed, and more goals are taken as nodes are added.
-    """
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin anew."""
-        self._in_a_row = 1
-
-    def grows_again(self, tree: Tree, other: Tree) -> bool:
-        """Return whether the tree that had this turn has the next one, too."""
-        lags = len(other) > max(_LARGE, len(tree))
-        if lags and self._in_a_row < _IN_A_ROW:
-            self._in_a_row += 1
-            return True
-        self._in_a_row = 1
-        return False
-
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -322,27 +248,3 @@ def _new_state(data: Any, bridge: StateBridge, states: list[Any]) -> Any:
         states.append(bridge.space.allocState())
         if not data.vertexExists(ob.PlannerDataVertex(states[-1])):
             return states[-1]
-
-
-def two_trees(from_start: tuple[FloatArray, IntArray], from_goal: tuple[FloatArray, IntArray]) -> Graph:
-    """Return vertices, edges in the direction of driving, starts and goals of two trees, given by nodes and parents.
-
-    A configuration of both, where they have met, is one vertex.
-    """
-    (there, parents), (back, followers) = from_start, from_goal
-    known = {q.tobytes(): k for k, q in enumerate(there)}
-    numbers = np.empty(len(back), dtype=np.intp)
-    new: list[int] = []
-    for k, q in enumerate(back):
-        numbers[k] = known.get(q.tobytes(), len(there) + len(new))
-        if numbers[k] >= len(there):
-            new.append(k)
-    forward, backward = np.flatnonzero(parents >= 0), np.flatnonzero(followers >= 0)
-    edges = np.concatenate(
-        [
-            np.stack([parents[forward], forward], axis=1),
-            np.stack([numbers[backward], numbers[followers[backward]]], axis=1),
-        ]
-    )
-    starts, goals = np.flatnonzero(parents < 0), np.unique(numbers[followers < 0])
-    return np.concatenate([there, back[new]]), edges, starts, goals

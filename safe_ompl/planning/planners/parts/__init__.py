@@ -1,1 +1,0 @@
-"""Parts that planners hold: trees, roadmaps, the choice of nodes, motions that slide from danger."""

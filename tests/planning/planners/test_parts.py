@@ -1,0 +1,331 @@
+"""Parts that planners share: steps in kernels and composed; danger's weight, decay and threshold; the margin."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from safe_ompl import Box, CollisionChecker, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
+from safe_ompl.common import Counts
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import CertifiedMotionValidator, StateBridge, joint_space
+from safe_ompl.planning.planners import extend
+from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin, PlanningProblem
+from safe_ompl.planning.planners.tree import Trees
+from safe_ompl.robot import JointLimits, kernels
+from safe_ompl.scene import find_scenario
+
+PLANNERS = ["SafeRRTConnect", "ClassicRRTConnect"]
+
+# ---------------------------------------------------------------------------- a step in a kernel, and composed
+
+
+class AnyValidator(CertifiedMotionValidator):
+    """Not the class itself, so planners ask it by OMPL's states, as they ask a user's own."""
+
+    asked = 0
+
+    def checkMotion(self, *args):
+        self.asked += 1
+        return super().checkMotion(*args)
+
+
+def planned(setup, planner, seed):
+    """Return the path, and how many nodes it took."""
+    setup.prepare(planner, seed)
+    if planner == "SafeRRTConnect":
+        setup.getPlanner().setClearance(0.0)
+    before = setup.counts.copy()
+    assert setup.solve(30.0)
+    return setup.solution(), (setup.counts - before).nodes
+
+
+@pytest.fixture
+def taken(monkeypatch):
+    """Return the outcomes of all steps that a kernel took."""
+    outcomes, take_step = [], extend.take_step
+
+    def noted(*args):
+        found = take_step(*args)
+        outcomes.append(found[0])
+        return found
+
+    monkeypatch.setattr(extend, "take_step", noted)
+    return outcomes
+
+
+def wrapping_setup(robot, clutter):
+    setup = SafeSetup(robot, Scene(tuple(replace(obstacle, weight=1.0) for obstacle in clutter)))
+    rng = np.random.default_rng(3)
+    Q = [q for q in rng.uniform(robot.lower, robot.upper, (40, robot.n)) if not setup.checker.in_collision(q)]
+    setup.setConfigurations(Q[0], Q[1])
+    return setup
+
+
+@pytest.mark.parametrize("problem", ["planar2", "panda_shelf", "ur5_handover", "joints that wrap"])
+def test_paths_are_those_of_a_validator_of_ones_own(problem, kinova, clutter, taken):
+    wraps = problem == "joints that wrap"
+    setup = wrapping_setup(kinova, clutter) if wraps else setup_scenario(Scenario.load(find_scenario(problem)))
+    si = setup.getSpaceInformation()
+    asked = AnyValidator(si, setup.checker)
+    runs = [(planner, seed) for planner in PLANNERS for seed in range(3)]
+    at_once = [planned(setup, *run) for run in runs]
+    assert {extend.ADVANCED, extend.REACHED} <= set(taken)
+    taken.clear()
+    setup.validator = asked
+    si.setMotionValidator(asked)
+    for run, (path, nodes) in zip(runs, at_once, strict=True):
+        before = asked.asked
+        composed, as_many = planned(setup, *run)
+        assert nodes == as_many
+        assert asked.asked > before
+        assert np.array_equal(path, composed)
+    assert not taken, "no kernel is asked"
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "slider", "twin_arm"])
+def test_steps_and_descents_are_those_of_numpy(robot_named, name):
+    robot = robot_named(name)
+    bridge = StateBridge(joint_space(robot))
+    rng = np.random.default_rng(0)
+    for reach in rng.uniform(0.0, 0.5, 200):
+        q, target = bridge.between_bounds(rng.random((2, robot.n)))
+        delta, step = bridge.difference(q, target), np.empty((2, robot.n))
+        length = kernels.steer(q, target, bridge.circular, reach, step)
+        assert length == pytest.approx(np.linalg.norm(delta), rel=1e-14)
+        there = target if length <= reach else q + (reach / length) * delta
+        assert np.array_equal(step, [there, delta / length])
+        slope = rng.normal(size=robot.n) * 10.0 ** rng.uniform(-2, 2)
+        sideways = slope - (slope @ step[1]) * step[1]
+        steepness = np.linalg.norm(sideways)
+        moved = bridge.inside(step[0] - reach * min(1.0, steepness) / steepness * sideways)
+        assert kernels.descend(step, slope, reach, bridge.lower, bridge.upper, bridge.circular)
+        np.testing.assert_allclose(step[1], moved, rtol=0, atol=1e-13)
+    along = np.array([q, delta / length])
+    assert not kernels.descend(along, np.zeros(robot.n), 0.1, bridge.lower, bridge.upper, bridge.circular)
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm", "parallel", "gripper"])
+def test_an_edge_is_laid_as_its_parts_say(robot_named, name):
+    robot = robot_named(name)
+    limits, rng = JointLimits(robot), np.random.default_rng(0)
+    spread = 0.1 * (robot.upper - robot.lower)
+    within = 0
+    for _ in range(200):
+        start, end = rng.uniform(robot.lower - 0.1 * spread, robot.upper + 0.1 * spread, (2, robot.n))
+        edge = np.full((2, len(robot.coupling.offsets)), np.nan)
+        found = limits.lay_edge(start, end, edge)
+        assert found == (limits.hold(start) and limits.hold(end))
+        if found:
+            within += 1
+            delta = robot.difference(start, end)
+            assert np.array_equal(edge, [robot.coupling.values(start), robot.coupling.motions(delta)])
+    assert within > 20
+    assert not limits.lay_edge(np.full(robot.n, np.nan), end, edge)
+    narrow = limits.within(robot.lower + spread, robot.upper - spread)
+    middle = (robot.lower + robot.upper) / 2
+    assert narrow.lay_edge(middle, middle, edge)
+    assert not narrow.lay_edge(middle, robot.upper, edge) or robot.continuous.all()
+
+
+def test_what_is_suspected_changes_no_proof(panda, clutter):
+    """Pairs that blocked motions before are looked at first; another checker, which knows none, decides alike."""
+    checker = CollisionChecker(panda, clutter)
+    required = np.zeros(len(checker.pairs.names)) + 1e-5
+    rng = np.random.default_rng(0)
+    blocked = 0
+    for _ in range(60):
+        start = rng.uniform(panda.lower, panda.upper)
+        way = 0.5 * rng.normal(size=panda.n)
+        found = checker.pairs.bounds.prove((start, way), required, None, 5e-6)
+        fresh = CollisionChecker(panda, clutter).pairs.bounds.prove((start, way), required, None, 5e-6)
+        assert found.proven == fresh.proven
+        assert found.blocked >= fresh.blocked
+        if found.blocked:
+            blocked += 1
+            assert checker.touches(start + found.at * way)
+    assert blocked > 10
+
+
+def test_motions_are_free_that_the_motion_validator_calls_free(ur5):
+    scene = Scene((Obstacle("box", Box((0.3, 0.3, 0.6)), Pose((0.45, 0.0, 0.3))),))
+    si = SafeSetup(ur5, scene).getSpaceInformation()
+    bounds = si.getStateSpace().getBounds()
+    bounds.setHigh(0, 1.0)  # narrower than the robot's own
+    si.getStateSpace().setBounds(bounds)
+    task, rng = PlanningProblem(si), np.random.default_rng(0)
+    bridge, verdicts = task.bridge, []
+    for _ in range(100):
+        start = rng.uniform(ur5.lower, ur5.upper)
+        end = start + rng.uniform(-0.5, 0.5, ur5.n)
+        states = [si.allocState(), si.allocState()]
+        for q, state in zip((start, end), states, strict=True):
+            bridge.write(q, state)
+        verdicts.append(task.motion_is_free(start, end))
+        assert verdicts[-1] == si.checkMotion(*states)
+    assert 10 < sum(verdicts) < 90
+
+
+# ------------------------------------------------------------------------------------------------------ danger
+
+
+@pytest.fixture
+def danger(plane):
+    return DangerWeight(plane)
+
+
+def test_the_weight_is_relative_to_the_usual_slope(plane, danger):
+    for alpha, scale, weight in ((2.0, 1.0, 2.0), (2.0, 0.5, 1.0), (0.0, 1.0, 0.0)):
+        danger.alpha, danger.scale = alpha, scale
+        assert danger.weight == weight / plane.slope
+
+
+@pytest.mark.parametrize("half_life", [0, 20])
+def test_danger_fades_to_half_and_to_next_to_nothing_or_turn_by_turn(danger, half_life):
+    decay, rng = DangerDecay(danger), np.random.default_rng(1)
+    decay.half_life = half_life
+
+    def scales(turn, *args):
+        decay.reset()
+        return [(turn(*args), danger.scale)[1] for _ in range(200)]
+
+    faded, chosen = scales(decay.fade), scales(decay.turn, rng)
+    if not half_life:
+        assert {*faded, *chosen} == {1.0}
+        return
+    assert [faded[k] for k in (0, 20, 60)] == pytest.approx([1.0, 1 / 2, 1 / 82])
+    assert set(chosen) == {0.0, 1.0}
+    assert np.mean(chosen[:10]) > 0.8
+    assert np.mean(chosen[80:]) < 0.1
+
+
+def test_the_threshold_begins_with_the_danger_of_the_ends_and_rises_after_eight_refusals(plane, danger):
+    threshold, trees = AdaptiveThreshold(danger), Trees(plane.bridge, plane.cost, Counts())
+    trees.add_start(np.array([-0.8, 0.0]))
+    trees.add_goal(np.array([0.5, 0.0]))
+    forced = float(trees.goal.costs[0])
+    assert threshold.tolerates(2 * forced, trees.start, 0, trees), "there is none"
+    threshold.rise = 0.1
+    assert threshold.tolerates(forced, trees.start, 0, trees)
+    for _ in range(8):
+        assert threshold.level == forced
+        assert not threshold.tolerates(1.05 * forced, trees.start, 0, trees)
+    assert threshold.level == pytest.approx(1.1 * forced)
+    assert threshold.tolerates(1.05 * forced, trees.start, 0, trees)
+
+
+@pytest.mark.parametrize("dangerous", [0, 10])
+def test_the_danger_of_blocked_steps_is_spared_where_danger_refuses_little(
+    shelf, shelf_problem, dangerous, monkeypatch
+):
+    danger = DangerWeight(shelf_problem)
+    descent, threshold = extend.TangentialDescent(shelf_problem.bridge, danger), AdaptiveThreshold(danger)
+    descent.share, threshold.rise, threshold.level = 0.8, 0.05, float("inf")
+    monkeypatch.setattr(PlanningProblem, "motion_prover", None)  # so that steps are composed
+    monkeypatch.setattr(PlanningProblem, "motion_is_free", lambda *args: False)
+    step = extend.SafeStep(shelf_problem, danger, descent, threshold, Margin(shelf_problem, danger))
+    trees = Trees(shelf_problem.bridge, shelf_problem.cost, Counts())
+    trees.add_start(np.array(shelf.problem.start))
+    trees.blocked, trees.dangerous = 10, dangerous
+    trees.start.gradient(0)  # so that it is known
+    assert danger.weight > 0
+    before = shelf.counts.copy()
+    outcome, _ = step.extend(trees, trees.start, 0, shelf_problem.bridge.upper, 0.5)
+    assert outcome is extend.Extension.TRAPPED
+    assert ((shelf.counts - before).field_configurations > 0) == (dangerous > 0)
+    assert trees.blocked > 10
+
+
+# ------------------------------------------------------------------------------------------------------- margin
+
+
+@pytest.fixture
+def ends(shelf):
+    return [np.array(shelf.problem.start)[None], np.array(shelf.problem.goals[:1])]
+
+
+@pytest.fixture
+def shelf_danger(shelf_problem):
+    return DangerWeight(shelf_problem)
+
+
+@pytest.fixture
+def margin(shelf_problem, shelf_danger):
+    return Margin(shelf_problem, shelf_danger)
+
+
+def test_the_margin_begins_with_what_start_and_goal_keep(shelf, margin, shelf_danger, ends):
+    margin.begin_between(ends)
+    assert margin.level is None, "its largest value is 0"
+    kept = min(shelf.checker.clearance(q).distance for Q in ends for q in Q)
+    margin.largest = 1.0
+    margin.begin_between(ends)
+    level = margin.level
+    assert 0.8 < level / (0.8 * kept) <= 1.0 + 1e-3
+    margin.largest = 0.01
+    margin.begin_between(ends)
+    assert margin.level == level, "once"
+    margin.reset()
+    before = shelf.counts.copy()
+    margin.begin_between(ends)
+    assert margin.level == 0.01
+    assert (shelf.counts - before).queries == 0, "clearances are known"
+    margin.reset()
+    shelf_danger.alpha = 0.0
+    margin.begin_between(ends)
+    assert margin.level is None, "danger does not count"
+
+
+def test_the_margin_follows_obstacles_that_move():
+    setup = SafeSetup(
+        Robot.from_example("ur5"),
+        Scene((Obstacle("box", Box((0.1, 0.1, 0.4)), Pose((0.45, 0.0, 0.3)), weight=1.0),)),
+        movable=("box",),
+    )
+    problem = PlanningProblem(setup.getSpaceInformation())
+    problem.take(setup.getProblemDefinition().getOptimizationObjective(), None)
+    margin, q = Margin(problem, DangerWeight(problem)), np.array([2.0, -1.6, 1.2, -1.2, -1.57, 0.0])
+    margin.largest = 0.05
+    margin.begin_between([q[None]])
+    assert margin.level == 0.05
+    tip = setup.robot.tip_pose(q).translation
+    setup.checker.move(setup.checker.scene.moved({"box": Pose(tuple(tip.tolist()))}))
+    margin.reset()
+    margin.begin_between([q[None]])
+    assert margin.level == 0.0
+
+
+def test_the_margin_falls_with_the_refusals_while_danger_has_weight(margin, shelf_danger, ends):
+    q = ends[0][0]
+    outside = q + 10.0  # no motion there is free
+    margin.level = 0.02
+    levels = [margin.level]
+    for _ in range(200):
+        assert not margin.motion_is_free(q, outside)
+        levels.append(margin.level)
+    assert levels[11] == 0.02
+    assert levels[12] == pytest.approx(0.012)
+    assert levels[-1] == 0.0
+    assert min(level for level in levels if level) >= 5e-4
+    margin.level = 10.0  # nothing keeps that
+    assert not margin.motion_is_free(q, q + 1e-6)
+    shelf_danger.scale = 0.0
+    assert margin.motion_is_free(q, q + 1e-6)
+
+
+def test_a_motion_keeps_its_margin_or_is_refused_for_it(shelf):
+    motion = shelf.getSpaceInformation().getMotionValidator().motion
+    rng, robot = np.random.default_rng(0), shelf.robot
+    found = {True: 0, False: 0}
+    while sum(found.values()) < 60:
+        start = rng.uniform(robot.lower, robot.upper)
+        end = start + rng.normal(0.0, 0.1, robot.n)
+        if not motion.is_free(start, end):
+            assert not motion.is_free(start, end, 0.05)
+            continue
+        free = motion.is_free(start, end, 0.05)
+        samples = (start + t * (end - start) for t in np.linspace(0.0, 1.0, 30))
+        least = min(shelf.checker.clearance(q).distance for q in samples)
+        found[free] += 1
+        assert least >= 0.05 - 1e-6 if free else least < 0.055
+    assert min(found.values()) > 5

@@ -1,0 +1,305 @@
+"""What every planner of the package promises, whatever its algorithm."""
+
+import gc
+import multiprocessing
+import pickle
+import resource
+import threading
+import weakref
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from safe_ompl import SafeRRTConnect, SafeSetup, Scenario, make_planner, planner_data, planner_names
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import is_ours, needs_place
+from safe_ompl.planning.planners.problem import Margin
+from safe_ompl.scene import find_scenario
+
+OURS = [name for name in planner_names() if is_ours(name)]
+SAFE = [name for name in OURS if not name.startswith("Classic")]
+MOTION = np.array([0.4, 0.2, -0.15])  # short enough for every planner to find in no time
+LARGE = 10.0  # [m]; no motion of an arm keeps so much from a floor
+
+
+def load(name="planar3"):
+    return Scenario.load(find_scenario(name))
+
+
+def ask(setup, planner, start):
+    """Ask for a short motion, as the planner's goals are."""
+    if needs_place(planner):
+        setup.setStartConfiguration(start)
+        setup.setWorkspaceGoal(setup.robot.tip_pose(start + MOTION).translation)
+    else:
+        setup.setConfigurations(start, start + MOTION)
+
+
+def build(planner, scenario=None):
+    scenario = scenario or load()
+    setup = SafeSetup(scenario.build_robot(), scenario.scene)
+    ask(setup, planner, scenario.start_configuration(setup.robot))
+    return setup
+
+
+def with_planner(name):
+    setup = build(name)
+    planner = make_planner(name, setup.getSpaceInformation())
+    planner.setSeed(0)
+    setup.setPlanner(planner)
+    return setup, planner
+
+
+def solved(setup):
+    assert setup.solve(10.0).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
+    path = setup.solution()
+    assert setup.report(path).certified
+    return path
+
+
+def rows(planner):
+    return {q.tobytes() for q in planner.plannerGraph().configurations}
+
+
+def path_of(planner, seed, scenario=None):
+    return build(planner, scenario).plan(planner, time=20.0, seed=seed).path
+
+
+# ------------------------------------------------------------------------------------------------ paths and life
+
+
+@pytest.mark.parametrize("planner", OURS)
+def test_finds_a_proven_path_from_start_to_goal_the_same_for_the_same_seed(planar3, scenario, planner):
+    result, _, again = (planar3.plan(planner, time=20.0, seed=seed) for seed in (5, 6, 5))
+    assert result.report.certified
+    np.testing.assert_array_equal(result.path, again.path)
+    np.testing.assert_array_equal(result.path[0], scenario.start_configuration(planar3.robot))
+    if needs_place(planner):
+        tip = planar3.robot.tip_pose(result.path[-1]).translation
+        assert np.linalg.norm(tip - scenario.goal.position) <= scenario.goal.tolerance
+    else:
+        np.testing.assert_array_equal(result.path[-1], scenario.goal_configurations(planar3.robot)[0])
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_solving_again_goes_on_clearing_forgets_and_other_problems_are_taken(name):
+    setup, planner = with_planner(name)
+    solved(setup)
+    before = rows(planner)
+    solved(setup)
+    assert before <= rows(planner)
+    planner.clearQuery()
+    setup.getProblemDefinition().clearSolutionPaths()
+    solved(setup)
+    setup.clear()
+    assert not setup.haveSolutionPath()
+    assert rows(planner) == set()
+    assert planner.counts.nodes == 0
+    solved(setup)
+    setup.clear()
+    start = load().start_configuration(setup.robot) + np.array([0.05, 0.05, 0.0])
+    ask(setup, name, start)
+    path = solved(setup)
+    np.testing.assert_array_equal(path[0], start)
+    if not needs_place(name):
+        np.testing.assert_array_equal(path[-1], start + MOTION)
+
+
+@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("first", ["planner", "setup"])
+def test_any_order_of_ends(name, first):
+    setup, planner = with_planner(name)
+    path = solved(setup)
+    if first == "planner":
+        del planner
+        gc.collect()
+        solved(setup)
+        del setup
+    else:
+        del setup
+        gc.collect()
+        assert len(planner.plannerGraph().configurations)
+        planner.clear()
+        del planner
+    gc.collect()
+    assert len(path) >= 2
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name):
+    planner = make_planner(name, build(name).getSpaceInformation())
+    part = weakref.ref(planner.counts)
+    gc.disable()
+    try:
+        del planner
+        assert part() is None
+    finally:
+        gc.enable()
+
+
+# ------------------------------------------------------------------------ the same seed, the same path, wherever
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_in_any_order_in_two_setups_at_once_and_from_a_problem_that_was_pickled(name):
+    one, other = build(name), build(name, pickle.loads(pickle.dumps(load())))
+    first = [setup.plan(name, time=20.0, seed=seed).path for setup, seed in ((one, 1), (other, 2), (one, 3))]
+    again = [setup.plan(name, time=20.0, seed=seed).path for setup, seed in ((other, 3), (one, 2), (other, 1))]
+    for path, same in zip(first, again[::-1], strict=True):
+        np.testing.assert_array_equal(path, same)
+
+
+@pytest.mark.parametrize("name", SAFE)
+def test_in_threads(name):
+    expected = [path_of(name, seed) for seed in (1, 2)]
+    found = {}
+
+    def work(seed):
+        found[seed] = path_of(name, seed)
+
+    threads = [threading.Thread(target=work, args=(seed,)) for seed in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    for seed, path in zip((1, 2), expected, strict=True):
+        np.testing.assert_array_equal(found[seed], path)
+
+
+def send_path(pipe, planner, seed, before):
+    """Send a path, after distances were asked for in a scenario, if one is named."""
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    if before:
+        setup_scenario(load(before)).checker.pair_distances([0.3, 0.2])
+    pipe.send(path_of(planner, seed))
+
+
+def path_in_process(method, *args):
+    context = multiprocessing.get_context(method)
+    ours, theirs = context.Pipe()
+    process = context.Process(target=send_path, args=(theirs, *args))
+    process.start()
+    theirs.close()
+    path = ours.recv()
+    process.join(60)
+    assert process.exitcode == 0
+    return path
+
+
+@pytest.mark.parametrize("name", SAFE)
+def test_in_a_process_that_is_forked(name):
+    np.testing.assert_array_equal(path_in_process("fork", name, 4, ""), path_of(name, 4))
+
+
+def test_in_a_process_that_is_spawned_whatever_was_asked_before():
+    path = path_in_process("spawn", "BubblePlanner", 4, "planar2")
+    np.testing.assert_array_equal(path, path_of("BubblePlanner", 4))
+
+
+# ----------------------------------------------------------------------------------------- what cannot be solved
+
+
+@pytest.mark.parametrize("planner", OURS)
+def test_behind_a_wall_time_is_up_and_memory_stays_bounded(arm_between_walls, planner):
+    setup = arm_between_walls
+    if needs_place(planner):
+        setup = SafeSetup(setup.robot, setup.scene, danger=None)
+        setup.setStartConfiguration([0.0, 0.0])
+        setup.setWorkspaceGoal(setup.robot.tip_pose(np.array([3.0, 0.0])).translation)
+    setup.plan(planner, time=0.05)  # loads kernels
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    result = setup.plan(planner, time=0.25)
+    assert not result
+    assert result.status == "Timeout"
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50 * 1024
+
+
+# ------------------------------------------------------------------------------------------- what has been built
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_the_graph_its_danger_and_its_edges_also_as_ompls_data(planar3, name):
+    path = planar3.plan(name, time=20.0, seed=1).path
+    graph = planar3.getPlanner().plannerGraph()
+    np.testing.assert_allclose(graph.costs, planar3.field.values(graph.configurations), rtol=1e-12)
+    np.testing.assert_array_equal(graph.configurations[graph.starts], path[:1])
+    np.testing.assert_array_equal(graph.configurations[graph.goals], path[-1:])
+    some = np.linspace(0, len(graph.edges) - 1, 50).astype(int)
+    for (start, end), length in zip(graph.configurations[graph.edges[some]], graph.lengths[some], strict=True):
+        report = planar3.report([start, end])
+        assert report.certified
+        assert length == pytest.approx(report.length)
+    if "RRTConnect" in name:
+        edges = {tuple(map(bytes, ends)) for ends in graph.configurations[graph.edges]}
+        assert {(bytes(start), bytes(end)) for start, end in pairwise(path)} <= edges
+    data = ob.PlannerData(planar3.getSpaceInformation())
+    for _ in range(2):  # filling it anew forgets what was there
+        planar3.getPlannerData(data)
+    planar3.getPlanner().clear()  # the data keeps its own copies
+    assert (data.numVertices(), data.numEdges()) == (len(graph.configurations), len(graph.edges))
+    assert {data.getStartIndex(k) for k in range(data.numStartVertices())} == {*graph.starts.tolist()}
+    assert {data.getGoalIndex(k) for k in range(data.numGoalVertices())} == {*graph.goals.tolist()}
+    for k, q in enumerate(graph.configurations):
+        assert data.getVertex(k).getState()[0 : len(q)] == q.tolist()
+    assert all(data.edgeExists(start, end) for start, end in graph.edges.tolist())
+    assert data.printGraphML().count("<node") == len(graph.configurations)
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_nothing_built_yet(planar3, name):
+    planner = make_planner(name, planar3.getSpaceInformation())
+    graph = planner.plannerGraph()
+    assert (len(graph.configurations), len(graph.edges), len(graph.starts), len(graph.goals)) == (0, 0, 0, 0)
+    assert planner_data(planner).numVertices() == 0
+
+
+def test_where_ompl_asks_in_vain_one_warning_says_so(planar3, caplog):
+    planner = SafeRRTConnect(planar3.getSpaceInformation())
+    plain = og.SimpleSetup(planar3.getSpaceInformation())
+    plain.setPlanner(planner)
+    planner_data(planner)  # also before there is anything
+    planar3.setPlanner(planner)
+    planar3.getPlannerData(ob.PlannerData(planar3.getSpaceInformation()))
+    assert not caplog.records, "these fill it"
+    for _ in range(2):
+        data = ob.PlannerData(planar3.getSpaceInformation())
+        plain.getPlannerData(data)
+        assert data.numVertices() == 0
+    planner.getPlannerData(data)
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "safe_ompl.planner_data(planner)" in caplog.text
+
+
+# --------------------------------------------------------------------------- clearance of all obstacles, and danger
+
+
+@pytest.mark.parametrize("name", SAFE)
+def test_clearance_keeps_paths_from_obstacles_that_nobody_calls_dangerous(shelf, name):
+    def least_clearance(clearance):
+        runs = [
+            shelf.plan(name, time=30.0, seed=seed, parameters={"clearance": clearance})
+            for seed in range(1 if name == "BubblePlanner" else 5)
+        ]
+        return float(np.median([run.report.clearance.min for run in runs]))
+
+    within = least_clearance(0.05)
+    assert within > 0.03
+    assert within > least_clearance(0.0)
+
+
+@pytest.mark.parametrize("name", SAFE)
+def test_clearance_costs_no_solution_where_no_motion_keeps_it(shelf, name, monkeypatch):
+    """The floor is nearer than the margin wherever the arm is, and the margin is not cut to what the ends keep."""
+    monkeypatch.setattr(Margin, "_allowed_by", lambda self, ends: LARGE)
+    assert shelf.plan(name, time=60.0, seed=0)
+
+
+@pytest.mark.parametrize("name", [name for name in OURS if name not in SAFE])
+def test_classical_planners_look_at_neither_clearance_nor_danger(shelf, name):
+    results = [shelf.plan(name, time=30.0, seed=0, parameters={"clearance": c}) for c in (LARGE, 0.0)]
+    np.testing.assert_array_equal(*(result.path for result in results))
+    assert all(result.counts.field_configurations == 0 for result in results)

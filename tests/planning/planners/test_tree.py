@@ -1,0 +1,174 @@
+"""Trees of configurations: nodes, costs, branches; two that meet; and the nearest node."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from ompl import base as ob
+
+from safe_ompl.planning.ompl import StateBridge, StateCost
+from safe_ompl.planning.planners import NearestNode
+from safe_ompl.planning.planners.tree import Tree, TwoTrees
+
+
+class Height(ob.OptimizationObjective):
+    """Cost of a state: its second coordinate squared; counts what it is asked."""
+
+    def __init__(self, si):
+        super().__init__(si)
+        self.batches = []
+
+    def values(self, Q):
+        self.batches.append(len(Q))
+        return Q[:, 1] ** 2
+
+    def values_and_gradients(self, Q):
+        return self.values(Q), np.stack([0 * Q[:, 0], 2 * Q[:, 1]], axis=1)
+
+
+@pytest.fixture
+def bridge():
+    space = ob.RealVectorStateSpace(2)
+    space.setBounds(-10, 10)
+    return StateBridge(space)
+
+
+@pytest.fixture
+def height(bridge):
+    return Height(ob.SpaceInformation(bridge.space))
+
+
+@pytest.fixture
+def tree(bridge, height):
+    tree = Tree(bridge, StateCost(height, bridge))
+    root = tree.add(np.array([0.0, 0.0]))
+    middle = tree.add(np.array([1.0, 0.0]), root)
+    tree.add(np.array([2.0, 3.0]), middle)
+    return tree
+
+
+def test_a_node_is_a_copy_and_a_branch_runs_from_its_root(tree):
+    q = np.array([5.0, 5.0])
+    other_root = tree.add(q)
+    q[:] = 0
+    np.testing.assert_array_equal(tree.branch(2), [[0, 0], [1, 0], [2, 3]])
+    np.testing.assert_array_equal(tree.branch(0), [[0, 0]])
+    np.testing.assert_array_equal(tree.branch(tree.add(np.array([6.0, 5.0]), other_root)), [[5, 5], [6, 5]])
+
+
+def test_the_best_node_weighs_distance_and_danger(tree, height):
+    q = np.array([2.0, 2.0])  # at distances √8, √5 and 1; costs 0, 0, 9
+    assert tree.best(q, 0.0) == 2
+    assert height.batches == [], "costs are not even looked at"
+    assert tree.best(q, 0.1) == 2  # 1 + 0.9 < √5
+    assert tree.best(q, 0.2) == 1  # 1 + 1.8 > √5
+
+
+def test_costs_are_evaluated_once_in_batches_or_with_a_gradient(tree, height):
+    for _ in range(2):
+        np.testing.assert_array_equal(tree.gradient(2), [0, 6])
+        np.testing.assert_array_equal(tree.costs, [0, 0, 9])
+    tree.add(np.array([0.0, 2.0]), 0)
+    tree.add(np.array([0.0, 4.0]), 0)
+    np.testing.assert_array_equal(tree.costs, [0, 0, 9, 4, 16])
+    assert height.batches == [1, 2, 2]
+
+
+def test_growth_keeps_everything(bridge, height, rng):
+    tree = Tree(bridge, StateCost(height, bridge))
+    nodes = rng.uniform(-10, 10, (1000, 2))
+    for k, q in enumerate(nodes):
+        assert tree.add(q, k - 1) == k
+        if k % 50 == 49:
+            np.testing.assert_allclose(tree.costs, nodes[: k + 1, 1] ** 2)
+    np.testing.assert_array_equal(tree.configurations, nodes)
+    np.testing.assert_array_equal(tree.branch(999), nodes)
+
+
+def test_two_trees_that_meet_share_a_vertex(bridge):
+    trees = TwoTrees(*(Tree(bridge, StateCost(None, bridge)) for _ in range(2)))
+    for tree, places in ((trees.start, (0.0, 1.0)), (trees.goal, (3.0, 2.0, 1.0))):
+        for k, x in enumerate(places):
+            tree.add(np.array([x, 0.0]), k - 1)
+    vertices, edges, starts, goals = trees.graph()
+    np.testing.assert_array_equal(vertices[:, 0], [0.0, 1.0, 3.0, 2.0])
+    np.testing.assert_array_equal(edges, [[0, 1], [3, 2], [1, 3]])
+    assert (starts.tolist(), goals.tolist()) == ([0], [2])
+
+
+# ------------------------------------------------------------------------------------------------- the nearest node
+
+
+def plainly(rows, q, wraps=False, alpha=0.0, costs=0.0):
+    delta = rows - q
+    delta = np.where(wraps, delta - 2 * np.pi * np.round(delta / (2 * np.pi)), delta)
+    return int((np.sqrt((delta * delta).sum(axis=1)) + alpha * costs).argmin())
+
+
+def nodes(rng, number, n):
+    """Return nodes as planners make them: strings of steps, each from some node before."""
+    rows = rng.uniform(-3, 3, (number, n))
+    for k in range(1, number):
+        if rng.random() < 0.8:
+            rows[k] = rows[rng.integers(k)] + 0.1 * rng.normal(size=n)
+    return rows
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 8), alpha=st.sampled_from([0.0, 0.3, 5.0]))
+def test_the_same_node_as_by_looking_at_all(seed, n, alpha):
+    rng = np.random.default_rng(seed)
+    rows, wraps, costs = nodes(rng, 1500, n), rng.random(n) < 0.4, rng.uniform(size=1500)
+    search, size = NearestNode(wraps), 0
+    while size < len(rows):
+        size = min(len(rows), size + int(rng.integers(1, 300)))
+        for q in rng.uniform(-3.5, 3.5, (5, n)):
+            for weight in (alpha, 0.0):
+                found = search.find(rows[:size], q, weight, costs[:size] if weight else np.empty(0))
+                assert found == plainly(rows[:size], q, wraps, weight, costs[:size])
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_many_nodes(rng, wraps):
+    rows, costs = nodes(rng, 30_000, 3), rng.uniform(size=30_000)
+    search = NearestNode(np.full(3, wraps))
+    for number in (*range(500, 2000, 7), 5000, 30_000):
+        q, some = rng.uniform(-3.5, 3.5, 3), costs[:number]
+        assert search.find(rows[:number], q) == plainly(rows[:number], q, wraps)
+        assert search.find(rows[:number], q, 0.5, some) == plainly(rows[:number], q, wraps, 0.5, some)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 1e-13, 1.0])
+def test_of_equal_ones_the_first_also_where_all_are_at_one_place(rng, alpha):
+    grid = rng.integers(-2, 3, (3000, 2)).astype(float)
+    heaps = np.repeat(rng.normal(size=(3, 2)), 1000, axis=0)
+    heaps[1000:2000] += 1e-16 * rng.normal(size=(1000, 2))
+    for rows in (grid, heaps):
+        search, costs = NearestNode(np.zeros(2, dtype=bool)), rng.integers(5, size=3000).astype(float)
+        for q in (*rows[::250], *rng.normal(size=(20, 2)), *rng.integers(-2, 3, (20, 2)).astype(float)):
+            assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
+
+
+def test_places_that_wrap_are_near_across_the_seam():
+    rows = np.linspace(-3.1, 3.0, 1000)[:, None].copy()
+    search = NearestNode(np.array([True]))
+    assert search.find(rows, np.array([3.1])) == 0  # 0.08 across the seam, 0.1 on this side
+    assert search.find(rows, np.array([3.1 - 2 * np.pi])) == 0
+    assert search.find(rows, np.array([3.02])) == 999
+
+
+def test_nodes_without_a_finite_cost_come_last(rng):
+    rows, costs = rng.normal(size=(1000, 2)), np.full(1000, np.inf)
+    costs[[3, 700]] = 1.0, np.nan
+    for number in (100, 1000):
+        for some, best in ((costs[:number], 3), (np.full(number, np.inf), 0)):
+            assert NearestNode(np.zeros(2, dtype=bool)).find(rows[:number], rows[50], 0.5, some) == best
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e6, 1e14, 1e100])
+def test_coordinates_and_costs_of_any_size(rng, scale):
+    rows, costs = scale * (3.0 + nodes(rng, 1500, 3)), scale * rng.normal(size=1500)
+    search = NearestNode(np.zeros(3, dtype=bool))
+    for q in scale * (3.0 + rng.uniform(-3.5, 3.5, (50, 3))):
+        for alpha in (0.0, 1.0):
+            assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
