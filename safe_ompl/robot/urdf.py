@@ -48,15 +48,19 @@ class PackageFolders:
 
     def find(self, mesh: str) -> Path | None:
         """Return the file of a mesh by its name in the URDF, or None if there is none."""
-        packaged, name = mesh.startswith(_PACKAGE), re.sub("^(package|file)://", "", mesh)
+        return next((place for place in self._places_of(mesh) if place.is_file()), None)
+
+    def _places_of(self, mesh: str) -> Iterator[Path]:
+        name = re.sub("^(package|file)://", "", mesh)
+        if not mesh.startswith(_PACKAGE):
+            yield from (folder / name for folder in (self._urdf.parent, *self._given))
+            return
+        yield from (folder / name.lstrip("/") for folder in (*self._given, *self._urdf.parents))
         package, _, file = name.partition("/")
-        if not packaged:
-            places = [folder / name for folder in (self._urdf.parent, *self._given)]
-        else:
-            places = [folder / name.lstrip("/") for folder in (*self._given, *self._urdf.parents)]
-            # Without a package it is a path, whole or below one of the folders.
-            places += [folder / file for folder in self.named(package)] if package else [Path(name)]
-        return next((place for place in places if place.is_file()), None)
+        if package:
+            yield from (folder / file for folder in self.named(package))
+        else:  # it is a path, whole or below one of the folders
+            yield Path(name)
 
     def named(self, package: str) -> list[Path]:
         """Return the folders of a package, the nearest first."""
