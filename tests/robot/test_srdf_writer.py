@@ -12,10 +12,10 @@ from safe_ompl.robot import UrdfFile, disabled_links, find_example, robots_folde
 
 def test_round_trip(data_folder, tmp_path, capsys):
     srdf = tmp_path / "twin.srdf"
-    assert main(["srdf", str(data_folder / "twin_arm.urdf"), "-o", str(srdf), "--samples", "200"]) == 0
+    assert main(["srdf", str(data_folder / "twin_arm.urdf"), "-o", str(srdf)]) == 0
     text = srdf.read_text()
-    assert "of 200 configurations" in text
-    assert "200 samples: 0 pairs of links always touch, 6 are adjacent" in capsys.readouterr().err
+    assert "of 1000 configurations" in text
+    assert "samples: 0 pairs of links always touch, 6 are adjacent" in capsys.readouterr().err
     with_srdf = Robot.from_urdf(data_folder / "twin_arm.urdf", srdf)
     assert self_pairs(with_srdf) == self_pairs(Robot.from_urdf(data_folder / "twin_arm.urdf"))
 
@@ -23,7 +23,7 @@ def test_round_trip(data_folder, tmp_path, capsys):
 def test_round_trip_of_a_robot_whose_links_always_touch(robot_named, tmp_path, capsys):
     name = "so101"
     urdf, srdf = robots_folder() / find_example(name).urdf, tmp_path / "found.srdf"
-    options = ["--package-dir", str(robots_folder().parents[1]), "--samples", "1000"]
+    options = ["--package-dir", str(robots_folder().parents[1])]
     assert main(["srdf", str(urdf), "-o", str(srdf), *options]) == 0
     reasons = [tag.get("reason") for tag in ElementTree.parse(srdf).iter("disable_collisions")]
     assert "Adjacent" in reasons
@@ -40,7 +40,7 @@ def test_links_that_always_touch(edited):
 
 
 def test_to_standard_output(data_folder, capsys):
-    assert main(["srdf", str(data_folder / "gripper_arm.urdf"), "--samples", "50"]) == 0
+    assert main(["srdf", str(data_folder / "gripper_arm.urdf")]) == 0
     root = ElementTree.fromstring(capsys.readouterr().out)
     assert root.get("name") == "gripper_arm"
     assert np.all([tag.get("link1") for tag in root])
