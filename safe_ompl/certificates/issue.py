@@ -59,7 +59,7 @@ class Claims(document.Section):
         That links keep a `distance` [m] from the `obstacles` named.
     moving_obstacles : mapping, optional
         That the path stays free, and keeps its clearance, whatever obstacles do that move no faster than their `speeds`
-        (by name [m/s]), until a `time` [s] after the moment of the scene: see `MotionProver.with_moving_obstacles`.
+        (by name [m/s]), until a `time` [s] after the moment of the scene: see `Separation`.
     tool : mapping, optional
         Limits of the tool: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle` [rad], a
         `position` with bounds of `x`, `y` and `z` [m]; either or both.

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from safe_ompl.collision.bubbles import BUBBLE_SHAPES, INSIDE, Bubble
     from safe_ompl.collision.checker import Clearance, CollisionChecker
     from safe_ompl.collision.distances import PairDistances, Proximity, Witnesses
-    from safe_ompl.collision.kernels import prove_curve
+    from safe_ompl.collision.kernels.proofs import prove_curve
     from safe_ompl.collision.motion import FLOOR, MotionLimit, MotionProver, MotionVerdict, Verdict
     from safe_ompl.collision.pairs import DistanceBounds, PairSet, edge_memory
     from safe_ompl.collision.self_filter import robot_points, without_robot

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
-from safe_ompl.collision.kernels import near_boxes
+from safe_ompl.collision.kernels.distances import near_boxes
 from safe_ompl.collision.tree_distances import TreeDistances
 from safe_ompl.common import Changes, FloatArray, IntArray, PerThread
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import kernels
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR, fresh_data
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.kernels.distances import hinge_costs
 from safe_ompl.collision.tree_distances import TreeDistances
 from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread, positive
 from safe_ompl.robot import Robot, plain
@@ -176,9 +176,9 @@ class Witnesses:
         like Σ vvᵀ (Gauss-Newton).
         """
         coupling = self.robot.coupling
-        joints, pairs = (self.robot.kinematics.joints, plain(coupling.values(Q))), (self.rows, self.joints)
-        found = kernels.hinge_costs(*joints, *pairs, self.points, self.normals, self.offsets, hinges)
-        costs, gradients, bends = found
+        joints, values = self.robot.kinematics.joints, plain(coupling.values(Q))
+        witnesses = self.rows, self.joints, self.points, self.normals, self.offsets
+        costs, gradients, bends = hinge_costs(joints, values, *witnesses, hinges)
         return costs, coupling.columns(gradients), coupling.columns(bends)
 
 

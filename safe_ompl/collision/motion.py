@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from math import ceil
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.pairs import BoundsProof, Curve, PairSet
+from safe_ompl.collision.pairs import BoundsProof, Curve
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
 from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, positive, shaped_configuration
 from safe_ompl.robot import JointLimits
@@ -82,7 +82,7 @@ class MotionProver:
     the centre of an interval of half-length s (a fraction of the edge) every pair keeps more than s·W_p, the
     whole interval is free: one boolean query. An interval that fails is divided in three, if its centre is free of
     contact; the middle one keeps the centre. (Halves would cost a sixth more.) Curves are proven alike (`check_curve`).
-    Before that, kernels prove most motions by bounds of distances, without a query (`collision/kernels.py`).
+    Before that, kernels prove most motions by bounds of distances, without a query (`kernels/proofs.py`).
 
     Motions that leave the robot's limits are refused: the pairs that are checked are those that may meet within them.
     Any number of threads may ask at the same time. Obstacles of the checker may move between two questions.
@@ -95,8 +95,7 @@ class MotionProver:
         [m] > 0 Give up on an interval in which the bodies move less than this: an edge with less clearance than
         about half the floor stays undecided.
     separation : Separation
-        What the robot must keep from obstacles of the scene. By default it must not touch them; see also `with_margin`,
-        `with_min_clearance` and `with_moving_obstacles`.
+        What the robot must keep from obstacles of the scene. By default it must not touch them.
     limits : sequence of MotionLimit
         What else must be proven of a motion that is free, such as a `DangerLimit`.
     stop : callable
@@ -162,44 +161,9 @@ class MotionProver:
     def __repr__(self) -> str:
         return f"MotionProver({self._checker!r}, floor={self._floor:g}, margin={self.margin:g})"
 
-    def with_margin(self, margin: float) -> MotionProver:
-        """Return the same that proves another margin [m] from every obstacle; 0: motions are free."""
-        return self.with_separation(replace(self._separation, margin=margin))
-
-    def with_min_clearance(
-        self, distance: float, obstacles: Sequence[str] | None = None, exempt: Sequence[tuple[str, str]] = ()
-    ) -> MotionProver:
-        """Return the same that proves another distance from chosen obstacles; arguments as `MinClearance.of`."""
-        wanted = self._separation.with_min_clearance(self._checker, distance, obstacles, exempt)
-        return self.with_separation(wanted)
-
-    def with_moving_obstacles(self, speeds: Mapping[str, float], time: float) -> MotionProver:
-        """Return the same that proves motions free among obstacles that move, whenever within a time they are driven.
-
-        At any instant an obstacle may have moved by speed·time: this holds for whole paths, whatever their timing.
-        `check_moving` is sharper where the timing of a motion is known.
-
-        Parameters
-        ----------
-        speeds : mapping of str to float
-            Bound of the speed [m/s] of the obstacles that move, by name; none: all stand still.
-        time : float
-            [s] from the moment of the scene to the end of the last motion.
-
-        Raises
-        ------
-        InputError
-            If the scene has no obstacle of such a name, or a speed or the time is negative or not finite.
-        """
-        return self.with_separation(replace(self._separation, speeds=speeds, time=time))
-
-    def with_checker(self, checker: CollisionChecker, separation: Separation) -> MotionProver:
-        """Return the same that asks another checker of the same robot, and proves a separation; errors as the class."""
-        return MotionProver(checker, self._floor, separation=separation, limits=self._limits, stop=self._stop)
-
     def with_separation(self, separation: Separation) -> MotionProver:
-        """Return the same that proves another separation."""
-        return self.with_checker(self._checker, separation)
+        """Return the same that proves another separation; errors as the class."""
+        return MotionProver(self._checker, self._floor, separation=separation, limits=self._limits, stop=self._stop)
 
     def with_limits(self, limits: Sequence[MotionLimit]) -> MotionProver:
         """Return the same that proves other limits besides."""
@@ -212,20 +176,21 @@ class MotionProver:
     def is_free(self, start: ArrayLike, end: ArrayLike, margin: float = 0.0, limits: JointLimits | None = None) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`.
 
-        With a margin [m] bodies that may touch an obstacle at all must also keep so much from it. Unlike `with_margin`
+        With a margin [m] bodies that may touch an obstacle at all must also keep so much from it. Unlike a separation
         this says nothing of the others, needs no preparation, and may be asked with another margin each time. With
         narrower `limits` than the robot's, motions that are not finite are not free.
         """
         start, end = self._edge(start, end)
-        required = self.required_with(margin)
-        done = self._checker.changes.done
-        bounds = required.pairs.bounds
-        known = bounds.prove_edge((start, end), limits or self._joint_limits, required.bounded, self._floor)
+        required, changes = self.required_with(margin), self._checker.changes
+        done = changes.done
+        known = required.pairs.bounds.prove_edge(
+            (start, end), limits or self._joint_limits, required.allowed_for, self._floor
+        )
         if known is None:
             if limits is None:
                 self._check_finite(start, end)
             return False
-        if self._checker.changes.begun != done or not (known.proven or known.blocked):
+        if changes.begun != done or not (known.proven or known.blocked):
             curve = start, self._checker.robot.difference(start, end)
             if self._completed(known, done, curve, required)[0] is not Verdict.FREE:
                 return False
@@ -239,7 +204,7 @@ class MotionProver:
         Those are free; of others nothing is said. It takes much less time than to ask `is_free` of one after the other.
         """
         required, changes = self._required, self._checker.changes
-        if self._limits or required.growth is not None:
+        if self._limits:
             return np.zeros(len(starts), dtype=bool)
         with changes.none():
             within = self._joint_limits.all_hold(starts) & self._joint_limits.all_hold(ends)
@@ -252,58 +217,40 @@ class MotionProver:
 
         Raises InputError if a configuration has the wrong shape or is not finite.
         """
-        return self._check(*self._edge(start, end), self._required)
-
-    def check_moving(
-        self, start: ArrayLike, end: ArrayLike, speeds: Mapping[str, float], span: tuple[float, float]
-    ) -> MotionVerdict:
-        """Check a motion among obstacles that move, however they do, no faster than their speeds.
-
-        See `docs/mathematics.md` §3. At time 0 obstacles are where the scene has them; at time t an obstacle has moved
-        by no more than speed·t. Errors as `check`; also for unknown obstacles, and speeds or spans that are none.
-
-        Parameters
-        ----------
-        start, end : array_like, shape (n,)
-            Joint values at the first and the last instant; joints move evenly in between.
-        speeds : mapping of str to float
-            Bound of the speed [m/s] of the obstacles that move, by name. The others stand still.
-        span : (float, float)
-            First and last instant [s], 0 ≤ first ≤ last.
-
-        Returns
-        -------
-        MotionVerdict
-            FREE: proven whatever the obstacles do. BLOCKED: at `at` an obstacle may have come to the robot.
-        """
-        required = self._separation.required_during(self._checker, speeds, span)
-        return self._check(*self._edge(start, end), required)
+        start, end = self._edge(start, end)
+        self._check_finite(start, end)
+        robot = self._checker.robot
+        for fraction, q in ((0.0, start), (1.0, end)):
+            for i in np.flatnonzero(~robot.within_limits(q)):
+                return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
+        found = self._collision((start, robot.difference(start, end)))
+        for limit in self._limits:
+            if found.verdict is not Verdict.FREE:
+                break
+            found = self._keeps(limit, start, end)
+        return found
 
     def check_curve(self, coefficients: ArrayLike) -> MotionVerdict:
-        """Check the motion q(t) = Σ_k c_k t^k, t in [0, 1].
+        """Check the motion q(t) = Σ_k c_k t^k, t in [0, 1], with coefficients (d + 1, n) [rad or m], d ≥ 1.
 
         Joint values are taken as they are: no continuous joint goes the short way. What is proven is the curve itself,
-        not a polygon near it (`docs/mathematics.md` §4).
-
-        Parameters
-        ----------
-        coefficients : array_like, shape (d + 1, n)
-            c_0 … c_d [rad or m], d ≥ 1.
-
-        Returns
-        -------
-        MotionVerdict
-            As `check`; `at` is t. Limits of which nothing is known but at single configurations are UNDECIDED.
-
-        Raises
-        ------
-        InputError
-            If the coefficients have another shape or are not finite.
+        not a polygon near it (`docs/mathematics.md` §4). Where the verdict is not FREE, `at` is t. Limits of which
+        nothing is known but at single configurations are UNDECIDED. Raises InputError if the coefficients have another
+        shape or are not finite.
         """
-        curve = finite_array(coefficients, (None, self._checker.robot.n), "coefficients of a motion")
+        curve: Curve = tuple(finite_array(coefficients, (None, self._checker.robot.n), "coefficients of a motion"))
         if len(curve) < 2:
             raise InputError("a motion must have a start and a way at least, got one coefficient")
-        return self._of_curve(tuple(curve), self._required)
+        outside = self._joint_limits.left_by(curve)
+        if outside is not None:
+            joint, at = outside
+            return MotionVerdict(Verdict.BLOCKED, at, (self._checker.robot.joint_names[joint], "its limits"))
+        found = self._collision(curve)
+        for limit in self._limits:
+            if found.verdict is not Verdict.FREE:
+                break
+            found = self._curve_keeps(limit, curve)
+        return found
 
     def required_with(self, margin: float) -> RequiredDistances:
         """Return the required distances with a margin [m] from obstacles besides; those of the last call are kept."""
@@ -311,9 +258,8 @@ class MotionProver:
             return self._required
         known = self._last_widened  # another thread may put one of its own there
         if known is None or known[0] != margin:
-            required = self._required
-            at_start = np.maximum(required.at_start, required.pairs.margins(margin))
-            known = margin, RequiredDistances(required.pairs, at_start, required.growth)
+            pairs = self._required.pairs
+            known = margin, RequiredDistances(pairs, np.maximum(self._required.least, pairs.margins(margin)))
             self._last_widened = known
         return known[1]
 
@@ -326,37 +272,14 @@ class MotionProver:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):
             raise InputError(f"motion between {start.tolist()} and {end.tolist()} is not finite")
 
-    def _check(self, start: FloatArray, end: FloatArray, required: RequiredDistances) -> MotionVerdict:
-        robot = self._checker.robot
-        self._check_finite(start, end)
-        for fraction, q in ((0.0, start), (1.0, end)):
-            for i in np.flatnonzero(~robot.within_limits(q)):
-                return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
-        curve = start, robot.difference(start, end)
-        collision = self._free(*self._decided(curve, required), curve, required)
-        if collision.verdict is not Verdict.FREE:
-            return collision
-        verdicts = (self._keeps(limit, start, end) for limit in self._limits)
-        return next((found for found in verdicts if found.verdict is not Verdict.FREE), collision)
-
-    def _of_curve(self, curve: Curve, required: RequiredDistances) -> MotionVerdict:
-        """Return the verdict on a curve."""
-        outside = self._joint_limits.left_by(curve)
-        if outside is not None:
-            joint, at = outside
-            return MotionVerdict(Verdict.BLOCKED, at, (self._checker.robot.joint_names[joint], "its limits"))
-        collision = self._free(*self._decided(curve, required), curve, required)
-        if collision.verdict is not Verdict.FREE:
-            return collision
-        verdicts = (self._curve_keeps(limit, curve) for limit in self._limits)
-        return next((found for found in verdicts if found.verdict is not Verdict.FREE), collision)
-
-    def _free(self, verdict: Verdict, at: float | None, curve: Curve, required: RequiredDistances) -> MotionVerdict:
+    def _collision(self, curve: Curve) -> MotionVerdict:
         """Return the verdict on collisions, with the pair that is too near."""
+        required, done = self._required, self._checker.changes.done
+        verdict, at = self._completed(self._by_bounds(curve, required), done, curve, required)
         if verdict is not Verdict.BLOCKED or at is None:
             return MotionVerdict(verdict, at)
         q = place(curve, at)
-        return MotionVerdict(verdict, at, self._checker.colliding_pair(q) or required.violating_pair(q, at))
+        return MotionVerdict(verdict, at, self._checker.colliding_pair(q) or required.violating_pair(q))
 
     def _keeps(self, limit: MotionLimit, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Return the verdict of a limit on an edge, and on the tube about it."""
@@ -393,11 +316,6 @@ class MotionProver:
             intervals += [(t + half, half), (t - half, half)]
         return MotionVerdict(Verdict.FREE)
 
-    def _decided(self, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
-        """Return the verdict, and where."""
-        done = self._checker.changes.done
-        return self._completed(self._by_bounds(curve, required), done, curve, required)
-
     def _completed(
         self, known: BoundsProof, done: int, curve: Curve, required: RequiredDistances
     ) -> tuple[Verdict, float | None]:
@@ -413,7 +331,7 @@ class MotionProver:
             return self._subdivide(self._by_bounds(curve, required), curve, required)
 
     def _by_bounds(self, curve: Curve, required: RequiredDistances) -> BoundsProof:
-        return required.pairs.bounds.prove(curve, *required.bounded, self._floor)
+        return required.pairs.bounds.prove(curve, required.allowed_for, self._floor)
 
     def _subdivide(self, known: BoundsProof, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
         checker, pairs = self._checker, required.pairs
@@ -423,7 +341,7 @@ class MotionProver:
             return Verdict.BLOCKED, known.at
         if known.at >= 0:
             q = place(curve, known.at)
-            if checker.touches(q) or required.violated(q, known.at):
+            if checker.touches(q) or required.violated(q):
                 return Verdict.BLOCKED, known.at
         curved, approach, margins, asked = len(curve) > 2, np.empty(0), np.empty(0), -1.0
         intervals = self._first_intervals(curve, required, known)
@@ -434,9 +352,8 @@ class MotionProver:
                 if self._stop():
                     return Verdict.UNDECIDED, t
                 if curved or half != asked:
-                    approach = _approach(pairs, speeds_about(curve, t, half), required)
-                if curved or half != asked or required.growth is not None:
-                    margins, asked = half * approach + required.provable(t), half
+                    approach = pairs.radii @ speeds_about(curve, t, half)
+                    margins, asked = half * approach + required.provable, half
                     margins.setflags(write=False)  # so that queries see that it does not change
                 q = place(curve, t)
                 if pairs.within_margins(q, margins):
@@ -448,10 +365,10 @@ class MotionProver:
             intervals = []
             for t, half in unproven:
                 q = place(curve, t)
-                if t not in known_free and pairs.within_margins(q, required.provable(t)):
-                    return Verdict.BLOCKED if required.violated(q, t) else Verdict.UNDECIDED, t
+                if t not in known_free and pairs.within_margins(q, required.provable):
+                    return Verdict.BLOCKED if required.violated(q) else Verdict.UNDECIDED, t
                 if curved:
-                    approach = _approach(pairs, speeds_about(curve, t, half), required)
+                    approach = pairs.radii @ speeds_about(curve, t, half)
                 if half * approach.max(initial=0.0) < self._floor:
                     return Verdict.UNDECIDED, t
                 third = half / 3
@@ -470,7 +387,7 @@ class MotionProver:
             t, half = waiting.pop()
             if not _unknown([(t, half)], known):
                 continue
-            widest = half * _approach(required.pairs, speeds_about(curve, t, half), required).max(initial=0.0)
+            widest = half * (required.pairs.radii @ speeds_about(curve, t, half)).max(initial=0.0)
             if widest <= _FIRST_REACH:
                 found.append((t, half))
             elif len(curve) > 2:
@@ -499,12 +416,6 @@ def speeds_about(curve: Curve, t: float, half: float) -> FloatArray:
     for coefficient in taylor[-2:0:-1]:
         speeds = np.abs(coefficient) + half * speeds
     return speeds
-
-
-def _approach(pairs: PairSet, speeds: FloatArray, required: RequiredDistances) -> FloatArray:
-    """Return how fast (P,) pairs may use up what they keep beyond the required distances [m per unit of t]."""
-    approach: FloatArray = pairs.radii @ speeds
-    return approach if required.growth is None else approach + required.growth
 
 
 def _unknown(intervals: list[Interval], known: BoundsProof) -> list[Interval]:

@@ -12,7 +12,8 @@ import pinocchio as pin
 
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
-from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve, prove_edges
+from safe_ompl.collision.kernels.distances import nearest_points, pair_bounds
+from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.robot import ConvexBodies, Hull, JointLimits, Robot, plain
 
@@ -22,7 +23,6 @@ ALLOWANCE = 2 * DISTANCE_ERROR
 
 _INTERVALS = 64  # the most that may wait to be proven
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
-_NOTHING = np.zeros(0)
 _ROUNDING = 1e-9  # [m] of distances between balls
 _REQUEST = coal.DistanceRequest()
 _HOLLOW = (coal.BVHModelBase, coal.OcTree)
@@ -30,8 +30,6 @@ _HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
 # Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
 Curve: TypeAlias = Sequence[FloatArray]
-# Distances (P,) [m] that pairs must keep at the start of a motion, and how much more at its end.
-Distances: TypeAlias = tuple[FloatArray, FloatArray | None]
 
 
 class BoundsProof(NamedTuple):
@@ -93,7 +91,7 @@ class DistanceBounds:
     def nearest(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
         """Return distances and nearest points (C, 8) of pairs (C,) that are `exact`, each at one of the rows (C,) of Q.
 
-        The rows do not fall. What is returned is that of `safe_ompl.collision.kernels.nearest_points`.
+        The rows do not fall. What is returned is that of `kernels.distances.nearest_points`.
         """
         found = np.empty((len(rows), 8))
         if len(rows):
@@ -102,53 +100,40 @@ class DistanceBounds:
             nearest_points(joints, shapes, known.bodies[pairs], values, rows, found)
         return found
 
-    def prove(self, curve: Curve, required: FloatArray, growth: FloatArray | None, floor: float) -> BoundsProof:
+    def prove(self, curve: Curve, required: FloatArray, floor: float) -> BoundsProof:
         """Try to prove a motion.
 
-        Parameters
-        ----------
-        required, growth : ndarray, shape (P,)
-            [m] What pairs must keep at the start, `ALLOWANCE` in it, and how much more at the end, if anything.
-        floor : float
-            [m] Give up on an interval in whose halves the bodies move less than this.
+        Pairs must keep `required: (P,)` [m], `ALLOWANCE` in it. Intervals in whose halves the bodies move less than the
+        floor [m] are given up.
         """
         if not self._bounded:
             return _UNKNOWN
         first, *others = curve
         coupling = self._coupling
         coefficients = np.array([coupling.values(first), *(coupling.motions(other) for other in others)])
-        return self._proof(coefficients, required, growth, floor)
+        return self._proof(coefficients, required, floor)
 
     def prove_edge(
-        self, ends: tuple[FloatArray, FloatArray], limits: JointLimits, distances: Distances, floor: float
+        self, ends: tuple[FloatArray, FloatArray], limits: JointLimits, required: FloatArray, floor: float
     ) -> BoundsProof | None:
-        """Try to prove the straight motion between two configurations (n,); None if one is not within the limits.
-
-        `distances` are what pairs must keep, `required` and `growth` of `prove`; what it proves is proven here.
-        """
+        """Try to prove the straight motion between two configurations (n,); None if one is not within the limits."""
         edge = self._memory.own[0]
         if not limits.lay_edge(*ends, edge):
             return None
-        return self._proof(edge, *distances, floor) if self._bounded else _UNKNOWN
+        return self._proof(edge, required, floor) if self._bounded else _UNKNOWN
 
-    def edge_tables(self, limits: JointLimits, distances: Distances, floor: float) -> tuple[Any, ...] | None:
+    def edge_tables(self, limits: JointLimits, required: FloatArray, floor: float) -> tuple[Any, ...] | None:
         """Return what `lay_edge` and `prove_curve` need for what `prove_edge` does; None where nothing is bounded.
 
         These are, one after the other, the first arguments of `prove_curve`, then coupling and limits, required
-        distances, growth, and floor. Whoever calls the kernels counts the places that they look at.
+        distances, and floor. Whoever calls the kernels counts the places that they look at.
         """
-        if not self._bounded:
-            return None
-        required, growth = distances
-        return *self._flat, *limits.tables, required, _NOTHING if growth is None else growth, floor
+        return (*self._flat, *limits.tables, required, floor) if self._bounded else None
 
-    def _proof(
-        self, coefficients: FloatArray, required: FloatArray, growth: FloatArray | None, floor: float
-    ) -> BoundsProof:
+    def _proof(self, coefficients: FloatArray, required: FloatArray, floor: float) -> BoundsProof:
         """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""
         _, left, suspects = self._memory.own
-        more = _NOTHING if growth is None else growth
-        number, at, places = prove_curve(*self._flat, coefficients, required, more, floor, left, suspects)
+        number, at, places = prove_curve(*self._flat, coefficients, required, floor, left, suspects)
         self._counts.bound_queries += places
         if not number:
             return _FREE

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from types import MappingProxyType
 from typing import Any
 
@@ -147,22 +146,6 @@ class Separation:
         pairs = checker.pairs_within(self.reach + self.swing(checker))
         return RequiredDistances(pairs, self._at_rest(pairs) + time * _rates(pairs, speeds))
 
-    def required_during(
-        self, checker: CollisionChecker, speeds: Mapping[str, float], span: tuple[float, float]
-    ) -> RequiredDistances:
-        """Return the distances that pairs must keep on an edge that is driven from the first to the last instant [s].
-
-        `speeds` bounds those [m/s] of the obstacles that move in this time, by name, besides `self.speeds`; of the span
-        0 ≤ first ≤ last.
-        """
-        first, last = checked_span(span)
-        moving = Separation(self.min_clearance, self.margin, speeds, last)
-        moving.required(checker)  # checks the names
-        pairs = checker.pairs_within(self.reach + moving.travel + self.swing(checker))
-        rates = _rates(pairs, speeds)
-        at_start = self._at_rest(pairs) + self.time * _rates(pairs, self.speeds) + first * rates
-        return RequiredDistances(pairs, at_start, (last - first) * rates)
-
     @property
     def travel(self) -> float:
         """How far an obstacle may move [m]."""
@@ -194,46 +177,26 @@ _SPARE = ALLOWANCE - DISTANCE_ERROR  # [m] Queries add the latter; together it i
 
 
 class RequiredDistances:
-    """Distances (P,) [m] that pairs of bodies must keep: at the start of an edge, and how much more at its end.
+    """Distances (P,) [m] that pairs of bodies must keep: `least`.
 
-    `allowed_for` is `at_start` with what distance bounds keep besides, so that coal agrees, and `bounded` that and the
-    growth; `any` says whether any pair must keep more than not touching.
+    `allowed_for` has besides what distance bounds keep, so that coal agrees; `provable` are the least margins of
+    queries that prove anything; `any` says whether any pair must keep more than not touching.
     """
 
-    def __init__(self, pairs: PairSet, at_start: FloatArray, growth: FloatArray | None = None) -> None:
-        at_start.setflags(write=False)
-        self.pairs = pairs
-        self.at_start = at_start
-        self.growth = growth if growth is not None and growth.any() else None
-        self.allowed_for = at_start + ALLOWANCE
-        self.bounded = self.allowed_for, self.growth
-        self._provable = at_start + _SPARE
-        self._provable.setflags(write=False)
-        self.any = self.growth is not None or bool(at_start.any())
+    def __init__(self, pairs: PairSet, least: FloatArray) -> None:
+        self.pairs, self.least = pairs, least
+        self.allowed_for, self.provable = least + ALLOWANCE, least + _SPARE
+        for array in (least, self.provable):
+            array.setflags(write=False)
+        self.any = bool(least.any())
 
-    def at(self, t: float) -> FloatArray:
-        """Return the distances (P,) [m] at a fraction t ∈ [0, 1] of the edge."""
-        return self.at_start if self.growth is None else self.at_start + t * self.growth
-
-    def provable(self, t: float) -> FloatArray:
-        """Return the least margins (P,) [m] of queries that prove anything at a fraction t ∈ [0, 1] of the edge."""
-        return self._provable if self.growth is None else self._provable + t * self.growth
-
-    def violated(self, q: FloatArray, t: float = 0.0) -> bool:
+    def violated(self, q: FloatArray) -> bool:
         """Return whether a pair is nearer than it must be at `q: (n,)`; pairs that need only not touch do not count."""
-        return self.any and self.pairs.within_margins(q, self.at(t))
+        return self.any and self.pairs.within_margins(q, self.least)
 
-    def violating_pair(self, q: FloatArray, t: float = 0.0) -> tuple[str, str] | None:
+    def violating_pair(self, q: FloatArray) -> tuple[str, str] | None:
         """Return the names of a pair that is nearer than it must be at `q: (n,)`, or None."""
-        return self.pairs.pair_within_margins(q, self.at(t)) if self.any else None
-
-
-def checked_span(span: tuple[float, float]) -> tuple[float, float]:
-    """Return the first and the last instant [s], or raise InputError unless 0 ≤ first ≤ last."""
-    first, last = span
-    if not (isfinite(first) and isfinite(last) and 0 <= first <= last):
-        raise InputError(f"span must be two instants [s], 0 <= first <= last, got {span!r}")
-    return float(first), float(last)
+        return self.pairs.pair_within_margins(q, self.least) if self.any else None
 
 
 def _rates(pairs: PairSet, speeds: Mapping[str, float]) -> FloatArray:

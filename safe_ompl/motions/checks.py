@@ -339,7 +339,7 @@ def _values(
     distances = checker.pair_distances(q)  # of the pairs that may touch, the first of those required
     if not len(distances):
         return "collision", (), None, None
-    least = required.at_start[: len(distances)]
+    least = required.least[: len(distances)]
     worst = int((distances - least).argmin())
     distance, bound = float(distances[worst]), float(least[worst])
     kind = "clearance" if distance > 0.0 and bound > _TOUCHING else "collision"

@@ -283,7 +283,7 @@ class Displacement:
         The proof says what pairs must keep; they should keep `spare: (B,)` [m] more.
         """
         robot, required = proof.checker.robot, proof.required
-        pairs, wanted = required.pairs, required.at_start + spare[:, None]
+        pairs, wanted = required.pairs, required.least + spare[:, None]
         near, geometry = wanted + _BAND, required.pairs.geometry
         bounds = pairs.bounds.of(Q, np.arange(wanted.shape[1]), float(near.max(initial=0.0)))
         if id(pairs) not in self._known:

@@ -132,7 +132,7 @@ class ConfigurationCheck:
             at_rest = replace(separation, speeds={}, time=0.0).required(self.checker)
         near = at_rest.violating_pair(q)
         if near is not None:
-            least = f"{1e3 * at_rest.at_start.max():g} mm"
+            least = f"{1e3 * at_rest.least.max():g} mm"
             return f" is too near: {near[0]!r} keeps less than {least} from {near[1]!r}"
         if limit is not None and (dangerous := danger_objection(limit, q)):
             return dangerous

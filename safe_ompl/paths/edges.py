@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import compress, pairwise
 from typing import TypeAlias
 
@@ -45,7 +46,8 @@ class EdgeProofs:
 
     def keep(self, margin: float) -> None:
         """From here on ask for a clearance [m] of all edges that are not accepted yet."""
-        self._clear = self._free.with_margin(max(margin, self._free.margin))
+        separation = self._free.separation
+        self._clear = self._free.with_separation(replace(separation, margin=max(margin, separation.margin)))
 
     def accepts(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the edge between two configurations (n,) is proven."""

@@ -192,7 +192,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
 
-        Arguments and errors of `MotionProver.with_moving_obstacles`; errors as `setConstraints`, too.
+        Arguments and errors of `Separation`; errors as `setConstraints`, too.
         """
         self.setConstraints(self.getConstraints().with_separation(speeds=speeds, time=time))
 

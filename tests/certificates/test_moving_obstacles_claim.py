@@ -8,6 +8,7 @@ from signing import signed
 
 from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Pose
 from safe_ompl.certificates import certificate, verify
+from safe_ompl.collision import Separation
 from safe_ompl.common import CertificateError, PlanningError
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0, 0, 0]])
@@ -39,7 +40,7 @@ def test_it_is_proven_up_to_how_far_the_obstacle_is(ur5, clutter, nearest):
 def test_what_it_claims_is_what_the_motion_validator_proves(ur5, clutter, nearest):
     motion = MotionProver(CollisionChecker(ur5, clutter))
     for share, free in ((0.95, True), (1.05, False)):
-        moving = motion.with_moving_obstacles({"ball": share * nearest["ball"] / 2.0}, 2.0)
+        moving = motion.with_separation(Separation(speeds={"ball": share * nearest["ball"] / 2.0}, time=2.0))
         assert moving.is_free(*PATH) is free
 
 

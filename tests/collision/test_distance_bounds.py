@@ -35,8 +35,8 @@ def along(delta):
     return np.linspace(0, 1, 2 + int(np.linalg.norm(delta) / STEP))
 
 
-def proof(pairs, start, delta, required=0.0, growth=None):
-    return pairs.bounds.prove((start, delta), np.zeros(len(pairs.names)) + required + ALLOWANCE, growth, FLOOR)
+def proof(pairs, start, delta, required=0.0):
+    return pairs.bounds.prove((start, delta), np.zeros(len(pairs.names)) + required + ALLOWANCE, FLOOR)
 
 
 # --------------------------------------------------------------------------------------------------- what is proven
@@ -62,16 +62,16 @@ def far_pairs(robot, scene):
 
 @pytest.mark.parametrize("name", ["panda", "twin_arm"])
 @settings(max_examples=25)
-@given(seed=st.integers(0, 2**32 - 1), margin=st.floats(0.0, 0.2), later=st.floats(0.0, 0.2))
-def test_what_must_be_kept_is_kept(robot_named, clutter, name, seed, margin, later):
+@given(seed=st.integers(0, 2**32 - 1), margin=st.floats(0.0, 0.3))
+def test_what_must_be_kept_is_kept(robot_named, clutter, name, seed, margin):
     robot = robot_named(name)
     pairs = far_pairs(robot, clutter)
-    required, growth = pairs.margins(margin), pairs.margins(later)
+    required = pairs.margins(margin)
     for start, delta in edges(robot, 4, seed=seed):
-        found = proof(pairs, start, delta, required, growth.copy())
+        found = proof(pairs, start, delta, required)
         for t in np.linspace(0, 1, 25):
             if found.covers(t - 1e-9, t + 1e-9):
-                assert not pairs.within_margins(start + t * delta, required + t * growth)
+                assert not pairs.within_margins(start + t * delta, required)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -139,23 +139,6 @@ def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, nam
     assert by_bounds.margin_queries + by_bounds.collision_queries < 0.5 * checker.counts.queries
 
 
-@pytest.mark.parametrize("by_bounds", [True, False])
-@pytest.mark.parametrize("speed", [0.0, 0.1])
-def test_nothing_that_moves_reaches_a_free_motion(ur5, clutter, monkeypatch, by_bounds, speed):
-    if not by_bounds:
-        monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
-    checker, free = CollisionChecker(ur5, clutter), 0
-    motion, pairs = MotionProver(checker), far_pairs(ur5, clutter)
-    speeds = {obstacle.name: speed for obstacle in clutter if obstacle.name != "table"}
-    reached = np.array([speeds.get(name, 0.0) for _, name in pairs.names])
-    for start, delta in edges(ur5, 60):
-        if motion.check_moving(start, start + delta, speeds, (0.0, 1.0)).verdict is Verdict.FREE:
-            free += 1
-            for t in along(delta):
-                assert not pairs.within_margins(start + t * delta, t * reached)
-    assert free > 10
-
-
 def test_free_edges_hardly_need_coal(ur5, clutter):
     checker = CollisionChecker(ur5, clutter)
     motion, work, free = MotionProver(checker), Counts(), 0
@@ -184,7 +167,7 @@ def test_edges_together_are_proven_as_one_by_one(robot_named, clutter, name, mar
     for start, end, proven in zip(starts, ends, found, strict=True):
         outside = not robot.within_limits(end).all()
         curve = start, robot.difference(start, end)
-        assert proven == (not outside and pairs.bounds.prove(curve, required, None, FLOOR).proven)
+        assert proven == (not outside and pairs.bounds.prove(curve, required, FLOOR).proven)
         assert not proven or motion.is_free(start, end)
     assert 20 < found.sum() < 180
 
@@ -204,7 +187,7 @@ def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
 def test_without_pairs_everything_is_free(ur5):
     nothing = np.zeros((0, 2), np.intp), np.zeros((0, ur5.n))
     bounds = DistanceBounds(ur5, ur5.bounds.convex_bodies, *nothing, Counts())
-    assert bounds.prove(next(edges(ur5, 1)), np.zeros(0), None, FLOOR).proven
+    assert bounds.prove(next(edges(ur5, 1)), np.zeros(0), FLOOR).proven
 
 
 def test_what_has_no_end_is_left_to_coal(ur5):
@@ -214,7 +197,7 @@ def test_what_has_no_end_is_left_to_coal(ur5):
     bounds = DistanceBounds(
         ur5, ConvexBodies.of(list(geometry.geometryObjects)), np.array([[3, number]]), np.ones((1, ur5.n)), Counts()
     )
-    found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
+    found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), FLOOR)
     assert not found.proven
     assert not found.covers(0.4, 0.6)
 

@@ -34,6 +34,11 @@ def balls(**places):
     return Scene(tuple(Obstacle(name, Sphere(0.05), Pose((x, 0, 0)), weight=1.0) for name, x in places.items()))
 
 
+def near(checker, *wanted, **options):
+    """Return what proves another distance from chosen obstacles."""
+    return MotionProver(checker, separation=Separation().with_min_clearance(checker, *wanted, **options))
+
+
 START, END = np.array([-0.7]), np.array([0.8])  # the ball on the crank passes the x axis at 0.5 m
 
 
@@ -46,7 +51,7 @@ START, END = np.array([-0.7]), np.array([0.8])  # the ball on the crank passes t
 def test_verdicts_on_clearance(robot_named, clutter, plain_check, name, seed, length, distance):
     robot = robot_named(name)
     checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
-    motion = MotionProver(checker).with_min_clearance(distance, ["ball", "post"])
+    motion = near(checker, distance, ["ball", "post"])
     start, end = random_edge(robot, seed, length)
     chosen = [k for k, (_, other) in enumerate(plain.pairs) if other in ("ball", "post")]
     delta = robot.difference(start, end)
@@ -71,8 +76,8 @@ def test_what_never_touches_may_come_too_near(crank):
     motion = MotionProver(checker)
     assert checker.pair_names == (), "left out of the collision queries"
     assert motion.is_free(START, END)
-    assert motion.with_min_clearance(0.04).is_free(START, END)
-    farther = motion.with_min_clearance(0.06)
+    assert near(checker, 0.04).is_free(START, END)
+    farther = near(checker, 0.06)
     assert checker.pair_names == (), "nothing changes what the checker looks at"
     found = farther.check(START, END)
     assert (found.verdict, found.pair) == (Verdict.BLOCKED, ("ball", "far"))
@@ -110,31 +115,30 @@ def test_few_sets_of_pairs_are_made(panda, clutter):
 
 
 def test_exempt_pairs_and_chosen_obstacles(crank):
-    motion = MotionProver(CollisionChecker(crank, balls(far=0.65, near=0.62)))
-    assert motion.with_min_clearance(0.04).check(START, END).pair == ("ball", "near")
+    checker = CollisionChecker(crank, balls(far=0.65, near=0.62))
+    assert near(checker, 0.04).check(START, END).pair == ("ball", "near")
     with pytest.raises(InputError, match=r"must leave a moving link that keeps away from 'near', got .*ball"):
-        motion.with_min_clearance(0.04, exempt=[("ball", "near")])
-    chosen = motion.with_min_clearance(0.04, ["far"])
+        near(checker, 0.04, exempt=[("ball", "near")])
+    chosen = near(checker, 0.04, ["far"])
     assert chosen.is_free(START, END)
     assert chosen.separation.min_clearance.obstacles == ("far",)
-    assert chosen.with_min_clearance(0.0).separation == motion.separation == Separation()
-    assert not motion.separation.required(motion.checker).any
+    assert near(checker, 0.0).separation == MotionProver(checker).separation == Separation()
+    assert not MotionProver(checker).required.any
 
 
 def test_people_by_default(crank):
     scene = Scene((Obstacle("box", Sphere(0.05), Pose((0.62, 0, 0))), *balls(person=-0.9)))
-    motion = MotionProver(CollisionChecker(crank, scene)).with_min_clearance(0.1)
+    motion = near(CollisionChecker(crank, scene), 0.1)
     assert motion.separation.min_clearance.obstacles == ("person",)
     assert motion.is_free(START, END)
 
 
 @pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf, "0.1"])
 def test_the_distance_must_be_a_length(crank, bad):
-    motion = MotionProver(CollisionChecker(crank, balls(a=0.9)))
     with pytest.raises(InputError, match="min clearance must be a finite length"):
-        motion.with_min_clearance(bad)
+        near(CollisionChecker(crank, balls(a=0.9)), bad)
     with pytest.raises(InputError, match="margin must be a finite length"):
-        motion.with_margin(bad)
+        Separation(margin=bad)
 
 
 def test_a_separation_is_a_value(crank):
@@ -150,7 +154,7 @@ def test_a_separation_is_a_value(crank):
 
 
 def test_names_are_checked(crank):
-    motion = MotionProver(CollisionChecker(crank, balls(a=0.9, b=0.8)))
+    checker = CollisionChecker(crank, balls(a=0.9, b=0.8))
     for arguments, message in (
         ((0.1, ["c"]), "unknown obstacle 'c'; known: a, b"),
         ((0.1, None, [("bal", "a")]), "unknown link 'bal'; did you mean 'ball'"),
@@ -162,10 +166,10 @@ def test_names_are_checked(crank):
         ((0.1, ["a"], [("ball", "b")]), "exempt from keeping a distance to 'b', which is not asked for"),
     ):
         with pytest.raises(InputError, match=message):
-            motion.with_min_clearance(*arguments)
+            near(checker, *arguments)
     harmless = Scene((Obstacle("box", Sphere(0.05), Pose((0.9, 0, 0))),))
     with pytest.raises(InputError, match="no obstacle has a danger weight"):
-        MotionProver(CollisionChecker(crank, harmless)).with_min_clearance(0.1)
+        near(CollisionChecker(crank, harmless), 0.1)
 
 
 # ----------------------------------------------------------------------------------------- obstacles that move
@@ -173,17 +177,17 @@ def test_names_are_checked(crank):
 
 @pytest.mark.parametrize("name", ROBOTS)
 @settings(max_examples=25)
-@given(seed=seeds, speed=st.floats(0.0, 1.0), first=st.floats(0.0, 0.5), duration=st.floats(0.0, 0.5))
-def test_verdicts_on_moving_obstacles(robot_named, clutter, plain_check, name, seed, speed, first, duration):
+@given(seed=seeds, speed=st.floats(0.0, 0.5), time=st.floats(0.0, 0.5))
+def test_verdicts_on_moving_obstacles(robot_named, clutter, plain_check, name, seed, speed, time):
     robot = robot_named(name)
     checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
     start, end = random_edge(robot, seed, 0.4)
     delta = robot.difference(start, end)
-    found = MotionProver(checker).check_moving(start, end, {"ball": speed}, (first, first + duration))
+    found = MotionProver(checker, separation=Separation(speeds={"ball": speed}, time=time)).check(start, end)
     of_ball = np.array([other == "ball" for _, other in plain.pairs])
 
     def room(t):  # how far each pair is apart if the ball comes straight on
-        return plain.distances(start + t * delta) - of_ball * speed * (first + t * duration)
+        return plain.distances(start + t * delta) - of_ball * speed * time
 
     if found.verdict is Verdict.FREE:
         assert min(room(t).min() for t in np.linspace(0, 1, 30)) > -ERROR
@@ -191,70 +195,24 @@ def test_verdicts_on_moving_obstacles(robot_named, clutter, plain_check, name, s
         assert room(found.at).min() < ERROR
 
 
-def test_an_obstacle_that_comes_in_time(crank):
-    motion = MotionProver(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
-    assert motion.check_moving(START, END, {}, (0.0, 9.0)).verdict is Verdict.FREE
-    assert motion.check_moving(START, END, {"walker": 0.5}, (0.0, 0.7)).verdict is Verdict.FREE
-    late = motion.check_moving(START, END, {"walker": 0.5}, (0.0, 2.0))
-    assert (late.verdict, late.pair) == (Verdict.BLOCKED, ("ball", "walker"))
-    assert motion.check_moving(START, END, {"walker": 0.5}, (0.9, 0.9)).verdict is Verdict.BLOCKED
-    assert motion.check_moving(START, START, {"walker": 0.5}, (0.0, 0.9)).verdict is Verdict.FREE
-    assert motion.check_moving(START, START, {"walker": 0.5}, (0.0, 9.0)).verdict is Verdict.BLOCKED
-    assert motion.is_free(START, END), "obstacles stand still again"
+def test_obstacles_that_move_come_on_top_of_a_clearance(crank):
+    checker = CollisionChecker(crank, balls(walker=1.0))  # 0.4 m from where the crank passes
 
+    def proof(speed, time, clearance=0.0):
+        kept = Separation(speeds={"walker": speed}, time=time)
+        return MotionProver(checker, separation=kept.with_min_clearance(checker, clearance))
 
-def test_a_clearance_is_kept_from_moving_obstacles_that_begin_out_of_reach(crank):
-    scene = Scene((Obstacle("walker", Sphere(0.1), Pose((2.0, 0.0, 0.0))),))
-    checker = CollisionChecker(crank, scene)
-    motion = MotionProver(checker).with_min_clearance(0.3, ["walker"])
-    left = checker.clearance(START).distance
-    assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.31)).verdict is Verdict.FREE
-    assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.29)).verdict is Verdict.BLOCKED
-
-
-def test_the_motion_among_moving_obstacles_is_checked(crank):
-    motion = MotionProver(CollisionChecker(crank, balls(walker=1.0)))
+    assert proof(0.5, 0.7).is_free(START, END)
+    assert proof(0.5, 0.9).check(START, END).pair == ("ball", "walker")
+    assert not proof(0.5, 0.9).is_free(START, END)
+    assert not proof(0.5, 0.7, 0.06).is_free(START, END)
+    assert proof(0.5, 0.7, 0.04).is_free(START, END)
+    assert proof(0.0, 9.0).is_free(START, END)
     with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'; known: walker"):
-        motion.check_moving(START, END, {"runner": 1.0}, (0.0, 1.0))
+        MotionProver(checker, separation=Separation(speeds={"runner": 1.0}, time=1.0))
     for speed in (-1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="speed of 'walker' must be a finite number"):
-            motion.check_moving(START, END, {"walker": speed}, (0.0, 1.0))
-    for span in ((-1.0, 1.0), (1.0, 0.5), (0.0, np.nan)):
-        with pytest.raises(InputError, match="span must be two instants"):
-            motion.check_moving(START, END, {"walker": 1.0}, span)
-
-
-def test_all_motions_are_free_among_moving_obstacles_once_these_are_given(crank):
-    still = MotionProver(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
-    assert still.with_moving_obstacles({"walker": 0.5}, 0.7).is_free(START, END)
-    motion = still.with_moving_obstacles({"walker": 0.5}, 0.9)
-    assert not motion.is_free(START, END)
-    assert not motion.with_margin(0.0).is_free(START, END)
-    assert motion.check(START, END).pair == ("ball", "walker")
-    assert motion.with_moving_obstacles({}, 9.0).is_free(START, END)
-    with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'"):
-        motion.with_moving_obstacles({"runner": 1.0}, 1.0)
+            proof(speed, 1.0)
     for time in (-1.0, np.nan, np.inf, "1"):
         with pytest.raises(InputError, match="time must be a finite number of seconds"):
-            motion.with_moving_obstacles({"walker": 1.0}, time)
-
-
-@pytest.mark.parametrize("clearance_first", [True, False])
-def test_clearance_and_moving_obstacles_add_up_in_any_order(crank, clearance_first):
-    motion = MotionProver(CollisionChecker(crank, balls(far=0.65)))  # 50 mm beyond reach
-    if clearance_first:
-        motion = motion.with_min_clearance(0.03)
-    motion = motion.with_moving_obstacles({"far": 0.03}, 1.0)
-    assert motion.is_free(START, END) is not clearance_first
-    motion = motion.with_min_clearance(0.03)
-    assert not motion.is_free(START, END)
-    assert motion.check(START, END).pair == ("ball", "far")
-    assert motion.with_min_clearance(0.01).is_free(START, END)
-
-
-def test_what_moves_during_an_edge_comes_on_top_of_what_may_have_moved(crank):
-    still = MotionProver(CollisionChecker(crank, balls(walker=1.0)))
-    assert still.check_moving(START, END, {"walker": 0.3}, (0.0, 1.0)).verdict is Verdict.FREE
-    moved = still.with_moving_obstacles({"walker": 0.3}, 1.0)
-    assert moved.is_free(START, END)
-    assert moved.check_moving(START, END, {"walker": 0.3}, (0.0, 1.0)).verdict is Verdict.BLOCKED
+            proof(1.0, time)

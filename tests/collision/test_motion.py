@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl import Box, InputError, Obstacle, PointCloud, Pose, Robot, Scene, Sphere, certificate, verify
-from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Separation, Verdict
 from safe_ompl.collision.pairs import BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
 
@@ -297,10 +297,10 @@ def test_what_proves_motions_does_not_change(crank):
     for name in ("checker", "floor", "separation", "margin", "limits"):
         with pytest.raises(AttributeError):
             setattr(motion, name, getattr(motion, name))
-    demanding = motion.with_margin(0.03)
+    demanding = motion.with_separation(Separation(margin=0.03))
     assert demanding.check(start, end).verdict is Verdict.BLOCKED
     assert motion.is_free(start, end), "another one was returned"
-    assert demanding.with_limits([]).with_margin(0.01).is_free(start, end)
+    assert demanding.with_limits([]).with_separation(Separation(margin=0.01)).is_free(start, end)
 
 
 def test_motions_as_people_write_them(crank):

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl import CertifiedDanger, DangerField, Obstacle, PointCloud, Scene, certificate, verify
-from safe_ompl.collision import CollisionChecker, MotionProver, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, Separation, Verdict
 from safe_ompl.geometry import Box, Capsule, Cylinder, Pose, Sphere
 
 ERROR = 2e-5  # [m] of coal's distances
@@ -51,7 +51,7 @@ def test_proofs_in_all_kinds_of_scenes(robot_named, plain_check, name, scene, se
     if MotionProver(checker).is_free(start, end):
         assert apart.min() > -ERROR
         assert verify(certificate([start, end], robot, scene), robot, scene).edges == 1
-    motion = MotionProver(checker).with_margin(margin)
+    motion = MotionProver(checker, separation=Separation(margin=margin))
     found = motion.check(start, end)
     if found.verdict is Verdict.FREE:
         assert apart[:, of_obstacles].min() > margin - ERROR
@@ -88,12 +88,12 @@ def test_the_part_where_bodies_come_nearer_is_looked_at_first(panda, clutter):
     places = {True: [], False: []}
     while len(places[False]) < 60:
         q, way = rng.uniform(panda.lower, panda.upper), 0.6 * rng.normal(size=panda.n)
-        found = bounds.prove((q, way), required, None, 5e-6)
+        found = bounds.prove((q, way), required, 5e-6)
         if checker.touches(q) or not found.blocked or found.at < 0.6:
             continue
         for forth in (True, False):
             before = checker.counts.bound_queries
-            assert bounds.prove((q, way) if forth else (q + way, -way), required, None, 5e-6).blocked
+            assert bounds.prove((q, way) if forth else (q + way, -way), required, 5e-6).blocked
             places[forth].append(checker.counts.bound_queries - before)
     assert max(np.mean(places[True]), np.mean(places[False])) < 4.5
 

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 from numba import njit
 
-from safe_ompl.collision.kernels import near_boxes
+from safe_ompl.collision.kernels.distances import near_boxes
 from safe_ompl.geometry.kernels import convex, extreme_vertices
 
 

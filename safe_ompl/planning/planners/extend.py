@@ -78,7 +78,6 @@ def take_step(
     coupling: FloatArray,
     limits: FloatArray,
     required: FloatArray,
-    growth: FloatArray,
     floor: float,
     edge: FloatArray,
     left: FloatArray,
@@ -119,7 +118,7 @@ def take_step(
                 number, found = -1, 0
                 if lay_edge(start, end, coupling, limits, edge):
                     number, _, found = prove_curve(
-                        joints, bodies, starts, vertices, pair_bodies, radii, moved, certain, edge, required, growth,
+                        joints, bodies, starts, vertices, pair_bodies, radii, moved, certain, edge, required,
                         floor, left, suspects,
                     )  # fmt: skip
                 looked += found
@@ -254,7 +253,7 @@ class SafeStep:
         bounds, known = required.pairs.bounds, self._known.get(margin > 0)
         if known is None or known[0] is not required or known[1] is not bounds:
             limits = self.problem.limits_of(motion)
-            tables = bounds.edge_tables(limits, required.bounded, motion.floor)
+            tables = bounds.edge_tables(limits, required.allowed_for, motion.floor)
             if tables is not None:
                 tables += edge_memory(len(limits.tables[0]), len(required.pairs.names))
             known = self._known[margin > 0] = required, bounds, tables

@@ -265,7 +265,7 @@ def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionPr
     """Draw the distances of the pairs with least to spare, to obstacles and between links, and what they must keep."""
     checker = proof.checker
     distances = 1e3 * np.array([checker.pair_distances(q) for q in Q])
-    required = 1e3 * proof.separation.required(checker).at_start[: distances.shape[1]]
+    required = 1e3 * proof.separation.required(checker).least[: distances.shape[1]]
     meets = np.array([pair[1] in checker.scene.names for pair in checker.pair_names], dtype=bool)
     top, bottom = 1.0, 0.0
     for label, chosen, colour in (("to obstacles", meets, "0.25"), ("between links", ~meets, "0.62")):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, time_path
+from safe_ompl.collision import Separation
 from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.people.replanning import Doing, PathLimits
 from safe_ompl.people.replanning.detours import Detours
@@ -57,7 +58,8 @@ def test_a_slow_robot_finds_detours_that_take_long(replanner_for, to_and_fro, dr
 
 def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro, drive):
     scene = Scene((*table, Obstacle("post", Box((0.05, 0.05, 0.6)), Pose((0.75, 0.0, 0.9)))))
-    motion = MotionProver(CollisionChecker(panda, scene.without("ball"))).with_min_clearance(0.1, ["post"])
+    checker = CollisionChecker(panda, scene.without("ball"))
+    motion = MotionProver(checker, separation=Separation().with_min_clearance(checker, 0.1, ["post"]))
     replanner = Replanner(panda, scene, {}, {"ball": 0.1}, prover=motion)
     commands = drive(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
     assert paths(commands) > 1

@@ -137,8 +137,8 @@ def test_what_is_suspected_changes_no_proof(panda, clutter):
     for _ in range(60):
         start = rng.uniform(panda.lower, panda.upper)
         way = 0.5 * rng.normal(size=panda.n)
-        found = checker.pairs.bounds.prove((start, way), required, None, 5e-6)
-        fresh = CollisionChecker(panda, clutter).pairs.bounds.prove((start, way), required, None, 5e-6)
+        found = checker.pairs.bounds.prove((start, way), required, 5e-6)
+        fresh = CollisionChecker(panda, clutter).pairs.bounds.prove((start, way), required, 5e-6)
         assert found.proven == fresh.proven
         assert found.blocked >= fresh.blocked
         if found.blocked:

@@ -1,0 +1,1 @@
+"""Compiled queries and proofs of pairs of bodies."""

@@ -1,0 +1,221 @@
+"""Compiled loops over pairs of bodies: near boxes, bounds of distances, nearest points, hinge costs."""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.geometry.kernels import (
+    POSE,
+    Shapes,
+    begin_axis,
+    distance_bounds,
+    from_box,
+    nearest_in_simplex,
+    place_bodies,
+)
+from safe_ompl.robot.kernels import place_joints
+
+
+@compiled
+def near_boxes(places: FloatArray, boxes: FloatArray, pairs: IntArray, margins: FloatArray, near: IntArray) -> int:
+    """Write which of the pairs (P, 2) may be no farther apart than their margins (P,) [m]; return how many they are.
+
+    Two boxes are apart if their shadows on some axis are. Looked at are the axes of the world, and of both boxes.
+    `places: (G, 12)` is the rotation of each box, column by column, and where its frame is [m]; `boxes: (G, 6)` its
+    centre and half its sides in that frame [m]. One with sides that are infinite, or no numbers, is near all. `near:
+    (P,)` takes the indices of these pairs, in order.
+    """
+    G, number = len(boxes), 0
+    centres, halves, gap = np.empty((G, 3)), np.empty((G, 3)), np.empty(3)
+    for g in range(G):
+        for x in range(3):
+            centre, half = places[g, 9 + x], 0.0
+            for axis in range(3):
+                centre += places[g, 3 * axis + x] * boxes[g, axis]
+                half += abs(places[g, 3 * axis + x]) * boxes[g, 3 + axis]
+            centres[g, x], halves[g, x] = centre, half
+    for p in range(len(pairs)):
+        a, b, margin, apart = pairs[p, 0], pairs[p, 1], margins[p], False
+        for x in range(3):
+            gap[x] = centres[b, x] - centres[a, x]
+            if abs(gap[x]) > halves[a, x] + halves[b, x] + margin:
+                apart = True
+                break
+        for turn in range(0 if apart else 6):
+            axis = turn % 3
+            own, other = (a, b) if turn < 3 else (b, a)
+            nx, ny, nz = places[own, 3 * axis], places[own, 3 * axis + 1], places[own, 3 * axis + 2]
+            shadows = boxes[own, 3 + axis] + margin
+            for k in range(3):
+                along = nx * places[other, 3 * k] + ny * places[other, 3 * k + 1] + nz * places[other, 3 * k + 2]
+                shadows += abs(along) * boxes[other, 3 + k]
+            if abs(nx * gap[0] + ny * gap[1] + nz * gap[2]) > shadows:
+                apart = True
+                break
+        if not apart:
+            near[number] = p
+            number += 1
+    return number
+
+
+@compiled
+def pair_bounds(
+    joints: Any, shapes: Shapes, pairs: IntArray, values: FloatArray, enough: float, bounds: FloatArray
+) -> None:
+    """Write lower bounds (B, K) of the distances of pairs (K, 2) [m] at `values: (B, m)` of the joints.
+
+    The bound of the balls about both bodies comes first, then that of the box about one and the ball about the other,
+    then that along an axis (`geometry.kernels.convex`), which is kept for the next configuration. What is `enough` [m]
+    is not improved any more. The `joints: (m,)` are a table (`safe_ompl.robot.kernels`).
+    """
+    m, bodies = values.shape[1], shapes.bodies
+    poses, simplex = np.empty(len(bodies), POSE), np.empty((4, 3))
+    axes, known = np.empty((len(pairs), 3)), np.zeros(len(pairs), np.bool_)
+    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    for row in range(len(values)):
+        place_joints(joints, values[row], rotations, origins, joint_axes)
+        if row == 0:
+            place_bodies(bodies, poses, rotations, origins, False)
+        place_bodies(bodies, poses, rotations, origins, True)
+        for p in range(len(pairs)):  # as `distance_bound`, but most pairs need no call
+            A, B = pairs[p, 0], pairs[p, 1]
+            a, b = poses[A].centre, poses[B].centre
+            x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+            lower = sqrt(x * x + y * y + z * z) - bodies[A].reach - bodies[B].reach
+            if lower < enough:
+                u, v, w = from_box(bodies[B], poses[B], a)
+                lower = max(lower, sqrt(u * u + v * v + w * w) - bodies[A].reach)
+                if lower < enough:
+                    if not known[p]:
+                        begin_axis(axes[p], u, v, w, x, y, z)
+                        known[p] = True
+                    found, _, _ = distance_bounds(shapes, poses, A, B, axes[p], simplex, enough, enough)
+                    lower = max(lower, found)
+            bounds[row, p] = lower if lower == lower else -inf
+
+
+@compiled
+def nearest_points(
+    joints: Any, shapes: Shapes, pairs: IntArray, values: FloatArray, rows: IntArray, found: FloatArray
+) -> None:
+    """Write distance, nearest point of the first body, normal and offset, (C, 8), of C pairs (C, 2) of bodies.
+
+    Pair c is looked at `values[rows[c]]` of the joints, `values: (B, m)`; rows do not fall. The point is in the frame
+    of the joint that carries the first body [m]; the normal points from the second body to the first one, in the world;
+    the offset is the abscissa of the second one's nearest point along it [m]. The distance of bodies that overlap is
+    −∞, and nothing else is written then.
+    """
+    m, bodies, row = values.shape[1], shapes.bodies, -1
+    poses, simplex, axis = np.empty(len(bodies), POSE), np.empty((4, 6)), np.empty(3)
+    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    place, nearest, normal = np.empty(3), np.empty(3), np.empty(3)
+    for c in range(len(pairs)):
+        A, B = pairs[c, 0], pairs[c, 1]
+        if rows[c] != row:
+            place_joints(joints, values[rows[c]], rotations, origins, joint_axes)
+            if row < 0:
+                place_bodies(bodies, poses, rotations, origins, False)
+            place_bodies(bodies, poses, rotations, origins, True)
+            row = rows[c]
+        a, b = poses[A].centre, poses[B].centre
+        u, v, w = from_box(bodies[B], poses[B], a)
+        begin_axis(axis, u, v, w, a[0] - b[0], a[1] - b[1], a[2] - b[2])
+        _, distance, corners = distance_bounds(shapes, poses, A, B, axis, simplex, inf, -inf)
+        found[c, 0] = distance
+        if distance == -inf:
+            continue
+        x, y, z, corners = nearest_in_simplex(simplex, corners)
+        length = sqrt(x * x + y * y + z * z)
+        normal[0], normal[1], normal[2] = x / length, y / length, z / length
+        _shares_of_corners(simplex, corners, x, y, z, place)
+        for k in range(3):
+            nearest[k] = -bodies[A].ball * normal[k]
+            for corner in range(corners):
+                nearest[k] += place[corner] * simplex[corner, 3 + k]
+        offset, joint = -distance, bodies[A].joint - 1
+        for k in range(3):
+            offset += normal[k] * nearest[k]
+        for k in range(3):
+            found[c, 1 + k] = nearest[k]
+            if joint >= 0:
+                found[c, 1 + k] = 0.0
+                for i in range(3):
+                    found[c, 1 + k] += rotations[joint, i, k] * (nearest[i] - origins[joint, i])
+            found[c, 4 + k] = normal[k]
+        found[c, 7] = offset
+
+
+@part
+def _shares_of_corners(S: FloatArray, corners: int, x: float, y: float, z: float, shares: FloatArray) -> None:
+    """Write the shares (3,) with which up to three corners of a simplex make a point that lies between them."""
+    shares[0], shares[1], shares[2] = 1.0, 0.0, 0.0
+    ux, uy, uz = S[1, 0] - S[0, 0], S[1, 1] - S[0, 1], S[1, 2] - S[0, 2]
+    px, py, pz = x - S[0, 0], y - S[0, 1], z - S[0, 2]
+    uu, up = ux * ux + uy * uy + uz * uz, ux * px + uy * py + uz * pz
+    if corners == 2:
+        shares[1] = up / uu
+    elif corners == 3:
+        vx, vy, vz = S[2, 0] - S[0, 0], S[2, 1] - S[0, 1], S[2, 2] - S[0, 2]
+        uv, vv, vp = ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz, vx * px + vy * py + vz * pz
+        area = uu * vv - uv * uv
+        shares[1], shares[2] = (vv * up - uv * vp) / area, (uu * vp - uv * up) / area
+    shares[0] = 1.0 - shares[1] - shares[2]
+
+
+@compiled
+def hinge_costs(
+    joints: Any,
+    values: FloatArray,
+    rows: IntArray,
+    carriers: IntArray,
+    points: FloatArray,
+    normals: FloatArray,
+    offsets: FloatArray,
+    hinges: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,), its gradients (B, m), and vectors v (C, m) of Gauss-Newton.
+
+    Σ vvᵀ approximates the Hessian. d_c = x·n_c − b_c is the distance of each of C points of bodies from a plane, at
+    `values[rows[c]]`; the points are carried by joints with Pinocchio's numbers.
+
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels`) with `values: (B, m)`; `rows` and `carriers`
+    (C,), `points` and `normals` (C, 3) in the frame of the joint and in the world, `offsets: (C,)` b, and
+    `hinges: (H, 2)` D > 0 and w. As in CHOMP and TrajOpt.
+    """
+    costs, gradients, m = np.zeros(len(values)), np.zeros(values.shape), len(joints)
+    bends, place, placed = np.zeros((len(rows), m)), np.empty(3), -1
+    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    for c in range(len(rows)):
+        b, i, p, normal = rows[c], carriers[c] - 1, points[c], normals[c]
+        if b != placed:
+            place_joints(joints, values[b], rotation, origin, axis)
+            placed = b
+        distance = -offsets[c]
+        for x in range(3):
+            place[x] = p[x]
+            if i >= 0:
+                frame = rotation[i]
+                place[x] = origin[i, x] + frame[x, 0] * p[0] + frame[x, 1] * p[1] + frame[x, 2] * p[2]
+            distance += place[x] * normal[x]
+        rate, bend = 0.0, 0.0
+        for h in range(len(hinges)):
+            reach, weight = hinges[h, 0], hinges[h, 1]
+            lack = 1.0 - distance / reach
+            if lack > 0.0:
+                costs[b] += weight * lack * lack
+                rate -= 2.0 * weight / reach * lack
+                bend += 2.0 * weight / (reach * reach)
+        while i >= 0 and bend > 0.0:
+            slope = 0.0
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                turning = axis[i, y] * (place[z] - origin[i, z]) - axis[i, z] * (place[y] - origin[i, y])
+                slope += normal[x] * (axis[i, x] if joints[i].slides else turning)
+            gradients[b, i] += rate * slope
+            bends[c, i] = sqrt(bend) * slope
+            i = joints[i].parent - 1
+    return costs, gradients, bends
