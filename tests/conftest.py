@@ -270,7 +270,7 @@ class BodyPoints:
 
     def __init__(self, robot):
         self.robot = robot
-        parts = list(robot.collision_model.geometryObjects)
+        parts = list(robot.shared.collision_model.geometryObjects)
         self.hulls = [bounding_hull(part.geometry).moved(part.placement) for part in parts]
         self.joints = [part.parentJoint for part in parts]
         self._points = [_with_balls(hull) for hull in self.hulls]

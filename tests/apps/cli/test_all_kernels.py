@@ -19,7 +19,8 @@ def test_jobs_ask_for_all_kernels():
         resolve_name(job)()
     package = Path(safe_ompl.__file__).parent
     for path in sources(package):
-        module = import_module(".".join(("safe_ompl", *path.relative_to(package).with_suffix("").parts)))
+        parts = path.relative_to(package).with_suffix("").parts
+        module = import_module(".".join(("safe_ompl", *(part for part in parts if part != "__init__"))))
         for name, kernel in vars(module).items():
             if hasattr(kernel, "py_func") and kernel.__module__ == module.__name__:
                 loaded = kernel.signatures or sum(kernel.stats.cache_hits.values())
