@@ -38,11 +38,7 @@ _WITHIN = 1e-9  # [rad or m] by which a position may be outside its limits, as f
 
 
 class Extremes(NamedTuple):
-    """Bounds (K, n) of a derivative on every piece: none of its values is below `low` or above `high`.
-
-    Both are within 1e-9 of what is taken at the times `low_at` and `high_at` [s], relative to the largest control
-    point, but for slack and rounding.
-    """
+    """Bounds (K, n) of a derivative on every piece: none of its values is below `low` or above `high`."""
 
     low: FloatArray
     high: FloatArray
@@ -104,10 +100,7 @@ class Violation:
 def extremes(
     motion: Motion, order: int, low: FloatArray | float = np.inf, high: FloatArray | float = -np.inf
 ) -> Extremes:
-    """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities.
-
-    Bounds that are not below `low`, or not above `high`, numbers or (n,), need not be near to what is taken.
-    """
+    """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities."""
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
     error = (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1)
@@ -259,10 +252,7 @@ class MotionCurve:
 
 
 def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, people: People) -> Stops:
-    """Return how a motion, its joints in the order of the robot's, stops beside people within a proof's tube.
-
-    Raises InputError as `safe_ompl.check`, or if people are not in the scene.
-    """
+    """Return how a motion, its joints in the order of the robot's, stops beside people within a proof's tube."""
     if not motion.rated:
         why = "bare samples have no rates" if motion.timed else "it has no times"
         raise InputError(f"stops beside people cannot be proven: {why}", "motion")

@@ -278,10 +278,7 @@ class Displacement:
         return of, slopes, missing
 
     def _too_near(self, Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
-        """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small.
-
-        The proof says what pairs must keep; they should keep `spare: (B,)` [m] more.
-        """
+        """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small."""
         robot, required = proof.checker.robot, proof.required
         pairs, wanted = required.pairs, required.least + spare[:, None]
         near, geometry = wanted + _BAND, required.pairs.geometry

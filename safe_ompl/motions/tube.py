@@ -17,10 +17,7 @@ FACTOR = 1.5
 
 
 def tube_of(given: ArrayLike | Mapping[str, float], robot: Robot, key: str = "tube") -> tuple[float, ...]:
-    """Return the n widths of a tube [rad or m], of one number, of n, or of numbers by the names of all joints.
-
-    Raises InputError, whose message starts with the key, or UnknownNameError, if they are none of that, or negative.
-    """
+    """Return the n widths of a tube [rad or m], of one number, of n, or of numbers by the names of all joints."""
     if isinstance(given, Mapping):
         given = robot.configuration(given, key)
     widths = np.full(robot.n, number(key, given)) if np.ndim(given) == 0 else given

@@ -32,10 +32,7 @@ CollisionSource = Literal["required", "visual", "optional"]
 def build_collision_geometry(
     urdf: UrdfFile, full: pin.Model, collision: str, *, hulls: bool = False
 ) -> pin.GeometryModel:
-    """Return the collision geometry of all links; with "visual", the visual shapes of links that have no other.
-
-    `hulls` says that `make_convex` follows. Errors as `UrdfFile.build_geometry`.
-    """
+    """Return the collision geometry of all links; with "visual", the visual shapes of links that have no other."""
     geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION, queried=not hulls)
     bare = urdf.links_with("visual") - urdf.links_with("collision")
     if collision != "visual" or not bare:
@@ -191,10 +188,7 @@ def adjacent_pairs(model: pin.Model, geometry: pin.GeometryModel) -> list[pin.Co
 
 
 def always_in_contact(model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray) -> list[pin.CollisionPair]:
-    """Return the pairs in contact in more than 95 % of the samples (S, nq).
-
-    A pair is looked at until it has been free in 5 % of the samples, which for most is soon.
-    """
+    """Return the pairs in contact in more than 95 % of the samples (S, nq)."""
     pairs = _pairs(geometry)
     data, contacts, free = model.createData(), pin.GeometryData(geometry), dict.fromkeys(range(len(pairs)), 0)
     for q in samples:

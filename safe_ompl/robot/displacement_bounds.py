@@ -32,10 +32,7 @@ class DisplacementBounds:
 
     @cached_property
     def displacement_radii(self) -> FloatArray:
-        """Proven radii R̄ (G, n): no point of body g moves more than Σ_i R̄_gi·|Δ_i|, at any configuration.
-
-        Rows follow `collision_model.geometryObjects`. See `safe_ompl.robot.reach`.
-        """
+        """Proven radii R̄ (G, n): no point of body g moves more than Σ_i R̄_gi·|Δ_i|, at any configuration."""
         return _frozen(self._robot.coupling.radii(self.joint_radii))
 
     @cached_property

@@ -165,10 +165,7 @@ class ForwardKinematics:
         return self.pull_back(np.tile(self._checked(q), (size, 1)), units).reshape(-1, 3, self.n)
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return x [m], dx/dt and d²x/dt², (B, K, 3) each, of the key points at `Q: (B, n)` at steady rates of joints.
-
-        The rates `delta: (B, n)` are such as the Δ of an edge q₁ + tΔ.
-        """
+        """Return x [m], dx/dt and d²x/dt², (B, K, 3) each, of key points at `Q: (B, n)` at steady rates `delta`."""
         values, rates = plain(self.model_values(Q)), plain(self.coupling.motions(delta))
         return kernel.keypoint_motions(*self._tables, values, rates)
 
@@ -204,10 +201,7 @@ class ForwardKinematics:
 
 
 class JointLimits:
-    """Says whether a configuration is finite and within the joint limits of a robot.
-
-    The same as ``robot.within_limits(q).all()``, which takes twenty times as long for so few numbers.
-    """
+    """Says whether a configuration is finite and within the joint limits of a robot."""
 
     def __init__(self, robot: ForwardKinematics) -> None:
         lower = np.where(robot.continuous, -_LARGEST, robot.lower - _WITHIN)
@@ -228,10 +222,7 @@ class JointLimits:
         return bool(kernel.within(q, self._bounds))
 
     def lay_edge(self, start: FloatArray, end: FloatArray, edge: FloatArray) -> bool:
-        """Write start and way (2, m) of the model's joints on a straight motion, if both ends (n,) are within limits.
-
-        Returns whether they are. The numbers are those of `Coupling.values`, and of `Coupling.motions` of `difference`.
-        """
+        """Write start and way (2, m) of the model's joints; return whether both ends (n,) are within limits."""
         return bool(kernel.lay_edge(start, end, self._coupling, self._bounds, edge))
 
     def within(self, lower: FloatArray, upper: FloatArray) -> JointLimits:

@@ -129,10 +129,7 @@ def transpose_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -
 
 
 def cautious_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
-    """Return Δq (n,) = Jᵀ(JJᵀ + μ‖Δx‖²)⁻¹Δx (Levenberg-Marquardt; Sugihara 2011); Δq₀ is ignored.
-
-    Far from the place steps are short and sure, near it they become Newton's.
-    """
+    """Return Δq (n,) = Jᵀ(JJᵀ + μ‖Δx‖²)⁻¹Δx (Levenberg-Marquardt; Sugihara 2011); Δq₀ is ignored."""
     square = jacobian @ jacobian.T
     square.flat[:: len(error) + 1] += _CAUTION * float(error @ error) + _REGULAR
     step: FloatArray = jacobian.T @ np.linalg.solve(square, error)
@@ -194,11 +191,7 @@ def solve_from_seed(place: Place, seed: FloatArray, precision: float) -> FloatAr
 
 
 def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArray, float]:
-    """Return a configuration (n,) within the joint limits, and how far [m] its tip is from the place.
-
-    Takes `cautious_step` from one seed (n,), within the limits, until it arrives or stalls, which depends on the seed:
-    try several. It has arrived where tip and place are within `precision` [m], rotation included (`Place.distance`).
-    """
+    """Return a configuration (n,) within the joint limits, and how far [m] its tip is from the place."""
     limits = motion_limits(place.robot, _full_turns(place.robot))  # whichever way joints turn
     q, distance, stalls = seed, place.distance(seed), 0
     for _ in range(_ITERATIONS):

@@ -105,10 +105,7 @@ class Coupling:
 
 
 def resolved(mimics: Mapping[str, Mimic], source: str) -> dict[str, Mimic]:
-    """Return `mimics` with chains (a joint that mimics a mimic joint) followed to the first joint of each.
-
-    Raises InputError if joints mimic each other in a circle.
-    """
+    """Return `mimics` with chains (a joint that mimics a mimic joint) followed to the first joint of each."""
     found = {}
     for name, mimic in mimics.items():
         seen = [name]
@@ -145,11 +142,7 @@ class Skeleton:
 
     @classmethod
     def from_model(cls, model: pin.Model, joint_names: Sequence[str], tips: Sequence[str]) -> Skeleton:
-        """Build the skeleton of `model`, whose locked joints are reduced to frames.
-
-        All joints of the robot, locked ones included, are ends of links; `tips` are frames at the ends of the last
-        links, the first one the robot's tip.
-        """
+        """Build the skeleton of `model`, whose locked joints are reduced to frames."""
         first, *others = (frame_index(model, tip) for tip in tips)
         on_chain = {frame for tip in (first, *others) for frame in _way_to_root(model, tip)}
         ends = [(name, _joint_frame(model, name)) for name in joint_names]

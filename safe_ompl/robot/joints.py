@@ -31,11 +31,7 @@ _LINK = " (link)"  # tells a link from a joint of the same name
 
 
 def default_tip(full: pin.Model, model: pin.Model) -> str:
-    """Return the body farthest from the base; where that is a finger, the farthest one of the hand that carries it.
-
-    Bodies whose names are those of sensors count only where there are no others. `full` has all joints of the URDF,
-    `model` those that move.
-    """
+    """Return the body farthest from the base; where that is a finger, the farthest one of the hand that carries it."""
 
     def rank(body: pin.Frame) -> tuple[int, float]:
         """Say how many joints are above a body, and how far it is from the last one."""
@@ -56,10 +52,7 @@ def default_tip(full: pin.Model, model: pin.Model) -> str:
 
 
 def finger_joints(full: pin.Model) -> frozenset[str]:
-    """Return the joints of fingers: of two or more similar short chains of joints that branch off a moving link.
-
-    Also what is carried by a joint whose name says that it moves a finger, unless all joints have such names.
-    """
+    """Return the joints of fingers: of two or more similar short chains of joints that branch off a moving link."""
     data = full.createData()
     pin.framesForwardKinematics(full, data, pin.neutral(full))
 
@@ -167,11 +160,7 @@ def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], 
 def with_mimics(
     full: pin.Model, mimics: Mapping[str, Mimic], held: Mapping[str, float], source: str
 ) -> dict[str, float]:
-    """Return the joints to lock with their values, checked: those `held` [rad or m], and those that mimic them.
-
-    Chains of `mimics` are resolved. Raises InputError if a joint to hold does not exist, its value cannot be, or a
-    joint mimics one that does not exist.
-    """
+    """Return the joints to lock with their values, checked: those `held` [rad or m], and those that mimic them."""
     names = list(full.names)[1:]
     for name, value in held.items():
         if name not in names:
@@ -233,10 +222,7 @@ def reduce_model(
 
 
 def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) -> None:
-    """Raise InputError if no joint is free, or one of a kind that cannot be planned for.
-
-    The joints in `stiff` are held as their limits are one value.
-    """
+    """Raise InputError if no joint is free, or one of a kind that cannot be planned for."""
     if model.njoints < 2:
         why = f": the limits of {', '.join(sorted(stiff))} leave no range; limits= gives others" if stiff else ""
         raise InputError(f"no joint is free to move{why}", source)
@@ -250,10 +236,7 @@ def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) 
 
 
 def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: str) -> None:
-    """Narrow the limits of joints that others mimic, so that these keep to theirs, which become what is left of them.
-
-    Raises InputError if a continuous joint is mimicked: its mimic joint would have no place at ±π.
-    """
+    """Narrow the limits of joints that others mimic, so that these keep to theirs."""
     limits: dict[str, tuple[float, float]] = {}
     for name in list(model.names)[1:]:
         ends = limits_of(model, name)

@@ -33,21 +33,7 @@ PoseLike: TypeAlias = Pose | pin.SE3 | Mapping[str, Any] | Sequence[float]
 
 @dataclass(frozen=True)
 class Attachment:
-    """An object that a robot holds.
-
-    Parameters
-    ----------
-    name : str
-        Its name, different from those of links and frames.
-    shape : Shape
-        A shape of `safe_ompl.geometry`.
-    link, pose : str, Pose
-        The link (or other frame) that it is fixed to, and where it is in its frame.
-    touch_links : sequence of str
-        Links that it may touch, besides those that are rigidly connected with `link`.
-    danger : bool
-        Make it a link of the skeleton: from the key point below it to its far end.
-    """
+    """An object that a robot holds."""
 
     name: str
     shape: Shape

@@ -192,30 +192,21 @@ class JointChain:
         return path
 
     def radii(self, regions: Regions) -> FloatArray:
-        """Return the displacement radii R̄ (n,) of a body in its `regions`.
-
-        In metres per radian; 1 for prismatic joints; 0 for joints that do not move the body.
-        """
+        """Return the displacement radii R̄ (n,) of a body in its `regions`."""
         radii = np.zeros(len(self.parents))
         for i, region in regions:
             radii[i] = 1.0 if self.prismatic[i] else region.radius
         return radii
 
     def reach(self, regions: Regions) -> ReachCylinder:
-        """Return a cylinder in the world frame that a body never leaves, at any configuration within limits.
-
-        Some joint must move the body.
-        """
+        """Return a cylinder in the world frame that a body never leaves, at any configuration within limits."""
         if not regions:
             raise ValueError("the body is fixed to the base")
         i, region = regions[-1]
         return region.moved(self.placements[i])
 
     def point_reach(self, joint: int, point: FloatArray, axis: FloatArray = _UP) -> ReachCylinder:
-        """Return a cylinder in the world that a point (3,) [m] in the frame of Pinocchio's joint `joint` never leaves.
-
-        About the `axis` (3,) where nothing moves the point.
-        """
+        """Return a cylinder in the world that a point (3,) [m] in the frame of a joint never leaves."""
         if joint == 0:
             return ReachCylinder(point, axis, 0.0, 0.0)
         return self.reach(self.regions(joint, Hull(point[None], 0.0)))
@@ -246,10 +237,7 @@ class JointChain:
         return ReachCylinders.of(reaches)
 
     def regions(self, joint: int, body: Hull) -> Regions:
-        """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame.
-
-        Pinocchio's joint `joint` carries the body, which is given in its frame.
-        """
+        """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame."""
         regions: Regions = []
         for i in self.path_to_root(joint):
             axis = self.axes[i]

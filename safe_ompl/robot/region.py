@@ -172,10 +172,7 @@ class GoalRegion(Section):
 
 
 class RegionPlace(Place):
-    """A region of the tip as a place to go to: its error is that to the nearest pose of the region.
-
-    ½‖Δx‖² has the gradient −JᵀΔx, as for a place: the way to the nearest pose is the steepest one.
-    """
+    """A region of the tip as a place to go to: its error is that to the nearest pose of the region."""
 
     def __init__(self, robot: Robot, region: GoalRegion) -> None:
         super().__init__(robot, *region.nearest(region.frame.se3))

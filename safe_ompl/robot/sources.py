@@ -22,11 +22,7 @@ _GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
 
 @dataclass(frozen=True)
 class ExampleRobot:
-    """Files and settings of one robot of example-robot-data.
-
-    URDF and SRDF are relative to the folder of the robots; no SRDF is given where the shipped one disables no pair. The
-    tip is the frame at the end of the arm; `locked` joints are held still [rad or m].
-    """
+    """Files and settings of one robot of example-robot-data."""
 
     urdf: str
     srdf: str | None
@@ -55,10 +51,7 @@ EXAMPLES: dict[str, ExampleRobot] = {
 
 @cache
 def robots_folder() -> Path:
-    """Return the folder that holds the robots of example-robot-data, or raise InputError if it is not installed.
-
-    The wheel has data only and no Python module, so it is found through the package metadata.
-    """
+    """Return the folder that holds the robots of example-robot-data, or raise InputError if it is not installed."""
     try:
         package = distribution("example-robot-data")
     except PackageNotFoundError:

@@ -211,10 +211,7 @@ class RobotSpec(Section):
         return spec
 
     def with_package_dirs(self, folders: Sequence[Path]) -> RobotSpec:
-        """Return the spec with more folders that hold packages, searched first, for each URDF that it names.
-
-        Raises InputError for a robot of example-robot-data, which brings its own.
-        """
+        """Return the spec with more folders that hold packages, searched first, for each URDF that it names."""
         if self.example is not None:
             raise InputError(f"is for robots from a URDF; {self.example!r} brings its own files", "package-dir")
         if self.urdf is not None:
@@ -250,10 +247,7 @@ class RobotSpec(Section):
         return replace(self, robots=robots, attached=tuple(item for item in self.attached if item.name != name))
 
     def state(self, name: str) -> dict[str, float]:
-        """Return a named state of the SRDF by joint [rad or m], in a cell those of all robots that have one.
-
-        Raises InputError if there is none.
-        """
+        """Return a named state of the SRDF by joint [rad or m], in a cell those of all robots that have one."""
         if self.robots:
             found, refused = dict[str, float](), None
             for prefix, spec in self.robots.items():

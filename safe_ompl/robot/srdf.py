@@ -37,10 +37,7 @@ class SrdfFile:
             raise InputError(f"not a valid SRDF ({error})", str(path)) from None
 
     def state(self, name: str) -> dict[str, float]:
-        """Return the joint values [rad or m] of the state `name`, of all groups with it, or raise UnknownNameError.
-
-        Joints with more than one value (a floating base) are left out.
-        """
+        """Return the joint values [rad or m] of the state `name`, of all groups with it, or raise UnknownNameError."""
         states, found = self._root.findall("group_state"), dict[str, float]()
         if not any(state.get("name") == name for state in states):
             known = dict.fromkeys(state.get("name", "") for state in states)
@@ -56,10 +53,7 @@ class SrdfFile:
         return found
 
     def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
-        """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups.
-
-        Raises InputError if there is no such group, it names what the robot has not, or it has no movable joint.
-        """
+        """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups."""
         found = set(self._joints_of(name, full, ()))
         found -= {joint.get("name", "") for joint in self._root.findall("passive_joint")}
         ordered = tuple(joint for joint in list(full.names)[1:] if joint in found)

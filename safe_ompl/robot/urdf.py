@@ -120,10 +120,7 @@ def parsed(path: Path) -> ElementTree.Element:
 
 
 def _xacro_evidence(root: ElementTree.Element) -> str | None:
-    """Return one of xacro's tags that `root` holds, or an expression in what describes links and joints; or None.
-
-    A declared name space alone says nothing: xacro leaves it in what it writes.
-    """
+    """Return one of xacro's tags that `root` holds, or an expression in what describes links and joints; or None."""
     for element in root.iter():
         if element.tag.startswith("xacro:"):
             return f"<{element.tag}>"
@@ -136,10 +133,7 @@ def _xacro_evidence(root: ElementTree.Element) -> str | None:
 
 
 def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]) -> ElementTree.Element:
-    """Return the outermost tag of the URDF that xacro makes of a file; `packages` are those that `$(find …)` names.
-
-    Raises ModuleNotFoundError where the package xacro is not installed, and InputError if xacro fails.
-    """
+    """Return the outermost tag of the URDF that xacro makes of a file; `packages` are those that `$(find …)` names."""
     import xacro
     from xacro import substitution_args
 
@@ -286,11 +280,7 @@ class UrdfFile:
             raise InputError(f"not a valid URDF ({_first_line(error)})", str(self.path)) from None
 
     def build_geometry(self, model: pin.Model, kind: pin.GeometryType, *, queried: bool = True) -> pin.GeometryModel:
-        """Return the collision or visual geometry of `model`; the trees of meshes that are not `queried` are simple.
-
-        Raises InputError if a mesh is missing or cannot be read, a shape has an impossible size or is of an unknown
-        kind.
-        """
+        """Return the collision or visual geometry of `model`; the trees of meshes that are not `queried` are simple."""
         tag = "collision" if kind == pin.GeometryType.COLLISION else "visual"
         source = str(self.path)
         for link in self._root.findall("link"):
@@ -346,10 +336,7 @@ class UrdfFile:
 
     @cached_property
     def _readable_text(self) -> str:
-        """The URDF as the parser can read it: with the paths of its meshes, without what is not a whole inertial.
-
-        It is made from what was read at first: whatever is built from it is of one state of the file.
-        """
+        """The URDF as the parser can read it: with the paths of its meshes, without what is not a whole inertial."""
         root = deepcopy(self._root)
         for link in root.findall("link"):
             for inertial in link.findall("inertial"):

@@ -49,10 +49,7 @@ class MotionCaps:
 
 @dataclass(frozen=True)
 class Standstill:
-    """Where the robot may not move at any speed: arc length [rad], configuration (n,), and what forbids motion there.
-
-    The reason has the numbers, and what would have to change; beside people, who may come to which link.
-    """
+    """Where the robot may not move at any speed: arc length [rad], configuration (n,), and what forbids it."""
 
     arc_length: float
     configuration: FloatArray

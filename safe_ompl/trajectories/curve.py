@@ -40,10 +40,7 @@ class CurvePoints(NamedTuple):
 
 @dataclass(frozen=True)
 class Cells:
-    """Pieces of a curve, with boxes of q′ and q″ that hold over whole cells, and bounds (N, n) of |q‴|, the `swings`.
-
-    `edges: (N + 1,)` are where the N cells begin and end; `stops` those of them in which the robot must stop: corners.
-    """
+    """N cells of a curve: boxes of q′ and q″ over whole cells, bounds (N, n) of |q‴|, and corners, `stops`."""
 
     edges: FloatArray
     boxes: Boxes
@@ -142,10 +139,7 @@ def _box(first: FloatArray, *values: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 class BlendedCurve:
-    """Pieces one after the other; those of `stops` begin in another direction than the one before ends: corners.
-
-    Arc lengths are those of the path whose corners the blends round: on a blend, which is shorter, ‖q′‖ ≤ 1.
-    """
+    """Pieces one after the other; those of `stops` begin in another direction than the one before ends: corners."""
 
     def __init__(self, pieces: list[Piece], stops: list[int]) -> None:
         self.pieces, self.stops = tuple(pieces), tuple(stops)

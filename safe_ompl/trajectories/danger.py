@@ -138,10 +138,7 @@ def danger_cap(
 
 @dataclass(frozen=True)
 class MotionDanger:
-    """The kinetostatic danger [k₁/m, or k₁] along a motion: at times (T,) [s], its mean over time, its peak among them.
-
-    It is nowhere larger than `proven_peak`; +inf where it cannot be kept from a danger point.
-    """
+    """The kinetostatic danger [k₁/m, or k₁] at times (T,) [s] of a motion: values, mean, peak, and a bound of the peak."""
 
     times: FloatArray
     values: FloatArray

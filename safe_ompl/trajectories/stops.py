@@ -110,10 +110,7 @@ class Stops:
         return f"Stops({len(self.cells)} cells, {self.left.min():.3g} s left)"
 
     def met(self, cell: int) -> tuple[str, tuple[str, str], float]:
-        """Return what stops that begin in a cell have least left to: link, person and limb, and how much [m].
-
-        That is what is left beyond the clearance; negative by how much nearer they may come.
-        """
+        """Return what stops that begin in a cell have least left to: link, person and limb, and how much [m]."""
         k, m = int(self.where[cell]), int(self.limb[cell])
         bounds, distances, people = self.separation, self.distances, self.distances.people
         time = float(bounds.times[k, m])  # infinite of limbs at rest
@@ -122,10 +119,7 @@ class Stops:
         return distances.links[int(bounds.nearest[k, m])], distances.limbs[m], float(room)
 
     def stop_from(self, time: float) -> TimeLaw:
-        """Return the stop that begins at a time [s] of the motion: which time of the motion it is at when.
-
-        `law.at(t)[1]` is the time of the motion at which it is after t seconds, and `law.duration` how long it takes.
-        """
+        """Return the stop that begins at a time [s] of the motion: which time of the motion it is at when."""
         edges = self.cells.edges
         begin = float(np.clip(time, edges[0], edges[-1]))
         j = int(np.clip(np.searchsorted(edges, begin, side="right") - 1, 0, len(self.cells) - 1))
@@ -141,11 +135,7 @@ class Stops:
 def stops_beside(
     curve: Curve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances
 ) -> Stops:
-    """Return how a motion, which ends at rest, stops beside people, and what is left; see the module.
-
-    The parameter of the curve is its time [s]; `stops` of the cells are edges at which it is at rest. Cells that are
-    too coarse for a proof are divided.
-    """
+    """Return how a motion, which ends at rest, stops beside people, and what is left; see the module."""
     accelerations = limits.acceleration
     for rounds_left in reversed(range(_ROUNDS + 1)):
         motion, ends = (cells.sizes, cells.boxes, accelerations), next_stops(cells)

@@ -318,10 +318,7 @@ class SmoothLimits:
 
 
 def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: FloatArray | None = None) -> float:
-    """Return the window [s] with which a law takes the least time, about; of `SmoothLimits`, beside people.
-
-    There `times: (N, M)` [s] say how long a stop may take in each cell.
-    """
+    """Return the window [s] with which a law takes the least time, about; of `SmoothLimits`, beside people."""
     assert limits.jerk is not None
     stops = times is not None
     with np.errstate(divide="ignore"):

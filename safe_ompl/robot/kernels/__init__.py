@@ -277,10 +277,7 @@ def way(start: float, end: float, wraps: bool) -> float:
 
 @compiled
 def steer(q: FloatArray, target: FloatArray, wraps: BoolArray, step: float, out: FloatArray) -> float:
-    """Write where a step from q towards a target (n,) leads, and its direction, (2, n); return ρ(q, target).
-
-    A step leads no farther than to the target. There is no direction, NaN, where the target is q itself.
-    """
+    """Write where a step from q towards a target (n,) leads, and its direction, (2, n); return ρ(q, target)."""
     length = 0.0
     for i in range(len(q)):
         out[1, i] = way(q[i], target[i], wraps[i])
