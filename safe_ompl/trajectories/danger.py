@@ -138,7 +138,7 @@ def danger_cap(
 
 @dataclass(frozen=True)
 class MotionDanger:
-    """The kinetostatic danger [k₁/m, or k₁] at times (T,) [s] of a motion: values, mean, peak, and a bound of the peak."""
+    """The kinetostatic danger [k₁/m, or k₁] at times (T,) [s] of a motion, its mean, its peak, and a bound of that."""
 
     times: FloatArray
     values: FloatArray
