@@ -130,7 +130,7 @@ def test_the_push_is_the_sum_over_all_points_and_the_ends_of_all_links(ur5):
     """Σ_m Σ_l J_lᵀ w_m CDF(p_m) with the Jacobians themselves (paper, §4.3)."""
     q = np.array([0.3, -1.0, 1.2, 0.1, 0.4, -0.2])
     danger = DangerField(ur5, POINTS, WEIGHTS)
-    found, jacobians = vectors(ur5.keypoints(q)[None], ur5.segments, POINTS)[0], ur5.keypoint_jacobians(q)
+    found, jacobians = vectors(ur5.keypoints(q)[None], danger.links, POINTS)[0], ur5.keypoint_jacobians(q)
     expected = sum(jacobians[end].T @ (WEIGHTS @ found) for _, end in ur5.segments)
     np.testing.assert_allclose(danger.push(q), expected, rtol=1e-10, atol=1e-9)
 

@@ -109,6 +109,7 @@ class _Work(NamedTuple):
     forces: FloatArray
     levels: FloatArray
     share: FloatArray
+    short: Any
     far: Any
     bounds: Any
     tops: Any
@@ -117,11 +118,12 @@ class _Work(NamedTuple):
 
 
 @maker
-def _room(tables: Tables, M: int) -> _Work:
-    m, K = len(tables.joints), len(tables.keys)
+def _room(tables: Tables, points: Points) -> _Work:
+    """Return room, with a copy of the short columns: of arrays made here LLVM knows that none is part of another."""
+    m, K, M = len(tables.joints), len(tables.keys), len(points.charges)
     return _Work(
         np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6)), np.empty((K, 3)), np.empty((K, 3)),
-        np.empty(M), np.empty(M), np.empty((K, M), np.float32), np.empty(M, np.float32),
+        np.empty(M), np.empty(M), points.short.copy(), np.empty((K, M), np.float32), np.empty(M, np.float32),
         np.empty((M + _CHUNK - 1) // _CHUNK, np.uint32), np.empty((4, len(tables.links))), new_block(K),
     )  # fmt: skip
 
@@ -141,7 +143,7 @@ def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[flo
     for k in range(len(skeleton.places)):
         for x in range(3):
             reach = max(reach, abs(skeleton.places[k, x]))
-    ceilings(skeleton, points.short, reach, work.far, bounds)
+    ceilings(skeleton, work.short, reach, work.far, bounds)
     for k in range(M):
         bounds[k] *= np.float32(charges[k])
     # As integers numbers that are not negative have the same order, and what is no number is above all others.
@@ -169,10 +171,19 @@ def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[flo
 
 
 @part
-def _place(tables: Tables, values: FloatArray, work: _Work) -> None:
-    """Place joints and key points at `values: (m,)` of the joints."""
-    place_joints(tables.joints, values, work.rotation, work.origin, work.axis)
-    place_keypoints(tables.keys, work.rotation, work.origin, work.places)
+def _whole(skeleton: Skeleton, points: Points, aggregate: Aggregate, sloped: bool, work: _Work) -> float:
+    """Return the mean or the softmax of all levels; the gradient by the key points is added to the forces."""
+    columns, charges, kind = points.columns, points.charges, aggregate.kind
+    levels, share, M = work.levels, work.share, len(points.charges)
+    potentials(skeleton, columns, 0, M, levels.reshape(1, M))
+    for k in range(M):
+        levels[k] *= charges[k]
+    if sloped:
+        _shares(levels, kind, aggregate.sharpness, share)
+        for k in range(M):
+            if share[k] != 0.0:
+                add_pull(skeleton, columns, k, charges[k] * share[k], work.forces)
+    return _aggregate(levels, kind, aggregate.sharpness)
 
 
 @part
@@ -181,26 +192,18 @@ def _danger(
 ) -> float:
     """Return the danger at `values: (m,)` of the joints, and write its gradient (m or 0,)."""
     kind, sloped = aggregate.kind, len(gradient) > 0
-    _place(tables, values, work)
+    place_joints(tables.joints, values, work.rotation, work.origin, work.axis)
+    place_keypoints(tables.keys, work.rotation, work.origin, work.places)
     skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
     columns, charges = points.columns, points.charges
-    levels, share, forces = work.levels, work.share, work.forces
+    forces = work.forces
     forces[:] = 0.0
     if kind == MAXIMUM:
         out, best = _highest_level(skeleton, points, work)
         if sloped:
             add_pull(skeleton, columns, best, charges[best], forces)
     else:
-        M = len(charges)
-        potentials(skeleton, columns, 0, M, levels.reshape(1, M))
-        for k in range(M):
-            levels[k] *= charges[k]
-        out = _aggregate(levels, kind, aggregate.sharpness)
-        if sloped:
-            _shares(levels, kind, aggregate.sharpness, share)
-            for k in range(M):
-                if share[k] != 0.0:
-                    add_pull(skeleton, columns, k, charges[k] * share[k], forces)
+        out = _whole(skeleton, points, aggregate, sloped, work)
     if sloped:
         frames = work.origin, work.axis, work.wrench
         pull(tables.joints, tables.keys, frames, work.places, forces, gradient)
@@ -216,7 +219,7 @@ def dangers(
     Gradients are not written where there is no room; points on a link have none.
     """
     out = np.empty(len(values))
-    _each_danger(tables, values, points, aggregate, gradients, out, _room(tables, len(points.charges)))
+    _each_danger(tables, values, points, aggregate, gradients, out, _room(tables, points))
     return out
 
 
@@ -248,10 +251,11 @@ def high_levels(
     B, M = len(values), len(charges)
     rows, found, levels = np.empty(B * M, np.int64), np.empty(B * M, np.int64), np.empty(B * M)
     gradients = np.empty((B * M if sloped else 0, values.shape[1]))
-    work = _room(tables, M)
+    work = _room(tables, points)
     skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
     for b in range(B):
-        _place(tables, values[b], work)
+        place_joints(tables.joints, values[b], work.rotation, work.origin, work.axis)
+        place_keypoints(tables.keys, work.rotation, work.origin, work.places)
         lowest = max(least, share * _highest_level(skeleton, points, work)[0])
         enough = np.float32(lowest * (1.0 - 1e-7))
         for k in range(M):
@@ -281,7 +285,7 @@ def mean_danger(
     By Simpson's rule. Of a panel, at first one of `panels`, the trapezoidal rule with the same three values differs by
     |f₀ − 2f₁ + f₂|/12 from it. The panel is halved where that is more than the relative tolerance times the mean.
     """
-    work, nothing = _room(tables, len(points.charges)), np.empty(0)
+    work, nothing = _room(tables, points), np.empty(0)
     q, first, evaluations = np.empty(ends.shape[1]), np.empty(2 * panels + 1), 2 * panels + 1
     mean = 0.0
     for k in range(evaluations):

@@ -94,25 +94,18 @@ def half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
 
 
 @part
-def kappa_of(S: float, length: float, c: float, phi: float) -> tuple[float, float, float]:
-    """Return κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)², c = 2/(S² − ℓ²), and ∂κ/∂S, ∂κ/∂ℓ."""
+def slopes(length: float, S: float, half: float) -> tuple[float, float, float]:
+    """Return φ = θ/ℓ, c = 2/(S² − ℓ²) and κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)²."""
+    c = 1.0 / half
+    phi = np.log1p(length * (S + length) * c) / length
     y = (length / S) ** 2
     if y > _SERIES:
-        squared = length * length
-        kappa = (c * S - phi) / squared
-        # φ = (2/ℓ) atanh(ℓ/S): ∂φ/∂S = −c and ∂φ/∂ℓ = (cS − φ)/ℓ; ∂c/∂S = −c²S, ∂c/∂ℓ = c²ℓ
-        by_S = (c - c * c * S * S + c) / squared
-        by_length = (c * c * length * S - kappa * length) / squared - 2 * kappa / length
-        return kappa, by_S, by_length
-    total, slope, power = 0.0, 0.0, 1.0
+        return phi, c, (c * S - phi) / (length * length)
+    total, power = 0.0, 1.0
     for k in range(1, 10):
-        factor = 2.0 * k / (2 * k + 1)
-        total += factor * power
-        if k > 1:
-            slope += factor * (k - 1) * power / y if y > 0 else (factor if k == 2 else 0.0)
+        total += 2.0 * k / (2 * k + 1) * power
         power *= y
-    cubed = S * S * S
-    return 2.0 * total / cubed, -2 * (3 * total + 2 * y * slope) / (cubed * S), 4 * slope * length / (cubed * S * S)
+    return phi, c, 2.0 * total / (S * S * S)
 
 
 @part
@@ -323,9 +316,7 @@ def add_pull(skeleton: Skeleton, points: FloatArray, m: int, weight: float, forc
         length, half = link_length(places, start, end), half_gap(u, v, d1, d2)
         if half <= 0.0:
             return
-        S, c = d1 + d2, 1.0 / half
-        phi = np.log1p(length * (S + length) * c) / length
-        kappa = kappa_of(S, length, c, phi)[0]
+        phi, c, kappa = slopes(length, d1 + d2, half)
         scale = weight
         if skeleton.by_length:
             scale *= length

@@ -18,17 +18,33 @@ the ends of a link's line, for a link that turns about a point of its own line, 
 
 from __future__ import annotations
 
-from math import atan2, hypot, inf, log, log1p, sqrt
+from math import atan2, hypot, inf, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
-from safe_ompl.danger.kernels.field import ZERO, cross_norm, dot, half_gap, kappa_of
+from safe_ompl.danger.kernels.field import ZERO, cross_norm, dot, half_gap, slopes
 
 _BESIDE = 3e-5  # floor of h, in distances from the segment
 _TURNING = 1e-10  # floor of c₂, in squared speeds
 _SHARP = 1e-9  # floor of g
+
+
+@part
+def _bends(length: float, S: float, c: float, kappa: float) -> tuple[float, float]:
+    """Return ∂κ/∂S and ∂κ/∂ℓ of `slopes`; for short links by the series (2/S³) Σ_k 2k(k − 1)/(2k + 1) y^(k−2)."""
+    y, squared = (length / S) ** 2, length * length
+    if y > 0.01:
+        # ∂φ/∂S = −c and ∂φ/∂ℓ = (cS − φ)/ℓ; ∂c/∂S = −c²S, ∂c/∂ℓ = c²ℓ
+        by_S = (2 * c - c * c * S * S) / squared
+        return by_S, (c * c * length * S - kappa * length) / squared - 2 * kappa / length
+    slope, power = 0.0, 1.0
+    for k in range(2, 10):
+        slope += 2.0 * k * (k - 1) / (2 * k + 1) * power
+        power *= y
+    slope *= 2 / (S * S * S)
+    return -(3 * kappa + 2 * y * slope) / S, 2 * slope * length / (S * S)
 
 
 @part
@@ -101,9 +117,7 @@ def link_parts(
     if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
         return inf, inf, inf
     length = max(sqrt(dot(w, w)), ZERO)
-    S, c = d1 + d2, 1 / half
-    phi = log1p(length * (S + length) * c) / length
-    kappa = kappa_of(S, length, c, phi)[0]
+    phi, c, kappa = slopes(length, d1 + d2, half)
     rate = c * (dot(u, va) / d1 + dot(v, vb) / d2) + kappa * dot(w, D)
     return phi, rate, _isotropic(u, w, va, D)[0] if isotropic else 0.0
 
@@ -174,9 +188,9 @@ def pulls(
                 if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
                     continue
                 weight = scale * weights[b, p]
-                S, c = d1 + d2, 1 / half
-                phi = log1p(length * (S + length) * c) / length
-                kappa, kappa_S, kappa_length = kappa_of(S, length, c, phi)
+                S = d1 + d2
+                phi, c, kappa = slopes(length, S, half)
+                kappa_S, kappa_length = _bends(length, S, c, kappa)
                 # φ̇ and, as the Hessian is symmetric, its gradient: how ∂φ/∂a, ∂φ/∂b change while the ends move
                 speed1, speed2 = -dot(u, va) / d1, -dot(v, vb) / d2
                 growth = dot(w, D) / length

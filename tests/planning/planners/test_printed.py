@@ -242,7 +242,7 @@ class JTRRT(OnArm):
             dq = self.k2 * J.T @ dx
         else:
             dq0, jacobians = np.zeros(self.robot.n), self.robot.keypoint_jacobians(q)
-            for vector in vectors(self.robot.keypoints(q)[None], self.robot.segments, self.field.points)[0]:
+            for vector in vectors(self.robot.keypoints(q)[None], self.field.links, self.field.points)[0]:
                 for _, end in self.robot.segments:
                     dq0 += self.k1 * jacobians[end].T @ vector
             inverse = np.linalg.pinv(J)
