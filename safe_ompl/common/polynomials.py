@@ -6,7 +6,7 @@ Arrays of coefficients have the shape (K, d + 1, n): pieces, powers or Bernstein
 from __future__ import annotations
 
 from functools import cache
-from math import comb, factorial
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -101,27 +101,6 @@ def spline(knots: FloatArray, held: FloatArray, degree: int) -> tuple[FloatArray
     coefficients[:, :1] += origin
     rounding += EPS * (np.abs(coefficients[:, 0]) + np.abs(local).max(axis=1) * 8 * degree)
     return np.append(knots[at], knots[at[-1] + 1]), coefficients, rounding
-
-
-def integrated(state: FloatArray, spans: FloatArray, pushes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients (K, m + 1, n) of phases of constant m-th derivative, and a bound (K, n) of their errors.
-
-    The phases last `spans: (K,)` > 0, with m-th derivatives `pushes: (K, n)`; `state: (m, n)` has position and
-    derivatives at the start.
-    """
-    size = len(state) + 1
-    coefficients = np.zeros((len(spans), size, state.shape[1]))
-    rounding, errors = np.zeros_like(pushes), np.zeros(coefficients.shape[1:])
-    for j, (span, push) in enumerate(zip(spans.tolist(), pushes, strict=True)):
-        steps = np.array([span**k / factorial(k) for k in range(size)])[:, None]
-        orders = np.vstack([state, push])
-        coefficients[j] = orders * steps
-        rounding[j] = (errors * steps).sum(axis=0) + 4 * EPS * np.abs(coefficients[j]).sum(axis=0)
-        state = np.array([(orders[k:] * steps[: size - k]).sum(axis=0) for k in range(size - 1)])
-        sizes = [np.abs(orders[k:] * steps[: size - k]).sum(axis=0) for k in range(size - 1)]
-        errors = np.array([(errors[k:] * steps[: size - k]).sum(axis=0) for k in range(size)])
-        errors[:-1] += 8 * EPS * np.array(sizes)
-    return coefficients, rounding
 
 
 def restricted(coefficients: FloatArray, first: float | FloatArray, last: float | FloatArray) -> FloatArray:

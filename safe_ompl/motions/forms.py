@@ -1,4 +1,4 @@
-"""Forms in which motions come, as polynomials on the unit interval: way points, Hermite, Bézier, B-splines, phases."""
+"""Forms in which motions come, as polynomials on the unit interval: way points, Hermite, Bézier, B-splines."""
 
 from __future__ import annotations
 
@@ -84,21 +84,6 @@ def bspline(knots: ArrayLike, coefficients: ArrayLike, degree: int) -> Pieces:
     if (np.diff(at) < 0).any() or not at[len(held)] > at[degree]:
         raise InputError(f"must not decrease, and span some time, got {shown(at.tolist())}", "knots")
     return polynomials.spline(at, held, degree)
-
-
-def phases(start: ArrayLike, durations: ArrayLike, kind: str, pushes: Any) -> Pieces:
-    """Return phases of constant pushes of a kind, "accelerations" or "jerks"; as `Motion.profile`."""
-    order = 2 if kind == "accelerations" else 3
-    given = np.atleast_2d(finite_array(start, (None,) if np.ndim(start) < 2 else (None, None), "start"))
-    if len(given) > order:
-        raise InputError(f"must have {order} rows at most, the position and its rates, got {len(given)}", "start")
-    spans = finite_array(durations, (None,), "durations")
-    if (spans < 0).any():
-        raise InputError(f"must not be negative, got {spans.min():g}", "durations")
-    held = finite_array(pushes, (len(spans), given.shape[1]), kind)
-    state, moving = np.vstack([given, np.zeros((order - len(given), given.shape[1]))]), spans > 0
-    made = polynomials.integrated(state, spans[moving], held[moving])
-    return np.append(0.0, np.cumsum(spans[moving])), *made
 
 
 def powers_from_left(thing: Any) -> Pieces:

@@ -35,7 +35,7 @@ class Motion:
     """A motion of n joints in K pieces, polynomials of time.
 
     q(t) = Σ_k c_k u^k with u = (t − t_j) / (t_{j+1} − t_j) in [0, 1] on piece j. Other forms of motions are
-    converted by `of`, `through`, `hermite`, `bezier`, `bspline`, `profile` and `sampled`.
+    converted by `of`, `through`, `hermite`, `bezier`, `bspline` and `sampled`.
 
     Parameters
     ----------
@@ -284,37 +284,6 @@ class Motion:
         Raises InputError as the class, or if the knots are none of such a spline.
         """
         return cls._made(forms.bspline(knots, coefficients, degree), names)
-
-    @classmethod
-    def profile(
-        cls,
-        start: ArrayLike,
-        durations: ArrayLike,
-        accelerations: ArrayLike | None = None,
-        *,
-        jerks: ArrayLike | None = None,
-        names: Sequence[str] | None = None,
-    ) -> Motion:
-        """Return phases of constant acceleration (a trapezoidal profile) or of constant jerk (an S-curve).
-
-        Parameters
-        ----------
-        start : array_like, shape (n,) or (k, n)
-            Where it begins [rad or m], at rest; or position, velocity and, where jerks are given, acceleration.
-        durations : array_like, shape (K,)
-            Of the phases, ≥ 0; those of 0 are left out [s].
-        accelerations, jerks : array_like, shape (K, n)
-            One of them [rad/s² or rad/s³; m where a joint slides].
-        names : sequence of str, optional
-            The joints.
-
-        Raises InputError as the class, or if a duration is negative, or both or none of accelerations and jerks are
-        given.
-        """
-        if (accelerations is None) == (jerks is None):
-            raise InputError("needs either accelerations or jerks", "profile")
-        kind, pushes = ("jerks", jerks) if accelerations is None else ("accelerations", accelerations)
-        return cls._made(forms.phases(start, durations, kind, pushes), names)
 
     @classmethod
     def sampled(

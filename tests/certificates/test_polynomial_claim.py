@@ -237,11 +237,12 @@ FALSE = {
 def stairs(order, count=50, span=1e-7, step=0.99e-6):
     """Return pieces on which a derivative of an order is constant, and steps in between."""
     levels = np.cumsum(np.full((count, 1), step) * [1.0, 0, 0, 0, 0, 0], axis=0)
-    if order == 2:
-        return Motion.profile(POINTS[0], np.full(count, span), levels)
-    slopes = span * levels if order else 0 * levels
-    starts = POINTS[0] + (np.cumsum(slopes, axis=0) - slopes if order else levels)
-    return Motion(np.arange(count + 1) * span, np.stack([starts, slopes], axis=1))
+    held = [span**order * levels / max(order, 1)]
+    for k in range(order, 0, -1):  # what is below has no jumps
+        gone = sum(held) * (2 if k == 2 else 1)
+        held.insert(0, np.cumsum(gone, axis=0) - gone)
+    held[0] = held[0] + POINTS[0]
+    return Motion(np.arange(count + 1) * span, np.stack([*held, 0 * levels], axis=1))
 
 
 def corner(turn, rounding=0.0):
@@ -251,7 +252,8 @@ def corner(turn, rounding=0.0):
 
 
 def bang(push):
-    return Motion.profile(POINTS[0], [0.5, 0.5], [[push, 0, 0, 0, 0, 0], [-push, 0, 0, 0, 0, 0]])
+    q, v = POINTS[0] + push * np.outer([0.0, 0.125, 0.25], np.eye(6)[0]), push * np.outer([0.0, 0.5, 0.0], np.eye(6)[0])
+    return Motion.hermite([0.0, 0.5, 1.0], q, v)
 
 
 @pytest.mark.parametrize("kind", FALSE)

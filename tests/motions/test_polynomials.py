@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from math import comb, factorial
+from math import comb
 from types import SimpleNamespace
 
 import numpy as np
@@ -60,12 +60,6 @@ def exact(row):
     return [Fraction(float(value)) for value in row]
 
 
-def taylor(state, span, push):
-    """Return position and derivatives after a time of constant highest derivative, exactly."""
-    orders = [*state, push]
-    return [sum(orders[k + i] * span**i / factorial(i) for i in range(len(orders) - k)) for k in range(len(state))]
-
-
 def de_boor(knots, held, degree, t):
     """Return the value of a B-spline, exactly."""
     at = max(k for k in range(degree, len(held)) if knots[k] <= t and knots[k] < knots[k + 1])
@@ -85,16 +79,12 @@ def test_rounding_is_within_its_bound(seed, degree):
     rng = np.random.default_rng(seed)
     knots, held = np.sort(rng.uniform(-2, 2, 2 * degree + 6)), rng.uniform(-3, 3, (degree + 5, 1))
     pieces, grid = rng.uniform(-3, 3, (1, degree + 1, 1)), [0.0, 0.7]
-    spans, jerks = rng.uniform(0.1, 1, 5), rng.uniform(-9, 9, (5, 1))
     t = exact(knots[[degree, degree + 5]])
     places = [t[0] + (t[1] - t[0]) * Fraction(k, 17) for k in range(18)]
     b = exact(pieces[0, :, 0])
-    states = [[Fraction(1), Fraction(0), Fraction(0)]]
-    for span, jerk in zip(exact(spans), exact(jerks[:, 0]), strict=True):
-        states.append(taylor(states[-1], span, jerk))
     spline = Motion.bspline(knots, held, degree)
     bezier, grown = Motion.bezier(pieces, grid), Motion.of(interpolate.PPoly(pieces[0, :, None], grid))
-    profile, h = Motion.profile([1.0], spans, jerks=jerks), Fraction(grid[1])
+    h = Fraction(grid[1])
     found = [
         (spline, *inside(spline, place), de_boor(exact(knots), exact(held[:, 0]), degree, place)) for place in places
     ]
@@ -102,7 +92,6 @@ def test_rounding_is_within_its_bound(seed, degree):
         shares = [comb(degree, k) * w**k * (1 - w) ** (degree - k) for k in range(degree + 1)]
         found.append((bezier, 0, w, sum(c * share for c, share in zip(b, shares, strict=True))))
         found.append((grown, 0, w, sum(c * (w * h) ** (degree - k) for k, c in enumerate(b))))
-    found += [(profile, k, Fraction(0), state[0]) for k, state in enumerate(states[:-1])]
     for motion, piece, share, expected in found:
         taken = sum(c * share**k for k, c in enumerate(exact(motion.coefficients[piece, :, 0])))
         assert abs(taken - expected) <= motion.rounding[piece, 0]
@@ -149,22 +138,6 @@ def test_pieces_beside_a_point_without_rates_are_of_lower_degree():
     np.testing.assert_allclose(motion.knots, q, atol=1e-12)
     with pytest.raises(InputError, match="point 3 has accelerations, but no velocities"):
         Motion.hermite(t, q, [v[0], v[1], v[2], None, v[4]], a)
-
-
-@given(st.integers(0, 10**6))
-def test_profiles_have_the_accelerations_and_jerks_that_they_were_made_of(seed):
-    rng = np.random.default_rng(seed)
-    spans, pushes = rng.choice([0.0, 0.3, 1.1], 6), rng.normal(size=(6, N))
-    spans[0] = 0.5
-    for kind, order in (("accelerations", 2), ("jerks", 3)):
-        start, velocity = rng.normal(size=(2, N))
-        motion = Motion.profile([start, velocity], spans, **{kind: pushes})
-        middles = 0.5 * (motion.times[1:] + motion.times[:-1])
-        np.testing.assert_allclose(motion.derivative(middles, order), pushes[spans > 0], rtol=1e-12)
-        np.testing.assert_allclose(motion.derivative(motion.times[0], 1), velocity)
-        for k in range(order):  # no jumps of what is integrated
-            ends = motion.derivative(motion.times[1:-1] - 1e-9, k)
-            np.testing.assert_allclose(ends, motion.derivative(motion.times[1:-1], k), atol=1e-6)
 
 
 @given(st.integers(0, 10**6))
@@ -271,9 +244,6 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
         (lambda: Motion.bspline([0, 0, 2, 1, 3], Q, 1), "knots: must not decrease"),
         (lambda: Motion.bspline([0, 1, 1, 1, 2, 3], Q, 2), "knots: must not decrease, and span some time"),
         (lambda: Motion.bspline([0] * 5, Q, 0), r"degree of the B-spline must be a whole number in \[1, 15\], got 0"),
-        (lambda: Motion.profile([0, 0], [1, -1], Q[:2]), "durations: must not be negative, got -1"),
-        (lambda: Motion.profile([0, 0], [1, 1]), "needs either accelerations or jerks"),
-        (lambda: Motion.profile(Q, [1, 1], Q[:2]), "start: must have 2 rows at most"),
         (lambda: Motion.sampled(T, [[0.0], [0.5], [3.0]], 1.0), "column 0 moves at 2.5 after 1 s, faster than"),
         (lambda: Motion.sampled(T, Q, 0.0), "largest velocity must be a finite number in"),
         (lambda: Motion.of(interpolate.CubicSpline(T, Q + 1j)), r"coefficients must be numbers, got array"),

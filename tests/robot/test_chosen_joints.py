@@ -39,29 +39,23 @@ def build(data_folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("group", "joints", "tip"),
-    [("left_arm", LEFT, "left_hand"), ("right_arm", RIGHT, "right_hand"), ("both", LEFT + RIGHT, "right_hand")],
+    ("group", "joints", "tip", "options"),
+    [
+        ("left_arm", LEFT, "left_hand", {}),
+        ("right_arm", RIGHT, "right_hand", {}),
+        ("both", LEFT + RIGHT, "right_hand", {}),
+        ("both", LEFT + RIGHT, "left_hand", {"tip": "left_hand"}),
+    ],
 )
-def test_a_group_chooses_the_joints(build, group, joints, tip):
-    robot = build(group=group)
+def test_a_group_chooses_the_joints(build, group, joints, tip, options):
+    robot = build(group=group, **options)
     assert robot.joint_names == joints
     assert robot.tip == tip
     assert pickle.loads(pickle.dumps(robot)).joint_names == joints
 
 
-def test_a_group_with_another_tip(build):
-    assert build(group="both", tip="left_hand").joint_names == LEFT + RIGHT
-
-
 def held(robot):
     return {name: pytest.approx(value) for name, value in robot.held_joints.items()}
-
-
-def test_the_other_arm_is_held_and_a_warning_says_where(build, caplog):
-    with caplog.at_level(logging.WARNING):
-        robot = build(tip="left_hand")
-    assert robot.joint_names == ("lift", *LEFT)
-    assert "held, as not moving 'left_hand': right_shoulder = 0, right_slide = 0, right_turn = 0" in caplog.text
 
 
 def test_a_state_is_the_posture_of_what_is_held(build, caplog):
@@ -78,10 +72,6 @@ def test_locks_win_over_the_state(build):
     robot = build(tip="left_hand", locked={"right_slide": 0.3, "lift": 0.2}, locked_state="all")
     assert robot.joint_names == LEFT
     assert held(robot) == {"lift": 0.2, "right_slide": 0.3, "right_shoulder": 0.4, "right_turn": 0.6}
-
-
-def test_named_states_of_several_groups(build):
-    assert build().named("home") == {"left_elbow": 0.5, "right_shoulder": -0.4, "right_slide": 0.2}
 
 
 @pytest.mark.parametrize(
@@ -101,7 +91,8 @@ def test_what_does_not_exist(build, options, message):
         build(**options)
 
 
-def test_unknown_states_list_those_that_exist(build, panda):
+def test_named_states(build, panda):
+    assert build().named("home") == {"left_elbow": 0.5, "right_shoulder": -0.4, "right_slide": 0.2}
     with pytest.raises(UnknownNameError, match="unknown state 'rest'; known: home, all"):
         build().named("rest")
     assert set(panda.named("default")) >= set(panda.joint_names)

@@ -2,13 +2,9 @@
 
 import logging
 
-import numpy as np
-import pinocchio as pin
 import pytest
 
 from safe_ompl import CollisionChecker, InputError, Robot, Scene
-from safe_ompl.robot import Mimic
-from safe_ompl.robot.joint_tables import Coupling, resolved
 
 GRIP = 2
 
@@ -16,16 +12,6 @@ GRIP = 2
 @pytest.fixture(scope="module")
 def gripper(robot_named):
     return robot_named("gripper")
-
-
-def test_both_fingers_move(gripper):
-    model, data = gripper.model, gripper.model.createData()
-    apart = []
-    for grip in (0.0, 0.04):
-        pin.framesForwardKinematics(model, data, gripper.pinocchio_configuration([0.3, -0.2, grip]))
-        one, other = (data.oMf[model.getFrameId(f"finger_{k}")].translation for k in (1, 2))
-        apart.append(float(np.linalg.norm(one - other)))
-    assert apart == pytest.approx([0.01 + 0.001, 0.01 + 0.001 + 2.5 * 0.04])
 
 
 def test_limits_shrink_until_the_mimic_keeps_to_its_own(robot_named, edited, caplog):
@@ -46,14 +32,6 @@ def test_a_primary_off_the_tip_stays_free_if_its_mimic_moves_the_tip(data_folder
     robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="finger_2")
     assert robot.joint_names == ("turn", "elbow", "grip")
     assert robot.tip_jacobian([0.0, 0.0, 0.01])[:3, GRIP] == pytest.approx([0.0, -1.5, 0.0])
-
-
-def test_chains_of_mimics():
-    chain = {"b": Mimic("a", 2.0, 1.0), "c": Mimic("b", -3.0, 0.5)}
-    assert resolved(chain, "x")["c"] == Mimic("a", -6.0, -2.5)
-    coupling = Coupling.of(["c", "a", "b"], resolved(chain, "x"))
-    np.testing.assert_allclose(coupling.values(np.array([0.5])), [-5.5, 0.5, 2.0])
-    np.testing.assert_allclose(coupling.radii(np.array([1.0, 1.0, 1.0])), [9.0])
 
 
 def test_a_body_and_one_that_mimics_its_motion_approach_each_other(gripper, plain_check):

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from self_pairs import self_pairs
 
-from safe_ompl import InputError, Robot, Sphere, UnknownNameError
+from safe_ompl import InputError, Robot, Sphere
 from safe_ompl.robot import EXAMPLES, find_example, robots_folder
 from safe_ompl.robot.collision import always_in_contact, sample_configurations
 
@@ -61,11 +61,6 @@ def test_kinds_of_joints(kinova, twin_arm):
     )
     assert twin_arm.prismatic.tolist() == [True, False, False, False, True, False]
     assert twin_arm.continuous.tolist() == [False, True, False, False, False, False]
-
-
-def test_unknown_example_lists_those_that_exist():
-    with pytest.raises(UnknownNameError, match=r"unknown example robot 'panda2'; did you mean 'panda'"):
-        Robot.from_example("panda2")
 
 
 def test_a_sliding_joint_makes_a_link_even_if_its_length_can_be_zero(twin_arm):

@@ -232,17 +232,6 @@ def test_limits_hold_between_points_at_any_rate(panda, shelf_path, shelf_motion,
         np.testing.assert_allclose(points["positions"][[0, -1]], shelf_path[[0, -1]], atol=1e-12)
 
 
-def test_samples_at_a_rate_would_not_keep_them(panda, shelf_path, panda_limits):
-    trajectory = time_path(shelf_path, panda, panda_limits)
-    times = np.append(np.arange(0.0, trajectory.duration, 0.01), trajectory.duration)
-    for kinds in (2, 3):
-        assert rate_violations(Motion.hermite(times, *trajectory.at(times)[:kinds]), panda, panda_limits)
-    proven = Motion.of(trajectory)  # as controllers join its points
-    assert (proven.joint_names, proven.degree) == (panda.joint_names, 3)
-    assert not rate_violations(proven, panda, panda_limits)
-    assert rate_violations(proven, panda, replace(panda_limits, acceleration=0.99 * panda_limits.acceleration))
-
-
 def test_exports_have_the_shape_of_a_joint_trajectory(panda, shelf_path, franka):
     trajectory = time_path(shelf_path, panda, franka)
     told = json.loads(trajectory.to_json(rate=50))
