@@ -132,9 +132,12 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run):
     assert_solved_record(record)
 
 
-def test_plan_shows_a_table_beside_a_json_file(run, folder):
-    status, out, _ = run("plan", "test.yaml", "--planner", "RRTConnect", "--json", "result.json")
+@pytest.mark.usefixtures("quick_renderer")
+def test_plan_shows_a_table_beside_files(run, folder):
+    files = ("--json", "result.json", "--plot", "path.png")
+    status, out, _ = run("plan", "test.yaml", "--planner", "RRTConnect", *files)
     assert status == 0
+    assert (folder / "path.png").read_bytes().startswith(b"\x89PNG")
     for word in ("test · arm", "RRTConnect", "Exact solution", "certified: collision", "danger mean", "clearance "):
         assert word in out
     assert strict((folder / "result.json").read_text())["planner"] == "RRTConnect"
@@ -148,13 +151,6 @@ def test_plan_not_solved_is_status_1_and_null(run):
     assert record["solved"] is False
     assert record["certified"] is False
     assert [record[key] for key in ("path", "length", "danger", "clearance")] == [None] * 4
-
-
-@pytest.mark.usefixtures("quick_renderer")
-def test_plan_draws_a_picture(run, folder):
-    status, _, _ = run("plan", "test.yaml", "--plot", "path.png")
-    assert status == 0
-    assert (folder / "path.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_log_is_shown_on_request_and_left_as_it_was(run, folder):
@@ -171,17 +167,14 @@ def test_log_is_shown_on_request_and_left_as_it_was(run, folder):
     assert ou.getLogLevel() == level
 
 
-def test_interrupt_is_status_130_and_one_line(run, monkeypatch):
+@pytest.mark.parametrize("cause", [None, KeyboardInterrupt()])
+def test_interrupt_is_status_130_and_one_line(run, monkeypatch, cause):
     def interrupted(*arguments, **options):
-        raise KeyboardInterrupt
+        if cause is None:
+            raise KeyboardInterrupt
+        raise SystemError("dispatch") from cause  # in a kernel
 
     monkeypatch.setattr(SafeSetup, "plan", interrupted)
-    assert run("plan", "test.yaml") == (130, "", "safe-ompl: interrupted\n")
-
-    def interrupted_in_a_kernel(*arguments, **options):
-        raise SystemError("dispatch") from KeyboardInterrupt()
-
-    monkeypatch.setattr(SafeSetup, "plan", interrupted_in_a_kernel)
     assert run("plan", "test.yaml") == (130, "", "safe-ompl: interrupted\n")
 
 
@@ -211,22 +204,6 @@ def test_without_a_path_there_is_no_certificate(run, folder, monkeypatch):
     assert not (folder / "proof.json").exists()
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("not JSON", ["bad.json: line 1: malformed JSON"]),
-        ("[]", ["bad.json: format: must be 'safe-ompl certificate'"]),
-        ('{"format": "safe-ompl certificate", "version": 9}', ["version: 9", "not known"]),
-        ("[" * 100_000, ["bad.json: malformed JSON: nested too deeply"]),
-    ],
-)
-def test_what_is_no_certificate(run, folder, text, words):
-    (folder / "bad.json").write_text(text)
-    status, out, err = run("verify", "bad.json")
-    assert (status, out) == (2, "")
-    assert all(word in err for word in words), err
-
-
 # ------------------------------------------------------------------------------------------------- compare
 
 
@@ -253,14 +230,6 @@ def test_compare_writes_table_and_report(run, folder, monkeypatch):
         assert summary["solved"] == summary["runs"] == 4
         assert list(summary["danger_mean"]) == ["median", "p15", "p85"]
         assert summary["typical_seed"] in range(7, 11)
-
-
-def test_compare_leaves_paths_as_planned_on_request(run, folder, monkeypatch):
-    monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
-    status, _, _ = run("compare", "test.yaml", "--planners", "RRTConnect", "--runs", 1, "--no-simplify")
-    assert status == 0
-    report = strict((folder / "compare-test/report.json").read_text())
-    assert set(report["runs"][0]) == set(RECORD.split())
 
 
 @pytest.mark.usefixtures("quick_renderer")
@@ -352,19 +321,15 @@ def test_mbm_takes_files_that_name_no_joints(run, folder):
 # ---------------------------------------------------------------------------------------------------- lists
 
 
-def test_scenarios_lists_files_here_and_says_which_are_broken(run, folder):
+@pytest.mark.parametrize(
+    ("command", "listed"), [("scenarios", ["broken", "malformed YAML"]), ("robots", ["panda", "ur5"])]
+)
+def test_lists_say_what_is_there_and_what_is_broken(run, folder, command, listed):
     (folder / "scenarios").mkdir()
     (folder / "scenarios/broken.yaml").write_text("name: [")
-    status, out, _ = run("scenarios")
+    status, out, _ = run(command)
     assert status == 0
-    assert "broken" in out
-    assert "malformed YAML" in out
-
-
-def test_robots_lists_the_examples(run):
-    status, out, _ = run("robots")
-    assert status == 0
-    assert {"panda", "ur5"} <= {line.split()[0] for line in out.splitlines() if line}
+    assert all(word in out for word in listed)
 
 
 def test_help_leads_with_what_a_beginner_needs(capsys):
@@ -410,6 +375,9 @@ BAD_OPTIONS = [
     ("plan test.yaml --param alpha=1 --param alpha=2", "'alpha'"),
     *((f"plan test.yaml --time {time}", "--time", f"'{time}'") for time in ("0", "-1", "nan", "inf")),
     *((f"plan test.yaml --seed {seed}", "--seed", f"'{seed}'") for seed in ("-3", "1.5")),
+    ("plan panda_shelf --package-dir .", "--package-dir: is for robots from a URDF; 'panda' brings its own"),
+    ("verify arm.urdf", "arm.urdf: line 1: malformed JSON"),
+    ("verify problems.json", "problems.json: format: must be 'safe-ompl certificate'"),
     ("compare test.yaml --runs 0", "--runs", "'0'"),
     ("compare test.yaml --planners RRT,", "--planners", "'RRT,'"),
     ("compare test.yaml --planners RRT,Fly", "'Fly'"),
@@ -568,10 +536,3 @@ def test_a_full_disk_is_named(run):
 def test_pictures_without_the_extra_are_refused_with_advice(run, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     assert_refused(run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]")
-
-
-def test_one_file_for_two_results(tmp_path, capsys):
-    file = str(tmp_path / "both.json")
-    assert main(["plan", "planar3", "--json", file, "--certificate", file]) == 2
-    assert "--certificate" in (error := capsys.readouterr().err)
-    assert "is written by --json already: give another file" in error.replace("\n", " ")

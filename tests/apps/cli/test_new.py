@@ -223,8 +223,6 @@ def test_wrong_options_are_one_line(words, said, butler, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "not well-formed XML"),
-        ("<html/>", "not a URDF: the outermost tag is <html>"),
         ("<robot/>", "it has no link"),
         ('<robot name="r"><link name="a"/></robot>', "no joint"),
         ('<robot name="r"><xacro:include filename="b"/></robot>', "`pip install xacro`"),
@@ -286,13 +284,3 @@ def test_a_gripper_without_an_arm_has_no_sides(tmp_path, capsys, monkeypatch):
     told = " ".join(capsys.readouterr().err.split())
     assert "hand.urdf: no start and goal on either side of a person" in told
     assert "the tip does not move from one side to the other" in told
-
-
-@pytest.mark.parametrize("command", ["plan", "view", "live", "compare"])
-def test_package_folders_are_for_robots_from_a_urdf(command, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    out = {"live": ["--out", "drive"], "view": ["--html", "view.html"]}.get(command, [])
-    assert main([command, "panda_shelf", "--package-dir", str(tmp_path), *out]) == 2
-    assert "--package-dir: is for robots from a URDF; 'panda' brings its own" in " ".join(
-        capsys.readouterr().err.split()
-    )

@@ -39,9 +39,11 @@ def test_where_people_allow_no_motion_the_command_says_so(beside_her, tmp_path, 
 
 
 def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path, capsys):
-    file = tmp_path / "trajectory.json"
-    arguments = ["plan", str(scenario_file), "--time", "5", "--trajectory", str(file), "--rate", "50"]
-    assert main(arguments) == 0
+    pytest.importorskip("matplotlib")
+    file, proof, plot = (tmp_path / name for name in ("trajectory.json", "proof.json", "motion.png"))
+    files = ["--trajectory", str(file), "--certificate", str(proof), "--timed-plot", str(plot)]
+    assert main(["plan", str(scenario_file), "--time", "5", "--rate", "50", *files]) == 0
+    assert plot.stat().st_size > 10_000
     assert "timed: " in capsys.readouterr().out
     told = json.loads(file.read_text())
     assert {"joint_names", "points", "duration", "limits", "caps"} <= set(told)
@@ -55,6 +57,8 @@ def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path
     assert 0.019 < np.diff(times).max() < 0.02 * 1.001
     assert main(["check", str(file), "--scenario", str(scenario_file)]) == 0
     assert "stops beside people" in capsys.readouterr().out
+    assert main(["verify", str(proof)]) == 0
+    assert "it stands before anyone of operator who moves no faster than 0.2 m/s" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("ending", [".csv", ".npz", ".yaml"])
@@ -80,13 +84,6 @@ def test_points_that_are_not_proven_are_not_written(scenario_file, tmp_path, cap
     said = " ".join(capsys.readouterr().err.split())
     assert "nothing is written to" in said
     assert "acceleration at" in said
-
-
-def test_the_certificate_of_a_timed_plan_claims_its_stops(scenario_file, tmp_path, capsys):
-    file = tmp_path / "certificate.json"
-    assert main(["plan", str(scenario_file), "--time", "5", "--timed", "--certificate", str(file)]) == 0
-    assert main(["verify", str(file)]) == 0
-    assert "it stands before anyone of operator who moves no faster than 0.2 m/s" in capsys.readouterr().out
 
 
 def test_results_are_timed_where_they_were_made(beside_her):
@@ -119,10 +116,3 @@ def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
         replace(result, danger=None).timed(max_danger=limit)
     with pytest.raises(InputError, match="knows no danger"):
         replace(result, danger=None).danger_field()
-
-
-def test_a_picture_of_the_motion(scenario_file, tmp_path):
-    pytest.importorskip("matplotlib")
-    file = tmp_path / "motion.png"
-    assert main(["plan", str(scenario_file), "--time", "5", "--timed-plot", str(file)]) == 0
-    assert file.stat().st_size > 10_000

@@ -111,28 +111,9 @@ def test_the_robot_is_the_scenarios_whatever_the_file_says(call):
     assert "the robot has changed: 'planar3' is not the one that it was written for" in err
     assert call("verify", "thin.json", "thin.yaml")[0] == 0
     assert call("verify", "proof.json", "thin.yaml")[0] == 1
-
-
-@pytest.mark.usefixtures("thinner")
-def test_a_robot_that_the_file_names_is_not_taken_instead_of_the_scenarios(call):
-    def claim(content):
-        content["source"]["robot"] = {"urdf": "robots/thinner.urdf", "srdf": "robots/planar3.srdf", "tip": "tip"}
-
-    assert call("verify", changed("thin.json", claim), "planar3.yaml")[0] == 1
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--package-dir", "nothing"], "package folder 'nothing' does not exist"),
-        (["nowhere.yaml"], "unknown scenario file or name 'nowhere.yaml'"),
-    ],
-)
-def test_options_that_do_not_fit(call, written, options, message):
-    status, out, err = call("verify", "proof.json", *options)
-    assert (status, out) == (2, "")
-    assert message in err
-    assert err.count("\n") == 1
+    named = {"robot": {"urdf": "robots/thinner.urdf", "srdf": "robots/planar3.srdf", "tip": "tip"}}
+    name = changed("thin.json", lambda content: content["source"].update(named))
+    assert call("verify", name, "planar3.yaml")[0] == 1, "a robot that the file names is not taken instead"
 
 
 # --------------------------------------------------------------- people, options of the danger, limits of the motion

@@ -43,16 +43,14 @@ def browser():
     driver.quit()
 
 
-@pytest.fixture(scope="module", params=["path", "drive"])
-def page(browser, tmp_path_factory, data_folder, request):
+@pytest.fixture(scope="module")
+def page(browser, tmp_path_factory, data_folder):
     robot = Robot.from_urdf(data_folder / "gripper_arm.urdf")
     middle = 0.5 * (robot.lower + robot.upper)
     path = np.array([middle - 0.25 * (robot.upper - robot.lower), middle + 0.25 * (robot.upper - robot.lower)])
     scene = Scene((Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.6, 0.0, 0.3)), weight=1.0),))
-    content = ViewerContent(robot, scene, {"SafePRM": path}) if request.param == "path" else drive(robot, scene, path)
     file = tmp_path_factory.mktemp("page") / "view.html"
-    save_page(content, file)
-    browser.get_log("performance")  # of the page before
+    save_page(drive(robot, scene, path), file)
     browser.get(file.as_uri())
     wait_for(lambda: browser.find_elements("css selector", BAR))
     toggle_play(browser)  # a page at rest is drawn in time, even without a graphics card on a busy machine

@@ -44,16 +44,15 @@ def test_the_nearest_points_are_as_far_apart_as_the_checker_says(ur5, scene, rng
     assert Nearest(ur5, ()).at(np.zeros(6)) is None
 
 
-def test_a_view_knows_where_a_path_goes(result):
+def test_a_view_knows_where_a_path_goes(result, ur5, scene):
     content = ViewerContent.of_results([result])
     along = content.along(result.planner, np.array([0.0, 1.0]))
     np.testing.assert_allclose(along, [START, GOAL], atol=1e-9)
     assert len(content.danger_field.points) > 100
-
-
-def test_results_of_one_planner_are_told_apart(result):
-    content = ViewerContent.of_results([result, dataclasses.replace(result, seed=7)])
-    assert list(content.paths) == ["SafeRRTConnect", "SafeRRTConnect, seed 7"]
+    two = ViewerContent.of_results([result, dataclasses.replace(result, seed=7)])
+    assert list(two.paths) == ["SafeRRTConnect", "SafeRRTConnect, seed 7"]
+    bare = ViewerContent(ur5, scene, danger=None), ViewerContent(ur5, Scene())
+    assert [content.danger_field for content in bare] == [None, None]
 
 
 def test_results_that_cannot_be_shown_are_refused(result):
@@ -82,11 +81,6 @@ def test_results_are_shown_from_the_package_and_still_by_themselves(result, monk
     assert shown == [(["SafeRRTConnect", "PRM"], 8081), True, (["SafeRRTConnect"], 8080), False]
 
 
-def test_without_danger_there_is_no_field(ur5, scene):
-    assert ViewerContent(ur5, scene, danger=None).danger_field is None
-    assert ViewerContent(ur5, Scene()).danger_field is None
-
-
 def test_colours_darken_with_danger():
     brightness = level_colours(np.linspace(0.0, 2.0, 5), 1.0).sum(axis=1)
     assert (np.diff(brightness.astype(int)) <= 0).all()
@@ -106,6 +100,8 @@ def view(result):
 def test_sliders_and_play_bar_move_the_robots(view):
     from safe_ompl.view.browser.view import Controls
 
+    places = np.array([path_view.root.position for path_view in view.path_views])
+    assert np.linalg.norm(places[0] - places[1]) > 1.0, "paths stand apart"
     controls = Controls(view)
     controls.go_to(0.5)  # as when it plays
     middle = view.content.along("SafeRRTConnect", np.array([0.5]))[0]
@@ -131,8 +127,3 @@ def test_playing_goes_on_by_itself(view):
     now += 1.0
     controls.advance()
     assert view.share == pytest.approx(before + 1.0 / view.content.playing_time)
-
-
-def test_paths_stand_apart(view):
-    places = np.array([path_view.root.position for path_view in view.path_views])
-    assert np.linalg.norm(places[0] - places[1]) > 1.0
