@@ -20,8 +20,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
 from safe_ompl.view.content import Nearest, ViewerContent
-from safe_ompl.view.pictures.camera import Camera
-from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
+from safe_ompl.view.pictures.rasteriser import Camera, Renderer, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
 from safe_ompl.view.plots.page import plot_kind

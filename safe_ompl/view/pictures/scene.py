@@ -10,8 +10,7 @@ import numpy as np
 from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array
 from safe_ompl.geometry import Person, surfaces
 from safe_ompl.paths import Curve
-from safe_ompl.view.pictures.camera import Camera, in_picture
-from safe_ompl.view.pictures.rasteriser import nearest_triangles
+from safe_ompl.view.pictures.rasteriser import Camera, in_picture, nearest_triangles
 from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces
 from safe_ompl.view.style import Colour
 

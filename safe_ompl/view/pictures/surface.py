@@ -17,6 +17,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.view.style import Colour
 
 _AROUND = 32  # facets around a round shape
+_CREASE = 0.6  # [rad]; edges that bend more are sharp
 _SMOOTH_GROUPS = 4  # of triangles at one vertex
 _SAME_PLACE, _SAME_DIRECTION = 1e-6, 1e-3  # [m], and of unit vectors
 
@@ -30,11 +31,11 @@ class Surface:
     faces: IntArray  # (F, 3), vertex indices of each triangle
 
     @classmethod
-    def from_triangles(cls, vertices: FloatArray, faces: IntArray, crease: float = 0.6) -> Surface:
-        """Return a surface with smooth shading, except across edges that bend more than `crease` [rad]."""
+    def from_triangles(cls, vertices: FloatArray, faces: IntArray) -> Surface:
+        """Return a surface with smooth shading, except across edges that bend much."""
         vertices, faces = np.asarray(vertices, dtype=float), np.asarray(faces, dtype=np.intp)
         _, welded = _distinct_rows(np.round(vertices / _SAME_PLACE))
-        normals, places = _corner_normals(vertices, faces, welded, np.cos(crease)), faces.reshape(-1)
+        normals, places = _corner_normals(vertices, faces, welded, np.cos(_CREASE)), faces.reshape(-1)
         kept, index = _distinct_rows(np.column_stack([welded[places], np.round(normals / _SAME_DIRECTION)]))
         return cls(vertices[places[kept]], normals[kept], index.reshape(-1, 3))
 

@@ -13,8 +13,7 @@ from matplotlib.image import imread
 from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, Robot, Scene, Sphere
 from safe_ompl.geometry import surfaces
 from safe_ompl.view import render_comparison, render_path
-from safe_ompl.view.pictures.camera import Camera, in_picture
-from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, nearest_triangles, tone_mapped
+from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Camera, Renderer, in_picture, nearest_triangles, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
 from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces, tessellate
 
@@ -119,7 +118,7 @@ def test_unknown_geometry_is_named():
 
 def test_the_camera_holds_all_points_tightly():
     points = np.random.default_rng(0).normal(size=(50, 3))
-    camera = Camera.framing(points, 0.7, 0.4, (150, 100), margin=0.05)
+    camera = Camera.framing(points, 0.7, 0.4, (150, 100))
     places = in_picture(camera, points, (150, 100))[:, :2] - (74.5, 49.5)
     assert np.abs(places / (75.0, 50.0)).max() == pytest.approx(0.9)
 
