@@ -26,6 +26,7 @@ FLOORS = (  # rooms; each imports from those before it only
     "paths",
     "planning.ompl",
     "motions",
+    "tasks",
     "planning.planners",
     "planning",
     "io",

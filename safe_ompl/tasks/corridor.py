@@ -1,0 +1,210 @@
+"""Corridors of the tool: proof that the tip stays near a curve at every instant (`docs/mathematics.md` §9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError, IntArray, number, polynomials
+from safe_ompl.motions import Motion
+from safe_ompl.robot import Robot
+from safe_ompl.tasks.tip import Tip
+from safe_ompl.tasks.tool_path import ToolPath
+
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_FLOOR = 1e-6  # share of a motion's shortest smooth stretch: intervals are not divided further
+_ROUNDING = 1e-9  # [m and rad] errors of kinematics that are allowed for
+_MOST = 200_000  # intervals
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """How near the tip must be to a curve, at every instant.
+
+    Parameters
+    ----------
+    position : float
+        Largest distance of the tip from where the curve has it [m].
+    angle : float
+        Largest angle of its orientation from the curve's [rad]; with a free axis, of that axis alone.
+    free_axis : {"x", "y", "z"}, optional
+        Axis of the tip's frame about which it may turn freely.
+
+    Raises
+    ------
+    InputError
+        If a width is not positive, the angle is above π, or the axis is none.
+    """
+
+    position: float = 0.001
+    angle: float = 0.01
+    free_axis: str | None = None
+
+    def __post_init__(self) -> None:
+        number("position of the corridor", self.position, above=0.0)
+        number("angle of the corridor", self.angle, above=0.0, at_most=np.pi)
+        if self.free_axis is not None and self.free_axis not in _AXES:
+            raise InputError(f"must be x, y or z, got {self.free_axis!r}", "free_axis")
+
+    @property
+    def axis(self) -> FloatArray | None:
+        """The free axis (3,) in the frame of the tip."""
+        return None if self.free_axis is None else np.array(_AXES[self.free_axis])
+
+
+@dataclass(frozen=True)
+class CorridorProof:
+    """Whether the tip stays in a corridor, and where it does not or is not proven to.
+
+    Attributes
+    ----------
+    proven : bool
+        The tip is in the corridor at every instant.
+    position, angle : float
+        Bounds of its deviations, if proven; else the largest that were seen [m, rad].
+    at : float or None
+        The parameter of the curve [m] where it is outside, or where there is no proof.
+    outside : bool
+        Whether it is outside there.
+    """
+
+    proven: bool
+    position: float
+    angle: float
+    at: float | None = None
+    outside: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {key: getattr(self, key) for key in ("proven", "position", "angle", "at", "outside")}
+
+
+def prove_corridor(motion: Motion, robot: Robot, path: ToolPath, corridor: Corridor) -> CorridorProof:
+    """Prove that the tip stays in a corridor about a curve, for every instant of a motion.
+
+    On an interval of length h of a polynomial motion ‖p″‖ ≤ A = Σ R_i |q″_i| + Σ R_ij |q′_i||q′_j|, where R_ij is the
+    radius of the more distal joint, and zero if the other one slides. Linear interpolation of p − c errs by no more
+    than (A + ‖c″‖) h²/8, and its norm is convex. An orientation is at most h/2 from one of the ends, with a rate that
+    is known there and changes by no more than its derivative's bound.
+
+    Parameters
+    ----------
+    motion : Motion
+        Of the robot's joints, in its order; its `times` are the parameters of the curve [m].
+    robot : Robot
+        The robot.
+    path : ToolPath
+        The curve.
+    corridor : Corridor
+        How near the tip must be.
+    """
+    return _Proof(motion, Tip(robot, corridor.axis), path, corridor).result()
+
+
+class _Proof:
+    """The proof of one motion; intervals are rows (piece, first, last) with parameters s of the curve [m]."""
+
+    def __init__(self, motion: Motion, tip: Tip, path: ToolPath, corridor: Corridor) -> None:
+        self._motion, self._tip, self._path, self._corridor = motion, tip, path, corridor
+        order, robot = tip.order, tip.robot
+        self._order, self._robot = order, robot
+        radii, slides = tip.radii()[order], robot.joint_prismatic[order]
+        distal = np.maximum(np.arange(len(order))[:, None], np.arange(len(order)))
+        proximal = np.minimum(np.arange(len(order))[:, None], np.arange(len(order)))
+        self._radii, self._turns = radii, ~slides
+        self._pairs = np.where(slides[proximal], 0.0, radii[distal])
+        both = self._turns[:, None] & self._turns
+        self._turn_pairs = 0.5 * (both & ~np.eye(len(order), dtype=bool))
+        allowance = robot.coupling.reach(motion.allowance)[:, order]
+        self._slack = allowance @ radii + _ROUNDING, allowance @ self._turns + _ROUNDING
+        self._derivatives = motion.derivative_coefficients(1), motion.derivative_coefficients(2)
+
+    def result(self) -> CorridorProof:
+        motion, path = self._motion, self._path
+        cuts = np.union1d(motion.times, path.knots)
+        cuts = cuts[(cuts >= motion.times[0]) & (cuts <= motion.times[-1])]
+        first, last = cuts[:-1], cuts[1:]
+        wide = last - first > 1e-12
+        first, last = first[wide], last[wide]
+        floor = _FLOOR * float(np.diff(motion.times).min())
+        position = angle = 0.0
+        while len(first):
+            ends, rates = self._ends(first, last)
+            worst = np.maximum(ends[0] - self._corridor.position, ends[1] - self._corridor.angle)
+            if (worst > 0).any():
+                k = np.unravel_index(worst.argmax(), worst.shape)
+                at = float((first, last)[k[0]][k[1]])
+                return CorridorProof(False, float(ends[0].max()), float(ends[1].max()), at, outside=True)
+            apart, turned = self._bounds(first, last, ends, rates)
+            open_ = (apart > self._corridor.position) | (turned > self._corridor.angle)
+            position = max(position, float(apart[~open_].max(initial=0.0)))
+            angle = max(angle, float(turned[~open_].max(initial=0.0)))
+            first, last = first[open_], last[open_]
+            if len(first) and ((last - first).min() < floor or len(first) > _MOST):
+                at = float(first[(last - first).argmin()])
+                return CorridorProof(False, float(ends[0].max()), float(ends[1].max()), at)
+            middle = (first + last) / 2
+            first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
+        return CorridorProof(True, position, angle)
+
+    def _pieces(self, first: FloatArray, last: FloatArray) -> IntArray:
+        middle = (first + last) / 2
+        return np.clip(np.searchsorted(self._motion.times, middle) - 1, 0, self._motion.pieces - 1)
+
+    def _ends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return deviations (2, 2, I), position and angle at both ends, and rates (2, I) of the angle there."""
+        piece = self._pieces(first, last)
+        times, spans = self._motion.times, np.diff(self._motion.times)
+        deviations, rates = np.empty((2, 2, len(first))), np.empty((2, len(first)))
+        inside = (last - first) * 1e-9  # derivatives of the curve are those of its segment within
+        for k, s in enumerate((first, last)):
+            u = ((s - times[piece]) / spans[piece])[:, None]
+            Q, Qd = _horner(self._motion.coefficients[piece], u), _horner(self._derivatives[0][piece], u)
+            state = self._tip.at(Q)
+            frames = self._path.at(s + inside if k == 0 else s - inside)
+            errors = self._tip.errors(state, frames)
+            deviations[0, k] = np.linalg.norm(errors[:, :3], axis=1) + inside * np.linalg.norm(
+                frames.velocities, axis=1
+            )
+            deviations[1, k] = np.linalg.norm(errors[:, 3:], axis=1) + inside * np.linalg.norm(frames.spins, axis=1)
+            drift = np.einsum("bxn,bn->bx", state.jacobians[:, 3:], Qd) - frames.spins
+            if self._tip.free_axis is not None:
+                own = state.rotations @ self._tip.free_axis
+                drift -= own * np.einsum("bx,bx->b", own, drift)[:, None]
+            rates[k] = np.linalg.norm(drift, axis=1)
+        deviations[0] += self._slack[0][piece]
+        deviations[1] += self._slack[1][piece]
+        return deviations, rates
+
+    def _bounds(
+        self, first: FloatArray, last: FloatArray, ends: FloatArray, rates: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return bounds (I,) of the deviations of position and angle on intervals."""
+        piece, h = self._pieces(first, last), last - first
+        times, spans = self._motion.times, np.diff(self._motion.times)
+        u = (first - times[piece]) / spans[piece], (last - times[piece]) / spans[piece]
+        speed, push = (
+            np.abs(polynomials.bernstein(polynomials.restricted(held[piece], *u))).max(axis=1) * (1 + 1e-9) + 1e-12
+            for held in self._derivatives
+        )
+        reach = self._robot.coupling.reach
+        speed, push = reach(speed)[:, self._order], reach(push)[:, self._order]
+        bend, twist = self._path.bends(first, last)
+        acceleration = push @ self._radii + np.einsum("bi,ij,bj->b", speed, self._pairs, speed)
+        apart = ends[0].max(axis=0) + (acceleration + bend) * h**2 / 8
+        turning = speed @ self._turns
+        change = push @ self._turns + np.einsum("bi,ij,bj->b", speed, self._turn_pairs, speed) + twist
+        if self._tip.free_axis is not None:
+            spin = np.maximum(*(np.linalg.norm(self._path.at(s).spins, axis=1) for s in (first, last))) + twist * h
+            change += turning * (turning + spin)
+        turned = (ends[1] + h / 2 * rates).max(axis=0) + change * h**2 / 8
+        return apart, turned
+
+
+def _horner(coefficients: FloatArray, u: FloatArray) -> FloatArray:
+    values = coefficients[:, -1].copy()
+    for k in range(coefficients.shape[1] - 2, -1, -1):
+        values = values * u + coefficients[:, k]
+    return values

@@ -1,0 +1,230 @@
+"""Ladder graphs: which branches of the inverse kinematics a tool path runs through, chosen all at once.
+
+Rungs are poses of the curve. Strands are solutions of the inverse kinematics that are followed from rung to rung, each
+by Newton's method from the one before; where the task leaves joints free, they drift away from danger. A strand
+ends at a limit, in a collision, or where the arm would jump. Dynamic programming chooses the cheapest way along
+strands and, where two are near each other, across.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import BoolArray, FloatArray, IntArray
+from safe_ompl.danger import DangerField
+from safe_ompl.robot import METRES_PER_RADIAN
+from safe_ompl.tasks.tip import Tip
+from safe_ompl.tasks.tool_path import Frames
+
+PRECISION = 1e-7  # [m] of the nodes; a radian counts METRES_PER_RADIAN
+_SEARCH, _FOLLOW = 30, 6  # iterations of Newton's method from anywhere, and from the rung before
+_JUMP = 0.35  # [rad or m] a joint moves at most between rungs
+_NEAR = 1e-9  # [rad or m] of the start
+_SAME = 0.05  # [rad or m] nodes of a rung that differ by less are one
+_DRIFT = 0.1  # [rad or m] a null-space motion between rungs is at most
+_CLEAR = 0.05  # [m] clearances below count
+_CLEARANCE = 2.0  # cost [rad] of a radian of motion with no clearance
+_DANGER = 0.5  # cost of a radian of motion in danger of its typical size
+
+
+@dataclass
+class Ends:
+    """Why strands ended: the parameter [m] that was reached, and in words what was in the way."""
+
+    reached: float = 0.0
+    why: str = "no configuration has its tip there"
+
+    def note(self, s: float, why: str) -> None:
+        """Keep what was in the way of who came farthest."""
+        if s >= self.reached:
+            self.reached, self.why = s, why
+
+
+class Way(NamedTuple):
+    """How many rungs a way along the ladder reaches; if all, its nodes (R, n) and the strand of each (R,)."""
+
+    reached: int
+    nodes: FloatArray | None = None
+    strands: IntArray | None = None
+
+
+class Costs:
+    """Costs of nodes: danger in its typical size, and clearance below 50 mm."""
+
+    def __init__(self, checker: CollisionChecker, field: DangerField | None) -> None:
+        self._checker, self._field = checker, field
+        self._scale: float | None = None
+
+    def of(self, Q: FloatArray) -> FloatArray:
+        """Return the cost (B,) of a radian of motion at configurations (B, n)."""
+        costs = np.ones(len(Q))
+        if self._field is not None and len(Q):
+            dangers = self._field.values(Q)
+            if self._scale is None:  # at the first nodes that it is asked of
+                self._scale = float(np.median(dangers)) or 1.0
+            costs += self.weight * dangers
+        if len(Q) and len(self._checker.distance_names):
+            near = self._checker.nearest_distances(Q).min(axis=1)
+            costs += _CLEARANCE * np.maximum(0.0, 1 - near / _CLEAR) ** 2
+        return costs
+
+    @property
+    def weight(self) -> float:
+        """What a unit of danger costs a radian of motion."""
+        return _DANGER / (self._scale or 1.0)
+
+    def downhill(self, Q: FloatArray) -> FloatArray:
+        """Return −∇danger/‖∇danger‖ (B, n), 0 where there is none."""
+        if self._field is None:
+            return np.zeros_like(Q)
+        gradients = self._field.gradients(Q)
+        size = np.linalg.norm(gradients, axis=1, keepdims=True)
+        return np.where(size > 0, -gradients / np.maximum(size, 1e-300), 0.0)
+
+
+class Ladder:
+    """The ladder graph of one smooth stretch of a tool path.
+
+    Parameters
+    ----------
+    tip : Tip
+        The tip.
+    checker : CollisionChecker
+        Robot and scene.
+    costs : Costs
+        Of nodes.
+    s : ndarray, shape (R,)
+        Parameters of the rungs [m].
+    frames : Frames
+        Their poses.
+    """
+
+    def __init__(self, tip: Tip, checker: CollisionChecker, costs: Costs, s: FloatArray, frames: Frames) -> None:
+        self._tip, self._checker, self._costs = tip, checker, costs
+        self.s, self.frames = s, frames
+        self._nodes = np.empty((len(s), 0, tip.robot.n))  # of each rung and strand, NaN where it is not
+        self._removed = np.zeros((len(s), 0), dtype=bool)
+        self._start: FloatArray | None = None
+        self.ends = Ends()
+
+    def begin(self, start: FloatArray) -> None:
+        """Add the strand from a start (n,): all others must come from it."""
+        self._start = start
+        self._follow(start[None], 0)
+
+    def grow(self, rng: np.random.Generator, rung: int, seeds: int) -> None:
+        """Add strands through a rung, from solutions that are found there from random configurations."""
+        robot = self._tip.robot
+        given = rng.uniform(robot.lower, robot.upper, (seeds, robot.n))
+        found, arrived = self._tip.solved(given, self._at(rung, seeds), PRECISION, _SEARCH)
+        if not arrived.any() and not np.isfinite(self._nodes[rung]).any():
+            off = self._tip.errors(self._tip.at(found), self._at(rung, seeds))
+            nearest = np.hypot(*(np.linalg.norm(part, axis=1) for part in (off[:, :3], METRES_PER_RADIAN * off[:, 3:])))
+            best = _off(off[nearest.argmin()])
+            why = f"no configuration within the joint limits has its tip there: the nearest found is {best}"
+            self.ends.note(self.s[max(0, rung - 1)], why)
+        self._follow(self._distinct(found[arrived], rung), rung)
+
+    def cheapest(self) -> Way:
+        """Return the cheapest way along the rungs, as far as there is one."""
+        nodes = self._nodes
+        rungs, strands, _ = nodes.shape
+        there = np.isfinite(nodes[:, :, 0]) & ~self._removed
+        if self._start is not None:
+            there[0] &= np.abs(nodes[0] - self._start).max(axis=1) < _NEAR
+        weights = np.full((rungs, strands), np.inf)
+        weights[there] = self._costs.of(nodes[there])
+        best, before = np.where(there[0], 0.0, np.inf), np.zeros((rungs, strands), dtype=np.intp)
+        if not there[0].any():
+            return Way(0)
+        for k in range(1, rungs):
+            old, new = np.flatnonzero(np.isfinite(best)), np.flatnonzero(there[k])
+            steps = self._tip.robot.difference(nodes[k - 1, old][:, None], nodes[k, new])
+            lengths = np.linalg.norm(steps, axis=2)
+            middle = (weights[k - 1, old][:, None] + weights[k, new]) / 2
+            costs = np.where(np.abs(steps).max(axis=2) < _JUMP, best[old][:, None] + lengths * middle, np.inf)
+            best = np.full(strands, np.inf)
+            if len(new):
+                best[new], before[k, new] = costs.min(axis=0), old[costs.argmin(axis=0)]
+            if not np.isfinite(best).any():
+                return Way(k)
+        way = np.empty(rungs, dtype=np.intp)
+        way[-1] = best.argmin()
+        for k in range(rungs - 1, 0, -1):
+            way[k - 1] = before[k, way[k]]
+        return Way(rungs, nodes[np.arange(rungs), way], way)
+
+    def remove(self, rung: int, strand: int) -> None:
+        """Take a node away, as proofs refuse it."""
+        self._removed[rung, strand] = True
+
+    def _at(self, rung: int, count: int) -> Frames:
+        return Frames(*(np.repeat(part[rung : rung + 1], count, axis=0) for part in self.frames))
+
+    def _distinct(self, Q: FloatArray, rung: int) -> FloatArray:
+        """Return the configurations that differ from each other and from strands at this rung, and are free."""
+        known = [node for node in self._nodes[rung] if np.isfinite(node[0])]
+        kept: list[FloatArray] = []
+        for q in Q:
+            if all(np.abs(self._tip.robot.difference(q, other)).max() > _SAME for other in (*known, *kept)):
+                if pair := self._checker.colliding_pair(q):
+                    self.ends.note(self.s[rung], f"{pair[0]} would touch {pair[1]}")
+                    continue
+                kept.append(q)
+        return np.array(kept).reshape(-1, Q.shape[1])
+
+    def _follow(self, Q: FloatArray, rung: int) -> None:
+        """Follow configurations (B, n) at a rung in both directions, and keep the strands."""
+        if not len(Q):
+            return
+        strands = np.full((len(self.s), *Q.shape), np.nan)
+        strands[rung] = Q
+        for rungs in (range(rung + 1, len(self.s)), range(rung - 1, -1, -1)):
+            alive, now, last = np.arange(len(Q)), Q, rung
+            for k in rungs:
+                now, kept = self._step(now, last, k)
+                alive, now, last = alive[kept], now[kept], k
+                if not len(alive):
+                    break
+                strands[k, alive] = now
+        self._nodes = np.concatenate([self._nodes, strands], axis=1)
+        self._removed = np.concatenate([self._removed, np.zeros(strands.shape[:2], dtype=bool)], axis=1)
+
+    def _step(self, Q: FloatArray, last: int, rung: int) -> tuple[FloatArray, BoolArray]:
+        """Return configurations (B, n) at the next rung, and which are (B,)."""
+        frames = self._at(rung, len(Q))
+        _, jacobians = self._tip.task(self._tip.at(Q), self._at(last, len(Q)))
+        drift = self._tip.null_motion(jacobians, _DRIFT * self._costs.downhill(Q))
+        guess = np.clip(Q + drift, *self._tip.limits)
+        found, arrived = self._tip.solved(guess, frames, PRECISION, _FOLLOW)
+        moved = np.abs(found - Q).max(axis=1)
+        forward = rung > last
+        for k in np.flatnonzero(~arrived | (moved >= _JUMP)) if forward else ():
+            self.ends.note(self.s[last], self._obstacle_of(found[k], rung, bool(arrived[k])))
+        kept = arrived & (moved < _JUMP)
+        for k in np.flatnonzero(kept):
+            if pair := self._checker.colliding_pair(found[k]):
+                kept[k] = False
+                if forward:
+                    self.ends.note(self.s[last], f"{pair[0]} would touch {pair[1]}")
+        return found, kept
+
+    def _obstacle_of(self, q: FloatArray, rung: int, arrived: bool) -> str:
+        """Say what keeps a strand, now at `q: (n,)`, from its next rung: a jump, joints at limits, or a singularity."""
+        if arrived:
+            return "the arm would jump to another branch of its inverse kinematics"
+        robot, (low, high) = self._tip.robot, self._tip.limits
+        off = _off(self._tip.errors(self._tip.at(q[None]), self._at(rung, 1))[0])
+        stuck = [robot.joint_names[i] for i in np.flatnonzero((q <= low) | (q >= high))]
+        if stuck:
+            word = "its limit" if len(stuck) == 1 else "their limits"
+            return f"{' and '.join(stuck)} would pass {word}: within {word} the tip is {off}"
+        return f"the arm is singular: no motion of its joints brings the tip on, which is {off}"
+
+
+def _off(error: FloatArray) -> str:
+    return f"{1e3 * np.linalg.norm(error[:3]):.2g} mm and {np.degrees(np.linalg.norm(error[3:])):.2g}° off"

@@ -1,0 +1,429 @@
+"""Motions of the tool along a curve: found all at once, away from danger, and proven for every instant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.collision import CollisionChecker, MotionProver
+from safe_ompl.common import FloatArray, InputError, clock, finite_array, number, whole_number
+from safe_ompl.common import seed as checked_seed
+from safe_ompl.danger import DangerField
+from safe_ompl.motions import Motion, MotionCheck, check_with, rate_violations
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.tasks.corridor import Corridor, CorridorProof, prove_corridor
+from safe_ompl.tasks.ladder import PRECISION, Costs, Ladder
+from safe_ompl.tasks.tip import Tip
+from safe_ompl.tasks.tool_path import ToolPath, cubic_spline
+from safe_ompl.trajectories import RateLimits
+
+_STEP, _TURN = 0.03, 0.15  # [m] and [rad] between rungs at most
+_FEWEST = 6  # rungs
+_DOUBLINGS = 5  # of the nodes, until the corridor is proven
+_REFINEMENTS = 12  # steps of the descent in the null space
+_DESCENT = 0.1  # [rad or m] first step of it
+_SMOOTH = 2.0  # weight of ‖q_{k+1} − q_k‖² against danger
+_SEEDS, _TRIES = 12, 3  # of the inverse kinematics where the ladder ends, twice as many with each try
+_REFUSED = 12  # ways that are not proven, before it is given up
+_SHARE = 0.45  # of the acceleration limits that a ramp, or the curve, may take up
+_MARGIN = 0.999  # share of a rate limit that is used
+_SLOWER = 1.001  # than what just keeps a limit that was broken
+
+
+@dataclass(frozen=True)
+class ToolMotion:
+    """What came of planning a tool motion; true if there is one, and all of it is proven.
+
+    Attributes
+    ----------
+    motion : Motion or None
+        In time, from rest to rest.
+    path, corridor
+        What was asked.
+    along : Motion or None
+        The same by the parameter of the curve [m] instead of time: of the corridor's proof.
+    proof : CorridorProof or None
+        That the tip stays in the corridor.
+    check : MotionCheck or None
+        That the robot is free, within its limits and constraints, on all of it.
+    speed : float
+        Speed of the tip between its ramps [m/s]; along a spline about that.
+    danger_mean, danger_max : float
+        Of samples along the curve; nan without a danger field.
+    fraction : float
+        Share of the curve that some configurations were found along; 1 if it is solved.
+    why : str
+        Empty, or what is in the way.
+    planning_time : float
+        [s].
+    """
+
+    motion: Motion | None
+    path: ToolPath
+    corridor: Corridor
+    along: Motion | None = None
+    proof: CorridorProof | None = None
+    check: MotionCheck | None = None
+    speed: float = 0.0
+    danger_mean: float = float("nan")
+    danger_max: float = float("nan")
+    fraction: float = 1.0
+    why: str = ""
+    planning_time: float = 0.0
+
+    def __bool__(self) -> bool:
+        return self.motion is not None
+
+    def __str__(self) -> str:
+        if self.motion is None or self.proof is None:
+            return f"no tool motion: {100 * self.fraction:.0f} % of the curve can be followed; {self.why}"
+        turn = np.degrees(self.proof.angle)
+        return (
+            f"tool motion of {self.path.length:.3g} m in {self.motion.duration:.2f} s at {self.speed:.3g} m/s, proven "
+            f"within {1e3 * self.proof.position:.2g} mm and {turn:.2g}° of its curve; danger {self.danger_mean:.2f} on "
+            f"average, {self.danger_max:.2f} at most"
+        )
+
+
+def tool_motion(
+    path: Any,
+    robot: Robot,
+    scene: Scene,
+    corridor: Corridor | None = None,
+    *,
+    start: ArrayLike | None = None,
+    speed: float | None = None,
+    limits: RateLimits | None = None,
+) -> ToolMotion:
+    """Return a motion of the joints along which the tip follows a curve, away from danger, proven at every instant.
+
+    Parameters
+    ----------
+    path : ToolPath, or a sequence of poses
+        The curve of the tip in the world; two poses are a line, more a spline.
+    robot, scene
+        Robot and obstacles; those with a weight are dangerous.
+    corridor : Corridor, optional
+        How near the tip must stay; default: 1 mm and 0.01 rad.
+    start : array_like, shape (n,), optional
+        Where the arm is [rad or m]; its tip must be at the beginning of the curve. Default: chosen.
+    speed : float, optional
+        Speed of the tip [m/s], as long as the joints can; default: as fast as they can.
+    limits : RateLimits, optional
+        Of the joints; default: `RateLimits.of(robot)`.
+
+    Returns
+    -------
+    ToolMotion
+        Its `motion` is None where none is found; then `why` and `fraction` say what is in the way, and where.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+
+    Notes
+    -----
+    A ladder graph of solutions of the inverse kinematics, followed along the curve, is searched by dynamic programming;
+    then the null space of the task is used to leave danger (§4.3 of the paper), and cubic splines join the nodes.
+    """
+    checker = CollisionChecker(robot, scene)
+    field = DangerField.of_scene(robot, scene) if any(obstacle.weight > 0 for obstacle in scene) else None
+    return ToolPlanner(MotionProver(checker), field).plan(path, corridor, start=start, speed=speed, limits=limits)
+
+
+class ToolPlanner:
+    """Plans tool motions that a `MotionProver` proves, away from the danger of a field, if there is one.
+
+    Parameters
+    ----------
+    prover : MotionProver
+        Robot, scene, and what motions must keep to.
+    field : DangerField, optional
+        The danger.
+    seed : int
+        Of the random configurations from which the inverse kinematics begins: the same seed gives the same motion.
+    effort : int
+        How many times the usual number of these are tried before it gives up.
+    """
+
+    def __init__(self, prover: MotionProver, field: DangerField | None = None, *, seed: int = 0, effort: int = 1):
+        self.prover, self.field = prover, field
+        self._seed, self._effort = checked_seed(seed), whole_number("effort", effort, at_least=1)
+
+    def plan(
+        self,
+        path: Any,
+        corridor: Corridor | None = None,
+        *,
+        start: ArrayLike | None = None,
+        speed: float | None = None,
+        limits: RateLimits | None = None,
+    ) -> ToolMotion:
+        """Return a motion along a curve; arguments, result and errors as `tool_motion`."""
+        begin, robot = clock(), self.prover.checker.robot
+        rates = RateLimits.of(robot) if limits is None else limits
+        wanted = None if speed is None else number("speed", speed, above=0.0)
+        begins = None if start is None else finite_array(start, (robot.n,), "start")
+        search = _Search(ToolPath.of(path), self.prover, self.field, corridor or Corridor())
+        found = search.run(begins, np.random.default_rng(self._seed), self._effort)
+        if found.along is not None:
+            motion, reached = in_time(found.along, search.path, robot, rates, wanted)
+            found = replace(found, motion=motion, speed=reached)
+        return replace(found, planning_time=clock() - begin)
+
+
+class _Search:
+    """The search for one curve."""
+
+    def __init__(self, path: ToolPath, prover: MotionProver, field: DangerField | None, corridor: Corridor) -> None:
+        self.path, self._prover, self._field, self._corridor = path, prover, field, corridor
+        self._robot, self._tip = prover.checker.robot, Tip(prover.checker.robot, corridor.axis)
+        self._stops = np.concatenate([[0.0], path.corners, [path.length]])
+        self._costs = Costs(prover.checker, field)
+
+    def run(self, start: FloatArray | None, rng: np.random.Generator, effort: int) -> ToolMotion:
+        """Grow the ladder, and prove the cheapest way along it, until one is proven or nothing new is found."""
+        rungs = self._rungs()
+        frames = self.path.at(rungs)
+        if start is not None:
+            start = self._at_start(start, frames)
+        ladder = Ladder(self._tip, self._prover.checker, self._costs, rungs, frames)
+        if start is not None:
+            ladder.begin(start)
+        refused: list[ToolMotion] = []
+        tries = np.zeros(len(rungs), dtype=int)
+        while len(refused) < _REFUSED * effort:
+            way = ladder.cheapest()
+            if way.nodes is None or way.strands is None:
+                gap = way.reached
+                if tries[gap] == _TRIES or (gap == 0 and start is not None):
+                    break
+                ladder.grow(rng, gap, effort * _SEEDS * 2 ** tries[gap])
+                tries[gap] += 1
+                continue
+            made = self._proven(way.nodes, rungs, start)
+            if made.along is not None:
+                return made
+            refused.append(made)
+            at = int(np.abs(rungs - _where(made)).argmin())
+            ladder.remove(at, way.strands[at])
+        ends = ladder.ends
+        share = 1.0 if refused else ends.reached / self.path.length
+        where = f"at {1e3 * ends.reached:.0f} mm of {1e3 * self.path.length:.0f} mm {ends.why}"
+        return ToolMotion(None, self.path, self._corridor, fraction=share, why=refused[-1].why if refused else where)
+
+    def _rungs(self) -> FloatArray:
+        """Return the parameters of the rungs, stops among them."""
+        found = []
+        for first, last in pairwise(self._stops):
+            spins = np.linalg.norm(self.path.at(np.linspace(first, last, 20)[1:-1]).spins, axis=1).max()
+            step = min(_STEP, _TURN / max(spins, 1e-9))
+            found.append(np.linspace(first, last, max(_FEWEST, int(np.ceil((last - first) / step)) + 1)))
+        return np.unique(np.concatenate(found))
+
+    def _at_start(self, start: FloatArray, frames: Any) -> FloatArray:
+        """Return the start with its tip exactly at the beginning of the curve; InputError if it is not near it."""
+        first = type(frames)(*(part[:1] for part in frames))
+        errors = self._tip.errors(self._tip.at(start[None]), first)[0]
+        far, turned = np.linalg.norm(errors[:3]), np.linalg.norm(errors[3:])
+        if far > self._corridor.position or turned > self._corridor.angle:
+            raise InputError(
+                f"its tip is {1e3 * far:.3g} mm and {np.degrees(turned):.3g}° from the beginning of the curve", "start"
+            )
+        return start
+
+    def _proven(self, nodes: FloatArray, rungs: FloatArray, start: FloatArray | None) -> ToolMotion:
+        """Return the motion through the nodes, refined if that can be proven, or why none of both can."""
+        made = ToolMotion(None, self.path, self._corridor)
+        nodes = np.vstack([nodes[:1], nodes[0] + np.cumsum(self._robot.difference(nodes[:-1], nodes[1:]), axis=0)])
+        refined = self._refined(nodes, rungs, fixed=start is not None)
+        for candidate in (refined, nodes) if refined is not nodes else (nodes,):
+            made = self._made(candidate, rungs)
+            if made.along is not None:
+                break
+        return made
+
+    def _made(self, nodes: FloatArray, s: FloatArray) -> ToolMotion:
+        made = ToolMotion(None, self.path, self._corridor)
+        for _ in range(_DOUBLINGS + 1):
+            motion = self._spline(nodes, s)
+            proof = prove_corridor(motion, self._robot, self.path, self._corridor)
+            made = replace(made, proof=proof)
+            if proof.proven:
+                break
+            s, nodes, fine = self._doubled(motion, s)
+            if not fine:
+                break
+        if not proof.proven:
+            at = 1e3 * float(proof.at or 0.0)
+            return replace(made, why=f"the arm leaves the corridor at {at:.0f} mm, near a limit or a singularity")
+        check = check_with(motion, self._prover)
+        if not check:
+            return replace(made, check=check, why=str(check.violations[0]))
+        samples = motion.at(np.linspace(0.0, self.path.length, 101))
+        dangers = np.full(1, np.nan) if self._field is None else self._field.values(samples)
+        return replace(
+            made, along=motion, check=check, danger_mean=float(dangers.mean()), danger_max=float(dangers.max())
+        )
+
+    def _refined(self, nodes: FloatArray, s: FloatArray, *, fixed: bool) -> FloatArray:
+        """Return nodes moved in the null space of the task, towards less danger and a smoother way."""
+        frames, step = self.path.at(s), _DESCENT
+        state = self._tip.at(nodes)
+        _, jacobians = self._tip.task(state, frames)
+        if self._robot.n <= np.linalg.matrix_rank(jacobians[len(nodes) // 2], tol=1e-4):
+            return nodes
+        best, cost = nodes, self._cost(nodes)
+        for _ in range(_REFINEMENTS):
+            _, jacobians = self._tip.task(self._tip.at(best), frames)
+            pull = self._pull(best)
+            if fixed:
+                pull[0] = 0.0
+            wanted = self._tip.null_motion(jacobians, pull)
+            size = np.abs(wanted).max()
+            if size < 1e-6:
+                break
+            moved = np.clip(best + wanted * min(1.0, step / size), *self._tip.limits)
+            moved, arrived = self._tip.solved(moved, frames, PRECISION, 4)
+            if fixed:
+                moved[0] = best[0]
+            new = self._cost(moved) if arrived.all() else np.inf
+            if new < cost:
+                best, cost, step = moved, new, step * 1.3
+            else:
+                step /= 3
+                if step < 1e-3:
+                    break
+        return best
+
+    def _cost(self, nodes: FloatArray) -> float:
+        """Return Σ danger (in its size at first) and the square of the motion between nodes."""
+        steps = np.diff(nodes, axis=0)
+        free = np.where(np.isfinite(self._tip.limits[0]), 0.0, 1.0)
+        inside = np.minimum(nodes - self._robot.lower, self._robot.upper - nodes) + 10 * free
+        cost = _SMOOTH * len(nodes) * float((steps**2).sum()) + 5.0 * float((np.maximum(0, 0.1 - inside) ** 2).sum())
+        return cost + float(self._costs.of(nodes).sum())
+
+    def _pull(self, nodes: FloatArray) -> FloatArray:
+        """Return a direction (R, n) in which the cost falls: of danger, and of the motion between nodes."""
+        bend = np.zeros_like(nodes)
+        bend[1:-1] = nodes[2:] - 2 * nodes[1:-1] + nodes[:-2]
+        bend[0], bend[-1] = nodes[1] - nodes[0], nodes[-2] - nodes[-1]
+        pull: FloatArray = 2 * _SMOOTH * len(nodes) * bend
+        if self._field is not None:
+            pull -= self._costs.weight * self._field.gradients(nodes)
+        return pull
+
+    def _spline(self, nodes: FloatArray, s: FloatArray) -> Motion:
+        """Return the cubic splines through nodes (R, n) at s (R,), one between each two stops."""
+        pieces = []
+        for first, last in pairwise(np.searchsorted(s, self._stops)):
+            at, own = s[first : last + 1], nodes[first : last + 1]
+            inside = np.array([at[0] + 1e-9 * (at[1] - at[0]), at[-1] - 1e-9 * (at[-1] - at[-2])])
+            state, frames = self._tip.at(own[[0, -1]]), self.path.at(inside)
+            _, jacobians = self._tip.task(state, frames)
+            along = np.array([(own[1] - own[0]) / (at[1] - at[0]), (own[-1] - own[-2]) / (at[-1] - at[-2])])
+            ends = self._tip.following(state, frames, jacobians, along)
+            pieces.append(cubic_spline(at, own, ends))
+        coefficients = np.concatenate(pieces)
+        powers = np.diff(s)[:, None, None] ** np.arange(4)[:, None]
+        return Motion(s, coefficients * powers, self._robot.joint_names, timed=False)
+
+    def _doubled(self, motion: Motion, s: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
+        """Return twice as many parameters, the nodes there, and whether all of them are on the curve."""
+        fine = np.sort(np.concatenate([s, (s[:-1] + s[1:]) / 2]))
+        nodes, arrived = self._tip.solved(motion.at(fine), self.path.at(fine), PRECISION, 6)
+        nodes[::2] = motion.knots
+        return fine, nodes, bool(arrived.all())
+
+
+def _where(made: ToolMotion) -> float:
+    """Return where along the curve [m] a motion was refused."""
+    if made.check is not None:
+        return made.check.violations[0].at
+    return 0.0 if made.proof is None or made.proof.at is None else made.proof.at
+
+
+def in_time(
+    along: Motion, path: ToolPath, robot: Robot, limits: RateLimits, speed: float | None
+) -> tuple[Motion, float]:
+    """Return a motion along a curve in time, and the speed [m/s] between its ramps.
+
+    Between stops s goes at a steady speed, as far as the joints can, with smooth ramps s = v T (τ³ − τ⁴/2) at both
+    ends: cubic pieces of s become polynomials of time of degree 12. If a limit were broken all of it is slower.
+    """
+    rate, bend = (np.abs(along.derivative_coefficients(order)).sum(axis=1).max(axis=0) for order in (1, 2))
+    with np.errstate(divide="ignore"):
+        fastest = min((limits.velocity / rate).min(), np.sqrt(_SHARE * limits.acceleration / bend).min())
+        push = float((_SHARE * limits.acceleration / rate).min())
+    v = float(min(fastest * _MARGIN, np.inf if speed is None else speed))
+    times, coefficients = [0.0], []
+    stops = np.concatenate([[0.0], path.corners, [path.length]])
+    for first, last in pairwise(stops):
+        own = min(v, np.sqrt(push * (last - first) / 1.5))
+        for span, piece in _composed(along, first, last, own, 1.5 * own / push):
+            times.append(times[-1] + span)
+            coefficients.append(piece)
+    size = max(len(piece) for piece in coefficients)
+    filled = np.array([np.vstack([piece, np.zeros((size - len(piece), along.n))]) for piece in coefficients])
+    rounding = 64 * np.finfo(np.float64).eps * np.abs(filled).sum(axis=1)
+    motion, slower = Motion(np.array(times), filled, along.joint_names, rounding=rounding), 1.0
+    while broken := rate_violations(motion, robot, limits):
+        over = [abs(found.value or 0.0) / found.limit for found in broken if found.limit]
+        slower *= max(over) * _SLOWER
+        motion = replace(motion, times=motion.times * max(over) * _SLOWER)
+    return motion, v / slower
+
+
+def _composed(along: Motion, first: float, last: float, v: float, ramp: float) -> Iterator[tuple[float, FloatArray]]:
+    """Yield durations [s] and coefficients (d + 1, n) of q(s(t)) on a stretch from rest to rest."""
+    length = last - first
+    up = v * ramp / 2  # [m] of a ramp
+    laws = [
+        (first, ramp, np.array([0.0, 0.0, 0.0, v * ramp, -v * ramp / 2])),
+        (first + up, (length - 2 * up) / v, np.array([0.0, length - 2 * up])),
+        (last - up, ramp, np.array([0.0, v * ramp, 0.0, -v * ramp, v * ramp / 2])),
+    ]
+    for begin, duration, law in laws:
+        if duration <= 1e-9:
+            continue
+        knots = along.times[(along.times > begin + 1e-9) & (along.times < begin + law.sum() - 1e-9)]
+        cuts = [0.0, *(_time_of(law, float(s) - begin) for s in knots), 1.0]
+        for a, b in pairwise(cuts):
+            middle = begin + np.polynomial.polynomial.polyval((a + b) / 2, law)
+            j = int(np.clip(np.searchsorted(along.times, middle) - 1, 0, along.pieces - 1))
+            local = _restricted(law, a, b)  # s − begin on [a, b], by powers of u
+            local[0] += begin - along.times[j]
+            local /= along.times[j + 1] - along.times[j]
+            power, piece = np.ones(1), np.zeros((3 * (len(local) - 1) + 1, along.n))
+            for c in along.coefficients[j]:
+                piece[: len(power)] += power[:, None] * c
+                power = np.convolve(power, local)
+            yield (b - a) * duration, piece
+
+
+def _restricted(law: FloatArray, a: float, b: float) -> FloatArray:
+    inner, power, out = np.array([a, b - a]), np.ones(1), np.zeros(len(law))
+    for c in law:
+        out[: len(power)] += c * power
+        power = np.convolve(power, inner)
+    return out
+
+
+def _time_of(law: FloatArray, s: float) -> float:
+    """Return τ in [0, 1] with law(τ) = s, which increases."""
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        if np.polynomial.polynomial.polyval(middle, law) < s:
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2

@@ -1,0 +1,394 @@
+"""Curves of tool poses: lines, arcs, poly-lines with blends, and splines through poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import FloatArray, InputError, finite_array, number, shown
+from safe_ompl.geometry import Pose
+from safe_ompl.robot import METRES_PER_RADIAN
+
+_SHORTEST = 1e-6  # [m] of a segment; a turn counts METRES_PER_RADIAN
+_SHARP = 1e-6  # jump of the direction of the tip, a unit vector, that makes a corner
+_COLLINEAR = 1e-6  # sine of the angle below which three points are on a line
+
+
+class Frames(NamedTuple):
+    """Poses of a tool along a curve, and how they change by its parameter s [m]."""
+
+    positions: FloatArray  # (S, 3) [m]
+    rotations: FloatArray  # (S, 3, 3)
+    velocities: FloatArray  # (S, 3) dc/ds
+    spins: FloatArray  # (S, 3) angular velocity by s, in world axes [rad/m]
+
+
+class Segment(Protocol):
+    """A smooth stretch of a curve, s from 0 to `length`."""
+
+    @property
+    def length(self) -> float:
+        """How far its parameter goes [m]."""
+
+    @property
+    def knots(self) -> FloatArray:
+        """Parameters between which all derivatives are smooth, both ends included."""
+
+    def at(self, s: FloatArray) -> Frames:
+        """Return the frames at parameters (S,)."""
+
+    def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of ‖c″‖ [1/m] and ‖dω/ds‖ [rad/m²] on intervals (I,) that hold no knot within."""
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A line or an arc of a circle along which the tool turns about one axis, both evenly.
+
+    `centre` is None for a line; else `start` turns about it by `angle` about `normal`.
+    """
+
+    start: FloatArray
+    way: FloatArray  # (3,) of a line
+    rotation: FloatArray  # (3, 3) at the start
+    turn: FloatArray  # (3,) rotation vector from start to end, in world axes
+    centre: FloatArray | None = None
+    normal: FloatArray | None = None  # (3,) of unit length
+    angle: float = 0.0
+
+    @property
+    def length(self) -> float:
+        """The path of the tip; where that is shorter, the angle of its turn at METRES_PER_RADIAN."""
+        along = np.linalg.norm(self.way)
+        if self.centre is not None:
+            along = self.angle * np.linalg.norm(self.start - self.centre)
+        return float(max(along, METRES_PER_RADIAN * np.linalg.norm(self.turn)))
+
+    @property
+    def knots(self) -> FloatArray:
+        """Its ends."""
+        return np.array([0.0, self.length])
+
+    def at(self, s: FloatArray) -> Frames:
+        """Return the frames at parameters (S,)."""
+        share = s / self.length
+        rotations = rotated(share[:, None] * self.turn) @ self.rotation
+        spins = np.broadcast_to(self.turn / self.length, (len(s), 3))
+        if self.centre is None or self.normal is None:
+            velocities = np.broadcast_to(self.way / self.length, (len(s), 3))
+            return Frames(self.start + share[:, None] * self.way, rotations, velocities, spins)
+        arms = rotated((share * self.angle)[:, None] * self.normal) @ (self.start - self.centre)
+        return Frames(self.centre + arms, rotations, self.angle / self.length * np.cross(self.normal, arms), spins)
+
+    def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the curvature of the circle, and zero."""
+        bend = 0.0
+        if self.centre is not None:
+            bend = (self.angle / self.length) ** 2 * float(np.linalg.norm(self.start - self.centre))
+        return np.full(len(first), bend), np.zeros(len(first))
+
+
+@dataclass(frozen=True)
+class PoseSpline:
+    """A cubic spline through poses: of the positions, and of quaternions that are normalised.
+
+    With Q the spline of quaternions and r = ‖Q‖ the tool turns at ‖ω‖ ≤ 2‖Q′‖/r, ‖ω′‖ ≤ 2(‖Q″‖/r + 2(‖Q′‖/r)²).
+    """
+
+    knots: FloatArray  # (K + 1,) from 0
+    pieces: FloatArray  # (K, 4, 7) powers of s less the knot before
+
+    @classmethod
+    def through(cls, poses: Sequence[pin.SE3]) -> PoseSpline:
+        """Return the spline through two poses or more; parameters are the distances between them, added up."""
+        turns = np.array([pin.Quaternion(pose.rotation).coeffs() for pose in poses])
+        for k in range(1, len(turns)):
+            turns[k] *= np.sign(turns[k] @ turns[k - 1]) or 1.0  # the short way
+        steps = [pose_distance(one, other) for one, other in pairwise(poses)]
+        knots = np.concatenate([[0.0], np.cumsum(steps)])
+        values = np.hstack([[pose.translation for pose in poses], turns])
+        return cls(knots, cubic_spline(knots, values))
+
+    @property
+    def length(self) -> float:
+        """Where its parameter ends."""
+        return float(self.knots[-1])
+
+    def _derivatives(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        k = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.pieces) - 1)
+        u, (a, b, c, d) = (s - self.knots[k])[:, None], np.moveaxis(self.pieces[k], 1, 0)
+        return a + u * (b + u * (c + u * d)), b + u * (2 * c + 3 * u * d), 2 * c + 6 * u * d
+
+    def at(self, s: FloatArray) -> Frames:
+        """Return the frames at parameters (S,)."""
+        value, rate, _ = self._derivatives(s)
+        size = np.linalg.norm(value[:, 3:], axis=1, keepdims=True)
+        turn, change = value[:, 3:] / size, rate[:, 3:] / size
+        x, y, z, w = turn.T
+        rows = [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)]
+        rows += [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)]
+        rows += [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]
+        rotations = np.moveaxis(np.array(rows), 0, 1).reshape(-1, 3, 3)
+        # ω is the vector part of 2 q′ q*: the part of q′ along q has none.
+        vector, scalar = change[:, :3], change[:, 3:]
+        spins = 2 * (w[:, None] * vector - scalar * turn[:, :3] - np.cross(vector, turn[:, :3]))
+        return Frames(value[:, :3], rotations, rate[:, :3], spins)
+
+    def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds from the second derivatives, which are linear between knots."""
+        inside = (last - first) * 1e-9  # the interval's own piece, where it begins or ends at a knot
+        ends = [self._derivatives(s) for s in (first + inside, last - inside)]
+        bend = np.maximum(*(np.linalg.norm(second[:, :3], axis=1) for _, _, second in ends))
+        curl = np.maximum(*(np.linalg.norm(second[:, 3:], axis=1) for _, _, second in ends))
+        rate = np.maximum(*(np.linalg.norm(first_[:, 3:], axis=1) for _, first_, _ in ends)) + curl * (last - first)
+        size = np.minimum(*(np.linalg.norm(value[:, 3:], axis=1) for value, _, _ in ends)) - rate * (last - first)
+        with np.errstate(divide="ignore"):
+            twist = np.where(size > 0, 2 * (curl / size + 2 * (rate / size) ** 2), np.inf)
+        return bend * (1 + 1e-6), twist * (1 + 1e-6)
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """A curve of poses of the tip in the world frame; its parameter s is the length of the tip's path [m].
+
+    Where the tip only turns, a radian counts METRES_PER_RADIAN; along splines s is near to the length. At corners
+    between segments the tool stops.
+    """
+
+    segments: tuple[Segment, ...]
+
+    def __post_init__(self) -> None:
+        if not self.segments:
+            raise InputError("needs a segment at least", "path")
+        for k, segment in enumerate(self.segments):
+            if not segment.length > _SHORTEST:
+                raise InputError(f"segment {k} has no length: two poses are the same", "path")
+
+    def __repr__(self) -> str:
+        return f"ToolPath({len(self.segments)} segments, {self.length:.4g} m)"
+
+    @property
+    def length(self) -> float:
+        """Where s ends [m]."""
+        return float(sum(segment.length for segment in self.segments))
+
+    @property
+    def begins(self) -> FloatArray:
+        """Where segments begin, and where the last one ends (N + 1,) [m]."""
+        return np.concatenate([[0.0], np.cumsum([segment.length for segment in self.segments])])
+
+    @property
+    def knots(self) -> FloatArray:
+        """All parameters between which the curve is smooth."""
+        begins = self.begins[:-1]
+        found = [begin + segment.knots for begin, segment in zip(begins, self.segments, strict=True)]
+        return np.unique(np.concatenate(found))
+
+    @property
+    def corners(self) -> FloatArray:
+        """Where the direction of the tip jumps between segments (C,) [m]: it stops there."""
+        pairs = zip(self.begins[1:-1], self.segments[:-1], self.segments[1:], strict=True)
+        return np.array([at for at, one, other in pairs if _turns_sharply(one, other)])
+
+    def at(self, s: ArrayLike) -> Frames:
+        """Return the frames at parameters (S,) [m]; at a corner those of the later segment."""
+        s = np.asarray(s, dtype=np.float64)
+        begins = self.begins
+        which = np.clip(np.searchsorted(begins, s, side="right") - 1, 0, len(self.segments) - 1)
+        out = Frames(np.empty((len(s), 3)), np.empty((len(s), 3, 3)), np.empty((len(s), 3)), np.empty((len(s), 3)))
+        for k in np.unique(which):
+            chosen = which == k
+            local = np.clip(s[chosen] - begins[k], 0.0, self.segments[k].length)
+            for whole, part in zip(out, self.segments[k].at(local), strict=True):
+                whole[chosen] = part
+        return out
+
+    def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of ‖c″‖ and ‖dω/ds‖ on intervals (I,) that hold no knot within."""
+        begins, bend, twist = self.begins, np.empty(len(first)), np.empty(len(first))
+        which = np.clip(np.searchsorted(begins, (first + last) / 2) - 1, 0, len(self.segments) - 1)
+        for k in np.unique(which):
+            chosen = which == k
+            bend[chosen], twist[chosen] = self.segments[k].bends(first[chosen] - begins[k], last[chosen] - begins[k])
+        return bend, twist
+
+    @classmethod
+    def line(cls, start: Any, end: Any) -> ToolPath:
+        """Return the straight line between two poses; the tool turns evenly the short way.
+
+        Poses are Pose, pin.SE3, matrices (4, 4), or what SciPy's RigidTransform gives by `as_matrix`.
+        """
+        return cls.polyline([start, end])
+
+    @classmethod
+    def polyline(cls, poses: Sequence[Any], blend: float = 0.0) -> ToolPath:
+        """Return straight lines through poses, with corners that begin `blend` [m] before them and are arcs."""
+        given, cut = _poses(poses), number("blend", blend, at_least=0.0)
+        segments = [_line(one, other) for one, other in pairwise(given)]
+        return cls(tuple(_blended(segments, cut) if cut else segments))
+
+    @classmethod
+    def arc(cls, start: Any, via: Any, end: Any) -> ToolPath:
+        """Return the arc of a circle from a pose through a point or the position of a pose to another pose.
+
+        Raises InputError if the three points are on a line.
+        """
+        first, last = _poses([start, end])
+        through = finite_array(via, (3,), "via") if np.shape(via) == (3,) else _poses([via])[0].translation
+        return cls((_circle(first, through, last),))
+
+    @classmethod
+    def spline(cls, poses: Sequence[Any]) -> ToolPath:
+        """Return a smooth curve through poses, or through 33 of each piece of SciPy's `RigidTransformSpline`."""
+        return cls((PoseSpline.through(_poses(poses)),))
+
+    @classmethod
+    def of(cls, thing: Any) -> ToolPath:
+        """Return the path that `thing` is: a ToolPath, poses (two: a line, more: a spline), or a spline of poses."""
+        if isinstance(thing, ToolPath):
+            return thing
+        if hasattr(thing, "times") and callable(thing):  # SciPy's RotationSpline of poses
+            times = np.asarray(thing.times, dtype=np.float64)
+            fine = np.unique(np.concatenate([np.linspace(a, b, 33) for a, b in pairwise(times)]))
+            thing = thing(fine)
+        given = _poses(thing)
+        return cls.polyline(given) if len(given) == 2 else cls.spline(given)
+
+
+def _turns_sharply(one: Segment, other: Segment) -> bool:
+    before, after = one.at(np.array([one.length])), other.at(np.zeros(1))
+    jump = float(np.linalg.norm(after.velocities - before.velocities))
+    if not before.velocities.any() and not after.velocities.any():
+        jump = METRES_PER_RADIAN * float(np.linalg.norm(after.spins - before.spins))
+    return jump > _SHARP
+
+
+def pose_distance(one: pin.SE3, other: pin.SE3) -> float:
+    """Return √(‖p‖² + c²‖ω‖²) [m] between poses, with c METRES_PER_RADIAN."""
+    turn = pin.log3(other.rotation @ one.rotation.T)
+    return float(
+        np.hypot(np.linalg.norm(other.translation - one.translation), METRES_PER_RADIAN * np.linalg.norm(turn))
+    )
+
+
+def rotated(vectors: FloatArray) -> FloatArray:
+    """Return the rotation matrices (S, 3, 3) of rotation vectors (S, 3), by Rodrigues' formula."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    cross = np.zeros((len(vectors), 3, 3))
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        cross[:, z, y], cross[:, y, z] = vectors[:, x], -vectors[:, x]
+    matrices: FloatArray = (
+        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * cross @ cross
+    )
+    return matrices
+
+
+def rotation_vectors(matrices: FloatArray) -> FloatArray:
+    """Return the rotation vectors (S, 3) of rotation matrices (S, 3, 3), of angles below π."""
+    vectors = 0.5 * (matrices[:, (2, 0, 1), (1, 2, 0)] - matrices[:, (1, 2, 0), (2, 0, 1)])
+    sine = np.linalg.norm(vectors, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(matrices, axis1=1, axis2=2) - 1))
+    found: FloatArray = vectors * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[:, None]
+    return found
+
+
+def cubic_spline(knots: FloatArray, values: FloatArray, ends: FloatArray | None = None) -> FloatArray:
+    """Return the pieces (K, 4, n) of the C² cubic spline through `values: (K + 1, n)`, powers of s from each knot.
+
+    `ends: (2, n)` are its derivatives there; without them its second derivatives are zero.
+    """
+    spans, count = np.diff(knots)[:, None], len(knots)
+    slopes = np.diff(values, axis=0) / spans
+    matrix, right = np.zeros((count, count)), np.zeros_like(values)
+    inner, step = np.arange(1, count - 1), spans[:, 0]
+    matrix[inner, inner - 1], matrix[inner, inner + 1] = step[1:], step[:-1]
+    matrix[inner, inner] = 2 * (step[:-1] + step[1:])
+    right[1:-1] = 3 * (spans[1:] * slopes[:-1] + spans[:-1] * slopes[1:])
+    if ends is None:
+        matrix[0, :2], matrix[-1, -2:] = (2, 1), (1, 2)
+        right[0], right[-1] = 3 * slopes[0], 3 * slopes[-1]
+    else:
+        matrix[0, 0] = matrix[-1, -1] = 1.0
+        right[0], right[-1] = ends
+    rates = np.linalg.solve(matrix, right)
+    second = (3 * slopes - 2 * rates[:-1] - rates[1:]) / spans
+    third = (rates[:-1] + rates[1:] - 2 * slopes) / spans**2
+    return np.stack([values[:-1], rates[:-1], second, third], axis=1)
+
+
+def _poses(given: Any) -> list[pin.SE3]:
+    if hasattr(given, "as_matrix"):
+        given = given.as_matrix()
+    if not isinstance(given, (Sequence, np.ndarray)) or len(given) == 0:
+        raise InputError(f"must be a sequence of poses, got {shown(given)}", "path")
+    return [_pose(f"path[{k}]", pose) for k, pose in enumerate(given)]
+
+
+def _pose(key: str, pose: Any) -> pin.SE3:
+    if isinstance(pose, pin.SE3):
+        return pose
+    if isinstance(pose, Pose):
+        return pose.se3
+    matrix = finite_array(pose.as_matrix() if hasattr(pose, "as_matrix") else pose, (4, 4), key)
+    rotation = matrix[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+        raise InputError(f"must be a pose: its rotation is not orthonormal, got {shown(rotation.tolist())}", key)
+    return pin.SE3(rotation, matrix[:3, 3])
+
+
+def _line(one: pin.SE3, other: pin.SE3) -> Arc:
+    turn = pin.log3(other.rotation @ one.rotation.T)
+    return Arc(one.translation.copy(), other.translation - one.translation, one.rotation.copy(), turn)
+
+
+def _circle(first: pin.SE3, via: FloatArray, last: pin.SE3) -> Arc:
+    a, b = via - first.translation, last.translation - first.translation
+    normal = np.cross(a, b)
+    size = float(np.linalg.norm(normal))
+    if size <= _COLLINEAR * np.linalg.norm(a) * np.linalg.norm(b):
+        raise InputError("the three points of an arc must not be on a line", "path")
+    to_centre = (a @ a) * np.cross(b, normal) + (b @ b) * np.cross(normal, a)
+    centre = first.translation + to_centre / (2 * size**2)
+    normal, arm, end = normal / size, first.translation - centre, last.translation - centre
+    angle = float(np.arctan2(normal @ np.cross(arm, end), arm @ end)) % (2 * np.pi)
+    turn = pin.log3(last.rotation @ first.rotation.T)
+    return Arc(first.translation.copy(), np.zeros(3), first.rotation.copy(), turn, centre, normal, angle)
+
+
+def _blended(lines: Sequence[Arc], cut: float) -> Iterator[Segment]:
+    """Yield lines whose corners are arcs of circles that begin `cut` [m] before them, at most half way."""
+    begin = 0.0
+    for k, line in enumerate(lines):
+        end, corner = line.length, None
+        if k + 1 < len(lines):
+            back, ahead = line.way / line.length, lines[k + 1].way / lines[k + 1].length
+            reach = min(cut, 0.5 * line.length, 0.5 * lines[k + 1].length)
+            if np.linalg.norm(np.cross(back, ahead)) > _COLLINEAR:
+                end = line.length - reach
+                corner = reach
+        first, last = (_frame(line, s) for s in (begin, end))
+        if end - begin > _SHORTEST:
+            yield _line(first, last)
+        begin = 0.0
+        if corner is not None:
+            entry, exit_ = last, _frame(lines[k + 1], corner)
+            tip, middle = lines[k + 1].start, (entry.translation + exit_.translation) / 2
+            half = np.linalg.norm(exit_.translation - entry.translation) / 2
+            # On the circle that both lines touch: from the corner towards the middle of the chord.
+            out, depth = middle - tip, np.linalg.norm(middle - tip)
+            radius = half * np.hypot(half, depth) / depth
+            via = tip + out / depth * (np.hypot(radius, corner) - radius)
+            yield _circle(entry, via, exit_)
+            begin = corner
+
+
+def _frame(line: Arc, s: float) -> pin.SE3:
+    frames = line.at(np.array([s]))
+    return pin.SE3(frames.rotations[0], frames.positions[0])

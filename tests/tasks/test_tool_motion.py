@@ -1,0 +1,136 @@
+"""Tool motions: corridors that hold at every instant, motions that are free, and why there is none."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import safe_ompl
+from safe_ompl import Box, InputError, Motion, Obstacle, Pose, Robot, Scene, inverse_kinematics
+from safe_ompl.tasks import Corridor, ToolPath, prove_corridor, tool_motion
+
+DOWN = pin.utils.rotate("x", np.pi)
+
+
+def at(x, y, z):
+    return pin.SE3(DOWN, np.array([x, y, z]))
+
+
+SCENE = Scene([Obstacle("post", Box([0.1, 0.1, 1.0]), Pose((0.75, 0.0, 0.3)), weight=1.0)])
+
+
+@pytest.fixture(scope="module", params=["panda", "ur5", "kinova"])
+def arm(request):
+    return Robot.from_example(request.param)
+
+
+def deviations(robot, motion, path, corridor, number=1500):
+    """Return the largest deviations of position and angle at samples, by plain Pinocchio."""
+    model, data = robot.model, robot.model.createData()
+    s = np.linspace(0.0, path.length, number)
+    frames, found = path.at(s), []
+    for k, q in enumerate(motion.at(s)):
+        pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(q))
+        tip = data.oMf[robot.tip_frame]
+        own, wanted = tip.rotation, frames.rotations[k]
+        if corridor.axis is None:
+            angle = np.linalg.norm(pin.log3(wanted @ own.T))
+        else:
+            a, b = own @ corridor.axis, wanted @ corridor.axis
+            angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+        found.append((np.linalg.norm(tip.translation - frames.positions[k]), angle))
+    return np.max(found, axis=0)
+
+
+PATHS = {
+    "line": ToolPath.line(at(0.4, -0.2, 0.4), at(0.4, 0.2, 0.4)),
+    "arc": ToolPath.arc(at(0.4, -0.15, 0.4), [0.45, 0.0, 0.45], at(0.4, 0.15, 0.4)),
+    "corner": ToolPath.polyline([at(0.4, -0.15, 0.4), at(0.45, 0.0, 0.45), at(0.4, 0.15, 0.4)]),
+    "spline": ToolPath.spline([at(0.4, -0.15, 0.4), at(0.45, 0.0, 0.45), at(0.4, 0.15, 0.4)]),
+}
+
+
+@pytest.mark.parametrize("axis", [None, "z"])
+@pytest.mark.parametrize("name", PATHS)
+def test_the_tip_follows_a_curve(arm, name, axis):
+    path, corridor = PATHS[name], Corridor(0.001, 0.01, axis)
+    found = tool_motion(path, arm, SCENE, corridor, speed=0.2)
+    assert found, found.why
+    far, turned = deviations(arm, found.along, path, corridor)
+    assert far <= found.proof.position <= 0.001
+    assert turned <= found.proof.angle <= 0.01
+    assert safe_ompl.check(found.motion, arm, SCENE)
+    assert np.abs(arm.difference(found.along.at(0.0), found.motion.at(0.0))).max() < 1e-9
+    assert found.speed <= 0.2
+    rates = [found.motion.derivative(t) for t in (0.0, found.motion.duration)]
+    np.testing.assert_allclose(rates, 0.0, atol=1e-9)
+
+
+def test_the_speed_of_the_tip_is_what_is_asked(arm):
+    path = PATHS["line"]
+    found = tool_motion(path, arm, SCENE, speed=0.05)
+    times = np.linspace(0.3, 0.7, 50) * found.motion.duration
+    places = [arm.tip_pose(q).translation for q in found.motion.at(times)]
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times)
+    np.testing.assert_allclose(speeds, 0.05, rtol=0.01)
+
+
+@pytest.mark.parametrize("axis", [None, "z"])
+@pytest.mark.parametrize("wide", [0.0005, 0.003, 0.02])
+def test_proofs_agree_with_samples(arm, wide, axis):
+    """Of splines that wander about a line: what is proven is within, what is outside is seen outside."""
+    rng, path, corridor = np.random.default_rng(3), PATHS["line"], Corridor(wide, 10 * wide, axis)
+    good = tool_motion(path, arm, SCENE, Corridor(0.0005, 0.01, axis)).along
+    verdicts = []
+    for size in np.geomspace(1e-5, 0.03, 6):
+        bent = (
+            good.coefficients + rng.normal(size=(1, 1, arm.n)) * size * np.array([0, 1, -1, 0])[:, None] / good.pieces
+        )
+        bent[:, 0] += np.vstack([np.zeros(arm.n), np.cumsum((bent - good.coefficients).sum(axis=1), axis=0)[:-1]])
+        motion = Motion(good.times, bent, good.joint_names, timed=False)
+        proof = prove_corridor(motion, arm, path, corridor)
+        far, turned = deviations(arm, motion, path, corridor)
+        if proof.proven:
+            assert far <= proof.position <= corridor.position
+            assert turned <= proof.angle <= corridor.angle
+        else:
+            assert proof.outside
+            assert far > 0.999 * corridor.position or turned > 0.999 * corridor.angle
+        verdicts.append(proof.proven)
+    assert verdicts[0]
+
+
+def test_it_begins_where_the_arm_is(arm):
+    path = PATHS["line"]
+    start = inverse_kinematics(arm, at(0.4, -0.2, 0.4))
+    found = tool_motion(path, arm, SCENE, start=start)
+    assert not found or np.abs(arm.difference(found.motion.at(0.0), start)).max() < 1e-5
+    with pytest.raises(InputError, match="from the beginning of the curve"):
+        tool_motion(path, arm, SCENE, start=start + 0.1)
+
+
+def test_danger_falls_in_the_null_space():
+    robot = Robot.from_example("panda")
+    free, held = (tool_motion(PATHS["line"], robot, SCENE, Corridor(free_axis=axis)) for axis in ("z", None))
+    assert free.danger_mean < held.danger_mean
+
+
+@pytest.mark.parametrize(
+    ("end", "obstacle", "words"),
+    [
+        (at(1.5, 0.2, 0.4), None, "its tip there|singular|limit"),
+        (at(0.4, 0.2, 0.4), Obstacle("wall", Box([0.3, 0.02, 0.8]), Pose((0.45, 0.0, 0.4))), "'?wall"),
+    ],
+)
+def test_why_there_is_none(end, obstacle, words):
+    robot = Robot.from_example("panda")
+    found = tool_motion(ToolPath.line(at(0.4, -0.2, 0.4), end), robot, Scene([obstacle] if obstacle else []))
+    assert not found
+    assert 0.0 < found.fraction < 1.0
+    assert pytest.importorskip("re").search(words, found.why), found.why
+    assert str(found).startswith("no tool motion")
+
+
+@pytest.mark.parametrize("wrong", [{"position": 0.0}, {"angle": 4.0}, {"free_axis": "w"}, {"position": np.nan}])
+def test_what_is_no_corridor_is_refused(wrong):
+    with pytest.raises(InputError):
+        Corridor(**wrong)
