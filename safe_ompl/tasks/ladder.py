@@ -28,7 +28,7 @@ _SAME = 0.05  # [rad or m] nodes of a rung that differ by less are one
 _DRIFT = 0.1  # [rad or m] a null-space motion between rungs is at most
 _CLEAR = 0.05  # [m] clearances below count
 _CLEARANCE = 2.0  # cost [rad] of a radian of motion with no clearance
-_DANGER = 0.5  # cost of a radian of motion in danger of its typical size
+_DANGER = 3.0  # cost of a radian of motion in danger of its typical size
 
 
 @dataclass
