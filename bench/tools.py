@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import logging
 from collections.abc import Iterator
+from importlib.util import find_spec
 from time import process_time
 
 import numpy as np
@@ -159,6 +160,8 @@ def keeps(found: ToolMotion, robot: Robot) -> bool:
 
 def differential(path: ToolPath, prover: MotionProver, corridor: Corridor) -> FloatArray | None:
     """Return the configurations of pink along a path, or None where it leaves the corridor or touches."""
+    if find_spec("pink") is None:
+        return None
     import pink
     from pink.tasks import FrameTask
 

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     )
     from safe_ompl.robot import GoalRegion, Robot, inverse_kinematics
     from safe_ompl.scene import People, Scenario, Scene
+    from safe_ompl.tasks import Corridor, ToolMotion, ToolPath, tool_motion
     from safe_ompl.trajectories import PathTimer, RateLimits, StandstillError, Trajectory, time_path
     from safe_ompl.view import view
 
@@ -60,6 +61,7 @@ __all__ = [
     "CollisionError",
     "CollisionFreeValidity",
     "Constraints",
+    "Corridor",
     "Cylinder",
     "DangerField",
     "DangerLimit",
@@ -97,7 +99,9 @@ __all__ = [
     "StaleSceneError",
     "StandstillError",
     "TipBounds",
+    "ToolMotion",
     "ToolOrientation",
+    "ToolPath",
     "Tracker",
     "Trajectory",
     "UnknownNameError",
@@ -116,6 +120,7 @@ __all__ = [
     "retime",
     "save",
     "time_path",
+    "tool_motion",
     "verify",
     "view",
     "widest_tube",

@@ -10,9 +10,11 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from ompl import base as ob
 
 import safe_ompl.motions as motions
+import safe_ompl.tasks as tasks
 import safe_ompl.trajectories as trajectories
 from safe_ompl.common import FloatArray, InputError, clock, ctrl_c_as_such, positive
 from safe_ompl.common import seed as checked_seed
@@ -207,6 +209,20 @@ class SafeSetup(ProblemSetup):
         """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
         limit = positive(time, "time limit", "number of seconds")
         return motions.repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
+
+    def planTool(
+        self,
+        path: Any,
+        corridor: tasks.Corridor | None = None,
+        *,
+        start: ArrayLike | None = None,
+        speed: float | None = None,
+        limits: trajectories.RateLimits | None = None,
+        seed: int = 0,
+    ) -> tasks.ToolMotion:
+        """Plan a motion of the tool along a curve under the constraints set now; see `safe_ompl.tool_motion`."""
+        planner = tasks.ToolPlanner(self.motion_prover, self.field, seed=seed)
+        return planner.plan(path, corridor, start=start, speed=speed, limits=limits)
 
     # ----------------------------------------------------------------------------------------- simplification
 

@@ -56,6 +56,7 @@ SMALL = {
     "simplify": "{files}/problems.json",
     "stops": "--stops 16 --motions 4",
     "timing": "--paths 2 --curves 2",
+    "tools": "--lines 4 --seams 1",
     "worth": "--scenes 1 --seconds 0.5",
 }
 
