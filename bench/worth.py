@@ -26,6 +26,7 @@ from bench._harness import Report
 from bench._scenes import ACCELERATIONS, free_configuration, scattered
 from safe_ompl import (
     CollisionChecker,
+    InputError,
     Obstacle,
     PathTimer,
     People,
@@ -36,11 +37,11 @@ from safe_ompl import (
     SafeSetup,
     Scenario,
     Scene,
+    StandstillError,
 )
 from safe_ompl.common import FloatArray, compilation
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import find_scenario
-from safe_ompl.trajectories import duration_of
 
 CLAIM = "beside a person our paths may always be driven"
 PEOPLE = People(speed=1.6, reaction_time=0.1)
@@ -105,7 +106,10 @@ def duration(problem: Problem, method: str, seed: int, seconds: float) -> float:
     else:
         result = plain.plan("BITstar", seed=seed, time=seconds)
     timer = PathTimer(safe.robot, problem.limits, motion=safe.motion_prover, people=PEOPLE)
-    return np.nan if result.path is None else duration_of(timer, result.path)
+    try:
+        return np.nan if result.path is None else timer.time(result.path).duration
+    except (InputError, StandstillError):  # nothing allows motion
+        return np.inf
 
 
 def compared(ours: FloatArray, theirs: FloatArray) -> tuple[object, ...]:

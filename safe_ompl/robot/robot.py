@@ -218,9 +218,9 @@ class Robot(ForwardKinematics):
         model: pin.Model = self.shared.model.copy()
         return model
 
-    @property
+    @cached_property  # always the same one: Pinocchio's GeometryData crashes if its model is gone
     def collision_model(self) -> pin.GeometryModel:
-        """A fresh copy of the bodies of the links, with the pairs that are checked; changes do not reach the robot."""
+        """A copy of the bodies of the links, with the pairs that are checked; changes do not reach the robot."""
         return independent(self.shared.collision_model)
 
     @cached_property

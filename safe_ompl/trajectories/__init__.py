@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from safe_ompl.trajectories.separation import PeopleDistances
     from safe_ompl.trajectories.stops import Stops, stops_beside
     from safe_ompl.trajectories.time_law import SmoothLaw, velocity_cap
-    from safe_ompl.trajectories.timing import CELL_LENGTH, CELLS, PathTimer, duration_of, time_path, within_tube
+    from safe_ompl.trajectories.timing import CELL_LENGTH, CELLS, PathTimer, time_path, within_tube
     from safe_ompl.trajectories.trajectory import RATE, SpeedCap, State, Trajectory
 
 __all__ = [
@@ -70,7 +70,6 @@ __all__ = [
     "contact_speed",
     "divided_edges",
     "drive",
-    "duration_of",
     "speed_caps",
     "stops_beside",
     "time_path",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import FloatArray, InputError, finite_array, instance, number
+from safe_ompl.common import InputError, finite_array, instance, number
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories.caps import MotionCaps, Standstill, StandstillError, bending_cap, people_caps, speed_caps
 from safe_ompl.trajectories.curve import BodySpeeds, blended
@@ -180,11 +180,3 @@ def within_tube(caps: MotionCaps, motion: MotionProver | None) -> MotionCaps:
         return caps
     nearer = motion.separation.swing(motion.checker)
     return replace(caps, people=replace(caps.people, clearance=caps.people.clearance + nearer))
-
-
-def duration_of(timer: PathTimer, path: FloatArray) -> float:
-    """Return how long a path takes [s]; +inf where nothing allows motion."""
-    try:
-        return timer.time(path).duration
-    except (InputError, StandstillError):
-        return float("inf")

@@ -11,7 +11,6 @@ from safe_ompl.geometry import Pose, Sphere
 from safe_ompl.robot import Robot, robot_hash
 
 BASE = Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2))
-ROOM = ((-1.0, 1.0), (-0.5, 2.0))
 
 
 @pytest.fixture
@@ -86,19 +85,6 @@ def test_limits_of_the_base_and_of_the_arm(mobile):
     assert other.upper[list(other.joint_names).index("elbow_joint")] == 1.0
     with pytest.raises(InputError, match="joint 'base_yaw' is continuous: it has no limits"):
         mobile.with_limits({"base_yaw": (0.0, 1.0)})
-
-
-@pytest.mark.parametrize(
-    ("ranges", "message"),
-    [
-        (((-1, 1),), "mobile_base: must be the limits in x and in y"),
-        (((-1, 1), (1, 1)), r"mobile_base: must be the least and the largest value, got \[1, 1\]"),
-        (((-1, np.inf), (0, 1)), "mobile_base: must be a finite number"),
-    ],
-)
-def test_bad_ranges(data_folder, ranges, message):
-    with pytest.raises(InputError, match=message):
-        Robot.from_urdf(data_folder / "twin_arm.urdf", mobile_base=ranges)
 
 
 def test_joints_links_and_tips_of_both(cell, panda, ur5, rng):

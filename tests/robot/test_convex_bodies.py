@@ -113,7 +113,7 @@ def test_what_is_enclosed_is_not_farther_than_it_is(rng, name, other):
         assert bounds(first, second)[0] <= coals(first, second) + ERROR
 
 
-def test_the_search_ends_where_it_is_known_enough(rng):
+def test_the_search_ends_where_it_is_known_enough():
     box = coal.Box(0.2, 0.2, 0.2)
     first = pin.GeometryObject("a", 0, pin.SE3(np.eye(3), np.array([1.0, 0.3, 0.2])), box)
     second = pin.GeometryObject("b", 0, pin.SE3.Identity(), box)

@@ -29,16 +29,16 @@ def test_joints_that_do_not_move_the_tip_are_held_and_logged(data_folder, caplog
     assert "grip_mirror = 0.001" in caplog.text
 
 
-def test_mimics_of_a_joint_that_does_not_exist(edited):
-    urdf = edited("gripper_arm.urdf", '<mimic joint="grip"', '<mimic joint="grab"')
-    with pytest.raises(InputError, match="unknown joint that 'grip_mirror' mimics 'grab'; known: turn, elbow"):
-        Robot.from_urdf(urdf)
-
-
-def test_mimics_in_a_circle(edited):
-    urdf = edited("gripper_arm.urdf", '<mimic joint="grip"', '<mimic joint="grip_mirror"')
-    with pytest.raises(InputError, match="joints mimic each other in a circle: grip_mirror"):
-        Robot.from_urdf(urdf)
+@pytest.mark.parametrize(
+    ("primary", "message"),
+    [
+        ("grab", "unknown joint that 'grip_mirror' mimics 'grab'; known: turn, elbow"),
+        ("grip_mirror", "joints mimic each other in a circle: grip_mirror"),
+    ],
+)
+def test_mimics_of_nothing_and_in_a_circle(edited, primary, message):
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(edited("gripper_arm.urdf", '<mimic joint="grip"', f'<mimic joint="{primary}"'))
 
 
 def test_a_chain_of_mimics_follows(edited):
@@ -144,7 +144,7 @@ def test_two_arms_are_no_fingers(data_folder, twin_arm):
     assert twin_arm.tip == "right_hand"
 
 
-def test_fingers_on_a_standing_base_are_the_robot(data_folder, edited):
+def test_fingers_on_a_standing_base_are_the_robot(edited):
     urdf = edited("gripper_arm.urdf", 'name="turn" type="revolute"', 'name="turn" type="fixed"')
     urdf.write_text(urdf.read_text().replace('name="elbow" type="revolute"', 'name="elbow" type="fixed"'))
     assert finger_joints(pin.buildModelFromUrdf(str(urdf))) == frozenset()

@@ -20,7 +20,7 @@ def test_round_trip(data_folder, tmp_path, capsys):
     assert self_pairs(with_srdf) == self_pairs(Robot.from_urdf(data_folder / "twin_arm.urdf"))
 
 
-def test_round_trip_of_a_robot_whose_links_always_touch(robot_named, tmp_path, capsys):
+def test_round_trip_of_a_robot_whose_links_always_touch(robot_named, tmp_path):
     name = "so101"
     urdf, srdf = robots_folder() / find_example(name).urdf, tmp_path / "found.srdf"
     options = ["--package-dir", str(robots_folder().parents[1])]
