@@ -57,7 +57,14 @@ except ModuleNotFoundError as error:
     print(error)
 """
 
+EXTRAS = ["matplotlib", "PIL", "viser", "mcap", "rosbags", "mujoco", "xacro", "rclpy", "scipy"]
+
 
 def test_proofs_need_no_ompl():
     done = subprocess.run([sys.executable, "-c", WITHOUT_OMPL], check=True, capture_output=True, text=True)
     assert done.stdout == "SafeSetup plans with OMPL, which is missing: pip install ompl\n"
+
+
+def test_commands_need_no_extra_to_be_there():
+    program = f"import sys; sys.modules.update(dict.fromkeys({EXTRAS})); import safe_ompl.apps.cli.program"
+    subprocess.run([sys.executable, "-c", program], check=True)

@@ -7,12 +7,12 @@ ROS 2 Humble, which later releases share for all types that are used here. Times
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from rosbags.typesys import Stores, get_typestore
 
 from safe_ompl.geometry import STANDING, Obstacle, Person
 
@@ -30,10 +30,17 @@ _STILL, _DANGEROUS = (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
 _LIMB = (0.83, 0.43, 0.29)
 _AROUND = 24  # corners of round shapes
 _NAME, _SEQUENCES = 2, (3, 4)  # kinds of fields in rosbags
-_TYPES = get_typestore(Stores.ROS2_HUMBLE)
 _NUMBERS = {"float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"}
 
 Message = dict[str, Any]
+
+
+@cache
+def types_of_ros() -> Any:
+    """Return the types of ROS 2 Humble; needs the extra `mcap`, and whoever reads messages only does not ask."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)
 
 
 def nanoseconds(time: float) -> int:
@@ -43,23 +50,23 @@ def nanoseconds(time: float) -> int:
 
 def encoded(kind: str, content: Mapping[str, Any]) -> bytes:
     """Return the bytes of a message of a type, such as `JOINT_STATE`."""
-    return bytes(_TYPES.serialize_cdr(_filled(kind, content), kind))
+    return bytes(types_of_ros().serialize_cdr(_filled(kind, content), kind))
 
 
 def decoded(kind: str, data: bytes) -> Any:
     """Return the message of a type that bytes hold; its fields are attributes, numbers are arrays."""
-    return _TYPES.deserialize_cdr(data, kind)
+    return types_of_ros().deserialize_cdr(data, kind)
 
 
 def definition(kind: str) -> str:
     """Return the definition of a type, with those of the types of its fields."""
-    return str(_TYPES.generate_msgdef(kind, ros_version=2)[0])
+    return str(types_of_ros().generate_msgdef(kind, ros_version=2)[0])
 
 
 def _filled(kind: str, content: Mapping[str, Any]) -> Any:
-    fields = dict(_TYPES.fielddefs[kind][1])
+    fields = dict(types_of_ros().fielddefs[kind][1])
     assert set(content) <= set(fields), (kind, set(content) - set(fields))
-    return _TYPES.types[kind](**{name: _value(field, content.get(name)) for name, field in fields.items()})
+    return types_of_ros().types[kind](**{name: _value(field, content.get(name)) for name, field in fields.items()})
 
 
 def _value(field: Any, given: Any) -> Any:
