@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import FloatArray, InputError, clock, finite_array, number, whole_number
+from safe_ompl.common import FloatArray, InputError, clock, finite_array, instance, number, whole_number
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.danger import DangerField
 from safe_ompl.motions import Motion, MotionCheck, check_with, rate_violations
@@ -171,7 +171,9 @@ class ToolPlanner:
         rates = RateLimits.of(robot) if limits is None else limits
         wanted = None if speed is None else number("speed", speed, above=0.0)
         begins = None if start is None else finite_array(start, (robot.n,), "start")
-        search = _Search(ToolPath.of(path), self.prover, self.field, corridor or Corridor())
+        search = _Search(
+            ToolPath.of(path), self.prover, self.field, instance("corridor", corridor or Corridor(), Corridor)
+        )
         found = search.run(begins, np.random.default_rng(self._seed), self._effort)
         if found.along is not None:
             motion, reached = in_time(found.along, search.path, robot, rates, wanted)

@@ -229,7 +229,7 @@ class ToolPath:
     @classmethod
     def polyline(cls, poses: Sequence[Any], blend: float = 0.0) -> ToolPath:
         """Return straight lines through poses, with corners that begin `blend` [m] before them and are arcs."""
-        given, cut = _poses(poses), number("blend", blend, at_least=0.0)
+        given, cut = _poses(poses, 2), number("blend", blend, at_least=0.0)
         segments = [_line(one, other) for one, other in pairwise(given)]
         return cls(tuple(_blended(segments, cut) if cut else segments))
 
@@ -246,7 +246,7 @@ class ToolPath:
     @classmethod
     def spline(cls, poses: Sequence[Any]) -> ToolPath:
         """Return a smooth curve through poses, or through 33 of each piece of SciPy's `RigidTransformSpline`."""
-        return cls((PoseSpline.through(_poses(poses)),))
+        return cls((PoseSpline.through(_poses(poses, 2)),))
 
     @classmethod
     def of(cls, thing: Any) -> ToolPath:
@@ -323,11 +323,11 @@ def cubic_spline(knots: FloatArray, values: FloatArray, ends: FloatArray | None 
     return np.stack([values[:-1], rates[:-1], second, third], axis=1)
 
 
-def _poses(given: Any) -> list[pin.SE3]:
+def _poses(given: Any, least: int = 1) -> list[pin.SE3]:
     if hasattr(given, "as_matrix"):
         given = given.as_matrix()
-    if not isinstance(given, (Sequence, np.ndarray)) or len(given) == 0:
-        raise InputError(f"must be a sequence of poses, got {shown(given)}", "path")
+    if not isinstance(given, (Sequence, np.ndarray)) or len(given) < least:
+        raise InputError(f"must be a sequence of {least} poses or more, got {shown(given)}", "path")
     return [_pose(f"path[{k}]", pose) for k, pose in enumerate(given)]
 
 

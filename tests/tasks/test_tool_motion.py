@@ -134,3 +134,8 @@ def test_why_there_is_none(end, obstacle, words):
 def test_what_is_no_corridor_is_refused(wrong):
     with pytest.raises(InputError):
         Corridor(**wrong)
+
+
+def test_what_is_of_another_class_is_refused():
+    with pytest.raises(InputError, match="corridor must be a Corridor, got 'wide'"):
+        tool_motion(PATHS["line"], Robot.from_example("panda"), Scene(), "wide")
