@@ -13,11 +13,12 @@ from safe_ompl.people import CalibratedReach, Recording
 from safe_ompl.scene import MbmFile
 
 DEEP = 30_000
+TOO_DEEP = "nested deeper than 100 levels|exceeded maximum nesting depth"  # PyYAML has a bound of its own since 6.0.4
 LEVELS = "\n".join(["a0: &a0 {k: 1}", *(f"a{k}: &a{k} {{<<: [*a{k - 1}, *a{k - 1}]}}" for k in range(1, 29))])
 LISTS = "\n".join(["a0: &a0 [1]", *(f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]" for k in range(1, 29))])
 YAML = {
-    "# a line before\n" + "[" * DEEP: "nested deeper than 100 levels",
-    "# a line before\n" + "[" * DEEP + "]" * DEEP: "nested deeper than 100 levels",
+    "# a line before\n" + "[" * DEEP: TOO_DEEP,
+    "# a line before\n" + "[" * DEEP + "]" * DEEP: TOO_DEEP,
     "a: " + "{b: " * DEEP: "nested deeper than 100 levels",
     "- " * DEEP: "nested deeper than 100 levels",
     "\n".join(" " * k + "a:" for k in range(500)): "nested deeper than 100 levels",
