@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sized
+import warnings
+from collections.abc import Mapping, Sized
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -14,14 +15,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import coal
 import numpy as np
 import pinocchio as pin
+import plyfile
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, float_array, warn_once
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.basic import LONGEST, Part, Shape
+from safe_ompl.geometry.basic import LONGEST, Part, Shape, Sphere
 from safe_ompl.geometry.mesh import array_digest
-from safe_ompl.geometry.point_files import POINT_FILES, message_points, read_points
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.surfaces import Triangles
 
@@ -37,6 +38,8 @@ _HALF_DEPTH = 1 << 15  # an OcTree of coal has this many cells on each side of i
 _ROUNDING = 1e-9  # relative; a ball that comes this near to a cell counts as touching it
 _SINGLE = 1.2e-7  # relative rounding of single precision
 _TABLE = 1 << 25  # cells of a grid that is kept as a table
+_CORNERS = 6  # on every circle of a ball that is drawn
+_MESSAGE_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # `datatype` of a PointCloud2
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +53,7 @@ class PointCloud(Shape):
     radius : float
         Radius of the ball about each point, from 0.0001 [m].
     file : path-like, optional
-        A PLY file (ASCII or binary), an NPY file with an array of shape (N, 3), or a PCD file (ascii, binary or
-        binary_compressed).
+        A PLY file (ASCII or binary), or an NPY file with an array of shape (N, 3).
     points : array_like, shape (N, 3), optional
         The points [m], instead of a file. Kept as a read-only array.
     resolution : float, optional
@@ -94,7 +96,7 @@ class PointCloud(Shape):
         if (self.points is None) == (self.file is None):
             raise InputError("give either points or file, one of the two", "points")
         if self.file is not None:
-            self._set("file", document.file("file", self.file, POINT_FILES))
+            self._set("file", document.file("file", self.file, tuple(_READERS)))
         self._set("points", None if self.points is None else _finite(_array(self.points), "points"))
         self.centres  # noqa: B018 (reads and checks the file now, so that it is needed no more)
         if self.resolution is not None:
@@ -109,12 +111,16 @@ class PointCloud(Shape):
         Points are in the frame of the message: the obstacle's pose is where that frame is in the world. Raises
         InputError if the message has no x, y and z, its sizes contradict each other, or no point is finite.
         """
-        return cls(radius, points=message_points(message), resolution=resolution)
+        return cls(radius, points=_message_points(message), resolution=resolution)
 
     @cached_property
     def centres(self) -> FloatArray:
         """The points that are finite, shape (N, 3) [m]; read-only."""
-        return np.asarray(self.points) if self.file is None else _finite(read_points(self.file), "file")
+        return (
+            np.asarray(self.points)
+            if self.file is None
+            else _finite(_READERS[self.file.suffix.lower()](self.file), "file")
+        )
 
     def __repr__(self) -> str:
         source = f"points=<{len(self.centres)} points>" if self.file is None else f"file={str(self.file)!r}"
@@ -162,7 +168,7 @@ class PointCloud(Shape):
         if self.resolution is not None:
             return self.resolution
         edge = self.radius / 2
-        while occupied(self.centres, edge) > (_FEW_CELLS if edge < self.radius else _MANY_CELLS):
+        while len(one_per_cell(self.centres, edge)) > (_FEW_CELLS if edge < self.radius else _MANY_CELLS):
             edge *= 2
         if edge > self.radius:
             _log.info(
@@ -179,9 +185,13 @@ class PointCloud(Shape):
         return surfaces.thinned(self.centres, spacing)
 
     def triangles(self, resolution: int) -> Triangles:
-        """Return icosahedra about the balls, in a large cloud about one for each cell of a radius."""
+        """Return coarse balls, in a large cloud one for each cell of a radius."""
         few = len(self.centres) <= _MOST_BALLS
-        return _icosahedra(self.centres if few else one_per_cell(self.centres, self.radius), self.radius)
+        centres = self.centres if few else one_per_cell(self.centres, self.radius)
+        corners, faces = Sphere(self.radius).triangles(_CORNERS)
+        first = len(corners) * np.arange(len(centres), dtype=np.intp)
+        vertices = (centres[:, None] + corners).reshape(-1, 3)
+        return vertices, (first[:, None, None] + faces).reshape(-1, 3)
 
     def to_mapping(self) -> dict[str, Any]:
         points = {"points": self.centres.tolist()} if self.file is None else {"file": self.file}
@@ -287,11 +297,6 @@ def cell_tree(cells: IntArray, edge: float) -> tuple[coal.OcTree, pin.SE3]:
     return tree, pin.SE3(np.eye(3), middle * edge)
 
 
-def occupied(points: FloatArray, edge: float) -> int:
-    """Return how many cells of a grid hold a point at least."""
-    return len(one_per_cell(points, edge))
-
-
 def one_per_cell(points: FloatArray, edge: float) -> FloatArray:
     """Return the first of the points, shape (N, 3), in each cell of a grid; the order is kept."""
     home = np.floor((points - points.min(axis=0)) / edge).astype(np.intp)
@@ -301,27 +306,67 @@ def one_per_cell(points: FloatArray, edge: float) -> FloatArray:
     return chosen
 
 
-def _icosahedra(centres: FloatArray, radius: float) -> Triangles:
-    """Return around each centre an icosahedron that contains the ball of the given radius."""
-    vertices = (centres[:, None] + radius * _CORNERS).reshape(-1, 3)
-    first = len(_CORNERS) * np.arange(len(centres), dtype=np.intp)
-    return vertices, (first[:, None, None] + _FACES).reshape(-1, 3)
+def _message_points(message: Any) -> FloatArray:
+    """Return the points of a ROS `sensor_msgs/PointCloud2` message, shape (N, 3), in its frame [m]; some may be NaN.
 
-
-# The regular icosahedron: corners at (0, ±1, ±g) and their cyclic permutations, scaled so that its faces
-# touch the unit ball from outside (a hair further, for rounding).
-_G = (1 + 5**0.5) / 2
-_CORNERS = np.array(
-    [
-        *((-1, _G, 0), (1, _G, 0), (-1, -_G, 0), (1, -_G, 0), (0, -1, _G), (0, 1, _G)),
-        *((0, -1, -_G), (0, 1, -_G), (_G, 0, -1), (_G, 0, 1), (-_G, 0, -1), (-_G, 0, 1)),
+    Its parts are attributes or keys. Raises InputError if one of them or one of the fields x, y and z is missing, or
+    the data are shorter than they say.
+    """
+    names = ("height", "width", "fields", "is_bigendian", "point_step", "row_step", "data")
+    height, width, fields, big, step, row_step, data = (_part(message, name) for name in names)
+    offsets, order = {}, ">" if big else "<"
+    for field in fields:
+        kind = _MESSAGE_TYPES.get(_part(field, "datatype"))
+        if _part(field, "name") in ("x", "y", "z") and kind is not None:
+            offsets[_part(field, "name")] = int(_part(field, "offset")), np.dtype(order + kind)
+    missing = [axis for axis in "xyz" if axis not in offsets]
+    if missing:
+        raise InputError(f"the message has no field {' and '.join(missing)}", "fields")
+    raw = np.frombuffer(bytes(data), dtype=np.uint8)
+    ends = [offset + kind.itemsize for offset, kind in offsets.values()]
+    if min(offset for offset, _ in offsets.values()) < 0 or max(ends) > step or row_step < width * step:
+        raise InputError(f"fields of {max(ends)} bytes and {width} points a row do not fit", "point_step")
+    if len(raw) < height * row_step:
+        raise InputError(f"has {len(raw)} bytes, but {height} rows of {row_step} are announced", "data")
+    rows = raw[: height * row_step].reshape(height, row_step)[:, : width * step]
+    points = rows.reshape(height * width, step)
+    columns = [
+        np.ascontiguousarray(points[:, offset : offset + kind.itemsize]).view(kind).ravel()
+        for offset, kind in (offsets[axis] for axis in "xyz")
     ]
-) * (3**0.5 / _G**2 * (1 + 1e-9))
-_FACES = np.array(
-    [
-        *((0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2)),
-        *((10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5)),
-        *((2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)),
-    ],
-    dtype=np.intp,
-)
+    return np.column_stack([column.astype(np.float64) for column in columns])
+
+
+def _part(whole: Any, name: str) -> Any:
+    try:
+        return whole[name] if isinstance(whole, Mapping) else getattr(whole, name)
+    except (KeyError, AttributeError):
+        raise InputError("the PointCloud2 message lacks it", name) from None
+
+
+def _read_ply(file: Path) -> FloatArray:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of elements that are empty
+            vertices = plyfile.PlyData.read(file)["vertex"]
+        columns = [np.asarray(vertices[axis], dtype=np.float64) for axis in "xyz"]
+    except (plyfile.PlyParseError, KeyError, ValueError, TypeError, IndexError, OSError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{file} cannot be read as PLY with vertices x, y and z: {reason}", "file") from None
+    return np.column_stack(columns)
+
+
+def _read_npy(file: Path) -> FloatArray:
+    try:
+        given = np.load(file, allow_pickle=False)
+        if given.dtype.kind not in "fiu":
+            raise TypeError(f"it holds {given.dtype}")
+        points = given.astype(np.float64)
+    except (OSError, ValueError, TypeError, AttributeError, EOFError) as error:
+        raise InputError(f"{file} cannot be read as an array of numbers: {error}", "file") from None
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{file} must hold an array of shape (N, 3), got {points.shape}", "file")
+    return np.ascontiguousarray(points)
+
+
+_READERS = {".ply": _read_ply, ".npy": _read_npy}

@@ -17,7 +17,6 @@ from safe_ompl.common import warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.cloud import cell_tree, touched_cells
 from safe_ompl.geometry.mesh import triangle_tree
-from safe_ompl.geometry.point_files import _lzf_decompressed
 
 POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 3))
 PROBES = [coal.Capsule(0.05, 0.2), coal.Box(0.1, 0.15, 0.2), coal.Cylinder(0.05, 0.2), coal.Sphere(0.1)]
@@ -46,99 +45,6 @@ def write_ply(path, points, form):
         body = table.tobytes()
     path.write_bytes(header.encode() + body)
     return path
-
-
-def lzf_compressed(data):
-    """Return literal runs and copies, as the LZF format has them."""
-    out, literals, seen, k = bytearray(), bytearray(), {}, 0
-
-    def flush():
-        for first in range(0, len(literals), 32):
-            run = literals[first : first + 32]
-            out.extend(bytes([len(run) - 1]) + run)
-        literals.clear()
-
-    while k < len(data):
-        start, length = seen.get(data[k : k + 3], -9999), 0
-        seen[data[k : k + 3]] = k
-        if k - start <= 8192 and k + 3 <= len(data):
-            while length < 264 and k + length < len(data) and data[start + length] == data[k + length]:
-                length += 1
-        if length < 3:
-            literals.append(data[k])
-            k += 1
-            continue
-        flush()
-        offset, left = k - start - 1, length - 2
-        out.append((min(left, 7) << 5) | (offset >> 8))
-        if left >= 7:
-            out.append(left - 7)
-        out.append(offset & 255)
-        k += length
-    flush()
-    return bytes(out)
-
-
-RECORD = [("rgb", "<u4", (1,)), ("y", "<f8", (1,)), ("normal", "<f4", (3,)), ("x", "<f4", (1,)), ("z", "<f4", (1,))]
-
-
-def write_pcd(path, points, form):
-    table = np.zeros(len(points), RECORD)
-    for axis, column in zip("xyz", points.T, strict=True):
-        table[axis][:, 0] = column
-    table["rgb"] = 7
-    header = (
-        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS rgb y normal x z\nSIZE 4 8 4 4 4\n"
-        f"TYPE U F F F F\nCOUNT 1 1 3 1 1\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
-        f"POINTS {len(points)}\nDATA {form}\n"
-    ).encode()
-    if form == "ascii":
-        body = "".join(f"7 {y!r} 0 0 nan {x!r} {z!r}\n" for x, y, z in points.tolist()).encode()
-    elif form == "binary":
-        body = table.tobytes()
-    else:
-        columns = b"".join(np.ascontiguousarray(table[name]).tobytes() for name, _, _ in RECORD)
-        packed = lzf_compressed(columns)
-        assert len(packed) < len(columns)
-        body = np.array([len(packed), len(columns)], "<u4").tobytes() + packed + b"padding"
-    path.write_bytes(header + body)
-    return path
-
-
-@pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
-def test_reads_pcd(tmp_path, form):
-    points = POINTS.copy()
-    points[4] = np.nan
-    cloud = PointCloud(0.01, write_pcd(tmp_path / "cloud.pcd", points, form))
-    np.testing.assert_allclose(cloud.centres, np.delete(points, 4, axis=0), atol=1e-7)
-
-
-def test_lzf_copies_may_overlap_what_they_write():
-    # Two literals, then 20 bytes from 2 back: what liblzf makes of "ab" eleven times.
-    assert _lzf_decompressed(b"\x01ab\xe0\x0b\x01", 22) == b"ab" * 11
-    for damaged in (b"\x01ab\xe0\x0b\x05", b"\x01ab\xe0\x0b", b"\x01ab"):
-        with pytest.raises((ValueError, IndexError)):
-            _lzf_decompressed(damaged, 22)
-
-
-@pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.1, 0.5, 0.95])
-def test_a_damaged_pcd_is_refused(tmp_path, form, share):
-    file = write_pcd(tmp_path / "cloud.pcd", POINTS, form)
-    content = file.read_bytes()
-    file.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(InputError, match="cannot be read as PCD"):
-        PointCloud(0.01, file)
-
-
-@pytest.mark.parametrize(
-    ("old", "new"), [(b"FIELDS rgb y", b"FIELDS rgb q"), (b"DATA binary", b"DATA zipped"), (b"SIZE 4 8", b"SIZE 4 7")]
-)
-def test_a_pcd_that_is_something_else_is_refused(tmp_path, old, new):
-    file = write_pcd(tmp_path / "cloud.pcd", POINTS, "binary")
-    file.write_bytes(file.read_bytes().replace(old, new))
-    with pytest.raises(InputError, match="cannot be read as PCD"):
-        PointCloud(0.01, file)
 
 
 def message(points, order="<", padding=8):
