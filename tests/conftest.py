@@ -194,7 +194,7 @@ class Ticks:
 def ticks(monkeypatch):
     """Give setups a clock that counts, so that limits of time do not depend on the machine."""
     clock = Ticks()
-    for module in ("planners.registry", "safe_setup", "run", "optimise"):
+    for module in ("planners.registry", "safe_setup", "run"):
         monkeypatch.setattr(f"safe_ompl.planning.{module}.clock", clock)
     return clock
 

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.paths.cost import ActiveSetCost, PathCost, QuadraticModel, peaks_beside_ends
+from safe_ompl.paths.cost import ActiveSetCost, PathCost, QuadraticModel, factored, peaks_beside_ends, solved
 from safe_ompl.paths.edges import EdgeProofs, Within
-from safe_ompl.paths.kernels import factored, solved
 from safe_ompl.paths.measures import Curve, path_length, with_way_points
 
 LARGEST = 0.4  # [rad] a way point moves no farther in one step

@@ -12,8 +12,8 @@ import numpy as np
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.danger import DangerField
-from safe_ompl.paths.cost import ObstacleCost, PathCost
-from safe_ompl.paths.kernels import arc_lengths, chained
+from safe_ompl.paths.cost import ObstacleCost, PathCost, chained
+from safe_ompl.paths.measures import arc_lengths
 from safe_ompl.robot import Robot, motion_limits
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,

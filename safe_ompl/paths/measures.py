@@ -4,14 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import sqrt
 
 import numpy as np
 
 from safe_ompl.collision import Clearance, CollisionChecker
-from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.common import BoolArray, FloatArray, compiled
 from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
-from safe_ompl.paths.kernels import arc_lengths, at_arc_lengths
 from safe_ompl.robot import Robot, plain
+
+
+@compiled
+def arc_lengths(steps: FloatArray) -> FloatArray:
+    """Return how far along a path its way points are, (N,) [rad], by the steps (N − 1, n) between them."""
+    arc = np.zeros(len(steps) + 1)
+    for k in range(len(steps)):
+        squared = 0.0
+        for i in range(steps.shape[1]):
+            squared += steps[k, i] ** 2
+        arc[k + 1] = arc[k] + sqrt(squared)
+    return arc
+
+
+@compiled
+def _at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> FloatArray:
+    """Return the configurations (S, n) of a path (N, n) with arc lengths (N,) at `s: (S,)`; the ends' beyond them."""
+    out, k = np.empty((len(s), points.shape[1])), 0
+    for j in range(len(s)):
+        if s[j] < arc[k]:
+            k = 0
+        while k + 1 < len(arc) and s[j] >= arc[k + 1]:
+            k += 1
+        out[j] = points[k]
+        if k + 1 < len(arc) and s[j] > arc[k]:
+            for i in range(points.shape[1]):
+                slope = (points[k + 1, i] - points[k, i]) / (arc[k + 1] - arc[k])
+                out[j, i] += slope * (s[j] - arc[k])
+    return out
 
 
 class Curve:
@@ -28,7 +57,7 @@ class Curve:
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""
-        return at_arc_lengths(self._points, self._arc, plain(s))
+        return _at_arc_lengths(self._points, self._arc, plain(s))
 
 
 _FINE = 0.25  # [rad] Segments near obstacles are divided until they are shorter: finer ones descend slowly.

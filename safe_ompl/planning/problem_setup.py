@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any
 from weakref import ref
 
@@ -15,11 +16,12 @@ from ompl import util as ou
 
 import safe_ompl.motions as motions
 from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolLimit, ToolOrientation
-from safe_ompl.common import Counts, FloatArray, InputError, instance, number
+from safe_ompl.common import Counts, FloatArray, InputError, compile_together, instance, number
 from safe_ompl.danger import DangerField, DangerLimit
-from safe_ompl.geometry import Obstacle
-from safe_ompl.paths import Constraints, PathReport, Validation, validate
-from safe_ompl.planning.first_plan import compile_kernels
+from safe_ompl.danger.kernels import dangers
+from safe_ompl.geometry import Obstacle, Person
+from safe_ompl.geometry.kernels import extreme_vertices
+from safe_ompl.paths import Constraints, Curve, PathReport, Validation, validate
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
     RESOLUTION,
@@ -34,8 +36,9 @@ from safe_ompl.planning.ompl import (
     joint_space,
 )
 from safe_ompl.planning.problem import Problem
-from safe_ompl.robot import GoalRegion, Robot, place_of
-from safe_ompl.scene import Scene
+from safe_ompl.robot import GoalRegion, JointLimits, Robot, place_of
+from safe_ompl.robot.kernels import descend, steer
+from safe_ompl.scene import Scenario, Scene, find_scenario
 
 UP = (0.0, 0.0, 1.0)
 
@@ -330,3 +333,44 @@ def _let_go(setup: ref[ProblemSetup]) -> None:
     alive = setup()
     if alive is not None:
         alive._put(replace(alive.getConstraints(), user=None))
+
+
+# ----------------------------------------------------------------- what the first plan after an installation compiles
+
+# By two processes at a time, each about half of the time. Kernels are compiled for one kind of arguments, whatever the
+# robot: that of two joints beside a person has them all.
+PLAN_JOBS = (f"{__name__}:ask_for_danger", f"{__name__}:ask_for_proofs")
+_ANY_LENGTH = 1.0
+
+
+@cache
+def compile_kernels() -> None:
+    """Compile the kernels of a plan, unless they are on disk: once in a process it is looked whether they are."""
+    compile_together([dangers], PLAN_JOBS)
+
+
+def small_robot() -> Robot:
+    """Return a robot of two joints."""
+    return Scenario.load(find_scenario("planar2")).build_robot()
+
+
+def ask_for_danger() -> None:
+    """Call what danger, steps and reports need."""
+    robot = small_robot()
+    step, q, wraps = np.ones((2, robot.n)), np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
+    steer(q, q + _ANY_LENGTH, wraps, _ANY_LENGTH, step)
+    descend(step, q, _ANY_LENGTH, q, q, wraps)
+    JointLimits(robot).hold(q)
+    DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
+    Curve(robot, np.zeros((2, robot.n)))
+
+
+def ask_for_proofs() -> None:
+    """Call what the proof of an edge needs."""
+    robot, scene = small_robot(), Scene((Obstacle("person", Person()),))
+    scene.danger_points()
+    extreme_vertices(np.zeros((1, 3)), 1)
+    checker, q = CollisionChecker(robot, scene), np.zeros(robot.n)
+    checker.in_collision(q)
+    checker.pairs.bounds.of(q[None], np.arange(1), _ANY_LENGTH)
+    MotionProver(checker).is_free(q, q + _ANY_LENGTH)

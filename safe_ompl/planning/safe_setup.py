@@ -20,11 +20,10 @@ from safe_ompl.common import FloatArray, InputError, clock, ctrl_c_as_such, posi
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning.ompl import DangerObjective
-from safe_ompl.planning.optimise import Interrupts, stopping, told
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.run import PlanningRun
+from safe_ompl.planning.run import Interrupts, PlanningRun, stopping
 from safe_ompl.scene import People
 
 _log = logging.getLogger(__name__)
@@ -159,7 +158,7 @@ class SafeSetup(ProblemSetup):
                 self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
             with Interrupts() as interrupts:
                 if optimise is not None:
-                    result = run.optimised(time, told(run.name, time, lambda: interrupts.happened))
+                    result = run.optimised(time, lambda: interrupts.happened)
                 else:
                     result = run.planned(time, simplification)
             result = run.validated(result, begin)

@@ -24,7 +24,7 @@ from safe_ompl import DangerField
 from safe_ompl.common import compilation as compiled
 from safe_ompl.common import configuration, configurations
 from safe_ompl.danger.kernels import danger, field
-from safe_ompl.paths.kernels import nodes
+from safe_ompl.paths.cost import gauss_points
 from safe_ompl.robot import kernels as joints
 from safe_ompl.robot import plain
 
@@ -479,7 +479,7 @@ def _runs(number):
 
 def test_what_kernels_return_is_taken_as_it_is():
     """Their arrays have a data type that equals NumPy's, but is another object."""
-    made = nodes(np.arange(6.0).reshape(3, 2))
+    made = gauss_points(np.arange(6.0).reshape(3, 2))
     assert plain(made) is made
     assert configurations(made, 2) is made
     row = made[0]

@@ -23,8 +23,8 @@ from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.paths import Simplifier
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import SafeSetup, setup_scenario
-from safe_ompl.planning.optimise import Interrupts
 from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_names
+from safe_ompl.planning.run import Interrupts
 from safe_ompl.scene import Scenario, find_scenario
 
 PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]

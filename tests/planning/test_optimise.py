@@ -11,7 +11,7 @@ from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import Campaign, summarize
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.optimise import Optimisation, optimise
+from safe_ompl.planning.run import Optimisation, optimise
 from safe_ompl.scene import find_scenario
 
 

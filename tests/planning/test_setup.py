@@ -28,9 +28,8 @@ from safe_ompl import (
     time_path,
 )
 from safe_ompl.planning.ompl import ScratchState, StateBridge
-from safe_ompl.planning.optimise import stopping
 from safe_ompl.planning.planners import SafeRRTConnect, make_planner, termination
-from safe_ompl.planning.run import PlanningRun
+from safe_ompl.planning.run import PlanningRun, stopping
 from safe_ompl.planning.safe_setup import simplification_time
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from test_cost import Density, Plane
 
-from safe_ompl.paths.cost import PathCost
+from safe_ompl.paths.cost import PathCost, factored, solved
 from safe_ompl.paths.descent import BestPath, Descent, _shortened
-from safe_ompl.paths.kernels import factored, solved
 from safe_ompl.paths.measures import Curve, divided, refined, with_way_points
 
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
