@@ -21,7 +21,7 @@ from safe_ompl.common import FloatArray
 from safe_ompl.geometry.basic import Box, Capsule, Shape
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.ik import Place, solve_from_seed
+from safe_ompl.robot.ik import Place, approach
 from safe_ompl.robot.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
@@ -136,8 +136,8 @@ def _way_out(robot: Robot, checker: CollisionChecker, rng: np.random.Generator) 
     way = [q]
     for k in range(1, 1 + int(rng.uniform(0.18, 0.32) / _STEP)):
         place = Place(robot, tip.translation - k * _STEP * inwards, tip.rotation)
-        found = solve_from_seed(place, way[-1], 1e-5)
-        if found is None or np.abs(robot.difference(way[-1], found)).max() > _JUMP:
+        found, distance = approach(place, way[-1], 1e-5)
+        if distance > 1e-5 or np.abs(robot.difference(way[-1], found)).max() > _JUMP:
             return None
         way.append(found)
     return np.array(way[::-1])

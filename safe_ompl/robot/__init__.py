@@ -9,7 +9,7 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.robot.collision import CollisionSource, links_lacking_shapes
     from safe_ompl.robot.displacement_bounds import ConvexBodies
-    from safe_ompl.robot.forward_kinematics import JointLimits
+    from safe_ompl.robot.forward_kinematics import JointLimits, plain
     from safe_ompl.robot.ik import (
         METRES_PER_RADIAN,
         Place,
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
         motion_limits,
         place_of,
         pseudoinverse_step,
-        solve_from_seed,
         tip_reach,
         transpose_step,
     )
-    from safe_ompl.robot.joint_tables import Mimic, frame_index, plain
     from safe_ompl.robot.joints import (
+        Mimic,
         arm_joints,
         default_tip,
         finger_joints,
+        frame_index,
         has_range,
         joints_without_range,
         resting_value,
@@ -84,7 +84,6 @@ __all__ = [
     "resting_value",
     "robot_hash",
     "robots_folder",
-    "solve_from_seed",
     "srdf_text",
     "tip_reach",
     "transpose_step",

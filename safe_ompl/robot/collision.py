@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, warn_once
 from safe_ompl.geometry import convex_hull
-from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.joints import Mimic
 from safe_ompl.robot.urdf import UrdfFile, existing_file
 
 _log = logging.getLogger(__name__)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -22,13 +24,86 @@ from safe_ompl.common import (
     polynomials,
 )
 from safe_ompl.robot import kernels as kernel
-from safe_ompl.robot.joint_tables import Coupling, KinematicTree, Skeleton, frame_index, plain
+from safe_ompl.robot.joints import Mimic, Skeleton, frame_index
 from safe_ompl.robot.parts import RobotParts
+from safe_ompl.robot.reach import JointChain
 
 _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
 _WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits
 _LARGEST = sys.float_info.max
 _SHORTEST = 1e-9  # interval of a motion in which joints that may leave their limits are taken to leave them
+
+
+class KinematicTree:
+    """The m joints of a robot, and K key points at `offsets` [m] in frames of `carriers`, as tables for kernels."""
+
+    def __init__(self, chain: JointChain, carriers: IntArray, offsets: FloatArray) -> None:
+        self.joints = np.zeros(len(chain.parents), kernel.JOINT)
+        self.joints["rotation"] = [placement.rotation for placement in chain.placements]
+        self.joints["translation"] = [placement.translation for placement in chain.placements]
+        self.joints["axis"] = chain.axes
+        self.joints["parent"] = chain.parents
+        self.joints["slides"] = chain.prismatic
+        self.keypoints = np.zeros(len(carriers), kernel.KEYPOINT)
+        self.keypoints["offset"] = offsets
+        self.keypoints["joint"] = carriers
+
+    def frames(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return rotations (B, m, 3, 3), origins and axes (B, m, 3) of the joints in the world at `values: (B, m)`."""
+        return kernel.joint_frames(self.joints, plain(values))
+
+
+def plain(array: Any) -> FloatArray:
+    """Return `array` as the one kind of array that kernels are compiled for, itself where it is one."""
+    flags = array.flags
+    if array.dtype == _FLOAT and flags.c_contiguous and flags.writeable:
+        return array  # type: ignore[no-any-return]
+    return np.require(array, np.float64, ["C", "W"])
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """The affine map from the n planned joints to the m joints of Pinocchio's model, matrix (m, n)·q + offsets.
+
+    Where nothing mimics it is trivial: m = n and every array is returned as it came.
+    """
+
+    matrix: FloatArray
+    offsets: FloatArray
+    trivial: bool
+
+    @classmethod
+    def of(cls, joints: list[str], mimics: Mapping[str, Mimic]) -> Coupling:
+        """Return the coupling of the model's `joints`, of which those in `mimics` follow planned ones directly."""
+        planned = [name for name in joints if name not in mimics]
+        matrix, offsets = np.zeros((len(joints), len(planned))), np.zeros(len(joints))
+        for row, name in enumerate(joints):
+            mimic = mimics.get(name, Mimic(name, 1.0, 0.0))
+            matrix[row, planned.index(mimic.primary)] = mimic.multiplier
+            offsets[row] = mimic.offset
+        for array in (matrix, offsets):
+            array.setflags(write=False)
+        return cls(matrix, offsets, not mimics)
+
+    def values(self, q: FloatArray) -> FloatArray:
+        """Return the values (…, m) of the model's joints at `q: (…, n)`."""
+        return q if self.trivial else q @ self.matrix.T + self.offsets
+
+    def motions(self, delta: FloatArray) -> FloatArray:
+        """Return the motions (…, m) of the model's joints while the planned ones move by `delta: (…, n)`."""
+        return delta if self.trivial else delta @ self.matrix.T
+
+    def reach(self, steps: FloatArray) -> FloatArray:
+        """Return how far (…, m) the model's joints move while the planned ones move by up to `steps: (…, n)` ≥ 0."""
+        return steps if self.trivial else steps @ np.abs(self.matrix).T
+
+    def radii(self, radii: FloatArray) -> FloatArray:
+        """Return the radii (…, n) that bound what `radii: (…, m)` bound: Σ_j r_j·|Δ_j| ≤ Σ_i (Σ_j r_j·|c_ji|)·|Δ_i|."""
+        return radii if self.trivial else radii @ np.abs(self.matrix)
+
+    def columns(self, derivatives: FloatArray) -> FloatArray:
+        """Return derivatives (…, n) by the planned joints from those (…, m) by the model's joints."""
+        return derivatives if self.trivial else derivatives @ self.matrix
 
 
 class ForwardKinematics:

@@ -184,12 +184,6 @@ def _shortening(step: FloatArray, largest: float) -> float:
     return largest / length if length > largest else 1.0
 
 
-def solve_from_seed(place: Place, seed: FloatArray, precision: float) -> FloatArray | None:
-    """Return a configuration (n,) within the joint limits whose tip is at the place, or None; see `approach`."""
-    q, distance = approach(place, seed, precision)
-    return q if distance <= precision else None
-
-
 def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArray, float]:
     """Return a configuration (n,) within the joint limits, and how far [m] its tip is from the place."""
     limits = motion_limits(place.robot, _full_turns(place.robot))  # whichever way joints turn
@@ -298,8 +292,8 @@ def inverse_kinematics(
         begin[0] = np.where(robot.continuous, near, np.clip(near, robot.lower, robot.upper))
     found: list[FloatArray] = []
     for start in begin:
-        q = solve_from_seed(place, start, _PRECISION)
-        if q is not None and (valid is None or valid(q)):
+        q, distance = approach(place, start, _PRECISION)
+        if distance <= _PRECISION and (valid is None or valid(q)):
             if near is None:
                 return q
             found.append(q)

@@ -1,17 +1,17 @@
-"""The joints of a robot: which are the arm's and which move fingers, which are held, and the model that remains."""
+"""The joints of a robot: the arm's, fingers, mimics, those that are held; the model that remains; its skeleton."""
 
 from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.robot.joint_tables import Mimic, frame_index
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError
 
 _log = logging.getLogger(__name__)
 
@@ -28,6 +28,15 @@ _PART_OF_FINGER = re.compile(r"finger|jaw|knuckle|thumb")
 # Words in names of links that are no end of an arm.
 _SENSOR = re.compile(r"camera|optical|accelerometer|gyro|lidar|laser|sensor|infra|depth|(^|_)(imu|range|rgb|scan)(_|$)")
 _LINK = " (link)"  # tells a link from a joint of the same name
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another one: value = multiplier · primary + offset."""
+
+    primary: str
+    multiplier: float
+    offset: float
 
 
 def default_tip(full: pin.Model, model: pin.Model) -> str:
@@ -157,6 +166,23 @@ def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], 
         full.upperPositionLimit[joint.idx_q] = high
 
 
+def resolved(mimics: Mapping[str, Mimic], source: str) -> dict[str, Mimic]:
+    """Return `mimics` with chains (a joint that mimics a mimic joint) followed to the first joint of each."""
+    found = {}
+    for name, mimic in mimics.items():
+        seen = [name]
+        while mimic.primary in mimics:
+            if mimic.primary in seen:
+                raise InputError(f"joints mimic each other in a circle: {', '.join(seen)}", source)
+            seen.append(mimic.primary)
+            above = mimics[mimic.primary]
+            mimic = Mimic(
+                above.primary, mimic.multiplier * above.multiplier, mimic.multiplier * above.offset + mimic.offset
+            )
+        found[name] = mimic
+    return found
+
+
 def with_mimics(
     full: pin.Model, mimics: Mapping[str, Mimic], held: Mapping[str, float], source: str
 ) -> dict[str, float]:
@@ -267,3 +293,84 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
             raise InputError(f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source)
     lower, upper = np.ascontiguousarray(limits.T)
     return lower, upper
+
+
+_ZERO_LENGTH = 1e-6  # [m]; joints at the same place, as on a spherical wrist
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """K key points of a robot and the segments between them (paper §3, eq. 2).
+
+    Key points are the origins of `frames: (K,)`, the tip last, at `offsets: (K, 3)` [m] in the frames of Pinocchio's
+    `joints: (K,)`. Of each segment `segments: (L, 2)` has the proximal and the distal key point, `names: (L,)` the
+    frame at its distal end; those of zero length, and those that no joint moves, are left out.
+    """
+
+    joints: IntArray
+    offsets: FloatArray
+    segments: IntArray
+    names: tuple[str, ...]
+    frames: tuple[int, ...]
+
+    @classmethod
+    def from_model(cls, model: pin.Model, joint_names: Sequence[str], tips: Sequence[str]) -> Skeleton:
+        """Build the skeleton of `model`, whose locked joints are reduced to frames."""
+        first, *others = (frame_index(model, tip) for tip in tips)
+        on_chain = {frame for tip in (first, *others) for frame in _way_to_root(model, tip)}
+        ends = [(name, _joint_frame(model, name)) for name in joint_names]
+        frames = [frame for name, frame in ends if frame in on_chain or model.existJointName(name)]
+        frames += [*others, first]
+        index = {frame: k for k, frame in enumerate(frames)}
+        joints = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
+        offsets = np.array([model.frames[frame].placement.translation for frame in frames], dtype=np.float64)
+
+        stretched = _frame_positions(model, frames)
+        segments, names = [], []
+        for distal, frame in enumerate(frames):
+            above = (index[k] for k in _way_to_root(model, model.frames[frame].parentFrame) if k in index)
+            proximal = next(above, None)
+            if proximal is None or joints[proximal] == 0:
+                continue
+            lengths = np.linalg.norm(stretched[:, distal] - stretched[:, proximal], axis=1)
+            if lengths.max() > _ZERO_LENGTH:
+                segments.append((proximal, distal))
+                names.append(model.frames[frame].name)
+        pairs = np.array(segments, dtype=np.intp).reshape(-1, 2)
+        return cls(joints, offsets, pairs, tuple(names), tuple(frames))
+
+    def nearest(self, model: pin.Model, frame: int) -> int | None:
+        """Return the frame of the key point nearest to `frame` on the way to the base, itself included, or None."""
+        return next((above for above in _way_to_root(model, frame) if above in self.frames), None)
+
+
+def frame_index(model: pin.Model, name: str) -> int:
+    """Return the index of the frame called `name`; where a joint and a link share the name, the link's."""
+    matches = [k for k, frame in enumerate(model.frames) if frame.name == name]
+    bodies = [k for k in matches if model.frames[k].type == pin.FrameType.BODY]
+    return (bodies or matches)[0]
+
+
+def _joint_frame(model: pin.Model, name: str) -> int:
+    """Return the index of the frame of a joint, free or locked; a link may have the same name."""
+    return next(k for k, f in enumerate(model.frames) if f.name == name and f.type != pin.FrameType.BODY)
+
+
+def _frame_positions(model: pin.Model, frames: list[int]) -> FloatArray:
+    """Return positions (3, K, 3) of frames, joints at zero and at either limit: where joints slide, lengths change."""
+    data, positions = model.createData(), []
+    for limit in (pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit):
+        q = pin.neutral(model)
+        for joint in list(model.joints)[1:]:
+            if joint.nq == 1:
+                q[joint.idx_q] = limit[joint.idx_q]
+        pin.framesForwardKinematics(model, data, q)
+        positions.append([data.oMf[frame].translation.copy() for frame in frames])
+    return np.array(positions)
+
+
+def _way_to_root(model: pin.Model, frame: int) -> Iterator[int]:
+    """Yield the frames from `frame` to the root, which is left out."""
+    while frame != 0:
+        yield frame
+        frame = model.frames[frame].parentFrame

@@ -15,8 +15,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere
 from safe_ompl.robot.collision import links_lacking_shapes, warn_of_unchecked
-from safe_ompl.robot.joint_tables import Mimic, Skeleton, frame_index
-from safe_ompl.robot.joints import joint_limits
+from safe_ompl.robot.joints import Mimic, Skeleton, frame_index, joint_limits
 from safe_ompl.robot.reach import JointChain, bounding_box, bounding_hull
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")

@@ -15,11 +15,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import InputError
 from safe_ompl.geometry import Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
-from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.joints import Mimic
 from safe_ompl.robot.parts import Attachment, PoseLike, RobotParts, as_pose, independent
 from safe_ompl.robot.sources import Models
 from safe_ompl.robot.spec import RobotSpec
@@ -200,13 +200,6 @@ class Robot(ForwardKinematics):
         spec = replace(self.spec, accelerations={**self.spec.accelerations, **limits})
         return type(self)(spec, self.shared.with_accelerations(spec.accelerations))
 
-    def without_attached(self, name: str) -> Robot:
-        """Return the same robot without the object called `name`; raise UnknownNameError if it holds none."""
-        known = [item.name for item in self.attached]
-        if name not in known:
-            raise UnknownNameError("attached object", name, known)
-        return type(self)(self.spec.without_attached(name))
-
     @cached_property
     def bounds(self) -> DisplacementBounds:
         """Bounds of how far bodies and key points move when joints do."""
@@ -227,16 +220,6 @@ class Robot(ForwardKinematics):
     def visual_model(self) -> pin.GeometryModel:
         """A copy of the visual geometry; of the collision bodies where the visual meshes are missing."""
         return self.shared.read_visual() or independent(self.shared.collision_model)
-
-    def named(self, q: ArrayLike | str) -> dict[str, float]:
-        """Return `q: (n,)`, or the state of the SRDF that it names, as a mapping from joint name to value [rad or m].
-
-        A state holds what the SRDF says, for whichever joints: of several groups with that state, those of all. Raises
-        InputError if there is no state of that name, or no SRDF; if `q` has the wrong shape or is not finite.
-        """
-        if isinstance(q, str):
-            return self.spec.state(q)
-        return dict(zip(self.joint_names, self.configuration(q).tolist(), strict=True))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self.spec,)

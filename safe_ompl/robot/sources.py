@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import InputError, UnknownNameError, within
-from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.joints import Mimic
 from safe_ompl.robot.parts import independent
 
 _GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand

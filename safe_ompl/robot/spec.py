@@ -23,8 +23,8 @@ from safe_ompl.robot.collision import (
     sample_configurations,
     select_self_pairs,
 )
-from safe_ompl.robot.joint_tables import Mimic, resolved
 from safe_ompl.robot.joints import (
+    Mimic,
     apply_mimic_limits,
     check_plannable,
     default_tip,
@@ -34,6 +34,7 @@ from safe_ompl.robot.joints import (
     override_limits,
     reduce_model,
     report_held,
+    resolved,
     resting_value,
     with_mimics,
 )
@@ -237,31 +238,6 @@ class RobotSpec(Section):
         if self.robots and rest:
             raise UnknownNameError("prefix of the joint with limits", next(iter(rest)), self.robots, self.name)
         return replace(self, mobile_base=ranges, robots=robots, limits={**self.limits, **rest})
-
-    def without_attached(self, name: str) -> RobotSpec:
-        """Return the spec without an object; that of a robot in a cell has its prefix."""
-        robots = {
-            prefix: spec.without_attached(name.removeprefix(f"{prefix}_")) if name.startswith(f"{prefix}_") else spec
-            for prefix, spec in self.robots.items()
-        }
-        return replace(self, robots=robots, attached=tuple(item for item in self.attached if item.name != name))
-
-    def state(self, name: str) -> dict[str, float]:
-        """Return a named state of the SRDF by joint [rad or m], in a cell those of all robots that have one."""
-        if self.robots:
-            found, refused = dict[str, float](), None
-            for prefix, spec in self.robots.items():
-                try:
-                    found |= {f"{prefix}_{joint}": value for joint, value in spec.state(name).items()}
-                except InputError as error:
-                    refused = error
-            if refused is not None and not found:
-                raise refused
-            return found
-        srdf = self.resolved().srdf
-        if srdf is None:
-            raise InputError(f"no state {name!r}: states come with an SRDF")
-        return SrdfFile(srdf).state(name)
 
     def resolved(self) -> RobotSpec:
         """Return the spec with the files and settings of the example that it names, itself if it names none."""

@@ -21,7 +21,7 @@ import coal
 import pinocchio as pin
 
 from safe_ompl.common import InputError
-from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.joints import Mimic
 
 _EXPRESSION = re.compile(r"\$[{(][^})]*[})]")
 _SIZES = {  # attributes of each shape, and how many positive numbers they hold

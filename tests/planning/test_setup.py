@@ -229,7 +229,7 @@ def test_what_is_of_the_wrong_kind(ur5, wrong, message):
     [
         lambda robot, q: tuple(q),
         lambda robot, q: q.astype(np.float32),
-        lambda robot, q: robot.named(q),
+        lambda robot, q: dict(zip(robot.joint_names, q, strict=True)),
         lambda robot, q: [np.float32(value) for value in q],
     ],
 )
@@ -244,7 +244,7 @@ def test_forms_of_a_configuration(ur5, form):
 
 
 def test_names_that_are_wrong(setup):
-    named = setup.robot.named(START)
+    named = dict(zip(setup.robot.joint_names, START, strict=True))
     with pytest.raises(UnknownNameError, match="start configuration: unknown joint 'elbow'; did you mean 'elbow_j"):
         setup.setStartConfiguration({**named, "elbow": 1.0})
     del named["elbow_joint"]

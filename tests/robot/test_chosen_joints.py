@@ -5,7 +5,7 @@ import pickle
 
 import pytest
 
-from safe_ompl import InputError, Robot, UnknownNameError
+from safe_ompl import InputError, Robot
 
 LEFT, RIGHT = ("left_shoulder", "left_elbow"), ("right_shoulder", "right_slide", "right_turn")
 SRDF = """<robot name="twin_arm">
@@ -91,15 +91,6 @@ def test_what_does_not_exist(build, options, message):
         build(**options)
 
 
-def test_named_states(build, panda):
-    assert build().named("home") == {"left_elbow": 0.5, "right_shoulder": -0.4, "right_slide": 0.2}
-    with pytest.raises(UnknownNameError, match="unknown state 'rest'; known: home, all"):
-        build().named("rest")
-    assert set(panda.named("default")) >= set(panda.joint_names)
-
-
-def test_without_an_srdf(twin_arm, data_folder):
-    with pytest.raises(InputError, match="no state 'home': states come with an SRDF"):
-        twin_arm.named("home")
+def test_without_an_srdf(data_folder):
     with pytest.raises(InputError, match="group is a name of an SRDF: give the SRDF"):
         Robot.from_urdf(data_folder / "twin_arm.urdf", group="left_arm")

@@ -24,7 +24,7 @@ def test_lists_and_other_numbers(robot_named, name, method):
         np.testing.assert_array_equal(ask(other), expected)
 
 
-@pytest.mark.parametrize("method", [*ASKED, "tip_pose", "named"])
+@pytest.mark.parametrize("method", [*ASKED, "tip_pose"])
 @pytest.mark.parametrize(
     ("value", "message"),
     [
@@ -42,8 +42,9 @@ def test_what_is_no_configuration(panda, method, value, message):
 
 def test_mappings_from_names(panda):
     q = np.linspace(-0.5, -0.1, 7)
-    np.testing.assert_array_equal(panda.configuration(panda.named(q)), q)
-    np.testing.assert_array_equal(panda.keypoints(panda.named(q)), panda.keypoints(q))
+    named = dict(zip(panda.joint_names, q, strict=True))
+    np.testing.assert_array_equal(panda.configuration(named), q)
+    np.testing.assert_array_equal(panda.keypoints(named), panda.keypoints(q))
     with pytest.raises(UnknownNameError, match="unknown joint 'panda_joint9'; did you mean 'panda_joint"):
         panda.configuration({"panda_joint9": 0.0})
     with pytest.raises(InputError, match="configuration: no value for 'panda_joint2', 'panda_joint3'"):

@@ -8,10 +8,10 @@ from safe_ompl import InputError
 from safe_ompl.robot import (
     METRES_PER_RADIAN,
     Place,
+    approach,
     limited_step,
     motion_limits,
     pseudoinverse_step,
-    solve_from_seed,
     transpose_step,
 )
 from safe_ompl.robot.ik import cautious_step
@@ -123,8 +123,8 @@ def test_solutions_reach_the_place_within_limits(robot_named, rng, name, share, 
     found = 0
     for _ in range(30):
         place = place_of(robot, random_configuration(robot, rng, 0.0), pose)
-        q = solve_from_seed(place, random_configuration(robot, rng, 0.0), 1e-5)
-        if q is not None:
+        q, distance = approach(place, random_configuration(robot, rng, 0.0), 1e-5)
+        if distance <= 1e-5:
             found += 1
             tip = robot.tip_pose(q)
             assert np.linalg.norm(tip.translation - place.position) <= 1e-5
