@@ -47,7 +47,7 @@ SENTENCES = {
     rf"k1 {N}, k2 {N}, gamma {N}, points {N} m apart\)",
     "margin": rf"no moving link nearer than {N} mm to any obstacle",
     "tube": r"the same with joints off by up to \((.*)\) \[rad or m\]",
-    "polynomials": rf"(?:a motion of )?(\d+) polynomials(?: in {N} s)?"
+    "motion": rf"a (?:motion|path) of (\d+) (?:polynomials|straight edges)(?: in {N} s)?"
     r"(?:, and whatever is within \((.*)\) \[rad or m\] of them)?",
     "rates": r"the joints within velocities of \((.*?)\)(?:, accelerations of \((.*?)\))?(?:, jerks of \((.*?)\))? "
     r"\[rad or m, s\]",
@@ -218,25 +218,18 @@ class Judge:
         about = f", for the {' and the '.join(own)} that the file itself carries" if own else None
         if said["free"][0] != about:
             return False
-        if "polynomials" in said:
-            return self._polynomials(said, content)
-        path = np.array(content["path"], dtype=float)
-        ends = path[1:] if len(path) > 1 else path
-        t = np.linspace(0, 1, SAMPLES)[:, None]
-        dense = np.concatenate([a + t * self.robot.difference(a, b) for a, b in zip(path, ends, strict=False)])
-        motion = None
-        if "timed" in said:
-            motion = Motion(content["trajectory"])
-            whole = np.linspace(0, motion.duration, INSTANTS)
-            curve = np.array([motion.place(motion.law(x)[0])[0] for x in whole])
-            gaps = (self.robot.difference(curve[k], path[k]) for k in (0, -1))
-            if max(float(np.abs(gap).max()) for gap in gaps) > ROUNDING:
-                return False
-            dense = np.concatenate([dense, curve])
-        within = self.robot.continuous | ((dense > self.robot.lower - 1e-8) & (dense < self.robot.upper + 1e-8))
-        if not within.all() or not self._still(said, self._off(said, dense)):
+        if "motion" not in said or not self._polynomials(said, content):
             return False
-        return motion is None or self._timed(said, motion, content["trajectory"])
+        if "timed" not in said:
+            return True
+        motion, q = Motion(content["trajectory"]), samples(content["motion"], 0)
+        whole = np.linspace(0, motion.duration, INSTANTS)
+        curve = np.array([motion.place(motion.law(x)[0])[0] for x in whole])
+        gaps = (self.robot.difference(curve[k], q[k]) for k in (0, -1))
+        if max(float(np.abs(gap).max()) for gap in gaps) > ROUNDING:
+            return False
+        within = self.robot.continuous | ((curve > self.robot.lower - 1e-8) & (curve < self.robot.upper + 1e-8))
+        return bool(within.all()) and self._still(said, curve) and self._timed(said, motion, content["trajectory"])
 
     def _off(
         self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray, slack: FloatArray | float = 0.0
@@ -249,10 +242,10 @@ class Judge:
         return np.concatenate([dense, *(dense + signs * widths)])
 
     def _polynomials(self, said: Mapping[str, tuple[Any, ...]], content: Mapping[str, Any]) -> bool:
-        claim, (count, duration, within) = content["motion"], said["polynomials"]
+        claim, (count, duration, within) = content["motion"], said["motion"]
         times = np.array(claim["times"], dtype=float)
         q, asked = samples(claim, 0), self.terms
-        if int(count) != len(times) - 1 or content["path"]:
+        if int(count) != len(times) - 1:
             return False
         if duration is not None and abs(float(duration) - (times[-1] - times[0])) > 6e-4:
             return False

@@ -316,9 +316,15 @@ class PolynomialMotion(Section):
                 raise InputError("needs a motion in time, without slack", "velocity")
 
     @property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Where it begins and ends (n,)."""
+        return self.coefficients[0][0], self.coefficients[-1].sum(axis=0)
+
+    @property
     def sentences(self) -> list[str]:
         count, lasts = len(self.coefficients), float(self.times[-1] - self.times[0])
-        said = [f"a motion of {count} polynomials in {lasts:.3f} s" if self.timed else f"{count} polynomials"]
+        kind = "straight edges" if all(len(piece) == 2 for piece in self.coefficients) else "polynomials"
+        said = [f"a motion of {count} {kind} in {lasts:.3f} s" if self.timed else f"a path of {count} {kind}"]
         if self.slack is not None:
             least = listed(at_least, self.slack.min(axis=0))
             said[0] += f", and whatever is within ({least}) [rad or m] of them"
@@ -335,28 +341,11 @@ class PolynomialMotion(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Interval(Section):
-    """A part of an edge, by its centre and its half-length, and the distance of each pair at its centre [m]."""
-
-    centre: float = key(document.number, at_least=0.0, at_most=1.0)
-    half_length: float = key(document.number, at_least=0.0)
-    margins: FloatArray = key(document.array)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Source(Section):
     """What the file says it was made from; nothing is read from there, and nothing of it is printed."""
 
     scenario: Any = key(document.plain, default=None)
     robot: Any = key(document.plain, default=None)
-
-
-def _edge(key: str, value: Any) -> tuple[Interval, ...]:
-    return document.each(key, value, document.section, kind=Interval)
-
-
-def _pair(key: str, value: Any) -> tuple[str, ...]:
-    return document.each(key, value, document.line, count=2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,19 +358,16 @@ class Certificate(Section):
     robot: RobotDocument = key(document.section, kind=RobotDocument)
     scene: SceneDocument = key(document.section, kind=SceneDocument)
     joint_names: tuple[str, ...] = key(document.each, read=document.line)
-    path: FloatArray = key(document.array, ndim=2)
-    pairs: tuple[tuple[str, str], ...] = key(document.each, read=_pair)
+    motion: PolynomialMotion = key(document.section, kind=PolynomialMotion)
     clearance: Clearance | None = key(document.section, default=None, kind=Clearance)
     danger: Danger | None = key(document.section, default=None, kind=Danger)
     moving_obstacles: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
     also_sampled: str | None = key(document.line, default=None)
-    edges: tuple[tuple[Interval, ...], ...] = key(document.each, read=_edge)
     digest: str = key(document.sha)
     tool: Tool | None = key(document.section, default=None, kind=Tool)
     trajectory: TimedMotion | None = key(document.section, default=None, kind=TimedMotion)
     margin: float | None = key(document.number, default=None, above=0.0)
     tube: FloatArray | None = key(document.array, default=None)
-    motion: PolynomialMotion | None = key(document.section, default=None, kind=PolynomialMotion)
 
     @classmethod
     def read(cls, content: Any) -> Certificate:
@@ -398,17 +384,15 @@ class Certificate(Section):
             _check_known("moving_obstacles.speeds", "obstacle", self.moving_obstacles.speeds, scene.names)
         if self.danger is not None:
             self.danger.check_for(scene)
+        self.motion.check_for(robot)
+        if self.tube is not None and not (self.tube.shape == (robot.n,) and (self.tube >= 0).all()):
+            raise InputError(f"must be {robot.n} numbers >= 0, got {self.tube.tolist()}", "tube")
         if self.trajectory is not None:
             self.trajectory.check_for(robot, scene)
-        if self.tube is not None:
-            if not (self.tube.shape == (robot.n,) and (self.tube >= 0).all()):
-                raise InputError(f"must be {robot.n} numbers >= 0, got {self.tube.tolist()}", "tube")
-            if self.trajectory is not None:
+            if self.tube is not None:
                 raise InputError("is claimed of paths and polynomials, and not of a trajectory", "tube")
-        if self.motion is not None:
-            self.motion.check_for(robot)
-            if self.path.size or self.edges or self.trajectory is not None:
-                raise InputError("must come without a path, its edges and a trajectory", "motion")
+            if self.motion.timed:
+                raise InputError("must not be in time where a trajectory is", "motion")
 
     def required(self, obstacle: str) -> float:
         """Return what moving links must keep from where the scene has an obstacle [m]."""
@@ -428,17 +412,15 @@ class Certificate(Section):
         said += [] if self.tool is None else self.tool.sentences
         if self.tube is not None:
             said.append(f"the same with joints off by up to ({listed(at_least, self.tube)}) [rad or m]")
-        said += [] if self.motion is None else self.motion.sentences
+        said += self.motion.sentences
         return (*said, *([] if self.trajectory is None else self.trajectory.sentences))
 
     @property
     def not_claimed(self) -> tuple[str, ...]:
         """What could be claimed, but is not; of time only where the path is timed."""
-        names = ("clearance", "danger", "moving_obstacles", "tool")
+        names = ("clearance", "danger", "moving_obstacles", "tool", "tube")
         missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
-        if self.motion is not None:
-            missing += [*(["tube"] if self.tube is None else []), *self.motion.not_claimed]
-        return (*missing, *([] if self.trajectory is None else self.trajectory.not_claimed))
+        return (*missing, *self.motion.not_claimed, *([] if self.trajectory is None else self.trajectory.not_claimed))
 
 
 def _check_known(place: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:

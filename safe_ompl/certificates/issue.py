@@ -1,31 +1,28 @@
-"""Issues certificates: paths with the proof that they may be driven, which anyone can check (`verify`).
+"""Issues certificates: motions with the proof that they may be driven, which anyone can check (`verify`).
 
-A certificate holds, for each edge, intervals that cover it. At the centre of each interval every pair of bodies is
-farther apart than its margin, and the margin is more than the two can approach each other within the interval. The
-digest shows that a file has changed; it is no signature, for whoever changes a file can compute it. A motion of
-polynomials that is proven (`MotionCheck`) has no intervals: the verifier divides it itself.
+A certificate has a motion of polynomials, of which a path is one with straight pieces, and what is claimed of it; the
+verifier divides the pieces until the claims are proven. Each is verified before it is handed out. The digest shows that
+a file has changed; it is no signature, for whoever changes a file can compute it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Tool
-from safe_ompl.certificates.intervals import Pairs, intervals_of
 from safe_ompl.certificates.verifier.verify import Terms, verify
 from safe_ompl.collision import (
     CollisionChecker,
     MinClearance,
-    MotionLimit,
     MotionProver,
     Separation,
     TipBounds,
-    ToolLimit,
     ToolOrientation,
     Verdict,
 )
@@ -42,6 +39,7 @@ _WIDER, _TRIALS = 1.1, 50  # bounds of the danger within a tube
 _KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
 _IN_MOTION = ("k2", "gamma")  # what that of a motion in time has besides
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
+_OF_MOTION = ("times", "coefficients", "timed", "slack", "rounding")
 
 
 def _widths(key: str, value: Any) -> FloatArray | None:
@@ -124,32 +122,50 @@ def certificate(
     if not len(points):
         raise InputError("path must have a configuration at least, got none")
     wanted: Claims = document.section("claims", claims, Claims)
-    pairs, widths, proof = Pairs(robot, scene), np.zeros(robot.n), None
-    if wanted.tube is not None:
-        widths = finite_array(wanted.tube, (robot.n,), "tube")
-        proof = MotionProver(CollisionChecker(robot, scene), separation=Separation(tube=tuple(widths.tolist())))
+    motion = Motion.through(points).for_robot(robot)
     spacing = wanted.spacing or scene.spacing
-    said: dict[str, Any] = {"path": points.tolist(), "pairs": [list(names) for names in pairs.names], "edges": []}
-    said |= {name: value for name, value in wanted.to_mapping().items() if name not in ("spacing", "max_danger")}
+    said = {name: value for name, value in wanted.to_mapping().items() if name not in ("spacing", "max_danger")}
     if field is not None:
-        said["danger"] = _danger_claim(field, spacing, points, wanted.max_danger, proof)
-    if trajectory is not None:
-        said["trajectory"] = trajectory_claim(trajectory, scene)
-        moving_field = trajectory.danger_field or (None if field is None else KinetostaticField(field))
-        if moving_field is not None:
-            danger = moving_danger_claim(trajectory, moving_field, spacing, scene)
-            said["trajectory"] |= {} if danger is None else {"danger": danger}
-    unproven = {**opening(robot, scene, source), **said}
-    draft = Certificate.read(signed(unproven))
-    draft.check_for(robot, scene)
-    if wanted.tool is not None:
-        _prove_tool(wanted.tool, robot, points, proof)
-    required = pairs.required(draft)
-    edges = [
-        intervals_of(pairs, required, k, start, robot.difference(start, end), widths)
-        for k, (start, end) in enumerate(schema.edges_of(points))
-    ]
-    return signed({**unproven, "edges": edges})
+        proof = None
+        if wanted.tube is not None:
+            tube = Separation(tube=tuple(finite_array(wanted.tube, (robot.n,), "tube").tolist()))
+            proof = MotionProver(CollisionChecker(robot, scene), separation=tube)
+        said["danger"] = _danger_claim(field, spacing, motion.knots, wanted.max_danger, proof)
+    found = _issued(said, motion, robot, scene, source)
+    if trajectory is None:
+        return found
+    timed = trajectory_claim(trajectory, scene)
+    moving_field = trajectory.danger_field or (None if field is None else KinetostaticField(field))
+    if moving_field is not None:
+        danger = moving_danger_claim(trajectory, moving_field, spacing, scene)
+        timed |= {} if danger is None else {"danger": danger}
+    found = signed({**found, "trajectory": timed})
+    Certificate.read(found).check_for(robot, scene)
+    return found
+
+
+def _issued(
+    said: Mapping[str, Any], motion: Motion, robot: Robot, scene: Scene, source: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Return the certificate of a motion; raise PlanningError unless the verifier proves what is said of it."""
+    given = motion.to_mapping()
+    found = signed(
+        {
+            "format": schema.FORMAT,
+            "version": schema.VERSION,
+            "source": source or {},
+            "robot": carried_robot(robot),
+            "scene": carried_scene(scene),
+            "joint_names": list(robot.joint_names),
+            **said,
+            "motion": {key: given[key] for key in _OF_MOTION if key in given} | said.get("motion", {}),
+        }
+    )
+    try:
+        verify(found, robot, scene)
+    except CertificateError as error:
+        raise PlanningError(f"it cannot be certified by plain means: {error}") from None
+    return found
 
 
 def signed(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -158,37 +174,10 @@ def signed(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**plain, "digest": schema.digest(plain)}
 
 
-def opening(robot: Robot, scene: Scene, source: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return what every certificate begins with: its form, where it comes from, robot and scene."""
-    return {
-        "format": schema.FORMAT,
-        "version": schema.VERSION,
-        "source": schema.as_plain(source or {}),
-        "robot": carried_robot(robot),
-        "scene": carried_scene(scene),
-        "joint_names": list(robot.joint_names),
-    }
-
-
-def _keeps(limit: MotionLimit, path: FloatArray, proof: MotionProver | None) -> Iterator[bool]:
+def _keeps(limit: DangerLimit, path: FloatArray, proof: MotionProver | None) -> Iterator[bool]:
     """Yield for each edge whether a limit is proven to be kept; with a tube `proof` has it."""
     prover = limit if proof is None else proof.with_limits([limit])
-    return (prover.check(start, end).verdict is Verdict.FREE for start, end in schema.edges_of(path))
-
-
-def _prove_tool(claim: Tool, robot: Robot, path: FloatArray, proof: MotionProver | None) -> None:
-    """Raise PlanningError unless every edge keeps to what is claimed of the tool."""
-    limits = list[ToolLimit]()
-    if claim.orientation is not None:
-        wanted = claim.orientation
-        limits.append(ToolOrientation(robot, wanted.axis, wanted.direction, wanted.angle))
-    if claim.position is not None:
-        bounds = [list(claim.position.get(axis, (-np.inf, np.inf))) for axis in "xyz"]
-        limits.append(TipBounds(robot, *np.transpose(bounds)))
-    for limit in limits:
-        for k, kept in enumerate(_keeps(limit, path, proof)):
-            if not kept:
-                raise PlanningError(f"edge {k} cannot be certified: its {limit.name} is not proven")
+    return (prover.check(start, end).verdict is Verdict.FREE for start, end in pairwise(path))
 
 
 def _danger_claim(
@@ -313,26 +302,16 @@ def motion_certificate(
         raise InputError("stops of such motions have no claim: check it without people", "people")
     proof, separation = check.proof, check.separation
     robot, scene = proof.checker.robot, proof.checker.scene
-    clear, speeds = separation.min_clearance, dict(separation.speeds)
-    content = {
-        **opening(robot, scene, source),
-        "path": [],
-        "pairs": [list(names) for names in Pairs(robot, scene).names],
-        "clearance": clearance_claim(clear),
+    speeds, limits = dict(separation.speeds), check.limits
+    said = {
+        "clearance": clearance_claim(separation.min_clearance),
         "moving_obstacles": {"speeds": speeds, "time": separation.time} if speeds else None,
-        "edges": [],
         **_limits(proof, scene.spacing if spacing is None else spacing),
-        "motion": _motion(check.motion)
-        | ({} if check.limits is None else {kind: getattr(check.limits, kind) for kind in check.limits.kinds}),
+        "margin": separation.margin or None,
+        "tube": separation.tube or None,
+        "motion": {} if limits is None else {kind: getattr(limits, kind) for kind in limits.kinds},
     }
-    content |= {"margin": separation.margin} if separation.margin else {}
-    content |= {"tube": separation.tube} if separation.tube else {}
-    found = signed(content)
-    try:
-        verify(found, robot, scene)
-    except CertificateError as error:
-        raise PlanningError(f"the motion is proven, but cannot be certified by plain means: {error}") from None
-    return found
+    return _issued(said, check.motion, robot, scene, source)
 
 
 def clearance_claim(clear: MinClearance | None) -> dict[str, Any] | None:
@@ -340,11 +319,6 @@ def clearance_claim(clear: MinClearance | None) -> dict[str, Any] | None:
     exempt = set() if clear is None else {obstacle for _, obstacle in clear.exempt}
     kept = [] if clear is None else [name for name in clear.obstacles if name not in exempt]
     return {"distance": clear.distance, "obstacles": kept} if clear is not None and kept else None
-
-
-def _motion(motion: Motion) -> dict[str, Any]:
-    said = motion.to_mapping()
-    return {key: said[key] for key in ("times", "coefficients", "timed", "slack", "rounding") if key in said}
 
 
 def _limits(proof: MotionProver, spacing: float) -> dict[str, Any]:

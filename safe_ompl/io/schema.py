@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from hashlib import sha256
-from itertools import pairwise
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, shown
+from safe_ompl.common import InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
 
-FORMAT, VERSION = "safe-ompl certificate", 3
+FORMAT, VERSION = "safe-ompl certificate", 4
 OWN_FORMAT, OWN_VERSION = "safe-ompl", 2  # of all other files
 KINDS = ("result", "path", "scene", "trajectory", "motion")
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
@@ -29,11 +28,6 @@ def digest(content: Mapping[str, Any]) -> str:
     """Return the SHA-256 of all of a certificate but its digest."""
     rest = {key: value for key, value in content.items() if key != "digest"}
     return sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
-
-
-def edges_of(path: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Return the edges of a path (N, n); a path of one configuration is an edge to itself."""
-    return pairwise(path) if len(path) > 1 else iter([(path[0], path[0])])
 
 
 def as_plain(value: Any) -> Any:

@@ -78,12 +78,11 @@ class ViewerContent:
         """
         robot = built_robot(content["robot"]) if robot is None else robot
         scene = built_scene(content["scene"])
-        path = np.array(content["path"], dtype=float)
         claim = content.get("danger") or {}
         danger = {key: value for key, value in claim.items() if key != "bound"}
-        if content.get("motion") is not None:
-            motion = Motion.from_mapping(content["motion"])
-            path = motion.at(np.linspace(motion.times[0], motion.times[-1], _SAMPLES))
+        motion = Motion.from_mapping(content["motion"])
+        curved = motion.degree > 1
+        path = motion.at(np.linspace(motion.times[0], motion.times[-1], _SAMPLES)) if curved else motion.knots
         return cls(robot, scene, {CERTIFIED: path}, danger=danger, title=f"{robot.name}, proven")
 
     @classmethod

@@ -51,7 +51,7 @@ def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
         (0, ("clearance", "distance"), 20),
         (0, ("moving_obstacles", "time"), 30),
         (0, ("tool", "position", "y", 0), 0.2),
-        (0, ("path", 1, 1), -1),
+        (0, ("motion", "coefficients", 0, 1, 1), -1),
         (2, ("trajectory", "duration"), 0.9),
         (2, ("trajectory", "velocity", 0), 0.5),
         (2, ("trajectory", "acceleration", 0), 0.5),

@@ -173,31 +173,33 @@ def test_robots_that_cannot_be_built(ur5, change, message):
 # ------------------------------------------------------------------------------------------------ certificates
 
 
+PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.3, -1.5, 0.5, 0, 0, 0]])
+
+
 @pytest.fixture(scope="module")
 def written(ur5, clutter):
-    path = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.3, -1.5, 0.5, 0, 0, 0]])
-    return travelled(certificate(path, ur5, clutter))
+    return travelled(certificate(PATH, ur5, clutter))
 
 
 def test_it_verifies_with_nothing_given(written, ur5, clutter):
     given, own = verify(written, ur5, clutter), verify(written)
     assert given.own == ()
-    assert given.claims == ("every motion is free",)
-    assert own.claims == ("every motion is free, for the robot and the scene that the file itself carries",)
+    assert given.claims == ("every motion is free", "a path of 1 straight edges")
+    assert own.claims[0] == "every motion is free, for the robot and the scene that the file itself carries"
     assert replace(own, own=(), claims=given.claims) == given
     assert verify(written, ur5).claims[0].endswith(", for the scene that the file itself carries")
 
 
 def test_what_is_not_claimed_is_listed(written, ur5, clutter):
     found = verify(written, ur5, clutter)
-    assert found.claims == ("every motion is free",)
-    assert found.not_claimed == ("clearance", "danger", "moving obstacles", "tool")
+    assert found.claims == ("every motion is free", "a path of 1 straight edges")
+    assert found.not_claimed == ("clearance", "danger", "moving obstacles", "tool", "tube")
     assert found.not_covered == ()
     claim = {"distance": 0.01, "obstacles": ["ball"]}
-    claimed = travelled(certificate(written["path"], ur5, clutter, {"clearance": claim}))
-    assert verify(claimed).not_claimed == ("danger", "moving obstacles", "tool")
+    claimed = travelled(certificate(PATH, ur5, clutter, {"clearance": claim}))
+    assert verify(claimed).not_claimed == ("danger", "moving obstacles", "tool", "tube")
     withdrawn = signed({**claimed, "clearance": None})
-    assert verify(withdrawn).not_claimed == ("clearance", "danger", "moving obstacles", "tool")
+    assert verify(withdrawn).not_claimed == ("clearance", "danger", "moving obstacles", "tool", "tube")
 
 
 def test_nothing_can_be_added(written):
@@ -214,7 +216,7 @@ def test_a_carried_scene_that_is_not_the_given_one(written, ur5, clutter):
 
 def test_what_was_sampled_is_not_covered(written, ur5, clutter):
     said = "your checker, sampled at 0.01 rad"
-    content = travelled(certificate(written["path"], ur5, clutter, {"also_sampled": said}))
+    content = travelled(certificate(PATH, ur5, clutter, {"also_sampled": said}))
     assert verify(content, ur5, clutter).not_covered == (said,)
     with pytest.raises(InputError, match="also_sampled: must be text"):
         verify(signed({**content, "also_sampled": 3}), ur5, clutter)
@@ -224,7 +226,7 @@ def test_links_without_collision_geometry_are_named(written, ur5, clutter, monke
     monkeypatch.setattr(ur5, "links_without_collision", ("wrist_2", "forearm"), raising=False)
     with pytest.raises(CertificateError, match=r"without collision geometry: it names \[\], the robot has \['forearm"):
         verify(written, ur5, clutter)
-    content = travelled(certificate(written["path"], ur5, clutter))
+    content = travelled(certificate(PATH, ur5, clutter))
     assert verify(content, ur5, clutter).not_covered == ("links without collision geometry: forearm, wrist_2",)
     content["robot"]["links_without_collision"].pop()
     with pytest.raises(CertificateError, match="without collision geometry"):

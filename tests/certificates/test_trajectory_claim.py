@@ -81,7 +81,7 @@ def assert_true(content, robot, plain):
     assert (abs(state.qd) <= motion.limits.velocity * (1 + 1e-6)).all()
     assert (abs(state.qdd) <= motion.limits.acceleration * (1 + 1e-6)).all()
     assert_jerk(motion)
-    assert abs(robot.difference(state.q[[0, -1]], np.array(content["path"])[[0, -1]])).max() < 1e-6
+    assert abs(robot.difference(state.q[[0, -1]], PATH[[0, -1]])).max() < 1e-6
     assert all((plain.distances(q) > 0).all() for q in state.q[::30])
     stops = claim["stops"]
     if stops is None:

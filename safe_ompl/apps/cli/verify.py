@@ -30,8 +30,8 @@ def add_commands(commands: Any) -> None:
         "verify",
         prepare,
         "check the certificate of a path",
-        "Check a certificate that `plan --certificate` wrote: that intervals cover every edge of the "
-        "path, and, pair by pair, that in each of them nothing can touch. With a scenario everything else comes from "
+        "Check a certificate that `plan --certificate` wrote: that, pair by pair, nothing can touch on the whole "
+        "motion, and what it claims besides. With a scenario everything else comes from "
         "there: robot, scene, people, options of the danger and limits of the motion; what the file says must agree. "
         "Without one robot and scene are the file's own, which the answer says. The exit status is 0 if it holds.",
     )

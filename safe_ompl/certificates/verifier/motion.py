@@ -85,7 +85,7 @@ class PlainPiece:
 
 
 class PlainMotion:
-    """A curve and where on it the robot is when, as claimed; checked for being one motion along a path (N, n).
+    """A curve and where on it the robot is when, as claimed; checked for being one motion between two ends (n,).
 
     Attributes
     ----------
@@ -108,12 +108,12 @@ class PlainMotion:
         If it is none.
     """
 
-    def __init__(self, claim: TimedMotion, robot: Robot, path: FloatArray) -> None:
+    def __init__(self, claim: TimedMotion, robot: Robot, ends: tuple[FloatArray, FloatArray]) -> None:
         self.pieces = [_piece(k, piece) for k, piece in enumerate(claim.pieces)]
         corners = list(claim.corners)
         if any(not 0 < k < len(self.pieces) for k in corners):
             raise CertificateError(f"trajectory: {corners} are not corners between its pieces")
-        self._check_joined(robot, path)
+        self._check_joined(robot, ends)
         self.starts = [0.0]
         for piece in self.pieces:
             self.starts.append(self.starts[-1] + piece.length)
@@ -174,10 +174,10 @@ class PlainMotion:
         """Return bounds (C,) of ṡ in the cells for a plan whose σ̇ is at most `speeds: (C,)` in them."""
         return np.array([speeds[self.near(k, speeds)].max() for k in range(len(self.of))])
 
-    def _check_joined(self, robot: Robot, path: FloatArray) -> None:
-        first, last = self.pieces[0], self.pieces[-1]
-        ends = ("begin", first.start, path[0]), ("end", last.at(last.length), path[-1])
-        for name, q, wanted in ends:
+    def _check_joined(self, robot: Robot, ends: tuple[FloatArray, FloatArray]) -> None:
+        last = self.pieces[-1]
+        own = self.pieces[0].start, last.at(last.length)
+        for name, q, wanted in zip(("begin", "end"), own, ends, strict=True):
             if np.abs(robot.difference(q, wanted)).max() > _SAME:
                 raise CertificateError(f"trajectory: the curve does not {name} where the path does")
         for k in range(1, len(self.pieces)):

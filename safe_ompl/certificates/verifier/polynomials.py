@@ -33,9 +33,7 @@ _HALVINGS = 50
 _ROUNDING = 1e-13  # relative, of fifty halvings
 
 
-def check_polynomials(
-    claims: Certificate, claim: PolynomialMotion, robot: Robot, scene: Scene, separations: Separations
-) -> tuple[int, int]:
+def check_polynomials(claims: Certificate, robot: Robot, scene: Scene, separations: Separations) -> tuple[int, int]:
     """Return how many parts of the motion were looked at, and how many distances.
 
     Raises
@@ -43,6 +41,7 @@ def check_polynomials(
     CertificateError
         If it is not one motion, or anything that is claimed of it does not hold.
     """
+    claim = claims.motion
     spans = [Fraction(end) - Fraction(start) for start, end in pairwise(claim.times.tolist())]
     pieces = [_derivatives(*piece) for piece in zip(claim.coefficients, spans, strict=True)]
     allowed = _allowed(claim, pieces)

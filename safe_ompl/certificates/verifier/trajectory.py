@@ -35,7 +35,7 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
     claim = claims.trajectory
     if claim is None:
         return
-    motion = PlainMotion(claim, robot, claims.path)
+    motion = PlainMotion(claim, robot, claims.motion.ends)
     takes = motion.duration
     if abs(takes - claim.duration) > _ROUNDING * takes:
         raise CertificateError(f"trajectory: it takes {takes:.6f} s, {claim.duration} s are claimed")

@@ -14,35 +14,32 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Certificate, Interval
-from safe_ompl.certificates.verifier.bodies import GJK, Budget, Separations, Stretch, plain_name
-from safe_ompl.certificates.verifier.danger import check_danger_and_tool
+from safe_ompl.certificates.claims import Certificate
+from safe_ompl.certificates.verifier.bodies import Budget, Separations
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
-from safe_ompl.common import CertificateError, FloatArray, InputError, formats, notebook_html, positive
+from safe_ompl.common import CertificateError, InputError, formats, notebook_html, positive
 from safe_ompl.common import documents as document
 from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.scene import Scene
 
-_FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
 TIME = 600.0  # [s] that verification may take by default
-_GAP = 1e-9  # of an edge: intervals that are nearer to each other leave nothing out
 
 
 @dataclass(frozen=True)
 class Verified:
     """What was checked of a certificate that holds."""
 
-    # How many of each; of a motion of polynomials its pieces, and the parts of these that were looked at
+    # Pieces of the motion, the parts of these that were looked at, and distances of bodies
     edges: int
     intervals: int
     distances: int
     # What holds, in words; the first sentence says so if robot or scene are the file's own
     claims: tuple[str, ...]
-    # What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool"
-    # and, where it claims a trajectory, its "stops", "jerk", "tool speed", "link speed" and "danger in motion";
-    # where it claims polynomials, "tube", and of those in time "velocity", "acceleration" and "jerk"
+    # What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool",
+    # "tube", of a motion in time "velocity", "acceleration" and "jerk", and, where it claims a trajectory, its "stops",
+    # "jerk", "tool speed", "link speed" and "danger in motion"
     not_claimed: tuple[str, ...]
     # Of what nothing is proven: links without collision geometry, checks that were only sampled
     not_covered: tuple[str, ...]
@@ -68,7 +65,7 @@ def verify(
     package_dirs: Sequence[Path] = (),
     time: float = TIME,
 ) -> Verified:
-    """Check a certificate: that intervals cover the path, and that what it claims holds in each of them.
+    """Check a certificate: that what it claims holds of the whole motion.
 
     Parameters
     ----------
@@ -90,7 +87,7 @@ def verify(
     Raises
     ------
     CertificateError
-        If anything in it does not hold: names the first edge and interval.
+        If anything in it does not hold: says what, and where.
     InputError
         If it is no certificate, its robot cannot be built, or the time is not positive.
     """
@@ -113,7 +110,7 @@ def verify(
         with np.errstate(over="raise"):  # what is too large to be compared holds nowhere
             found = _verified(claims, robot, scene, own, budget)
         if claims.digest != schema.digest(content):
-            raise CertificateError("every interval holds, but the file is not as it was written: its digest differs")
+            raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
         return found
     except formats.MALFORMED as error:
         if isinstance(error, InputError):
@@ -122,39 +119,16 @@ def verify(
 
 
 def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, ...], budget: Budget) -> Verified:
-    path = claims.path
-    if claims.motion is None:
-        _check_limits(robot, path)
     claims.check_for(robot, scene)
-    ends = path[1:] if len(path) > 1 else path
-    if len(claims.edges) != len(ends):
-        raise CertificateError(f"the path has {len(ends)} edges, the certificate {len(claims.edges)}")
     separations = Separations(robot, scene, claims, budget)
-    if sorted(claims.pairs) != sorted(separations.names):
-        raise CertificateError("its pairs of bodies are not those of robot and scene")
-    intervals, distances = 0, 0
-    for k, (edge, start, end) in enumerate(zip(claims.edges, path, ends, strict=False)):
-        _check_cover(k, edge)
-        budget.where = f"edge {k}"
-        delta = robot.difference(start, end)
-        for j, interval in enumerate(edge):
-            _check_interval(f"edge {k}, interval {j}", interval, start, delta, separations, claims)
-            intervals, distances = intervals + 1, distances + len(separations.names)
-    if claims.motion is None:
-        edges = (
-            _stretch(f"edge {k}", start, robot.difference(start, end), claims.tube)
-            for k, (start, end) in enumerate(zip(path, ends, strict=False))
-        )
-        check_danger_and_tool(claims, robot, scene, edges, budget)
-        check_trajectory(claims, robot, scene, separations)
-    else:
-        intervals, distances = check_polynomials(claims, claims.motion, robot, scene, separations)
+    intervals, distances = check_polynomials(claims, robot, scene, separations)
+    check_trajectory(claims, robot, scene, separations)
     lacking = links_without_collision(robot)
     about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
     not_covered = [f"links without collision geometry: {', '.join(lacking)}"] if lacking else []
     not_covered += [] if claims.also_sampled is None else [claims.also_sampled]
     return Verified(
-        edges=len(ends) if claims.motion is None else len(claims.motion.coefficients),
+        edges=len(claims.motion.coefficients),
         intervals=intervals,
         distances=distances,
         claims=claims.sentences(about),
@@ -164,10 +138,6 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
         obstacles=scene.names,
         own=own,
     )
-
-
-def _stretch(name: str, start: FloatArray, delta: FloatArray, tube: FloatArray | None) -> Stretch:
-    return Stretch(name, lambda t: start + t * delta, np.abs(delta), 0.0 if tube is None else tube)
 
 
 def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
@@ -183,57 +153,6 @@ def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
         )
     if claims.scene.hash != scene.content_hash():
         raise CertificateError("the scene has changed since it was written")
-
-
-def _check_limits(robot: Robot, path: FloatArray) -> None:
-    if not len(path):
-        raise CertificateError("the path is empty")
-    if path.shape[1] != robot.n:
-        raise CertificateError(f"the path has {path.shape[1]} joints, the robot {robot.n}")
-    for k, q in enumerate(path):
-        for i in range(robot.n):
-            place = f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g}"
-            if robot.continuous[i] and abs(q[i]) > _FARTHEST:
-                raise CertificateError(f"{place} is more than {_FARTHEST:g} rad")
-            if not robot.continuous[i] and not robot.lower[i] - 1e-9 <= q[i] <= robot.upper[i] + 1e-9:
-                raise CertificateError(f"{place} is outside its limits")
-
-
-def _check_cover(edge: int, intervals: tuple[Interval, ...]) -> None:
-    """Raise CertificateError unless the intervals, put in order, leave nothing of [0, 1] out."""
-    reached = 0.0
-    for interval in sorted(intervals, key=lambda i: i.centre - i.half_length):
-        first = interval.centre - interval.half_length
-        if first > reached + _GAP:
-            raise CertificateError(f"edge {edge}: no interval covers {reached:.6f} to {first:.6f} of it")
-        reached = max(reached, interval.centre + interval.half_length)
-    if reached < 1.0 - _GAP:
-        raise CertificateError(f"edge {edge}: no interval covers {reached:.6f} to 1 of it")
-
-
-def _check_interval(
-    name: str, interval: Interval, start: FloatArray, delta: FloatArray, separations: Separations, claims: Certificate
-) -> None:
-    pairs, tube = claims.pairs, 0.0 if claims.tube is None else claims.tube
-    centre, half = interval.centre, interval.half_length
-    name = f"{name} (centre {centre:.6f}, half-length {half:.6f})"
-    if len(interval.margins) != len(pairs):
-        raise CertificateError(f"{name}: {len(interval.margins)} margins for {len(pairs)} pairs")
-    margins = dict(zip(pairs, interval.margins.tolist(), strict=True))
-    for pair, distance, approach, required in separations.examined(start + centre * delta, half * np.abs(delta) + tube):
-        if not margins[pair] >= approach + required:
-            raise CertificateError(
-                f"{name}: the margin of {_between(pair)} is {1e3 * margins[pair]:.3f} mm, "
-                f"{1e3 * (approach + required):.3f} mm are needed"
-            )
-        if not distance - GJK > margins[pair]:
-            raise CertificateError(
-                f"{name}: {_between(pair)} are {1e3 * distance:.3f} mm apart, {1e3 * margins[pair]:.3f} mm are claimed"
-            )
-
-
-def _between(pair: tuple[str, str]) -> str:
-    return f"{plain_name(pair[0])!r} and {plain_name(pair[1])!r}"
 
 
 _SAME = 1e-9  # relative: numbers that are computed from a robot, and differ by less, agree
@@ -256,7 +175,7 @@ class Terms:
         """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""
         timed, motion = claims.trajectory, claims.motion
         self._compare("danger", claims.danger, self.danger)
-        if motion is not None and self.motion is not None:
+        if self.motion is not None:
             said = {name: limit for name, limit in self.motion.items() if getattr(motion, name, None) is not None}
             self._compare("motion", motion if said else None, said)
         if timed is None:

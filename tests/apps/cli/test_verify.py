@@ -48,7 +48,7 @@ def test_it_says_what_it_is_about_and_what_is_not_claimed(call, written):
     first, second, third = out.splitlines()
     assert first.startswith("proof.json: every motion is free: ")
     assert second == "proof.json: robot planar3 and scene of planar3.yaml: person, machine, bin, post"
-    assert third == "proof.json: not claimed: clearance, moving obstacles, tool"
+    assert third == "proof.json: not claimed: clearance, moving obstacles, tool, tube"
 
 
 def test_without_a_scenario_robot_and_scene_are_the_files_own_which_it_says(call, written, tmp_path, monkeypatch):
