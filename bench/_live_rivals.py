@@ -34,7 +34,7 @@ class StopAndGo(Replanner):
             return super()._next(path, s, speed, time)
         cell = np.array([min(int(np.searchsorted(path.edges, s, side="right")) - 1, len(path.brakes) - 1)])
         here = StopMotion(cell, np.array([s, s]), np.zeros(2), np.zeros(2))
-        distance = self.people.clearance + self._distance(path, time)
+        distance = self.clearance + self._distance(path, time)
         near = path.margin(here, Around(self.surroundings.sets, 0.0, distance), exact=True)
         trouble = self.surroundings.trouble(time, self.options.lost_after)
         push = 1.0 if near.margin >= 0 and trouble is None else -1.0

@@ -28,7 +28,7 @@ from bench._harness import Report
 from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from bench._scenes import ACCELERATIONS
 from bench._touches import TouchJudge
-from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Tracker, Trajectory, time_path
+from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Surroundings, Tracker, Trajectory, time_path
 from safe_ompl.collision import MotionProver
 from safe_ompl.people import CalibratedReach, Recording, TrackedBody, list_clips
 from safe_ompl.people.replanning import ReplanningOptions
@@ -134,9 +134,7 @@ def simulation(
     people = People(speed=1.6, speeds=HANDS, contact=policy == "contact", reach=reach)
     replanner = POLICIES[policy](
         robot,
-        scenario.scene,
-        {"operator": tracker},
-        people=people,
+        Surroundings(scenario.scene, {"operator": tracker}, people=people),
         options=ReplanningOptions(tick, detours=policy in OURS, retreats=policy in OURS[:2]),
     )
     limits = RateLimits.of(robot, acceleration=ACCELERATIONS["panda"])

@@ -39,7 +39,7 @@ from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.motions import FACTOR
-from safe_ompl.people import Tracker
+from safe_ompl.people import Surroundings, Tracker
 from safe_ompl.people.replanning import Doing, Replanner
 from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
 from safe_ompl.people.simulation.simulation import Touch
@@ -208,7 +208,7 @@ class Drive:
         place, start = np.array([0.0, 0.0, -0.75]), np.array([0.9, 0.0])
         self.walker = Walker(people, place, start, tracker=tracker, seed=seed)
         self.people = people
-        self.replanner = Replanner(self.robot, scene, {"anna": tracker}, people=people, prover=proof)
+        self.replanner = Replanner(self.robot, Surroundings(scene, {"anna": tracker}, people=people), prover=proof)
         self.world = World({"anna": self.walker}, {}, self.replanner.surroundings)
         swing = 1.2 * np.eye(self.robot.n)[0] + 0.2 * np.eye(self.robot.n)[1]
         ends = [np.array(DRAWN_IN[name]) + side * swing for side in (-1, 1)]

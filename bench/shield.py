@@ -93,9 +93,8 @@ class Shielded:
 
     def __init__(self, robot: Robot, scenario: Scenario, tracker: Tracker, start: FloatArray, people: People) -> None:
         limits = PathLimits(RateLimits.of(robot, acceleration=ACCELERATIONS["panda"]))
-        self.shield = Shield(
-            robot, scenario.scene, {"operator": tracker}, people=people, options=ReplanningOptions(limits=limits)
-        )
+        around = Surroundings(scenario.scene, {"operator": tracker}, people=people)
+        self.shield = Shield(robot, around, options=ReplanningOptions(limits=limits))
         self.shield.start(start)
         self.failures = 0
 

@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 
-from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Robot, SafeSetup, Scene, Tracker
+from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Robot, SafeSetup, Scene, Surroundings, Tracker
 from safe_ompl.people.skeletons import find_skeleton
 
 logging.basicConfig(level=logging.INFO, format="%(message)s")
@@ -20,7 +20,7 @@ standing = np.zeros((12, 3))
 standing[:, 2] = [0, 0.2, 0.5, 0.7, 0.5, 0.5, 0.2, 0, 0.5, 0.5, 0.5, 0.5]
 standing[5:, 1] = [0.19, 0.23, 0.24, 0, -0.19, -0.2, -0.2]
 standing[10:, 0] = [-0.3, -0.55]
-replanner = Replanner(robot, scene, {"anna": Tracker(skeleton)}, people=People(speed=1.6))
+replanner = Replanner(robot, Surroundings(scene, {"anna": Tracker(skeleton)}, people=People(speed=1.6)))
 replanner.start(trajectory)
 for k in range(200):
     time = 0.05 * k  # here your sensor and your clock

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, Scene, Shield, Tracker, time_path
+from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, Scene, Shield, Surroundings, Tracker, time_path
 from safe_ompl.people.simulation import Simulation, Walker
 from safe_ompl.people.simulation.movers import ALL_KEYPOINTS
 
@@ -43,7 +43,7 @@ class Policy:
 robot = Robot.from_example("panda")
 scene = Scene((Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),))
 people, tracker = People(speed=1.6), Tracker(ALL_KEYPOINTS)
-shield = Shield(robot, scene, {"anna": tracker}, people=people)
+shield = Shield(robot, Surroundings(scene, {"anna": tracker}, people=people))
 slow = RateLimits.of(robot, velocity=1.5, acceleration=4.0)
 ways = [time_path(way, robot, slow, motion=shield.prover) for way in ([PICK, GIVE], [GIVE, PICK])]
 anna = Walker(people, np.array([0.0, 0.0, -0.8]), np.array([1.2, 0.5]), seed=1)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from safe_ompl.io import JointPath, load, read_motion, save
     from safe_ompl.motions import Motion, check, retime, widest_tube
     from safe_ompl.paths import Constraints, PathReport, Simplifier
-    from safe_ompl.people import Tracker
+    from safe_ompl.people import Surroundings, Tracker
     from safe_ompl.people.replanning import Replanner, Shield
     from safe_ompl.planning import PlanResult, SafeSetup, plan, planner_data, repair
     from safe_ompl.planning.ompl import (
@@ -98,6 +98,7 @@ __all__ = [
     "Sphere",
     "StaleSceneError",
     "StandstillError",
+    "Surroundings",
     "TipBounds",
     "ToolMotion",
     "ToolOrientation",

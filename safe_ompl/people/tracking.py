@@ -238,20 +238,45 @@ class ObjectTrack:
 
 
 class Surroundings:
-    """All people and objects that move around a robot, each with its track; parameters as of `Guard`.
+    """What is around a robot: still obstacles, and all people and objects that move, each with its track.
 
-    `scene` has all obstacles but the people that are tracked, `still` those of them that stand still. `sets` are where
-    all may be from the `time` of the last measurement on [s] (−inf: there was none); none until all were seen.
+    `sets` are where all may be from the `time` of the last measurement on [s] (−inf: there was none); none until all
+    were seen. `still` are the obstacles that stand still.
+
+    Parameters
+    ----------
+    scene : Scene
+        All obstacles. Those that are named in `trackers` or `objects` move; the others stand still.
+    trackers : mapping of str to Tracker, optional
+        The people that are tracked, and how. They need not be obstacles of the scene.
+    objects : mapping of str to float, optional
+        Obstacles of the scene that move, and bounds of their speeds [m/s].
+    people : People, optional
+        How far people go (their reach, or else their speeds), the clearance from the robot that must be left, and
+        whether the robot may touch people at speeds that they bear.
+
+    Raises
+    ------
+    UnknownNameError
+        If the scene has no obstacle of a name in `objects`.
+    InputError
+        If a name is a person and an object; if a reach was calibrated with another skeleton or gate.
     """
 
     def __init__(
-        self, scene: Scene, trackers: Mapping[str, Tracker], objects: Mapping[str, float], people: People
+        self,
+        scene: Scene,
+        trackers: Mapping[str, Tracker] | None = None,
+        objects: Mapping[str, float] | None = None,
+        people: People | None = None,
     ) -> None:
+        trackers, objects = trackers or {}, objects or {}
+        self.rules = People() if people is None else people
         for name in trackers:
             if name in objects:
                 raise InputError(f"{name!r} is a person and an object: give one of both", "objects")
-        reach = None if people.reach is None else CalibratedReach.load(people.reach)
-        self.people = {name: PersonTrack(name, how, people, reach) for name, how in trackers.items()}
+        reach = None if self.rules.reach is None else CalibratedReach.load(self.rules.reach)
+        self.people = {name: PersonTrack(name, how, self.rules, reach) for name, how in trackers.items()}
         self.objects = {name: _track(scene[name], speed) for name, speed in objects.items()}
         self.shapes = {name: scene[name].shape for name in objects}
         self.scene = scene.without(*(name for name in scene.names if name in trackers))
@@ -286,7 +311,7 @@ class Surroundings:
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
     ) -> list[ReachViolation]:
-        """Take what sensors saw; see `Replanner.update`."""
+        """Take what sensors saw; see `Guard.update`."""
         number("time", time)
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", "time")

@@ -28,7 +28,7 @@ from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.geometry.kernels import gaps
 from safe_ompl.motions import Motion, check
-from safe_ompl.people import TrackedBody, Tracker, find_skeleton
+from safe_ompl.people import Surroundings, Tracker, find_skeleton
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
 from safe_ompl.planning.planners import NearestNode
@@ -160,7 +160,7 @@ def ask_for_simplification() -> None:
 def ask_for_people() -> None:
     """Call what a robot needs to drive beside people."""
     robot, skeleton = small_robot(), find_skeleton("recording12")
-    replanner = Replanner(robot, Scene(), {"anna": Tracker(skeleton, TrackedBody())}, people=People(speed=1.6))
+    replanner = Replanner(robot, Surroundings(Scene(), {"anna": Tracker(skeleton)}, people=People(speed=1.6)))
     limits = RateLimits.of(robot, acceleration=10.0)
     replanner.start(time_path([[-1.0, 0.0], [1.0, 0.0]], robot, limits, motion=replanner.prover))
     keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3))

@@ -21,7 +21,7 @@ from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
-from safe_ompl.people import HEIGHT, PELVIS, CalibratedReach, Recording, TrackedBody, Tracker, facing
+from safe_ompl.people import HEIGHT, PELVIS, CalibratedReach, Recording, Surroundings, TrackedBody, Tracker, facing
 from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation import (
     ALL_KEYPOINTS,
@@ -125,8 +125,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
     output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
-    how: dict[str, Any] = {"people": people, "options": ReplanningOptions(options.tick), "prover": setup.motion_prover}
-    replanner = Replanner(robot, found.scene, trackers, found.speeds, **how)
+    around = Surroundings(found.scene, trackers, found.speeds, people)
+    replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
     return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
 
 

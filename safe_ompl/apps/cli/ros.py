@@ -143,18 +143,18 @@ def cell_of(
         aim = Goal(configurations=(tuple(goal.tolist()),))
         asked = replace(limited, scene=still.with_obstacles(*seen), start=tuple(start.tolist()), goal=aim)
         setup = setup_scenario(asked, robot)
-        everything = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
-        beside = robot, everything.with_obstacles(*seen), trackers, moving
-        how: dict[str, Any] = {"people": people, "prover": setup.motion_prover}
+        around = Surroundings(scenario.scene.with_obstacles(*seen), trackers, moving, people)
         if options.shield:
             limits = PathLimits(RateLimits.of(robot, own.velocity, own.acceleration), own.tool_speed, own.link_speed)
-            shield = Shield(*beside, options=replace(control.replanning, limits=limits), **how)
+            shield = Shield(
+                robot, around, options=replace(control.replanning, limits=limits), prover=setup.motion_prover
+            )
             shield.start(start)
             return shield
         result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
         if result.path is None:
             raise PlanningError(result.status)
-        replanner = Replanner(*beside, options=control.replanning, **how)
+        replanner = Replanner(robot, around, options=control.replanning, prover=setup.motion_prover)
         replanner.start(timed_way(result.path, robot, setup.motion_prover, scenario))
         return replanner
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.replanning.command import Command, Doing, ReplanningOptions, stop_as_dict
+    from safe_ompl.people.replanning.guard import Command, Doing, Guard, ReplanningOptions, stop_as_dict
     from safe_ompl.people.replanning.guarded_path import PathLimits
-    from safe_ompl.people.replanning.replanner import Guard, Replanner
+    from safe_ompl.people.replanning.replanner import Replanner
     from safe_ompl.people.replanning.shield import Shield, ShieldCommand
 
 __all__ = [

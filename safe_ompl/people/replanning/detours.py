@@ -13,7 +13,7 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
-from safe_ompl.people.replanning.command import Command
+from safe_ompl.people.replanning.guard import Command
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, RobotBodies, line
 from safe_ompl.trajectories import BlendedCurve, blended
 

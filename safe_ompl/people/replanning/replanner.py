@@ -1,267 +1,48 @@
-"""What is driven at every tick: a motion that is proven until the next one, and its stop, on a guarded path.
+"""A robot that follows trajectories beside people: detours where the way is barred, and retreats from who is near.
 
-`Guard` is what a `Replanner` and a `Shield` share: who is around, and the commands that are proven against them. A tick
-is `update` (what was seen), `command` (the fastest motion that is proven) and, for a replanner, `think` (search detours
-and retreats in the time that is left).
+A retreat brings the robot no nearer to anyone who is too near for any other motion. Let a limb be in a set when it is
+measured, and u the unit vector along which a body of the robot, where a motion begins, is farthest from it. If the set
+is behind the plane across u through the foremost point of the body, and no point of the body gets behind that plane,
+the body *recedes*: it comes no nearer to the plane's other side, where the limb was, and the limb can be at the body no
+sooner than at the plane. That is the bound for a body that stands, too.
+
+A vertex of the body that is start ≥ 0 ahead of the foremost one, and end ≥ 0 after the motion, is in between never
+behind its chord by more than A x(l − x)/2 at an arc length x of l, with |a″| ≤ A. That is at least 0 all along if
+√start + √end ≥ √(A l²/2). The convex body recedes if all its vertices do. A body that only turns about the axis of the
+first joint never leaves the solid that it sweeps about that: along u, a vertex at a distance r from the axis comes no
+nearer than its place on the axis less r‖u⊥‖. It recedes from all who are behind a plane across u before that solid.
+
+What does not recede must be kept from as ever. A body that must recede is no faster than
+`RETREAT_SPEED`. People who run after it may touch it, as they may touch one that stands.
 """
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, TypeVar
+from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import InputError
-from safe_ompl.io import ticks_header
-from safe_ompl.people import ReachViolation, Surroundings, Tracker
-from safe_ompl.people.replanning.command import Command, Doing, ReplanningOptions
+from safe_ompl.collision import MotionProver
+from safe_ompl.common import BoolArray, FloatArray, InputError
+from safe_ompl.geometry.kernels import CellFrames, chords_ahead, separating_axes
+from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.detours import Detours
-from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, PathLimits, RobotBodies
-from safe_ompl.people.replanning.retreat import Receding, Retreats
-from safe_ompl.robot import Robot
-from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import SEPARATION, ContactLimits, Trajectory
+from safe_ompl.people.replanning.guard import Command, Doing, Guard
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, StopMotion, line
+from safe_ompl.trajectories import SEPARATION, Trajectory
 
-_log = logging.getLogger(__name__)
-_Given = TypeVar("_Given", bound=Command)
-
-# Accelerations that are tried between full braking (−1) and full acceleration (1).
-_PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
-_RETREATS = (1.0, 0.2, 0.0, -1.0)  # the same of retreats
+_PUSHES = (1.0, 0.2, 0.0, -1.0)  # accelerations that are tried in retreats, from full acceleration to full braking
 _CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
 _FARTHER = 2.0  # so many times as far
 _SAME = 1e-6  # [rad] places nearer than this are one
-
-
-class Guard:
-    """A robot, who is around it, and the commands that are proven against them.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        What is around it. Obstacles that are named in `trackers` or `objects` move; the others stand still.
-    trackers : mapping of str to Tracker
-        The people that are tracked, and how. They need not be obstacles of the scene.
-    objects : mapping of str to float, optional
-        Obstacles of the scene that move, and bounds of their speeds [m/s].
-    people : People, optional
-        How far people go (their reach, or else their speeds), the clearance from the robot that must be left, and
-        whether the robot may touch people at speeds that they bear. Its `reaction_time` is not used: the delay is known
-        at every tick.
-    options : ReplanningOptions, optional
-        Time between commands, when somebody is lost, limits, detours.
-    prover : MotionProver, optional
-        Proves motions among still obstacles, with limits such as of danger or clearance. Its scene is `scene` without
-        what moves. Default: motions must be free of collisions. If it has a tube (`Separation.tube`), all that is said
-        holds for every robot whose joints are that near to the command at any time, beside people, too.
-
-    Attributes
-    ----------
-    surroundings : Surroundings
-        All people and objects that move.
-    contact : ContactLimits or None
-        At what speeds contact is borne; None: it is not allowed.
-    tick : float
-        Time between two commands [s].
-
-    Raises
-    ------
-    UnknownNameError
-        If the scene has no obstacle of a name in `objects`.
-    InputError
-        If a number is out of its range; if the prover is of another robot or of another scene; if the speed of tool or
-        links is limited, or contact allowed, within a tube, which bounds positions only.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        trackers: Mapping[str, Tracker],
-        objects: Mapping[str, float] | None = None,
-        *,
-        people: People | None = None,
-        options: ReplanningOptions | None = None,
-        prover: MotionProver | None = None,
-    ) -> None:
-        options = ReplanningOptions() if options is None else options
-        people = People() if people is None else people
-        self.robot, self.options, self.tick = robot, options, float(options.tick)
-        self.surroundings = Surroundings(scene, trackers, objects or {}, people)
-        still = self.surroundings.still
-        self.prover = MotionProver(CollisionChecker(robot, still)) if prover is None else prover
-        _check_prover(self.prover, robot, still)
-        # A robot that is elsewhere in its tube is nearer to people.
-        nearer = self.prover.separation.swing(self.prover.checker)
-        if nearer and people.contact:
-            raise InputError("bounds positions, not velocities: contact cannot be proven within it", "tube")
-        limits = options.limits
-        if nearer and limits is not None and (limits.tool_speed or limits.link_speed):
-            raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
-        self.people = replace(people, clearance=people.clearance + nearer)
-        self.contact = contact_limits(robot, self.surroundings, people) if people.contact else None
-        self.bodies = RobotBodies(robot)
-        self._last: Command | None = None  # the newest command
-        self._time = 0.0  # for which it was asked for
-        self._margin = MotionMargin(np.inf)  # of the motion that was tried last
-        self._violated = False
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
-
-    def update(
-        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
-    ) -> list[ReachViolation]:
-        """Take what sensors saw, and return who moved farther than promised; while anyone did, the robot stops.
-
-        Parameters
-        ----------
-        people : mapping of str to array_like of shape (J, 3)
-            Key points of those that were seen, as their skeletons have them; NaN: not seen.
-        objects : mapping of str to Pose, pin.SE3 or 4×4 matrix
-            Poses of the objects that were seen.
-        time : float
-            When that was measured [s].
-
-        Raises
-        ------
-        InputError
-            If the time goes backwards, or key points or a pose cannot be used.
-        UnknownNameError
-            If a name is not known.
-        """
-        violations = self.surroundings.update(people, objects, time)
-        if violations and not self._violated:
-            _log.warning("%.3f s: %s: stop", time, violations[0])
-        self._violated = bool(violations)
-        return violations
-
-    def _place(self, time: float) -> tuple[float, float]:
-        """Return s and ṡ on the path of the last command at a time [s]; raise InputError if time goes backwards."""
-        last = self._last
-        if not time >= self.surroundings.time or not (last is None or time >= last.time):
-            raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
-        return (0.0, 0.0) if last is None else last.motion.at(time - last.time)[:2]
-
-    # ----------------------------------------------------------------------------------------------------- proofs
-
-    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
-        measured = self.surroundings.time
-        if speed == 0 and s >= path.length - _SAME:
-            rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
-            return Command(time, measured, path, rest, Doing.DONE, MotionMargin(np.inf))
-        if not self.surroundings.known:
-            return None
-        trouble = self.surroundings.trouble(time, self.options.lost_after)
-        violated = trouble is not None
-        around = self._around(time)
-
-        def command(push: float, doing: Doing, reason: str) -> Command | None:
-            motion = path.motion_from(s, speed * speed, push, self.tick)
-            margin = path.margin(motion, around)
-            if margin.margin < 0:
-                self._margin = margin
-                return None
-            rule = self._margin.rule if reason and not violated else ""
-            if rule not in ("", SEPARATION) and path.margin(motion, around._replace(contact=None)).margin >= 0:
-                rule = SEPARATION
-            return Command(time, measured, path, motion, doing, margin, reason, rule)
-
-        if trouble is None:
-            fastest = command(1.0, Doing.MOVING, "")
-            if fastest is not None:
-                return fastest
-            trouble = self._margin.description
-            pushes = [-1.0, *_PUSHES]
-        else:
-            pushes = [-1.0]
-        if speed == 0:
-            pushes = [push for push in pushes if push > 0]
-        found, blamed, first, last = None, self._margin, 0, len(pushes)
-        while first < last:  # by bisection: a motion that is slower than a proven one most often is proven
-            middle, self._margin = (first + last) // 2, blamed
-            push = pushes[middle]
-            slower = command(push, Doing.SLOWED if push > -1 else Doing.BRAKING, trouble)
-            found = slower or found
-            first, last = (first, middle) if slower is None else (middle + 1, last)
-        return found
-
-    def _around(self, time: float) -> Around:
-        """Return who is around when a motion begins at a time [s]."""
-        known = self.surroundings
-        return Around(known.sets, time - known.time, self.people.clearance, self.contact)
-
-    def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
-        """Return what is left of the stop that was proven before, or rest."""
-        last = self._last
-        trouble = self.surroundings.trouble(time, self.options.lost_after)
-        why = self._margin, trouble or self._margin.description, "" if trouble else self._margin.rule
-        if last is None or speed == 0:
-            rest = path.motion_from(s, 0.0, -1.0, self.tick)
-            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, *why)
-        doing = last.doing if last.doing is Doing.RETREATING else Doing.BRAKING
-        return Command(last.time, last.measured, path, last.motion, doing, *why)
-
-    # ------------------------------------------------------------------------------------------------------- log
-
-    def log_header(self) -> dict[str, Any]:
-        """Return the header of a log of ticks (`safe_ompl.io.TicksFile`, `safe_ompl.apps.exchange.McapLog`)."""
-        around = self.surroundings
-        return ticks_header(self.tick, self.robot, around.scene, around.description())
-
-    def log_tick(self) -> dict[str, Any]:
-        """Return the newest command and where all were seen last, as a tick of a log; distances are not measured.
-
-        Raises
-        ------
-        InputError
-            If there was no command yet.
-        """
-        if self._last is None:
-            raise InputError("there was no command yet")
-        unknown = dict.fromkeys(("distance", "link", "who", "limb"))
-        return {**self._last.tick_at(self._time, self.tick), **self.surroundings.seen(), **unknown}
-
-    def _given(self, command: _Given, time: float) -> _Given:
-        """Keep a command as the last one, and return it; what the robot does now goes to the log if it is new."""
-        before = None if self._last is None else self._last.doing
-        self._last, self._time = command, time
-        if command.doing is before:
-            return command
-        why = f": {command.reason}" if command.reason else ""
-        drives = (Doing.MOVING, Doing.SLOWED)
-        level = logging.DEBUG if command.doing in drives and before in drives else logging.INFO
-        _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
-        return command
-
-
-def contact_limits(robot: Robot, surroundings: Surroundings, people: People) -> ContactLimits:
-    """Return at what speeds contact is borne, for limbs and objects in the order of their reach sets."""
-    bodies = {name: track.tracker.body for name, track in surroundings.people.items()}
-    limbs = [(name, limb) for name, body in bodies.items() for limb in body.limbs]
-    limbs += [(name, "") for name, shape in surroundings.shapes.items() for _ in shape.parts()]
-    heights = {name: body.height for name, body in bodies.items()}
-    # A limb may be clamped against an object, wherever that is by then.
-    always = bool(surroundings.objects)
-    return ContactLimits(robot, surroundings.still, people, limbs, heights, always_clamped=always)
-
-
-def _check_prover(prover: MotionProver, robot: Robot, still: Scene) -> None:
-    """Raise InputError unless a prover is of this robot among exactly the still obstacles."""
-    checker = prover.checker
-    if checker.robot.joint_names != robot.joint_names:
-        raise InputError(f"is of the robot {checker.robot.name!r}, not of {robot.name!r}", "prover")
-    for name in sorted(set(checker.scene.names) ^ set(still.names)):
-        where = "in its scene, but it moves" if name in checker.scene.names else "not in its scene"
-        raise InputError(f"{name!r} is {where}: give it the scene of what stands still", "prover")
+# Who may be at the robot so soon [s] is retreated from; if that fails only from the nearest.
+_SOON = (0.2, 0.12)
+_LENGTHS = (0.6, 0.3, 0.15)  # [rad] of retreats that are tried
+_NUDGE = 1e-4  # [rad]
+_STILL = 3  # so many of the first joints may stay still: links near the base cannot get away
+_ROUNDS = 40  # of the search for a direction
+_FAR = 0.35  # [m] who is farther away need not be looked at
+_LEAST = 0.02  # [m/rad] distances must grow by this at least
 
 
 class Replanner(Guard):
@@ -392,12 +173,12 @@ class Replanner(Guard):
         return found
 
     def _recede(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest motion from (s, ṡ) that recedes from all who are near; see `retreat`. None if none is."""
+        """Return the fastest motion from (s, ṡ) that recedes from all who are near. None if none is."""
         if self.surroundings.trouble(time, self.options.lost_after) is not None:
             return None
         around = self._around(time)
         receding = Receding(path, s, around.sets)
-        for push in _RETREATS:
+        for push in _PUSHES:
             motion = path.motion_from(s, speed * speed, push, self.tick)
             if motion.places[-1] - s < _SAME:
                 continue
@@ -406,3 +187,92 @@ class Replanner(Guard):
                 why = margin, self._margin.description, SEPARATION
                 return Command(time, self.surroundings.time, path, motion, Doing.RETREATING, *why)
         return None
+
+
+class Receding:
+    """Which bodies (G,) recede from which of M limbs along motions that begin at s of a path."""
+
+    def __init__(self, path: GuardedPath, s: float, sets: ReachSets) -> None:
+        self._path, self._s, self._sets = path, s, sets
+        frames = path.bodies.frames(path.curve.at(np.array([s])).q)
+        self._axes, self._apart = _ahead(path.bodies, frames, sets)
+        self._always = np.zeros((len(path.bodies.links), len(sets.names)), dtype=bool)
+        for g in np.flatnonzero(path.bodies.turning).tolist():
+            near = np.flatnonzero((self._apart[g] > 0.0) & (self._apart[g] < np.inf))
+            lost = path.bodies.swept(g, frames, self._axes[g, near])
+            self._always[g, near[self._apart[g, near] > lost]] = True
+
+    def along(self, motion: StopMotion) -> BoolArray:
+        """Return which (G, M) do along a motion; where it goes through a corner only those that always do."""
+        path, last = self._path, float(motion.places[-1])
+        found, corners = self._always.copy(), path.edges[path.stops]
+        if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
+            return found
+        frames = path.bodies.frames(path.curve.at(np.array([self._s, last])).q)
+        bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
+        body, which = np.nonzero(chords_ahead(path.bodies.arrays, frames, self._axes, self._apart, bends))
+        found[body, which] = True
+        return found
+
+
+def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[FloatArray, FloatArray]:
+    """Return directions (G, S, 3) from sets to bodies, and how far (G, S) apart they are along these [m], at least.
+
+    The sets are those of the measurement, the frames the first ones. Distances above `_FAR` are infinite.
+    """
+    axes, apart = separating_axes(bodies.arrays, frames, sets.arrays, _FAR)
+    return axes, apart - bodies.arrays.pads[:, None] - sets.radii - sets.grown(0.0)
+
+
+class Retreats:
+    """Searches motions that recede from people, free of what stands still."""
+
+    def __init__(self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits) -> None:
+        self._prover, self._bodies, self._limits = prover, bodies, limits
+
+    def search(self, path: GuardedPath, s: float, sets: ReachSets) -> GuardedPath | None:
+        """Return a motion away from all who are near a robot that stands at s of a path, back, and on; or None."""
+        q = path.curve.at(np.array([s])).q[0]
+        end = self._away(q, sets)
+        if end is None:
+            return None
+        out, back, rest = (
+            GuardedPath.along(self._bodies, curve, self._limits)
+            for curve in (line(q, end), line(end, q), path.curve.rest(s))
+        )
+        return out.then(back).then(rest)
+
+    def _away(self, q: FloatArray, sets: ReachSets) -> FloatArray | None:
+        """Return the end of a free motion away from all who are near; None if nobody is, or none is found."""
+        n, robot, bodies = len(q), self._prover.checker.robot, self._bodies
+        frames = bodies.frames(np.vstack([q, q + _NUDGE * np.eye(n)]))
+        axes, apart = _ahead(bodies, frames, sets)
+        after = [sets.grown(soon) - sets.grown(0.0) for soon in _SOON]
+        pairs = np.argwhere((apart > 0.0) & (apart < np.max(after, axis=0)))
+        least = [(bodies.vertices(g, frames) @ axes[g, s]).min(axis=1) for g, s in pairs.tolist()]
+        rates = np.array([(each[1:] - each[0]) / _NUDGE for each in least]).reshape(-1, n)
+        for grown, still in product(after, range(min(n, _STILL + 1))):
+            near = rates[apart[tuple(pairs.T)] < grown[pairs[:, 1]]] * (np.arange(n) >= still)
+            near = near[near.any(axis=1)]
+            way = _away_from_all(near)
+            if not len(near) or (near @ way).min() < _LEAST:
+                continue
+            for length in _LENGTHS:
+                end = q + length * way
+                if robot.within_limits(end).all() and self._prover.is_free(q, end):
+                    return np.asarray(end)
+        return None
+
+
+def _away_from_all(rates: FloatArray) -> FloatArray:
+    """Return a direction (n,) in which the least of the rates (P, n) is as large as a few rounds make it."""
+    units = rates / np.maximum(np.linalg.norm(rates, axis=1), 1e-9)[:, None]
+    way = units.sum(axis=0)
+    best, most = way, -np.inf
+    for _ in range(_ROUNDS if len(rates) else 0):
+        unit = way / max(float(np.linalg.norm(way)), 1e-9)
+        worst = int((rates @ unit).argmin())
+        if rates[worst] @ unit > most:
+            best, most = unit, float(rates[worst] @ unit)
+        way = way + units[worst]
+    return np.asarray(best)

@@ -14,7 +14,7 @@ pytest.importorskip("rosbags")
 from mcap.writer import Writer  # noqa: E402
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 
-from safe_ompl import Obstacle, Pose, Scene, Shield, Sphere, Tracker  # noqa: E402
+from safe_ompl import Obstacle, Pose, Scene, Shield, Sphere, Surroundings, Tracker  # noqa: E402
 from safe_ompl.apps import main  # noqa: E402
 from safe_ompl.apps.cli import output  # noqa: E402
 from safe_ompl.apps.exchange import McapLog, messages, read_log  # noqa: E402
@@ -152,7 +152,7 @@ def test_it_is_read_back_also_cut_short_and_seen(drive, recorded, tmp_path):
 
 def test_a_shield_is_logged_and_read_back(panda, tmp_path):
     scene, anna = Scene((Obstacle("ball", Sphere(0.1)),)), Tracker(find_skeleton("coco17"))
-    shield, file = Shield(panda, scene, {"anna": anna}, {"ball": 1.6}), tmp_path / "shield.mcap"
+    shield, file = Shield(panda, Surroundings(scene, {"anna": anna}, {"ball": 1.6})), tmp_path / "shield.mcap"
     seen = np.random.default_rng(0).uniform([1.7, -0.3, -0.3], [2.3, 0.3, 0.3], (17, 3))
     home = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
     shield.start(home)

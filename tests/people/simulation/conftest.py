@@ -5,7 +5,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Scene, Sphere, Tracker, time_path
+from safe_ompl import (
+    Box,
+    Obstacle,
+    People,
+    Pose,
+    RateLimits,
+    Replanner,
+    Scene,
+    Sphere,
+    Surroundings,
+    Tracker,
+    time_path,
+)
 from safe_ompl.people import TrackedBody, find_skeleton
 from safe_ompl.people.replanning import Doing, ReplanningOptions
 
@@ -37,10 +49,7 @@ def replanner_for(panda, table, tracker):
         trackers = trackers or {name: tracker for name in who if name != "ball"}
         return Replanner(
             panda,
-            table,
-            trackers,
-            {"ball": ball} if "ball" in who else {},
-            people=People(speed=1.6) if people is None else people,
+            Surroundings(table, trackers, {"ball": ball} if "ball" in who else {}, people or People(speed=1.6)),
             options=ReplanningOptions(**options),
         )
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, time_path
+from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, Surroundings, time_path
 from safe_ompl.collision import Separation
 from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.people.replanning import Doing, PathLimits
@@ -60,7 +60,8 @@ def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro, driv
     scene = Scene((*table, Obstacle("post", Box((0.05, 0.05, 0.6)), Pose((0.75, 0.0, 0.9)))))
     checker = CollisionChecker(panda, scene.without("ball"))
     motion = MotionProver(checker, separation=Separation().with_min_clearance(checker, 0.1, ["post"]))
-    replanner = Replanner(panda, scene, {}, {"ball": 0.1}, prover=motion)
+    surroundings = Surroundings(scene, objects={"ball": 0.1})
+    replanner = Replanner(panda, surroundings, prover=motion)
     commands = drive(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
     assert paths(commands) > 1
     required = replanner.prover.separation.required(motion.checker)
@@ -75,7 +76,7 @@ def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro, driv
     ):
         prover = MotionProver(CollisionChecker(panda, around.without(*without)))
         with pytest.raises(InputError, match=f"prover: {message}"):
-            Replanner(panda, scene, {}, {"ball": 0.1}, prover=prover)
+            Replanner(panda, surroundings, prover=prover)
 
 
 # ------------------------------------------------------------------------------------------------------- roadmap

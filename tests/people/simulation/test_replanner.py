@@ -17,13 +17,14 @@ from safe_ompl import (
     Replanner,
     Scene,
     Sphere,
+    Surroundings,
     UnknownNameError,
     time_path,
 )
 from safe_ompl.geometry import STANDING
 from safe_ompl.people import TrackedBody
 from safe_ompl.people.replanning import Doing, ReplanningOptions
-from safe_ompl.people.replanning.replanner import contact_limits
+from safe_ompl.people.replanning.guard import contact_limits
 from safe_ompl.people.simulation import ContactMonitor, limb_solids, part_solids
 from safe_ompl.trajectories import contact_speed
 
@@ -107,7 +108,7 @@ def test_no_adversary_touches_a_robot_that_moves_but_where_that_is_borne(panda, 
     people = People(speed=1.6, contact=attack.contact)
     tracker = type(tracker)(tracker.skeleton, TrackedBody(1.75, attack.limbs))
     who = ({"anna": tracker}, {}) if attack.limbs else ({}, {"ball": attack.promised})
-    replanner = Replanner(panda, table, *who, people=people)
+    replanner = Replanner(panda, Surroundings(table, *who, people))
     caps = {} if attack.cap is None else {"tool_speed": attack.cap, "link_speed": 1.5 * attack.cap}
     least, touches, commands = attack.run(replanner, to_and_fro(replanner, **caps)[0], tracker)
     rules = {command.rule for command in commands}
@@ -220,7 +221,7 @@ def test_in_a_narrow_gap_it_is_slower_than_in_the_open(panda, tracker, to_and_fr
     wall = Obstacle("wall", Box((0.02, 1.2, 0.5)), Pose((0.63, 0.0, 0.5)))
     hand, took, rules = type(tracker)(tracker.skeleton, TrackedBody(1.75, ("right_hand",))), [], []
     for scene in (Scene(()), Scene((wall,))):
-        replanner = Replanner(panda, scene, {"anna": hand}, people=People(speed=1.6, contact=True))
+        replanner = Replanner(panda, Surroundings(scene, {"anna": hand}, people=People(speed=1.6, contact=True)))
         seen = {"anna": person_at((1.1, 0.0, -0.9), hand, stretched=True)}, {}
         commands = drive(replanner, to_and_fro(replanner)[0], lambda t, seen=seen: seen, 5.0, think=False)
         took.append(len(commands))
@@ -232,7 +233,7 @@ def test_in_a_narrow_gap_it_is_slower_than_in_the_open(panda, tracker, to_and_fr
 def test_objects_are_not_touched(replanner_for):
     people = People(contact=True, regions={"head": (500.0, 4.4, 10.0)})
     replanner = replanner_for("anna", "ball", people=people)
-    limits = contact_limits(replanner.robot, replanner.surroundings, people)
+    limits = contact_limits(replanner.robot, replanner.surroundings)
     assert limits.limbs[-1] == ("ball", "")
     assert limits.bears[-1] == 0 < limits.bears[0]
 
@@ -281,9 +282,9 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
         with pytest.raises(InputError, match=message):
             replanner_for("ball").start(trajectory)
     with pytest.raises(UnknownNameError, match="unknown obstacle 'cube'"):
-        Replanner(panda, table, {}, {"cube": 1.0})
+        Surroundings(table, {}, {"cube": 1.0})
     with pytest.raises(InputError, match="'ball' is a person and an object"):
-        Replanner(panda, table, {"ball": tracker}, {"ball": 1.0})
+        Surroundings(table, {"ball": tracker}, {"ball": 1.0})
     for wrong in ({"tick": 0.0}, {"lost_after": -1.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             ReplanningOptions(**wrong)

@@ -8,7 +8,7 @@ from safe_ompl import Pose
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Doing, PathLimits
 from safe_ompl.people.replanning.guarded_path import RETREAT_SPEED, GuardedPath, RobotBodies, line
-from safe_ompl.people.replanning.retreat import Receding, Retreats
+from safe_ompl.people.replanning.replanner import Receding, Retreats
 from safe_ompl.trajectories import RateLimits
 
 FAR = Pose((3.0, 0.0, 0.0))

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
 
-from safe_ompl import CollisionChecker, InputError, Motion, MotionProver, Pose, RateLimits, Shield, Sphere
+from safe_ompl import CollisionChecker, InputError, Motion, MotionProver, Pose, RateLimits, Shield, Sphere, Surroundings
 from safe_ompl.collision import Separation
 from safe_ompl.people.replanning import Doing, PathLimits, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, part_solids
@@ -27,7 +27,7 @@ def shield_for(panda, table):
         checker = CollisionChecker(panda, table.without("ball"))
         proof = MotionProver(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
         options = ReplanningOptions(limits=PathLimits(limits))
-        shield = Shield(panda, table, {}, {"ball": 1.6}, options=options, prover=proof)
+        shield = Shield(panda, Surroundings(table, objects={"ball": 1.6}), options=options, prover=proof)
         shield.start(HOME)
         return shield
 
@@ -329,8 +329,8 @@ def test_what_cannot_be_is_refused(shield_for, panda, table):
     commands, _ = drive(shield_for(), chunks(), lambda t: FAR, 0.5)
     assert commands[-1].doing is Doing.MOVING
     with pytest.raises(InputError, match="start where the robot stands first"):
-        Shield(panda, table, {}).command(0.0)
+        Shield(panda, Surroundings(table)).command(0.0)
     wide = MotionProver(CollisionChecker(panda, table), separation=Separation(tube=(0.01,) * 7))
     fast = PathLimits(RateLimits.of(panda), tool_speed=1.0)
     with pytest.raises(InputError, match="tube: bounds positions"):
-        Shield(panda, table, {}, options=ReplanningOptions(limits=fast), prover=wide)
+        Shield(panda, Surroundings(table), options=ReplanningOptions(limits=fast), prover=wide)

@@ -341,7 +341,7 @@ def test_a_scenarios_limits_reach_the_replanner(tmp_path, capsys):
     limits = {"min_clearance": 0.04, "obstacles": ["operator", "table"]}
     limits |= {"moving": {"speeds": {"parcel": 0.1}, "time": 1}}
     replanner = prepared(limits, "--people", "random")
-    assert replanner.people.clearance == 0.04
+    assert replanner.clearance == 0.04
     kept = replanner.prover.separation.min_clearance
     assert (kept.distance, kept.obstacles) == (0.04, ("table",))
     assert replanner.surroundings.objects["parcel"].speed == 0.1
