@@ -18,11 +18,11 @@ import pinocchio as pin
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import MotionProver
 from safe_ompl.common import FloatArray
-from safe_ompl.geometry.basic import Box, Capsule, Shape
+from safe_ompl.geometry import bounding_hull
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
+from safe_ompl.geometry.shapes import Box, Capsule, Shape
 from safe_ompl.robot.ik import Place, approach
-from safe_ompl.robot.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

@@ -15,7 +15,7 @@ from ompl import util as ou
 
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, Robot, Scene, Sphere
 from safe_ompl.common import warn_once
-from safe_ompl.robot import bounding_hull
+from safe_ompl.geometry import bounding_hull
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)

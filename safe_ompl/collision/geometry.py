@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.geometry import Obstacle, Part
-from safe_ompl.robot import Hull, Robot, bounding_box, bounding_hull
+from safe_ompl.geometry import Hull, Obstacle, Part, bounding_box, bounding_hull
+from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _KEPT = (coal.Capsule, coal.Sphere)  # stay the same objects when they are measured anew

@@ -15,7 +15,8 @@ from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels.distances import nearest_points, pair_bounds
 from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.robot import ConvexBodies, Hull, JointLimits, Robot, plain
+from safe_ompl.geometry import ConvexBodies, Hull
+from safe_ompl.robot import JointLimits, Robot, plain
 
 # [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
 # configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.

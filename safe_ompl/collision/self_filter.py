@@ -11,14 +11,13 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, finite_array, number
-from safe_ompl.geometry import Obstacle, PointCloud, placed
+from safe_ompl.geometry import Obstacle, PointCloud, hull_planes, placed
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
 
 _POINT = 1e-6  # [m] radius of the ball that stands for a point in a query
-_FLAT = 1e-14  # [m²] a face this small has no direction
 _ON = 1e-9  # [m] what is this near to a hull is on it
 _BLOCK = 2048  # points at once
 
@@ -78,23 +77,10 @@ def _within(shape: coal.CollisionGeometry, points: FloatArray, margin: float) ->
     """Return which points are within a margin of a shape, in the shape's frame; meshes are hollow."""
     near, unknown = np.zeros(len(points), dtype=bool), np.arange(len(points))
     if isinstance(shape, coal.Convex):
-        near, beyond = _within_faces(*_faces(shape), points, margin)
+        near, beyond = _within_faces(*hull_planes(shape), points, margin)
         unknown = np.flatnonzero(~near & ~beyond)
     near[unknown] = [_distance(shape, point) <= margin for point in points[unknown]]
     return near
-
-
-def _faces(hull: coal.Convex) -> tuple[FloatArray, FloatArray]:
-    """Return the unit normals (F, 3), outwards, and the heights (F,) of the planes of a hull's faces."""
-    corners = np.array(hull.points(), dtype=np.float64).reshape(-1, 3)
-    triangles = [hull.polygons(k) for k in range(hull.num_polygons)]
-    a, b, c = (corners[[face[i] for face in triangles]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(normals, axis=1)
-    solid = lengths > _FLAT
-    normals, a = normals[solid] / lengths[solid, None], a[solid]
-    normals *= np.where(((corners.mean(axis=0) - a) * normals).sum(axis=1) > 0, -1.0, 1.0)[:, None]
-    return normals, (corners @ normals.T).max(axis=0)
 
 
 def _within_faces(

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision.motion import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array, float_array, motion_ends, number
-from safe_ompl.robot import Hull, Robot
+from safe_ompl.geometry import Hull
+from safe_ompl.robot import Robot
 
 TOOL_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
 _ROUNDING = 1e-9  # [rad or m] of kinematics; what is proven keeps this from its limit

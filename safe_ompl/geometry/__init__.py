@@ -8,12 +8,12 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.geometry import surfaces
-    from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Part, Shape, Sphere
     from safe_ompl.geometry.cloud import PointCloud
-    from safe_ompl.geometry.mesh import Mesh, convex_hull
+    from safe_ompl.geometry.hulls import ConvexBodies, Hull, bounding_box, bounding_hull, convex_hull, hull_planes
     from safe_ompl.geometry.obstacle import Obstacle, check_number
     from safe_ompl.geometry.person import LIMBS, STANDING, Limb, Person
     from safe_ompl.geometry.pose import Pose, placed
+    from safe_ompl.geometry.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
     from safe_ompl.geometry.surfaces import Triangles
 
 __all__ = [
@@ -21,7 +21,9 @@ __all__ = [
     "STANDING",
     "Box",
     "Capsule",
+    "ConvexBodies",
     "Cylinder",
+    "Hull",
     "Limb",
     "Mesh",
     "Obstacle",
@@ -32,8 +34,11 @@ __all__ = [
     "Shape",
     "Sphere",
     "Triangles",
+    "bounding_box",
+    "bounding_hull",
     "check_number",
     "convex_hull",
+    "hull_planes",
     "placed",
     "surfaces",
 ]

@@ -21,9 +21,8 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import FloatArray, InputError, IntArray, float_array, warn_once
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.basic import LONGEST, Part, Shape, Sphere
-from safe_ompl.geometry.mesh import array_digest
 from safe_ompl.geometry.pose import Pose, placed
+from safe_ompl.geometry.shapes import LONGEST, Part, Shape, Sphere, array_digest
 from safe_ompl.geometry.surfaces import Triangles
 
 _log = logging.getLogger(__name__)

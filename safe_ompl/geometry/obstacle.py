@@ -15,11 +15,10 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, shown
 from safe_ompl.common import documents as document
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Part, Shape, Sphere
 from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.mesh import Mesh
 from safe_ompl.geometry.person import Person
 from safe_ompl.geometry.pose import Pose, placed
+from safe_ompl.geometry.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 from safe_ompl.geometry.surfaces import Triangles
 
 SHAPES: dict[str, type[Shape]] = {

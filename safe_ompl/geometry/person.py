@@ -16,8 +16,8 @@ import pinocchio as pin
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.basic import Capsule, Part, Shape, Sphere
 from safe_ompl.geometry.pose import Pose, placed
+from safe_ompl.geometry.shapes import Capsule, Part, Shape, Sphere
 from safe_ompl.geometry.surfaces import Triangles
 
 # Key points of a standing body, arms down, as fractions of its height: x forward, y to the left, z up, the

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, float_array, number
 from safe_ompl.common import documents as document
-from safe_ompl.geometry import STANDING, Obstacle, Pose, placed
+from safe_ompl.geometry import STANDING, Obstacle, Pose, bounding_hull, placed
 from safe_ompl.people.reach import CalibratedReach, ReachSets, limb_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
-from safe_ompl.robot import bounding_hull
 from safe_ompl.scene import People, Scene
 
 _ROUNDING = 1e-9  # [m]

@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.robot.collision import CollisionSource, links_lacking_shapes
-    from safe_ompl.robot.displacement_bounds import ConvexBodies
+    from safe_ompl.robot.displacement_bounds import ReachCylinder
     from safe_ompl.robot.forward_kinematics import JointLimits, plain
     from safe_ompl.robot.ik import (
         METRES_PER_RADIAN,
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
         resting_value,
     )
     from safe_ompl.robot.parts import Attachment
-    from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_box, bounding_hull
     from safe_ompl.robot.region import GoalRegion, RegionPlace
     from safe_ompl.robot.robot import Robot, robot_hash
     from safe_ompl.robot.sources import EXAMPLES, ExampleRobot, find_example, robots_folder
@@ -47,10 +46,8 @@ __all__ = [
     "METRES_PER_RADIAN",
     "Attachment",
     "CollisionSource",
-    "ConvexBodies",
     "ExampleRobot",
     "GoalRegion",
-    "Hull",
     "JointLimits",
     "Mimic",
     "PackageFolders",
@@ -64,8 +61,6 @@ __all__ = [
     "UrdfFile",
     "approach",
     "arm_joints",
-    "bounding_box",
-    "bounding_hull",
     "default_tip",
     "disabled_links",
     "find_example",

@@ -1,10 +1,18 @@
-"""Bounds of how far the bodies and key points of a robot move, which proofs of motions rest on; its convex bodies."""
+"""Displacement radii: bounds of how far bodies and key points move when joints do, proven for every configuration.
+
+A set of points that turns about an axis stays inside the cylinder around that axis that encloses it. Going from
+a link towards the base, the cylinder about one joint's axis is enclosed by one about the next joint's axis; its
+radius is the displacement radius R̄ of the link for that joint: no point of the link moves more than
+R̄·|Δ| when the joint turns by Δ, whatever the configuration (the constant radii of certified motions).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
@@ -12,11 +20,204 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
-from safe_ompl.geometry.kernels import BODY, Records, Shapes, extreme_vertices
-from safe_ompl.robot.forward_kinematics import ForwardKinematics
-from safe_ompl.robot.reach import Hull, ReachCylinder, ReachCylinders, Regions, bounding_hull
+from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull
+
+if TYPE_CHECKING:
+    from safe_ompl.robot.forward_kinematics import ForwardKinematics
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class ReachCylinder:
+    """All points within `radius` of an axis through `center`, at most `half_length` along it [m]."""
+
+    center: FloatArray
+    axis: FloatArray
+    radius: float
+    half_length: float
+
+    @classmethod
+    def around(cls, hull: Hull, axis: FloatArray) -> ReachCylinder:
+        """Return the smallest one about the line through the origin along `axis` that holds `hull`."""
+        along = hull.points @ axis
+        radial = np.linalg.norm(hull.points - along[:, None] * axis, axis=1)
+        low, high = float(along.min()) - hull.radius, float(along.max()) + hull.radius
+        return cls((low + high) / 2 * axis, axis, float(radial.max()) + hull.radius, (high - low) / 2)
+
+    def moved(self, placement: pin.SE3) -> ReachCylinder:
+        """Return the cylinder in the frame that `placement` maps to."""
+        center = placement.rotation @ self.center + placement.translation
+        return ReachCylinder(center, placement.rotation @ self.axis, self.radius, self.half_length)
+
+    def enclosed_about(self, axis: FloatArray) -> ReachCylinder:
+        """Return a cylinder about the line through the origin along `axis` that holds this one.
+
+        The end discs are the extreme parts. Seen along `axis` each is an ellipse; with w a point of the ellipse,
+        ‖c + w‖² ≤ ‖c‖² + 2·max c·w + r².
+        """
+        slope = min(max(float(self.axis @ axis), -1.0), 1.0)
+        radius, reach = 0.0, self.half_length * abs(slope) + self.radius * math.sqrt(1 - slope**2)
+        for end in (-self.half_length, self.half_length):
+            c = self.center + end * self.axis
+            c = c - (c @ axis) * axis
+            away = c - (c @ self.axis) * self.axis
+            lateral = math.sqrt(away @ away)
+            radius = max(radius, math.sqrt(c @ c + 2 * self.radius * lateral + self.radius**2))
+        return ReachCylinder((self.center @ axis) * axis, axis, radius, float(reach))
+
+    def stretched(self, low: float, high: float) -> ReachCylinder:
+        """Return what the cylinder sweeps when it slides along its axis by `low` … `high` [m]."""
+        center = self.center + (low + high) / 2 * self.axis
+        return ReachCylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
+
+
+@dataclass(frozen=True)
+class ReachCylinders:
+    """M cylinders as tables: centers and unit axes (M, 3), radii and half lengths (M,) [m]; see `ReachCylinder`."""
+
+    centers: FloatArray
+    axes: FloatArray
+    radii: FloatArray
+    half_lengths: FloatArray
+
+    @classmethod
+    def of(cls, cylinders: Sequence[ReachCylinder]) -> ReachCylinders:
+        """Return the tables of some cylinders."""
+        vectors, lengths = ([(c.center, c.axis) for c in cylinders], [(c.radius, c.half_length) for c in cylinders])
+        centers, axes = np.reshape(vectors, (-1, 2, 3)).swapaxes(0, 1)
+        radii, half_lengths = np.reshape(lengths, (-1, 2)).T
+        return cls(centers, axes, radii, half_lengths)
+
+    def from_axes(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how far `points: (K, 3)` are from the M axes, and how far along these from the centers, (K, M) [m]."""
+        arms = points[:, None] - self.centers
+        along = np.einsum("kmx,mx->km", arms, self.axes)
+        return np.linalg.norm(arms - along[..., None] * self.axes, axis=2), np.abs(along)
+
+    def farthest(self, points: FloatArray) -> FloatArray:
+        """Return the largest distance (K, M) [m] between each of points (K, 3) and any point of each cylinder."""
+        lateral, along = self.from_axes(points)
+        distances: FloatArray = np.hypot(lateral + self.radii, along + self.half_lengths)
+        return distances
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Return the distances (K, M) [m] of points (K, 3); 0 inside."""
+        lateral, along = self.from_axes(points)
+        beside, beyond = lateral - self.radii, along - self.half_lengths
+        distances: FloatArray = np.hypot(np.maximum(0.0, beside), np.maximum(0.0, beyond))
+        return distances
+
+    @cached_property
+    def shapes(self) -> list[tuple[coal.Cylinder, coal.Transform3s]]:
+        """The cylinders as coal has them, each with its place in the world."""
+        turns = [pin.Quaternion.FromTwoVectors(_UP, axis).matrix() for axis in self.axes]
+        shapes = [coal.Cylinder(r, 2 * h) for r, h in zip(self.radii, self.half_lengths, strict=True)]
+        places = [coal.Transform3s(*place) for place in zip(turns, self.centers, strict=True)]
+        return list(zip(shapes, places, strict=True))
+
+
+Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body can be in their frames
+
+
+@dataclass(frozen=True)
+class JointChain:
+    """Joints of a robot as the displacement bound needs them (n joints; joint i is Pinocchio's joint i+1).
+
+    Parents are Pinocchio's indices (0: base), placements the frames at zero in those of the parents, `axes: (n, 3)` in
+    the joints' own frames, `prismatic: (n,)` says which slide. Of the limits (n,) only those of prismatic joints are
+    used.
+    """
+
+    parents: list[int]
+    placements: list[pin.SE3]
+    axes: FloatArray
+    prismatic: BoolArray
+    lower: FloatArray
+    upper: FloatArray
+
+    @classmethod
+    def from_model(cls, model: pin.Model, prismatic: BoolArray, lower: FloatArray, upper: FloatArray) -> JointChain:
+        """Read the joints of `model`; the rest as above."""
+        axes = np.zeros((len(prismatic), 3))
+        neutral = pin.neutral(model)
+        for i, joint in enumerate(list(model.joints)[1:]):
+            joint_data = joint.createData()
+            joint.calc(joint_data, neutral)
+            subspace = np.asarray(joint_data.S, dtype=np.float64).ravel()
+            axes[i] = subspace[:3] if prismatic[i] else subspace[3:]
+        parents = [int(parent) for parent in model.parents][1:]
+        placements = [pin.SE3(placement) for placement in model.jointPlacements][1:]
+        return cls(parents, placements, axes, prismatic, lower, upper)
+
+    def path_to_root(self, joint: int) -> list[int]:
+        """Return the joints (0-based) that move Pinocchio's joint `joint`, the nearest first."""
+        path = []
+        while joint != 0:
+            path.append(joint - 1)
+            joint = self.parents[joint - 1]
+        return path
+
+    def radii(self, regions: Regions) -> FloatArray:
+        """Return the displacement radii R̄ (n,) of a body in its `regions`."""
+        radii = np.zeros(len(self.parents))
+        for i, region in regions:
+            radii[i] = 1.0 if self.prismatic[i] else region.radius
+        return radii
+
+    def reach(self, regions: Regions) -> ReachCylinder:
+        """Return a cylinder in the world frame that a body never leaves, at any configuration within limits."""
+        if not regions:
+            raise ValueError("the body is fixed to the base")
+        i, region = regions[-1]
+        return region.moved(self.placements[i])
+
+    def point_reach(self, joint: int, point: FloatArray, axis: FloatArray = _UP) -> ReachCylinder:
+        """Return a cylinder in the world that a point (3,) [m] in the frame of a joint never leaves."""
+        if joint == 0:
+            return ReachCylinder(point, axis, 0.0, 0.0)
+        return self.reach(self.regions(joint, Hull(point[None], 0.0)))
+
+    def axis_distances(self, bodies: Sequence[Hull]) -> FloatArray:
+        """Return how far G bodies that stand still in the world are from each joint's axis [m], at most, (G, n).
+
+        Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
+        distance, that of its farthest point at any configuration, times |Δ|: another bound of how far link and body
+        approach each other. It is infinite for prismatic joints.
+        """
+        if not bodies:
+            return np.zeros((0, len(self.parents)))
+        axes, points = self._axis_reaches, np.concatenate([body.points for body in bodies])
+        starts = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
+        fixed = np.array(self.parents) == 0  # axes that stay where they are: they go on along the center's
+        reached = np.where(fixed, axes.from_axes(points)[0], axes.farthest(points))
+        farthest = np.maximum.reduceat(reached, starts)
+        distances: FloatArray = farthest + np.array([body.radius for body in bodies])[:, None]
+        distances[:, self.prismatic] = np.inf
+        return distances
+
+    @cached_property
+    def _axis_reaches(self) -> ReachCylinders:
+        """Cylinders in the world that hold the n joints' origins, about their axes."""
+        joints = zip(self.parents, self.placements, self.axes, strict=True)
+        reaches = [self.point_reach(k, place.translation, place.rotation @ axis) for k, place, axis in joints]
+        return ReachCylinders.of(reaches)
+
+    def regions(self, joint: int, body: Hull) -> Regions:
+        """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame."""
+        regions: Regions = []
+        for i in self.path_to_root(joint):
+            axis = self.axes[i]
+            if regions:
+                inner, region = regions[-1]
+                region = region.moved(self.placements[inner]).enclosed_about(axis)
+            else:
+                region = ReachCylinder.around(body, axis)
+            if self.prismatic[i]:
+                region = region.stretched(float(self.lower[i]), float(self.upper[i]))
+            regions.append((i, region))
+        return regions
 
 
 class DisplacementBounds:
@@ -133,125 +334,3 @@ class DisplacementBounds:
 def _frozen(array: FloatArray) -> FloatArray:
     array.setflags(write=False)
     return array
-
-
-_FEW = 12  # vertices that are quicker looked at one by one
-_GRIDS = ((100, 4), (1000, 8), (np.inf, 12))  # cells by the number of vertices
-_COARSE = 2  # cells in which many vertices are thinned first
-_MANY, _MOST = 1000, 20_000  # vertices: from here on thinned first, and from here on only their box
-
-_FARTHEST = 1e6  # [m] from the origin: beyond are shapes without end
-_POINT = np.zeros((1, 3))
-
-
-@dataclass(frozen=True)
-class ConvexBodies:
-    """Convex bodies that hold the G bodies of a geometry model, in its order; `exact: (G,)` says which are the same.
-
-    `bodies` are of type `BODY` (`safe_ompl.geometry.kernels.convex`), `starts: (C + 1,)` and `vertices: (E, 3)` the
-    lists of their vertices; `bounded` says whether all are finite: no plane, no half space.
-    """
-
-    bodies: Records
-    starts: IntArray
-    vertices: FloatArray
-    bounded: bool
-    exact: BoolArray
-
-    @property
-    def shapes(self) -> Shapes:
-        """The bodies and the lists, as kernels take them."""
-        return Shapes(self.bodies, self.starts, self.vertices)
-
-    @classmethod
-    def of(cls, parts: Sequence[pin.GeometryObject]) -> ConvexBodies:
-        """Return the bodies of a geometry model."""
-        bodies = np.zeros(len(parts), BODY)
-        starts, lists, bounded = [np.zeros(1, dtype=np.intp)], [np.zeros((0, 3))], True
-        cells = entries = 0
-        exact = np.zeros(len(parts), dtype=bool)
-        for k, (body, part) in enumerate(zip(bodies, parts, strict=True)):
-            summands = _summands(part.geometry)
-            bounded &= summands.bounded
-            exact[k] = summands.exact
-            grid, own_starts, own_vertices = _listed(summands.vertices)
-            if summands.bounded:
-                _fill(body, part, summands)
-            body["grid"], body["first_cell"] = grid, cells
-            starts.append(own_starts[1:] + entries)
-            lists.append(own_vertices)
-            cells, entries = cells + len(own_starts) - 1, entries + len(own_vertices)
-        return cls(bodies, np.concatenate(starts), np.concatenate(lists), bounded, exact)
-
-    def joined(self, others: ConvexBodies) -> ConvexBodies:
-        """Return these bodies and, after them, others."""
-        moved = others.bodies.copy()
-        moved["first_cell"] += len(self.starts) - 1
-        return ConvexBodies(
-            np.concatenate([self.bodies, moved]),
-            np.concatenate([self.starts, others.starts[1:] + len(self.vertices)]),
-            np.concatenate([self.vertices, others.vertices]),
-            self.bounded and others.bounded,
-            np.concatenate([self.exact, others.exact]),
-        )
-
-
-@dataclass(frozen=True)
-class _Summands:
-    """The parts whose Minkowski sum holds a body, or is it, if `exact`: vertices (V, 3), box (3,), disc and ball."""
-
-    vertices: FloatArray
-    box: FloatArray
-    disc: float = 0.0
-    ball: float = 0.0
-    exact: bool = True
-
-    @property
-    def bounded(self) -> bool:
-        return bool(np.isfinite(self.vertices).all() and np.abs(self.vertices).max(initial=0.0) < _FARTHEST)
-
-
-def _summands(geometry: coal.CollisionGeometry) -> _Summands:
-    ball = float(geometry.getSweptSphereRadius()) if isinstance(geometry, coal.ShapeBase) else 0.0
-    if isinstance(geometry, coal.Box):
-        return _Summands(_POINT, np.array(geometry.halfSide, dtype=np.float64).ravel(), ball=ball)
-    if isinstance(geometry, coal.Sphere):
-        return _Summands(_POINT, np.zeros(3), ball=geometry.radius + ball)
-    if isinstance(geometry, (coal.Capsule, coal.Cylinder)):
-        along, radius = np.array([0.0, 0.0, geometry.halfLength]), geometry.radius
-        if isinstance(geometry, coal.Capsule):
-            return _Summands(_POINT, along, ball=radius + ball)
-        return _Summands(_POINT, along, disc=radius, ball=ball)
-    with np.errstate(over="ignore"):  # of planes
-        hull = bounding_hull(geometry)
-    few = len(hull.points) <= _MOST
-    if not few:
-        hull = bounding_hull(geometry, coarse=True)
-    return _Summands(
-        hull.points, np.zeros(3), ball=hull.radius + ball, exact=few and isinstance(geometry, coal.ConvexBase)
-    )
-
-
-def _fill(body: Records, part: pin.GeometryObject, summands: _Summands) -> None:
-    """Write everything but the lists of vertices."""
-    vertices, box, disc, ball = summands.vertices, summands.box, summands.disc, summands.ball
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    centre = (low + high) / 2
-    rim = np.hypot(np.hypot(box[0], box[1]) + disc, box[2])  # of box and disc
-    body["joint"] = part.parentJoint
-    body["rotation"], body["translation"] = part.placement.rotation, part.placement.translation
-    body["box"], body["disc"], body["ball"] = box, disc, ball
-    body["centre"] = centre
-    body["extent"] = (high - low) / 2 + box + (disc, disc, 0.0) + ball
-    body["reach"] = np.linalg.norm(vertices - centre, axis=1).max() + rim + ball
-
-
-def _listed(vertices: FloatArray) -> tuple[int, IntArray, FloatArray]:
-    """Return the grid of a body, and its vertices as lists for each cell."""
-    if len(vertices) <= _FEW:
-        return 0, np.array([0, len(vertices)], dtype=np.intp), vertices
-    if len(vertices) > _MANY:
-        vertices = vertices[np.unique(extreme_vertices(vertices, _COARSE)[1])]
-    grid = next(grid for most, grid in _GRIDS if len(vertices) <= most)
-    starts, found = extreme_vertices(vertices, grid)
-    return grid, starts, vertices[found]

@@ -24,9 +24,9 @@ from safe_ompl.common import (
     polynomials,
 )
 from safe_ompl.robot import kernels as kernel
+from safe_ompl.robot.displacement_bounds import JointChain
 from safe_ompl.robot.joints import Mimic, Skeleton, frame_index
 from safe_ompl.robot.parts import RobotParts
-from safe_ompl.robot.reach import JointChain
 
 _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
 _WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits

@@ -13,10 +13,10 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError
 from safe_ompl.common import documents as document
-from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere
+from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_box, bounding_hull
 from safe_ompl.robot.collision import links_lacking_shapes, warn_of_unchecked
+from safe_ompl.robot.displacement_bounds import JointChain
 from safe_ompl.robot.joints import Mimic, Skeleton, frame_index, joint_limits
-from safe_ompl.robot.reach import JointChain, bounding_box, bounding_hull
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.robot import METRES_PER_RADIAN, Hull, Robot
+from safe_ompl.geometry import Hull
+from safe_ompl.robot import METRES_PER_RADIAN, Robot
 from safe_ompl.tasks.tool_path import Frames, rotation_vectors
 
 _DAMPING = 1e-8  # [m²/rad²]

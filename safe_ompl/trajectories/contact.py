@@ -36,9 +36,9 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, IntArray, compiled
-from safe_ompl.geometry import LIMBS, STANDING
+from safe_ompl.geometry import LIMBS, STANDING, ConvexBodies
 from safe_ompl.geometry.kernels import POSE, Shapes, distance_bound, place_bodies
-from safe_ompl.robot import ConvexBodies, Robot, plain
+from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import place_joints
 from safe_ompl.scene import BodyRegion, People, Scene
 

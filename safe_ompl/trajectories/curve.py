@@ -15,7 +15,8 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver, Verdict
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, compiled
-from safe_ompl.robot import Hull, Robot, bounding_hull, plain
+from safe_ompl.geometry import Hull, bounding_hull
+from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import move_joints, place_joints
 from safe_ompl.trajectories.kernels import Boxes
 from safe_ompl.trajectories.limits import RateLimits

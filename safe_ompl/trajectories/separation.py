@@ -20,9 +20,10 @@ import pinocchio as pin
 
 from safe_ompl.collision import DISTANCE_ERROR
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
+from safe_ompl.geometry import ConvexBodies
 from safe_ompl.geometry.kernels import POSE, Shapes, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.people import CalibratedReach, limb_lines
-from safe_ompl.robot import ConvexBodies, Robot, plain
+from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import place_joints
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories.contact import ContactLimits

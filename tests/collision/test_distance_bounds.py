@@ -14,7 +14,7 @@ from safe_ompl import CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Scen
 from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation
 from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
-from safe_ompl.robot import ConvexBodies
+from safe_ompl.geometry import ConvexBodies
 
 WEDGE = Path(__file__).parents[1] / "data" / "wedge.obj"
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]

@@ -9,7 +9,7 @@ import pytest
 
 from safe_ompl import Box, CollisionChecker, Obstacle, PointCloud, Pose, Scene, Sphere
 from safe_ompl.collision import PairDistances, Proximity, fresh_data
-from safe_ompl.robot import ConvexBodies
+from safe_ompl.geometry import ConvexBodies
 
 WITHIN = 0.1
 

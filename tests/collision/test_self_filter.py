@@ -6,7 +6,7 @@ import pytest
 
 from safe_ompl import Box, CollisionChecker, InputError, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import robot_points, without_robot
-from safe_ompl.robot import bounding_hull
+from safe_ompl.geometry import bounding_hull
 
 Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
 MARGIN = 0.02

@@ -10,9 +10,9 @@ import pytest
 from numba import njit
 
 from safe_ompl import PointCloud
+from safe_ompl.geometry import ConvexBodies
+from safe_ompl.geometry.hulls import triangle_tree
 from safe_ompl.geometry.kernels import POSE, convex, from_box
-from safe_ompl.geometry.mesh import triangle_tree
-from safe_ompl.robot import ConvexBodies
 
 ERROR = 1e-5  # [m] of coal's distances
 

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl import CollisionChecker, Scene
-from safe_ompl.robot import EXAMPLES, Hull, ReachCylinder, bounding_hull
-from safe_ompl.robot.reach import JointChain
+from safe_ompl.geometry import Hull, bounding_hull
+from safe_ompl.robot import EXAMPLES, ReachCylinder
+from safe_ompl.robot.displacement_bounds import JointChain
 
 SIMPLE = [*sorted(EXAMPLES), "twin_arm", "slider"]
 ROBOTS = [*SIMPLE, "gripper", "parallel", "loaded", "mobile", "cell"]

@@ -16,7 +16,7 @@ from safe_ompl import Box, CollisionChecker, InputError, Obstacle, PointCloud, S
 from safe_ompl.common import warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.cloud import cell_tree, touched_cells
-from safe_ompl.geometry.mesh import triangle_tree
+from safe_ompl.geometry.hulls import triangle_tree
 
 POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 3))
 PROBES = [coal.Capsule(0.05, 0.2), coal.Box(0.1, 0.15, 0.2), coal.Cylinder(0.05, 0.2), coal.Sphere(0.1)]

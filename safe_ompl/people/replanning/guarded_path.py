@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
+from safe_ompl.geometry import bounding_hull
 from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
-from safe_ompl.robot import Robot, bounding_hull
+from safe_ompl.robot import Robot
 from safe_ompl.trajectories import (
     CLAMPING,
     CONTACT,

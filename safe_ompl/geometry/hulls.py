@@ -1,0 +1,335 @@
+"""Convex bodies: hulls of meshes, hulls that bound other bodies, and bodies as kernels take them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, halton_point
+from safe_ompl.geometry.kernels import BODY, Records, Shapes, extreme_vertices
+
+_log = logging.getLogger(__name__)
+
+_JITTER = 1e-6  # of the body's size: enough to make corners that lie in one plane leave it
+_ROUNDING = 1e-9  # by which a hull is larger than computed
+_IN_PLANE = 1e-9  # [m], spread of vertices that lie in a plane
+_CORNERS = (2000, 1000, 500, 250, 120)  # how many directions pick the corners of a coarser hull
+
+
+def triangle_tree(vertices: FloatArray, faces: IntArray) -> coal.BVHModelOBBRSS:
+    """Return triangles as a bounding volume tree: each triangle is hit, the space between them is empty."""
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(len(faces), len(vertices))
+    tree.addVertices(np.ascontiguousarray(vertices))
+    tree.addTriangles(np.ascontiguousarray(faces, dtype=np.int64))
+    tree.endModel()
+    tree.computeLocalAABB()
+    return tree
+
+
+def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> coal.ConvexBase:
+    """Return the convex hull of a triangle mesh; a hardly larger body where coal cannot keep the hull itself.
+
+    The name is for messages. Flat meshes get a `thickness` [m], the vertices in the middle. Raises InputError if the
+    mesh has no vertices, or such that are not finite; or is flat (coal's managers drop such shapes in silence) and no
+    thickness is given.
+
+    coal keeps the number of neighbours of each corner of a convex body in one byte, and refuses a hull in which a
+    corner has more than 254: the end of a cylinder of 260 sides, triangulated, or the tip of a cone. Then the hull of
+    fewer, or of slightly moved corners is taken, and blown up about its centre until it holds every vertex of the mesh,
+    which is then checked. For a body K with the origin inside and faces n·x ≤ d, s·K holds x exactly if n·x ≤ s·d for
+    each face.
+    """
+    vertices = np.asarray(mesh.vertices(), dtype=np.float64)
+    if not np.isfinite(vertices).all():
+        raise InputError(f"mesh of {name!r} has vertices that are not finite")
+    if not len(vertices):
+        raise InputError(f"mesh of {name!r} has no vertices")
+    if _thin_directions(vertices).any():
+        if not thickness:
+            raise InputError(f"mesh of {name!r} is flat (no volume); collision meshes must be solid")
+        mesh = _thickened(vertices, thickness)
+        vertices = np.asarray(mesh.vertices(), dtype=np.float64)
+        _log.info("mesh of %s is flat: its hull is %g mm thick", name, 1e3 * thickness)
+    try:
+        mesh.buildConvexHull(True, "Qt")
+    except RuntimeError as error:
+        if "Too many neighbors" not in str(error):
+            raise InputError(f"mesh of {name!r} has no convex hull ({' '.join(str(error).split())})") from None
+        return _slightly_larger_hull(vertices, name)
+    return mesh.convex
+
+
+def _thin_directions(vertices: FloatArray) -> FloatArray:
+    """Return unit vectors (3, 3) in which vertices have no extent; rows of zeros for the others."""
+    spread = np.vstack([vertices - vertices.mean(axis=0), np.zeros((3, 3))])
+    _, extents, directions = np.linalg.svd(spread, full_matrices=False)
+    thin: FloatArray = np.where((extents < _IN_PLANE)[:, None], directions, 0.0)
+    return thin
+
+
+def _thickened(vertices: FloatArray, thickness: float) -> coal.BVHModelBase:
+    """Return points whose hull holds flat `vertices` in the middle of its `thickness` [m]."""
+    for direction in _thin_directions(vertices):
+        half = thickness / 2 * direction
+        vertices = np.vstack([vertices - half, vertices + half]) if half.any() else vertices
+    return _points(vertices)
+
+
+def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:
+    """Return a convex body that holds all `vertices: (V, 3)`, at most 254 neighbours a corner, and is hardly larger."""
+    middle = vertices.mean(axis=0)
+    # Inside, wherever vertices crowd.
+    center = middle + _extreme(vertices - middle, _CORNERS[-1]).mean(axis=0)
+    points = vertices - center
+    for corners in _choices(points):
+        hull = _hull_or_none(corners)
+        if hull is None:
+            continue
+        factor = _needed_factor(hull, points)
+        if not np.isfinite(factor):
+            continue
+        grown = _hull_or_none(factor * np.array(hull.points()) + center)
+        if grown is not None and _outside(grown, vertices) <= 0.0:
+            growth = (factor - 1) * float(np.linalg.norm(points, axis=1).max())
+            _log.info("hull of %s: %d corners, at most %.3g mm larger", name, grown.num_points, 1e3 * growth)
+            return grown
+    raise InputError(f"mesh of {name!r}: its convex hull has a corner with more than 254 neighbours; simplify it")
+
+
+def _choices(points: FloatArray) -> Iterator[FloatArray]:
+    """Corners to take the hull of, the most exact first; always the same ones."""
+    noise = np.random.default_rng(0).uniform(-1.0, 1.0, points.shape)
+    jitter = _JITTER * np.ptp(points, axis=0).max() * noise
+    yield points + jitter
+    for count in _CORNERS:
+        corners = _extreme(points, count)
+        yield corners
+        yield corners + jitter[: len(corners)]
+
+
+def _extreme(points: FloatArray, count: int) -> FloatArray:
+    """Return the points that are farthest in `count` directions, evenly spread once the body is as wide as long."""
+    round_points = points @ np.linalg.inv(np.linalg.cholesky(points.T @ points / len(points))).T
+    farthest = {int((round_points @ direction).argmax()) for direction in _directions(count)}
+    return points[sorted(farthest)]
+
+
+def _directions(count: int) -> FloatArray:
+    """Return unit vectors (`count`, 3) spread evenly (Halton's points, carried to the sphere)."""
+    uv = np.array([halton_point(k + 1, 2) for k in range(count)])
+    height, angle = 2 * uv[:, 0] - 1, 2 * np.pi * uv[:, 1]
+    radius = np.sqrt(1 - height**2)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+
+
+def _points(points: FloatArray) -> coal.BVHModelBase:
+    """Return points as vertices of a mesh, which coal makes hulls of."""
+    return triangle_tree(points, np.array([[0, 1, 2]]))
+
+
+def _hull_or_none(points: FloatArray) -> coal.Convex | None:
+    tree = _points(points)
+    try:
+        tree.buildConvexHull(True, "Qt")
+    except RuntimeError:  # too many neighbours, or too flat for Qhull
+        return None
+    return tree.convex
+
+
+def hull_planes(hull: coal.Convex) -> tuple[FloatArray, FloatArray]:
+    """Return outward unit normals (F, 3) and offsets (F,) [m] of the planes of a hull's faces: n·x ≤ d inside."""
+    corners = np.array(hull.points())
+    triangles = np.array([[hull.polygons(k)[i] for i in range(3)] for k in range(hull.num_polygons)])
+    a, b, c = (corners[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    thick = lengths > 1e-12 * lengths.max()  # the plane of a sliver is any plane
+    normals = normals[thick] / lengths[thick, None]
+    offsets = np.einsum("fc,fc->f", normals, a[thick])
+    inward = offsets < normals @ corners.mean(axis=0)
+    normals[inward], offsets[inward] = -normals[inward], -offsets[inward]
+    return normals, offsets
+
+
+def _needed_factor(hull: coal.Convex, points: FloatArray) -> float:
+    normals, offsets = hull_planes(hull)
+    if offsets.min() <= 0:
+        return np.inf
+    reach = np.concatenate([(normals @ chunk.T).max(axis=1, keepdims=True) for chunk in _chunks(points)], axis=1)
+    return max(1.0, float((reach.max(axis=1) / offsets).max())) * (1 + _ROUNDING)
+
+
+def _outside(hull: coal.Convex, points: FloatArray) -> float:
+    normals, offsets = hull_planes(hull)
+    return max(float((normals @ chunk.T - offsets[:, None]).max()) for chunk in _chunks(points))
+
+
+def _chunks(points: FloatArray) -> list[FloatArray]:
+    return np.array_split(points, 1 + len(points) // 1000)
+
+
+_FEW = 12  # vertices that are quicker looked at one by one
+_GRIDS = ((100, 4), (1000, 8), (np.inf, 12))  # cells by the number of vertices
+_COARSE = 2  # cells in which many vertices are thinned first
+_MANY, _MOST = 1000, 20_000  # vertices: from here on thinned first, and from here on only their box
+
+_FARTHEST = 1e6  # [m] from the origin: beyond are shapes without end
+_POINT = np.zeros((1, 3))
+_BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Points (P, 3) [m] whose convex hull, grown by `radius` [m], holds a body."""
+
+    points: FloatArray
+    radius: float
+
+    def moved(self, placement: pin.SE3) -> Hull:
+        """Return the hull in the frame that `placement` maps to."""
+        return Hull(self.points @ placement.rotation.T + placement.translation, self.radius)
+
+
+def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> Hull:
+    """Return points and a radius that enclose `geometry` in its own frame.
+
+    Exact for spheres, capsules, boxes and meshes; other shapes, and meshes if `coarse`, are enclosed by the eight
+    corners of their bounding box.
+    """
+    if isinstance(geometry, coal.Sphere):
+        return Hull(np.zeros((1, 3)), geometry.radius)
+    if isinstance(geometry, coal.Capsule):
+        ends = np.array([[0.0, 0.0, -geometry.halfLength], [0.0, 0.0, geometry.halfLength]])
+        return Hull(ends, geometry.radius)
+    if isinstance(geometry, (coal.ConvexBase, coal.BVHModelBase)) and not coarse:
+        vertices = geometry.points() if isinstance(geometry, coal.ConvexBase) else geometry.vertices()
+        return Hull(np.array(vertices, dtype=np.float64).reshape(-1, 3), 0.0)
+    box = bounding_box(geometry)
+    return Hull(box[:3] + _BOX_CORNERS * box[3:], 0.0)
+
+
+def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
+    """Return the box (6,) about `geometry` in its own frame: its centre, and half its sides [m]."""
+    geometry.computeLocalAABB()
+    box = geometry.aabb_local
+    low, high = box.min_, box.max_
+    return np.concatenate([high + low, high - low], dtype=np.float64) / 2
+
+
+@dataclass(frozen=True)
+class ConvexBodies:
+    """Convex bodies that hold the G bodies of a geometry model, in its order; `exact: (G,)` says which are the same.
+
+    `bodies` are of type `BODY` (`safe_ompl.geometry.kernels.convex`), `starts: (C + 1,)` and `vertices: (E, 3)` the
+    lists of their vertices; `bounded` says whether all are finite: no plane, no half space.
+    """
+
+    bodies: Records
+    starts: IntArray
+    vertices: FloatArray
+    bounded: bool
+    exact: BoolArray
+
+    @property
+    def shapes(self) -> Shapes:
+        """The bodies and the lists, as kernels take them."""
+        return Shapes(self.bodies, self.starts, self.vertices)
+
+    @classmethod
+    def of(cls, parts: Sequence[pin.GeometryObject]) -> ConvexBodies:
+        """Return the bodies of a geometry model."""
+        bodies = np.zeros(len(parts), BODY)
+        starts, lists, bounded = [np.zeros(1, dtype=np.intp)], [np.zeros((0, 3))], True
+        cells = entries = 0
+        exact = np.zeros(len(parts), dtype=bool)
+        for k, (body, part) in enumerate(zip(bodies, parts, strict=True)):
+            summands = _summands(part.geometry)
+            bounded &= summands.bounded
+            exact[k] = summands.exact
+            grid, own_starts, own_vertices = _listed(summands.vertices)
+            if summands.bounded:
+                _fill(body, part, summands)
+            body["grid"], body["first_cell"] = grid, cells
+            starts.append(own_starts[1:] + entries)
+            lists.append(own_vertices)
+            cells, entries = cells + len(own_starts) - 1, entries + len(own_vertices)
+        return cls(bodies, np.concatenate(starts), np.concatenate(lists), bounded, exact)
+
+    def joined(self, others: ConvexBodies) -> ConvexBodies:
+        """Return these bodies and, after them, others."""
+        moved = others.bodies.copy()
+        moved["first_cell"] += len(self.starts) - 1
+        return ConvexBodies(
+            np.concatenate([self.bodies, moved]),
+            np.concatenate([self.starts, others.starts[1:] + len(self.vertices)]),
+            np.concatenate([self.vertices, others.vertices]),
+            self.bounded and others.bounded,
+            np.concatenate([self.exact, others.exact]),
+        )
+
+
+@dataclass(frozen=True)
+class _Summands:
+    """The parts whose Minkowski sum holds a body, or is it, if `exact`: vertices (V, 3), box (3,), disc and ball."""
+
+    vertices: FloatArray
+    box: FloatArray
+    disc: float = 0.0
+    ball: float = 0.0
+    exact: bool = True
+
+    @property
+    def bounded(self) -> bool:
+        return bool(np.isfinite(self.vertices).all() and np.abs(self.vertices).max(initial=0.0) < _FARTHEST)
+
+
+def _summands(geometry: coal.CollisionGeometry) -> _Summands:
+    ball = float(geometry.getSweptSphereRadius()) if isinstance(geometry, coal.ShapeBase) else 0.0
+    if isinstance(geometry, coal.Box):
+        return _Summands(_POINT, np.array(geometry.halfSide, dtype=np.float64).ravel(), ball=ball)
+    if isinstance(geometry, coal.Sphere):
+        return _Summands(_POINT, np.zeros(3), ball=geometry.radius + ball)
+    if isinstance(geometry, (coal.Capsule, coal.Cylinder)):
+        along, radius = np.array([0.0, 0.0, geometry.halfLength]), geometry.radius
+        if isinstance(geometry, coal.Capsule):
+            return _Summands(_POINT, along, ball=radius + ball)
+        return _Summands(_POINT, along, disc=radius, ball=ball)
+    with np.errstate(over="ignore"):  # of planes
+        hull = bounding_hull(geometry)
+    few = len(hull.points) <= _MOST
+    if not few:
+        hull = bounding_hull(geometry, coarse=True)
+    return _Summands(
+        hull.points, np.zeros(3), ball=hull.radius + ball, exact=few and isinstance(geometry, coal.ConvexBase)
+    )
+
+
+def _fill(body: Records, part: pin.GeometryObject, summands: _Summands) -> None:
+    """Write everything but the lists of vertices."""
+    vertices, box, disc, ball = summands.vertices, summands.box, summands.disc, summands.ball
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    centre = (low + high) / 2
+    rim = np.hypot(np.hypot(box[0], box[1]) + disc, box[2])  # of box and disc
+    body["joint"] = part.parentJoint
+    body["rotation"], body["translation"] = part.placement.rotation, part.placement.translation
+    body["box"], body["disc"], body["ball"] = box, disc, ball
+    body["centre"] = centre
+    body["extent"] = (high - low) / 2 + box + (disc, disc, 0.0) + ball
+    body["reach"] = np.linalg.norm(vertices - centre, axis=1).max() + rim + ball
+
+
+def _listed(vertices: FloatArray) -> tuple[int, IntArray, FloatArray]:
+    """Return the grid of a body, and its vertices as lists for each cell."""
+    if len(vertices) <= _FEW:
+        return 0, np.array([0, len(vertices)], dtype=np.intp), vertices
+    if len(vertices) > _MANY:
+        vertices = vertices[np.unique(extreme_vertices(vertices, _COARSE)[1])]
+    grid = next(grid for most, grid in _GRIDS if len(vertices) <= most)
+    starts, found = extreme_vertices(vertices, grid)
+    return grid, starts, vertices[found]
