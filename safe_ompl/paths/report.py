@@ -47,13 +47,8 @@ class Validation:
     claims: tuple[str, ...] = ("collision",)
     checks: tuple[CheckOutcome, ...] = ()
 
-    @property
-    def accepted(self) -> bool:
-        """Whether the path is proven, and accepted by all checks of the user's own."""
-        return self.proven and all(check.passed for check in self.checks)
-
     def __bool__(self) -> bool:
-        return self.accepted
+        return self.proven and all(check.passed for check in self.checks)
 
     def __str__(self) -> str:
         proof = f"certified: {', '.join(self.claims)}" if self.proven else "not proven free"
@@ -177,7 +172,7 @@ class PathReport:
     @property
     def certified(self) -> bool:
         """Whether every edge is proven free, and no check of the user's own refuses it."""
-        return self.validation.accepted
+        return bool(self.validation)
 
     @property
     def refused(self) -> tuple[int, MotionVerdict] | None:

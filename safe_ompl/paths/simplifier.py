@@ -130,15 +130,17 @@ class Simplifier:
     def begin(
         self, path: ArrayLike, stop: Stop, on_better: Better | None = None, *, proven: bool = False
     ) -> SimplificationRun:
-        """Return what makes a path better; arguments and errors as `simplify`."""
+        """Return what makes a path better; arguments and errors as `simplify`.
+
+        `on_better` is told every better path (N', n) as soon as it is proven, and its J for the danger points that
+        matter near it. When others turn out to matter, such a path may be taken back.
+        """
         checked = finite_array(path, (None, self.robot.n), "path")
         if len(checked) < 2:
             raise InputError(f"path must have two configurations at least, got {len(checked)}")
         return SimplificationRun(self, unrolled(self.robot, checked), stop, on_better, proven)
 
-    def simplify(
-        self, path: ArrayLike, stop: Stop | float, on_better: Better | None = None, *, proven: bool = False
-    ) -> FloatArray:
+    def simplify(self, path: ArrayLike, stop: Stop | float, *, proven: bool = False) -> FloatArray:
         """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
 
         Parameters
@@ -148,9 +150,6 @@ class Simplifier:
         stop : callable or float
             Asked between steps: when it returns True, that is the end. Or a time limit [s]. Whatever ends it, Ctrl-C
             too, the best proven path so far is returned; only the proof of the given path comes first.
-        on_better : callable, optional
-            Told every better path (N', n) as soon as it is proven, and its J for the danger points that matter near it.
-            When others turn out to matter, such a path may be taken back.
         proven : bool
             Whether the path is known to be proven, which saves its proof.
 
@@ -166,7 +165,7 @@ class Simplifier:
         """
         if not callable(stop):
             stop = timed(number("time", stop, above=0.0))
-        run = self.begin(path, stop, on_better, proven=proven)
+        run = self.begin(path, stop, proven=proven)
         with until_ctrl_c():
             run.improve()
         return run.best

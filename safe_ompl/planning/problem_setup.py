@@ -318,7 +318,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         return validate(path, self.motion_prover)
 
     def getPlannerData(self, data: Any) -> None:
-        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
+        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`."""
         planner = self.getPlanner()
         fill = getattr(planner, "fillPlannerData", None)
         if fill is None:

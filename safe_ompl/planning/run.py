@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from threading import current_thread, main_thread
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -30,32 +30,26 @@ _REFINEMENTS = 3  # each with half the spacing of the one before
 Search = Callable[[int, float], FloatArray | None]
 
 
-class Interrupts:
-    """Notes Ctrl-C while a block runs, and has it handled as it was before; in the main thread, as Python has it.
+@contextmanager
+def noted_ctrl_c() -> Iterator[list[int]]:
+    """Yield a list that is empty until Ctrl-C comes while the block runs, which is handled as it was before.
 
-    Used where the best result so far is returned and no exception is raised; `happened` says whether there was one.
+    Used where the best result so far is returned and no exception is raised; in the main thread only, as Python has it.
     """
+    noted, before = list[int](), signal.getsignal(signal.SIGINT)
+    if not callable(before) or current_thread() is not main_thread():
+        yield noted
+        return
 
-    def __init__(self) -> None:
-        self.happened = False
-        self._before: Any = None
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        before(number, frame)
 
-    def __enter__(self) -> Interrupts:
-        before = signal.getsignal(signal.SIGINT)
-        if callable(before) and current_thread() is main_thread():
-            self._before = before
-            signal.signal(signal.SIGINT, self._note)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.happened = True
-        self._before(number, frame)
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def stopping(time: Any) -> Stop:

@@ -23,7 +23,7 @@ from safe_ompl.planning.ompl import DangerObjective
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.run import Interrupts, PlanningRun, stopping
+from safe_ompl.planning.run import PlanningRun, noted_ctrl_c, stopping
 from safe_ompl.scene import People
 
 _log = logging.getLogger(__name__)
@@ -156,15 +156,15 @@ class SafeSetup(ProblemSetup):
         with run.under_own_limit():
             if self.field is not None or optimise is not None:
                 self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
-            with Interrupts() as interrupts:
+            with noted_ctrl_c() as interrupts:
                 if optimise is not None:
-                    result = run.optimised(time, lambda: interrupts.happened)
+                    result = run.optimised(time, lambda: bool(interrupts))
                 else:
                     result = run.planned(time, simplification)
             result = run.validated(result, begin)
-        if interrupts.happened and not result:
+        if interrupts and not result:
             raise KeyboardInterrupt
-        return replace(result, interrupted=interrupts.happened)
+        return replace(result, interrupted=bool(interrupts))
 
     def prepare(self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None = None) -> tuple[Any, str]:
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""

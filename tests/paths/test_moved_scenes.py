@@ -1,11 +1,9 @@
 """What was made of paths before obstacles moved: it follows, stays what it was, or says that it is stale."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
-from safe_ompl import CollisionChecker, DangerField, MotionProver, Scene
+from safe_ompl import CollisionChecker, DangerField, Scene
 from safe_ompl.geometry import Obstacle, Pose, Sphere
 from safe_ompl.paths import PathReport, Simplifier
 
@@ -49,11 +47,3 @@ def test_a_report_is_of_the_scene_in_which_its_path_was_validated(models, path):
     now = PathReport.of(path, checker, field)
     assert now.clearance != expected.clearance
     assert now.danger.max != expected.danger.max
-
-
-def test_a_motion_follows(models, path):
-    motion = MotionProver(models[0])
-    move(models)
-    anew = MotionProver(CollisionChecker(models[0].robot, MOVED))
-    verdicts = [m.check(*ends).verdict for ends in pairwise(path) for m in (motion, anew)]
-    assert verdicts[::2] == verdicts[1::2]

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,9 +21,9 @@ from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.paths import Simplifier
 from safe_ompl.people.replanning import Replanner
-from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_names
-from safe_ompl.planning.run import Interrupts
+from safe_ompl.planning.run import noted_ctrl_c
 from safe_ompl.scene import Scenario, find_scenario
 
 PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]
@@ -116,55 +115,38 @@ def broken(kind, fuse, *methods):
     return made
 
 
-def break_checker(setup, fuse):
-    kind = broken(CollisionFreeValidity, fuse, "isValid")
-    setup.setStateValidityChecker(kind(setup.getSpaceInformation(), setup.checker))
-
-
-def break_function(setup, fuse):
-    inner = CollisionFreeValidity(setup.getSpaceInformation(), setup.checker)
-    setup.setStateValidityChecker(lambda state: fuse.burn() or inner.isValid(state))
-
-
-def break_objective(setup, fuse):
-    kind = broken(DangerObjective, fuse, "stateCost", "motionCost", "values")
-    setup.setOptimizationObjective(kind(setup.getSpaceInformation(), setup.field))
-
-
-def break_goal(setup, fuse):
-    kind = broken(WorkspaceGoal, fuse, "sampleGoal", "distanceGoal")
-    setup.setGoal(kind(setup.getSpaceInformation(), setup.robot, [0.465, -0.875, 0.0], seed=0))
-
-
-BREAKERS: dict[str, Callable[[SafeSetup, Fuse], None]] = {
-    "checker": break_checker,
-    "lambda": break_function,
-    "objective": break_objective,
-    "goal": break_goal,
-}
+def put_broken(setup, fuse, what):
+    """Give a setup a plug-in that burns a fuse."""
+    si = setup.getSpaceInformation()
+    if what == "checker":
+        setup.setStateValidityChecker(broken(CollisionFreeValidity, fuse, "isValid")(si, setup.checker))
+    elif what == "objective":
+        kind = broken(DangerObjective, fuse, "stateCost", "motionCost", "values")
+        setup.setOptimizationObjective(kind(si, setup.field))
+    else:
+        kind = broken(WorkspaceGoal, fuse, "sampleGoal", "distanceGoal")
+        setup.setGoal(kind(si, setup.robot, [0.465, -0.875, 0.0], seed=0))
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_an_exception_of_a_callback_arrives_unchanged(planner):
     scenario = Scenario.load(find_scenario("planar3"))
     raised = []
-    for what, k in itertools.product(BREAKERS, (3,)):
-        if what == "lambda" and "Bubble" in planner:  # it asks the checker for distances
-            continue
+    for what in ("checker", "objective", "goal"):
         setup = setup_scenario(scenario)
         if needs_place(planner):
             setup.setWorkspaceGoal(scenario.goal.position)
         fuse = Fuse(10**9)
-        BREAKERS[what](setup, fuse)
+        put_broken(setup, fuse, what)
         setup.setPlanner(make_planner(planner, setup.getSpaceInformation()))
         setup.setup()
-        fuse.left = k
+        fuse.left = 3
         try:
             setup.solve(1.0 if planner.startswith(("Safe", "Classic", "Bubble")) else 0.1)
         except FirstOfAllError as error:
             raised.append((what, str(error), setup.haveSolutionPath()))
         else:
-            assert fuse.left > 0, f"{what}: the exception of call {k} was lost"
+            assert fuse.left > 0, f"{what}: the exception was lost"
         fuse.left = 10**9
         setup.solve(0.1)
         assert not setup.haveExactSolutionPath() or setup.report(setup.solution()).certified
@@ -249,9 +231,9 @@ def test_the_command_line_says_that_it_was_interrupted(ctrl_c_while_simplifying,
 
 def test_in_a_thread_ctrl_c_is_not_looked_for():
     def work():
-        with Interrupts() as interrupts:
+        with noted_ctrl_c() as noted:
             handlers.append(signal.getsignal(signal.SIGINT))
-        assert not interrupts.happened
+        assert not noted
 
     handlers: list[Any] = []
     before = signal.getsignal(signal.SIGINT)
@@ -261,39 +243,15 @@ def test_in_a_thread_ctrl_c_is_not_looked_for():
     assert handlers == [before]
 
 
-@pytest.fixture
-def ctrl_c_at(monkeypatch):
-    """Return a function that has Ctrl-C pressed at the k-th call of a method."""
+def test_live_writes_its_summary_at_ctrl_c(monkeypatch, tmp_path, capfd):
+    think, calls = Replanner.think, itertools.count(1)
 
-    def press(kind, name, k):
-        method, calls = getattr(kind, name), itertools.count(1)
+    def pressed(*arguments, **options):
+        if next(calls) == 5:
+            signal.raise_signal(signal.SIGINT)
+        return think(*arguments, **options)
 
-        def pressed(*arguments, **options):
-            if next(calls) == k:
-                signal.raise_signal(signal.SIGINT)
-            return method(*arguments, **options)
-
-        monkeypatch.setattr(kind, name, pressed)
-
-    return press
-
-
-def test_compare_keeps_what_was_done_before_ctrl_c(ctrl_c_at, tmp_path, capfd):
-    command = ["compare", "planar3", "--planners", "SafeRRTConnect,RRTConnect", "--no-simplify", "--out", str(tmp_path)]
-    ctrl_c_at(SafeSetup, "plan", 4)
-    assert main([*command, "--runs", "9"]) == 130
-    out, err = capfd.readouterr()
-    assert "2/2" in out
-    assert "1/1" in out
-    assert err.startswith("safe-ompl: interrupted: this is what was done by then\n")
-    assert len(json.loads((tmp_path / "report.json").read_text())["runs"]) == 3
-    ctrl_c_at(SafeSetup, "plan", 1)
-    assert main([*command, "--force"]) == 130
-    assert capfd.readouterr().err == "safe-ompl: interrupted\n"
-
-
-def test_live_writes_its_summary_at_ctrl_c(ctrl_c_at, tmp_path, capfd):
-    ctrl_c_at(Replanner, "think", 5)
+    monkeypatch.setattr(Replanner, "think", pressed)
     command = ["live", "panda_shelf", "--people", "random:1", "--out", str(tmp_path)]
     assert main(command) == 130
     summary = json.loads((tmp_path / "summary.json").read_text())

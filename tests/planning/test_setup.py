@@ -12,7 +12,6 @@ from ompl import geometric as og
 from safe_ompl import (
     Box,
     CollisionError,
-    DangerLimit,
     DangerObjective,
     InputError,
     MotionProver,
@@ -23,14 +22,11 @@ from safe_ompl import (
     Scene,
     UnknownNameError,
     check,
-    inverse_kinematics,
     planner_data,
     time_path,
 )
 from safe_ompl.planning.ompl import ScratchState, StateBridge
-from safe_ompl.planning.planners import SafeRRTConnect, make_planner, termination
-from safe_ompl.planning.run import PlanningRun, stopping
-from safe_ompl.planning.safe_setup import simplification_time
+from safe_ompl.planning.planners import SafeRRTConnect, make_planner
 
 
 @pytest.fixture
@@ -281,17 +277,6 @@ def test_forms_of_a_pose(setup, form):
         setup.setWorkspaceGoal(pose, np.eye(3))
 
 
-def test_inverse_kinematics_near_a_configuration_and_where_it_is_valid(setup, ur5):
-    pose, place = ur5.tip_pose(GOAL), ur5.tip_pose(IN_BALL).translation
-    np.testing.assert_allclose(inverse_kinematics(ur5, pose, near=GOAL + 0.05), GOAL, atol=0.01)
-    assert inverse_kinematics(ur5, place, near=IN_BALL) is not None
-    free = {"near": IN_BALL, "valid": lambda q: not setup.checker.in_collision(q)}
-    assert inverse_kinematics(ur5, place, **free) is None, "it is inside the ball"
-    for options, message in (({"seeds": 0}, "seeds must be"), ({"near": [0.0]}, "near must have shape")):
-        with pytest.raises(InputError, match=message):
-            inverse_kinematics(ur5, place, **options)
-
-
 def test_a_wider_space_does_not_widen_the_limits(robot_named):
     """Beyond its stroke the carriage meets a wall that it never meets within: that pair is not looked at."""
     slider = robot_named("slider")
@@ -355,26 +340,3 @@ def test_a_simplifier_is_kept_as_long_as_the_checker(setup):
     setup.setScene(SCENE.without("shelf"))
     assert setup.simplifier.cost is not first.cost
     assert setup.simplifier.obstacle_cost.distance == 0.02
-
-
-def test_a_run_keeps_to_the_limit_of_its_planner(setup):
-    planner = make_planner("SafeRRTConnect", setup.getSpaceInformation(), {"max_danger": 1e3})
-    run = PlanningRun(setup, *setup.prepare(planner, 3), 3)
-    before = setup.getConstraints()
-    with run.under_own_limit():
-        (limit,) = setup.motion_prover.limits
-        assert (type(limit), limit.limit) == (DangerLimit, 1e3)
-        assert setup.getConstraints() is before, "states are the planner's to check"
-    assert setup.motion_prover.limits == ()
-    result = run.validated(run.planned(20.0), begin=0.0)
-    np.testing.assert_array_equal(result.path, setup.plan(seed=3, parameters={"max_danger": 1e3}).path)
-
-
-def test_limits_of_time(ticks):
-    assert (simplification_time(True), simplification_time(False), simplification_time(0.5)) == (0.0, None, 0.5)
-    with pytest.raises(InputError, match="simplify must be a positive number of seconds, got 0"):
-        simplification_time(0)
-    over = termination(0.01)
-    assert [over() for _ in range(12)].index(True) == 9, "the first look was when it was made"
-    assert not any(stopping(0.0)() for _ in range(3))
-    assert stopping(ob.PlannerTerminationCondition(lambda: True))()

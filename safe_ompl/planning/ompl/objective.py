@@ -166,19 +166,6 @@ class StateCost:
         values, gradients = self._objective.values_and_gradients(q[None])
         return float(values[0]), gradients[0]
 
-    def gradient_norms(self, Q: FloatArray) -> FloatArray:
-        """Return ‖∇c‖ (B,) at `Q: (B, n)`: exact where the objective offers gradients, else by central differences."""
-        if self.is_zero:
-            return np.zeros(len(Q))
-        if self.has_gradients:
-            gradients = self._objective.values_and_gradients(Q)[1]
-        else:
-            step = 1e-5 * np.eye(self._bridge.n)
-            rises = [(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step]
-            gradients = np.stack(rises, axis=1)
-        norms: FloatArray = np.linalg.norm(gradients, axis=1)
-        return norms
-
     @property
     def _scales(self) -> dict[Any, float]:
         """What was measured of the cost: kept by a `DangerObjective` for all, else here."""
@@ -213,6 +200,12 @@ class StateCost:
         rng = np.random.default_rng(_SLOPE_SEED)
         candidates = self._bridge.between_bounds(rng.random((8 * _SLOPE_SAMPLES, self._bridge.n)))
         valid = (q for q in candidates if si.isValid(self._scratch.set(q)))
-        norms = self.gradient_norms(np.array(list(islice(valid, _SLOPE_SAMPLES)) or candidates))
+        Q = np.array(list(islice(valid, _SLOPE_SAMPLES)) or candidates)
+        if self.has_gradients:
+            gradients = self._objective.values_and_gradients(Q)[1]
+        else:  # by central differences
+            step = 1e-5 * np.eye(self._bridge.n)
+            gradients = np.stack([(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step], axis=1)
+        norms = np.linalg.norm(gradients, axis=1)
         norms = norms[np.isfinite(norms)]
         return float(np.median(norms)) if len(norms) else 0.0

@@ -60,8 +60,6 @@ class StateBridge:
         self.circular: BoolArray = np.concatenate([part.circular for part in parts])
         self.lower: FloatArray = np.concatenate([part.lower for part in parts])
         self.upper: FloatArray = np.concatenate([part.upper for part in parts])
-        self._weights = np.array([part.weight for part in parts])
-        self._firsts = np.cumsum([0, *(len(part.lower) for part in parts[:-1])])
         self.n: int = len(self.lower)
         self._sides: FloatArray = self.upper - self.lower
         free = np.where(self.circular, sys.float_info.max, np.finfo(np.float64).eps)
@@ -132,12 +130,6 @@ class StateBridge:
             delta = np.where(self.circular, delta - 2 * np.pi * np.round(delta / (2 * np.pi)), delta)
         return delta
 
-    def distances(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the space's own distances (…) between `start` and `end: (…, n)`; compounds add up weighted parts."""
-        squares = np.add.reduceat(self.difference(start, end) ** 2, self._firsts, axis=-1)
-        distances: FloatArray = np.sqrt(squares) @ self._weights
-        return distances
-
 
 def _buffer(n: int) -> tuple[FloatArray, Any]:
     """Return n numbers, and the capsule by which OMPL's bindings read and write them."""
@@ -183,32 +175,27 @@ _CURVED = tuple(
 
 
 class _Part(NamedTuple):
-    """A leaf of a space: which coordinates wrap, their bounds, and what the part weighs in distances."""
+    """A leaf of a space: which coordinates wrap, and their bounds."""
 
     circular: BoolArray
     lower: FloatArray
     upper: FloatArray
-    weight: float
 
 
-def _parts(space: Any, weight: float = 1.0) -> list[_Part]:
+def _parts(space: Any) -> list[_Part]:
     if isinstance(space, _CURVED):
         raise InputError(
             f"state space {space.getName()!r} ({type(space).__name__}): its motions are curves; only spaces of "
             "straight motions can be planned in (real vectors, SO(2) and compounds of these, such as SE2StateSpace)"
         )
     if isinstance(space, ob.SO2StateSpace):
-        return [_Part(np.array([True]), np.array([-np.pi]), np.array([np.pi]), weight)]
+        return [_Part(np.array([True]), np.array([-np.pi]), np.array([np.pi]))]
     if isinstance(space, ob.RealVectorStateSpace):
         bounds = space.getBounds()
         lower, upper = np.array(list(bounds.low), dtype=float), np.array(list(bounds.high), dtype=float)
-        return [_Part(np.zeros(len(lower), dtype=bool), lower, upper, weight)]
+        return [_Part(np.zeros(len(lower), dtype=bool), lower, upper)]
     if isinstance(space, ob.CompoundStateSpace):
-        return [
-            part
-            for i in range(space.getSubspaceCount())
-            for part in _parts(space.getSubspace(i), weight * space.getSubspaceWeight(i))
-        ]
+        return [part for i in range(space.getSubspaceCount()) for part in _parts(space.getSubspace(i))]
     raise InputError(
         f"state space {space.getName()!r} ({type(space).__name__}): only real vectors, SO(2) and compounds of these "
         "can be planned in"

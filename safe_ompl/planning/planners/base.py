@@ -282,25 +282,13 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             raise
 
     def plannerGraph(self) -> PlannerGraph:
-        """Return what the planner has built so far: vertices with their danger, edges, starts and goals."""
-        configurations, edges, starts, goals = self._structure.graph()
-        ends = configurations[edges]
-        return PlannerGraph(
-            configurations,
-            self._problem.cost.values(configurations),
-            edges,
-            np.linalg.norm(self._bridge.difference(ends[:, 0], ends[:, 1]), axis=1),
-            starts,
-            goals,
-        )
+        """Return what the planner has built so far."""
+        return self._structure.graph()
 
     getPlannerData = UnansweredRequest()
 
     def fillPlannerData(self, data: Any) -> None:
-        """Append what the planner has built to an `ob.PlannerData`, in the order of `plannerGraph`.
-
-        It stands in for `getPlannerData`, which OMPL's bindings do not let a planner in Python override.
-        """
+        """Append what the planner has built to an `ob.PlannerData`, in the order of `plannerGraph`."""
         self.plannerGraph().fill(data, self._bridge)
 
     # ------------------------------------------------------------------------- what a planner must implement

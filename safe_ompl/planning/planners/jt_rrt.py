@@ -15,16 +15,9 @@ from safe_ompl.common import Counts, FloatArray
 from safe_ompl.planning.ompl import StateBridge, StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
 from safe_ompl.planning.planners.extend import Extension, SafeStep, TangentialDescent
-from safe_ompl.planning.planners.problem import (
-    AdaptiveThreshold,
-    DangerDecay,
-    DangerWeight,
-    Margin,
-    PlanningProblem,
-    SafeSelection,
-)
+from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.planners.tree import Graph, Tree, Trees
+from safe_ompl.planning.planners.tree import PlannerGraph, Tree, Trees
 from safe_ompl.robot import Place, StepLimits, limited_step, motion_limits, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
@@ -117,7 +110,6 @@ class SafeJTRRT(SafePlanner):
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
-        self._selection = SafeSelection(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
         self._margin = Margin(self._problem, self._danger, _LEAST_MARGIN)
@@ -139,7 +131,7 @@ class SafeJTRRT(SafePlanner):
 
     def _extend_towards_goal(self, ptc: Any) -> None:
         """EXTEND_TOWARDS_GOAL: from the best node not chosen before, step by step as long as there is progress."""
-        old = self._best_for_goal()
+        old = self._trees.best(self._danger.weight * self._place.lever, _RANDOM_STARTS, self._rng)
         if old is None:
             self._extend_randomly()
             return
@@ -160,17 +152,13 @@ class SafeJTRRT(SafePlanner):
 
     def _extend_randomly(self) -> None:
         """EXTEND_RANDOMLY: one step towards a random configuration from the node with the least ρ + α·CDF."""
-        q_rand = self._problem.random_configuration(self._rng)
+        q_rand = self._problem.random(self._rng)
         approach, tree = self._trees, self._trees.start
-        old = self._selection.best(tree, q_rand, self._rng)
+        old = tree.best(q_rand, self._danger.drawn_weight(self.nearest_fraction, self._rng))
         outcome, new = self._random_step.extend(approach, tree, old, q_rand, self.getRange())
         if outcome is not Extension.TRAPPED:
             approach.measure()
             approach.untried.append(new)
-
-    def _best_for_goal(self) -> int | None:
-        """Return argmin of WS_DISTANCE + α·CDF over the nodes not chosen before; None if there is none."""
-        return self._trees.best(self._danger.weight * self._place.lever, _RANDOM_STARTS, self._rng)
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the place from the problem; no goal configurations are drawn."""
@@ -270,10 +258,10 @@ class Approach(Trees):
         """Whether there is a goal."""
         return self._goal is not None
 
-    def graph(self) -> Graph:
-        """Return vertices, edges, starts and goals, as those of `Trees`: the goal is where the tree arrived."""
+    def graph(self) -> PlannerGraph:
+        """Return what has been built: the goal is where the tree arrived."""
         goals = [] if self.arrived is None else [self.arrived]
-        return *super().graph()[:3], np.array(goals, dtype=np.intp)
+        return super().graph()._replace(goals=np.array(goals, dtype=np.intp))
 
 
 class GoalStep:

@@ -56,7 +56,7 @@ class PaperSafeRRTConnect(SafePlanner):
             if ptc():
                 break
             self._take_goals(ptc)
-            q_rand = self._problem.random_configuration(self._rng)
+            q_rand = self._problem.random(self._rng)
             outcome, new = self._extend(tree, tree.best(q_rand, self.alpha), q_rand)
             if outcome is not Extension.TRAPPED:
                 q_new = tree.configurations[new]
@@ -105,7 +105,7 @@ class PaperSafePRM(SafePlanner):
         roadmap = self._roadmap
         missing = self.samples + len(roadmap.starts) + len(roadmap.goals) - len(roadmap)
         if missing > 0:
-            roadmap.add(self._problem.random_configurations(self._rng, missing))  # RANDOM_SET
+            roadmap.add(self._problem.random(self._rng, missing))  # RANDOM_SET
         self._take_goals(ptc)
         graph = SearchGraph(len(roadmap), roadmap.starts, from_start=True)
         other = SearchGraph(len(roadmap), roadmap.goals, from_start=False)
@@ -216,7 +216,7 @@ class PaperSafeJTRRT(SafePlanner):
 
     def _extend_randomly(self) -> None:
         """EXTEND_RANDOMLY."""
-        q_rand = self._problem.random_configuration(self._rng)
+        q_rand = self._problem.random(self._rng)
         approach, tree = self._trees, self._trees.start
         old = tree.best(q_rand, self.alpha)
         outcome, new = straight_extension(self._problem, approach, tree, old, q_rand, self.getRange())

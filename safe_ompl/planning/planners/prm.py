@@ -188,7 +188,7 @@ class SafePRM(SafePlanner):
     def _random_set(self, count: int) -> None:
         """RANDOM_SET: add uniform random milestones."""
         if count > 0:
-            self._roadmap.add(self._problem.random_configurations(self._rng, count))
+            self._roadmap.add(self._problem.random(self._rng, count))
 
     def _enlarge(self, stuck: SearchGraph) -> None:
         """Add milestones: some uniform, most of them around the graph that cannot go on."""
@@ -201,14 +201,14 @@ class SafePRM(SafePlanner):
         outwards = round(_TOWARDS_SHARE * count) if len(fringe) else 0
         rows = [self._outwards(fringe, outwards)] if outwards else []
         if count > outwards:
-            rows.append(self._problem.random_configurations(self._rng, count - outwards))
+            rows.append(self._problem.random(self._rng, count - outwards))
         roadmap.add(np.concatenate(rows))
 
     def _outwards(self, fringe: FloatArray, count: int) -> FloatArray:
         """Return configurations (count, n) between a fringe (N, n) and random ones, from the nearest of it on."""
         if len(fringe) > _LARGEST_FRINGE:
             fringe = fringe[self._rng.choice(len(fringe), _LARGEST_FRINGE, replace=False)]
-        targets = self._problem.random_configurations(self._rng, count)
+        targets = self._problem.random(self._rng, count)
         deltas = [self._bridge.difference(fringe, target) for target in targets]
         nearest = [int(squares(delta).argmin()) for delta in deltas]
         steps = np.array([delta[k] for delta, k in zip(deltas, nearest, strict=True)])

@@ -91,13 +91,9 @@ class PlanningProblem:
         validator = self._si.getMotionValidator()
         return validator.motion if type(validator) is CertifiedMotionValidator else None
 
-    def random_configuration(self, rng: np.random.Generator) -> FloatArray:
-        """Return a uniform random configuration (n,)."""
-        return self.bridge.between_bounds(rng.random(self.bridge.n))
-
-    def random_configurations(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Return uniform random configurations (count, n)."""
-        return self.bridge.between_bounds(rng.random((count, self.bridge.n)))
+    def random(self, rng: np.random.Generator, *count: int) -> FloatArray:
+        """Return a uniform random configuration (n,), or several, (count, n)."""
+        return self.bridge.between_bounds(rng.random((*count, self.bridge.n)))
 
     @property
     def robot(self) -> Robot | None:
@@ -138,6 +134,10 @@ class DangerWeight:
         if not alpha:  # the slope need not be known
             return 0.0
         return alpha / self.slope if self.slope else 0.0
+
+    def drawn_weight(self, ignored: float, rng: np.random.Generator) -> float:
+        """Return the weight; or none, by chance, in a share `ignored` of the calls."""
+        return 0.0 if ignored > 0 and rng.random() < ignored else self.weight
 
     def prepare(self) -> None:
         """Measure the slope if it will be needed, so that planning need not."""
@@ -182,19 +182,6 @@ class DangerDecay:
     @property
     def _share(self) -> float:
         return 1.0 / (1.0 + (self._turns / self.half_life) ** _SHARPNESS)
-
-
-class SafeSelection:
-    """Chooses the node to extend: near and safe, or in a share `nearest_fraction` of the choices the nearest."""
-
-    def __init__(self, danger: DangerWeight) -> None:
-        self._danger = danger
-        self.nearest_fraction = 0.0
-
-    def best(self, tree: Tree, q: FloatArray, rng: np.random.Generator) -> int:
-        """Return argmin of ρ(node, q) + α·CDF(node)."""
-        ignore_danger = self.nearest_fraction > 0 and rng.random() < self.nearest_fraction
-        return tree.best(q, 0.0 if ignore_danger else self._danger.weight)
 
 
 class AdaptiveThreshold:

@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.planning.planners.problem import PlanningProblem
-from safe_ompl.planning.planners.tree import ROOT, Graph, branch
+from safe_ompl.planning.planners.tree import ROOT, PlannerGraph, branch
 from safe_ompl.robot import Robot
 
 _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, but they come
@@ -63,13 +63,10 @@ class Roadmap:
             D(q1, q2) = Σ_i ‖p_i(q1) − p_i(q2)‖²  [m²]
 
         The smaller it is, the less the robot sweeps between the two, and the likelier the straight motion is free.
-        Without a robot it is the distance of the space.
+        Without a robot it is that of the coordinates.
         """
-        place = self._places[milestone]
-        if self._robot is None:
-            distances = self._problem.bridge.distances(self._places, place)
-        else:
-            distances = squares(self._places - place)
+        ways = self.ways_to(milestone) if self._robot is None else self._places - self._places[milestone]
+        distances = squares(ways)
         left = np.flatnonzero(~(excluded | self.invalid))
         order: IntArray = left[np.argsort(distances[left], kind="stable")]
         return order
@@ -157,15 +154,15 @@ class Roadmap:
         """Whether there is a goal."""
         return bool(self.goals)
 
-    def graph(self) -> Graph:
-        """Return what was ever reached: vertices (N, n), free edges (E, 2), and which vertices are starts and goals."""
+    def graph(self) -> PlannerGraph:
+        """Return what was ever reached."""
         kept = np.unique(np.concatenate([np.flatnonzero(self.connected), self.starts, self.goals]))
         kept = kept.astype(np.intp)
         free = [edge for edge, is_free in self.edges.items() if is_free]
         edges = np.array(free, dtype=np.intp).reshape(-1, 2)
         edges = edges[np.isin(edges, kept).all(axis=1)]
         starts, goals = (np.searchsorted(kept, np.unique(ends)) for ends in (self.starts, self.goals))
-        return self.configurations[kept], np.searchsorted(kept, edges), starts, goals
+        return PlannerGraph(self.configurations[kept], np.searchsorted(kept, edges), starts, goals)
 
 
 def squares(rows: FloatArray) -> FloatArray:

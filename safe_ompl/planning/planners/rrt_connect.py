@@ -9,7 +9,7 @@ from typing import Any
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
 from safe_ompl.planning.planners.extend import Extension, SafeStep, TangentialDescent
-from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin, SafeSelection
+from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin
 from safe_ompl.planning.planners.tree import Tree
 
 _SHORTEST = 0.05  # of a whole step
@@ -56,7 +56,6 @@ class SafeRRTConnect(SafePlanner):
         """ε: share of the choices of a node by distance alone. Any ε > 0 keeps the planner probabilistically complete:
         a node in a dangerous passage would otherwise never be chosen again.""",
         at_most=1,
-        kept_in="_selection.nearest_fraction",
     )
     slide = Parameter(
         0.8,
@@ -97,7 +96,6 @@ class SafeRRTConnect(SafePlanner):
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
-        self._selection = SafeSelection(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
         self._margin = Margin(self._problem, self._danger)
@@ -112,7 +110,7 @@ class SafeRRTConnect(SafePlanner):
             self._take_goals(ptc)
             self._decay.turn(self._rng)
             self._margin.begin(self._trees)
-            q_rand = self._problem.random_configuration(self._rng)
+            q_rand = self._problem.random(self._rng)
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
             if outcome is Extension.TRAPPED and self._is_narrow(tree, old):
@@ -128,7 +126,7 @@ class SafeRRTConnect(SafePlanner):
 
     def _select(self, tree: Tree, q: FloatArray) -> int:
         """Return argmin of ρ(node, q) + α·CDF(node)."""
-        return self._selection.best(tree, q, self._rng)
+        return tree.best(q, self._danger.drawn_weight(self.nearest_fraction, self._rng))
 
     def _extend(self, tree: Tree, old: int, target: FloatArray) -> tuple[Extension, int]:
         """EXTEND: one step of at most the range from node `old` towards `target`."""

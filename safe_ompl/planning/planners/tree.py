@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from ompl import base as ob
@@ -13,7 +12,6 @@ from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners.nearest import NearestNode
 
 ROOT = -1
-Graph: TypeAlias = tuple[FloatArray, IntArray, IntArray, IntArray]  # vertices, edges, starts, goals
 
 
 def branch(parents: IntArray, node: int) -> list[int]:
@@ -157,11 +155,8 @@ class TwoTrees(Generic[AnyTree]):
         """Whether there is a goal."""
         return len(self.goal) > 0
 
-    def graph(self) -> Graph:
-        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals.
-
-        A configuration of both trees, where they have met, is one vertex.
-        """
+    def graph(self) -> PlannerGraph:
+        """Return what has been built; a configuration of both trees, where they have met, is one vertex."""
         (there, parents), (back, followers) = self.start.nodes(), self.goal.nodes()
         known = {q.tobytes(): k for k, q in enumerate(there)}
         numbers = np.empty(len(back), dtype=np.intp)
@@ -174,7 +169,7 @@ class TwoTrees(Generic[AnyTree]):
         outwards = np.stack([parents[forward], forward], axis=1)
         homewards = np.stack([numbers[backward], numbers[followers[backward]]], axis=1)
         starts, goals = np.flatnonzero(parents < 0), np.unique(numbers[followers < 0])
-        return np.concatenate([there, back[new]]), np.concatenate([outwards, homewards]), starts, goals
+        return PlannerGraph(np.concatenate([there, back[new]]), np.concatenate([outwards, homewards]), starts, goals)
 
 
 class Trees(TwoTrees[Tree]):
@@ -208,19 +203,14 @@ class Trees(TwoTrees[Tree]):
         return max(float(costs.min()) for costs in roots if len(costs))
 
 
-@dataclass(frozen=True)
-class PlannerGraph:
-    """The vertices and edges that a planner holds.
+class PlannerGraph(NamedTuple):
+    """What a planner holds: `configurations: (N, n)` [rad or m], and which of them are starts and goals.
 
-    `configurations: (N, n)` [rad or m] have the danger `costs: (N,)`, zero without objective. `edges: (E, 2)` are
-    motions that are free, each from one vertex to another in the direction in which it is driven, with their `lengths:
-    (E,)`; `starts` and `goals` are vertices.
+    `edges: (E, 2)` are free motions, each from one vertex to another in the direction in which it is driven.
     """
 
     configurations: FloatArray
-    costs: FloatArray
     edges: IntArray
-    lengths: FloatArray
     starts: IntArray
     goals: IntArray
 

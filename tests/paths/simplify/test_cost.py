@@ -90,21 +90,6 @@ def test_the_weight_is_in_the_scale_of_robot_and_scene(ur5):
         assert np.median(density.values(samples)) == pytest.approx(5.0, rel=0.5)
 
 
-def test_fewer_points_give_the_same_danger_nearby(panda, rng):
-    points = rng.uniform(-1, 1, (300, 3))
-    field = DangerField(panda, points, rng.uniform(0.5, 1.5, 300))
-    Q = rng.uniform(panda.lower, panda.upper, (5, 7))
-    fewer = field.active(Q, 0.8)
-    levels = field.weights * np.array([field.field(q, points) for q in Q])
-    near = (levels >= 0.8 * levels.max(axis=1, keepdims=True)).any(axis=0)
-    assert 0 < near.sum() < 300
-    np.testing.assert_array_equal(fewer.points, points[near])
-    np.testing.assert_array_equal(fewer.weights, field.weights[near])
-    np.testing.assert_array_equal(fewer.values(Q), field.values(Q))
-    mean = DangerField(panda, points, aggregate="mean")
-    assert mean.active(Q, 0.8) is mean
-
-
 @pytest.mark.parametrize(("options", "message"), [({"weight": -1.0}, "weight"), ({"reference": 0.0}, "reference")])
 def test_bad_options(panda, options, message):
     with pytest.raises(InputError, match=message):

@@ -5,7 +5,7 @@ import pytest
 from test_cost import Density, Plane
 
 from safe_ompl.paths.cost import PathCost, factored, solved
-from safe_ompl.paths.descent import BestPath, Descent, _shortened
+from safe_ompl.paths.descent import BestPath, Descent
 from safe_ompl.paths.measures import Curve, divided, refined, with_way_points
 
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
@@ -105,14 +105,6 @@ def test_it_solves_what_the_whole_matrix_solves(rng, count, n):
 
 
 # -------------------------------------------------------------------------------------------- rounds of the descent
-
-
-def test_a_step_that_fails_is_shortened_to_where_the_parabola_has_its_minimum():
-    slope, bend = -3.0, 8.0  # of −3 t + 8 t², whose minimum is at 3/16
-    assert _shortened(slope, slope + bend) == pytest.approx(3 / 16)
-    assert _shortened(-1.0, 0.0) == 0.5
-    for far in (1e6, np.inf, np.nan):
-        assert _shortened(-1.0, far) == 0.1
 
 
 # ---------------------------------------------------------------------------------------------------- the best path

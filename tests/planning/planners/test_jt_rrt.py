@@ -106,20 +106,6 @@ def test_with_nothing_in_the_way_the_tip_goes_straight(panda, far_ball):
     assert result.counts.nodes == len(path) - 1
 
 
-def test_steps_are_no_longer_than_asked(setup, ur5):
-    path = setup.plan("SafeJTRRT", parameters={"goal_bias": 1.0, "step": 0.07, "range": 0.2, "slide": 0.0}).path
-    lengths = [np.linalg.norm(b - a) for a, b in pairwise(path)]
-    assert max(lengths) <= 0.2 + 1e-9
-    assert sum(length <= 0.07 + 1e-9 for length in lengths) > 5
-
-
-def test_a_start_at_the_place_is_the_path(setup, ur5):
-    setup.setWorkspaceGoal(ur5.tip_pose(START).translation)
-    result = setup.plan("SafeJTRRT")
-    assert result.status == "Exact solution"
-    assert len(result.path) == 1
-
-
 def test_another_place_is_reached_with_the_same_tree(setup, ur5):
     planner = make_planner("SafeJTRRT", setup.getSpaceInformation())
     setup.setPlanner(planner)
@@ -153,15 +139,6 @@ def test_the_safe_planner_is_much_safer_than_the_classical_one():
     assert safe < 0.7 * classic
 
 
-def test_the_classical_planner_does_not_look_at_danger(setup, ur5, scene):
-    blind = SafeSetup(ur5, scene, danger=None)
-    blind.setStartConfiguration(START)
-    blind.setWorkspaceGoal(POSITION)
-    result = setup.plan("ClassicJTRRT", seed=5)
-    np.testing.assert_array_equal(result.path, blind.plan("ClassicJTRRT", seed=5).path)
-    assert result.counts.field_configurations == 0
-
-
 def test_the_classical_step_follows_the_transpose(setup, ur5):
     """With the goal bias at 1 every step of the path is Jᵀ times the tip's error, scaled."""
     path = setup.plan("ClassicJTRRT", parameters={"goal_bias": 1.0, "step": 0.05}).path
@@ -176,14 +153,6 @@ def test_the_classical_step_follows_the_transpose(setup, ur5):
 
 
 # -------------------------------------------------------------------------------------------------- what it cannot do
-
-
-@pytest.mark.parametrize("planner", ["SafeJTRRT", "ClassicJTRRT"])
-def test_out_of_reach_it_says_that_time_is_up(setup, planner):
-    setup.setWorkspaceGoal(FAR, ROTATION)
-    result = setup.plan(planner, time=0.3)
-    assert result.status == "Timeout"
-    assert result.path is None
 
 
 def test_without_null_space_it_says_so_and_goes_on(setup, panda, scene, caplog):

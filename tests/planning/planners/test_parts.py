@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safe_ompl import Box, CollisionChecker, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
+from safe_ompl import Box, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
 from safe_ompl.common import Counts
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import CertifiedMotionValidator, StateBridge, joint_space
 from safe_ompl.planning.planners import extend
 from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import Trees
-from safe_ompl.robot import JointLimits, kernels
+from safe_ompl.robot import kernels
 from safe_ompl.scene import find_scenario
 
 PLANNERS = ["SafeRRTConnect", "ClassicRRTConnect"]
@@ -105,48 +105,6 @@ def test_steps_and_descents_are_those_of_numpy(robot_named, name):
     assert not kernels.descend(along, np.zeros(robot.n), 0.1, bridge.lower, bridge.upper, bridge.circular)
 
 
-@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm", "parallel", "gripper"])
-def test_an_edge_is_laid_as_its_parts_say(robot_named, name):
-    robot = robot_named(name)
-    limits, rng = JointLimits(robot), np.random.default_rng(0)
-    spread = 0.1 * (robot.upper - robot.lower)
-    within = 0
-    for _ in range(200):
-        start, end = rng.uniform(robot.lower - 0.1 * spread, robot.upper + 0.1 * spread, (2, robot.n))
-        edge = np.full((2, len(robot.coupling.offsets)), np.nan)
-        found = limits.lay_edge(start, end, edge)
-        assert found == (limits.hold(start) and limits.hold(end))
-        if found:
-            within += 1
-            delta = robot.difference(start, end)
-            assert np.array_equal(edge, [robot.coupling.values(start), robot.coupling.motions(delta)])
-    assert within > 20
-    assert not limits.lay_edge(np.full(robot.n, np.nan), end, edge)
-    narrow = limits.within(robot.lower + spread, robot.upper - spread)
-    middle = (robot.lower + robot.upper) / 2
-    assert narrow.lay_edge(middle, middle, edge)
-    assert not narrow.lay_edge(middle, robot.upper, edge) or robot.continuous.all()
-
-
-def test_what_is_suspected_changes_no_proof(panda, clutter):
-    """Pairs that blocked motions before are looked at first; another checker, which knows none, decides alike."""
-    checker = CollisionChecker(panda, clutter)
-    required = np.zeros(len(checker.pairs.names)) + 1e-5
-    rng = np.random.default_rng(0)
-    blocked = 0
-    for _ in range(60):
-        start = rng.uniform(panda.lower, panda.upper)
-        way = 0.5 * rng.normal(size=panda.n)
-        found = checker.pairs.bounds.prove((start, way), required, 5e-6)
-        fresh = CollisionChecker(panda, clutter).pairs.bounds.prove((start, way), required, 5e-6)
-        assert found.proven == fresh.proven
-        assert found.blocked >= fresh.blocked
-        if found.blocked:
-            blocked += 1
-            assert checker.touches(start + found.at * way)
-    assert blocked > 10
-
-
 def test_motions_are_free_that_the_motion_validator_calls_free(ur5):
     scene = Scene((Obstacle("box", Box((0.3, 0.3, 0.6)), Pose((0.45, 0.0, 0.3))),))
     si = SafeSetup(ur5, scene).getSpaceInformation()
@@ -212,28 +170,6 @@ def test_the_threshold_begins_with_the_danger_of_the_ends_and_rises_after_eight_
         assert not threshold.tolerates(1.05 * forced, trees.start, 0, trees)
     assert threshold.level == pytest.approx(1.1 * forced)
     assert threshold.tolerates(1.05 * forced, trees.start, 0, trees)
-
-
-@pytest.mark.parametrize("dangerous", [0, 10])
-def test_the_danger_of_blocked_steps_is_spared_where_danger_refuses_little(
-    shelf, shelf_problem, dangerous, monkeypatch
-):
-    danger = DangerWeight(shelf_problem)
-    descent, threshold = extend.TangentialDescent(shelf_problem.bridge, danger), AdaptiveThreshold(danger)
-    descent.share, threshold.rise, threshold.level = 0.8, 0.05, float("inf")
-    monkeypatch.setattr(PlanningProblem, "motion_prover", None)  # so that steps are composed
-    monkeypatch.setattr(PlanningProblem, "motion_is_free", lambda *args: False)
-    step = extend.SafeStep(shelf_problem, danger, descent, threshold, Margin(shelf_problem, danger))
-    trees = Trees(shelf_problem.bridge, shelf_problem.cost, Counts())
-    trees.add_start(np.array(shelf.problem.start))
-    trees.blocked, trees.dangerous = 10, dangerous
-    trees.start.gradient(0)  # so that it is known
-    assert danger.weight > 0
-    before = shelf.counts.copy()
-    outcome, _ = step.extend(trees, trees.start, 0, shelf_problem.bridge.upper, 0.5)
-    assert outcome is extend.Extension.TRAPPED
-    assert ((shelf.counts - before).field_configurations > 0) == (dangerous > 0)
-    assert trees.blocked > 10
 
 
 # ------------------------------------------------------------------------------------------------------- margin
@@ -311,21 +247,3 @@ def test_the_margin_falls_with_the_refusals_while_danger_has_weight(margin, shel
     assert not margin.motion_is_free(q, q + 1e-6)
     shelf_danger.scale = 0.0
     assert margin.motion_is_free(q, q + 1e-6)
-
-
-def test_a_motion_keeps_its_margin_or_is_refused_for_it(shelf):
-    motion = shelf.getSpaceInformation().getMotionValidator().motion
-    rng, robot = np.random.default_rng(0), shelf.robot
-    found = {True: 0, False: 0}
-    while sum(found.values()) < 60:
-        start = rng.uniform(robot.lower, robot.upper)
-        end = start + rng.normal(0.0, 0.1, robot.n)
-        if not motion.is_free(start, end):
-            assert not motion.is_free(start, end, 0.05)
-            continue
-        free = motion.is_free(start, end, 0.05)
-        samples = (start + t * (end - start) for t in np.linspace(0.0, 1.0, 30))
-        least = min(shelf.checker.clearance(q).distance for q in samples)
-        found[free] += 1
-        assert least >= 0.05 - 1e-6 if free else least < 0.055
-    assert min(found.values()) > 5

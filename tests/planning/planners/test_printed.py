@@ -109,12 +109,6 @@ def task_of(name, seed, forbidden=wall_with_a_gap, **parameters):
     )
 
 
-def goal_in_a_pocket(x, y):
-    """Forbid a thick wall around the goal, but for an opening that looks away from the start."""
-    across = max(abs(x - GOAL[0]), abs(y - GOAL[1]))
-    return 0.06 < across < 0.15 and (x < GOAL[0] or abs(y) > 0.03)
-
-
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("alpha", [None, 0.0, 0.5, 3.0])
 def test_rrt_connect_is_the_papers_and_without_danger_kuffners(monkeypatch, seed, alpha):
@@ -126,14 +120,6 @@ def test_rrt_connect_is_the_papers_and_without_danger_kuffners(monkeypatch, seed
     np.testing.assert_allclose(task.path, literal.plan(START, GOAL), atol=1e-12)
     assert task_of(name, seed, iterations=literal.rounds, **given).solve() == EXACT
     assert task_of(name, seed, iterations=literal.rounds - 1, **given).solve() == TIMEOUT
-
-
-@pytest.mark.parametrize("seed", [10, 11])
-def test_trees_take_turns_also_where_one_hardly_grows(seed):
-    task = task_of("PaperRRTConnect", seed, goal_in_a_pocket)
-    assert task.solve() == EXACT
-    assert len(task.planner.plannerGraph().configurations) > 200
-    np.testing.assert_allclose(task.path, RRTConnect(task, 0.0, seed).plan(START, GOAL), atol=1e-12)
 
 
 # ------------------------------------------------------------------------------------------------- SAFE_PRM_PLANNER

@@ -2,7 +2,6 @@
 
 import gc
 import multiprocessing
-import pickle
 import resource
 import threading
 import weakref
@@ -144,15 +143,6 @@ def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name):
 # ------------------------------------------------------------------------ the same seed, the same path, wherever
 
 
-@pytest.mark.parametrize("name", OURS)
-def test_in_any_order_in_two_setups_at_once_and_from_a_problem_that_was_pickled(name):
-    one, other = build(name), build(name, pickle.loads(pickle.dumps(load())))
-    first = [setup.plan(name, time=20.0, seed=seed).path for setup, seed in ((one, 1), (other, 2), (one, 3))]
-    again = [setup.plan(name, time=20.0, seed=seed).path for setup, seed in ((other, 3), (one, 2), (other, 1))]
-    for path, same in zip(first, again[::-1], strict=True):
-        np.testing.assert_array_equal(path, same)
-
-
 @pytest.mark.parametrize("name", SAFE)
 def test_in_threads(name):
     expected = [path_of(name, seed) for seed in (1, 2)]
@@ -222,17 +212,13 @@ def test_behind_a_wall_time_is_up_and_memory_stays_bounded(arm_between_walls, pl
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_the_graph_its_danger_and_its_edges_also_as_ompls_data(planar3, name):
+def test_the_graph_and_its_edges_also_as_ompls_data(planar3, name):
     path = planar3.plan(name, time=20.0, seed=1).path
     graph = planar3.getPlanner().plannerGraph()
-    np.testing.assert_allclose(graph.costs, planar3.field.values(graph.configurations), rtol=1e-12)
     np.testing.assert_array_equal(graph.configurations[graph.starts], path[:1])
     np.testing.assert_array_equal(graph.configurations[graph.goals], path[-1:])
     some = np.linspace(0, len(graph.edges) - 1, 50).astype(int)
-    for (start, end), length in zip(graph.configurations[graph.edges[some]], graph.lengths[some], strict=True):
-        report = planar3.report([start, end])
-        assert report.certified
-        assert length == pytest.approx(report.length)
+    assert all(planar3.is_free(ends) for ends in graph.configurations[graph.edges[some]])
     if "RRTConnect" in name:
         edges = {tuple(map(bytes, ends)) for ends in graph.configurations[graph.edges]}
         assert {(bytes(start), bytes(end)) for start, end in pairwise(path)} <= edges
@@ -240,6 +226,7 @@ def test_the_graph_its_danger_and_its_edges_also_as_ompls_data(planar3, name):
     for _ in range(2):  # filling it anew forgets what was there
         planar3.getPlannerData(data)
     planar3.getPlanner().clear()  # the data keeps its own copies
+    assert planner_data(planar3.getPlanner()).numVertices() == 0
     assert (data.numVertices(), data.numEdges()) == (len(graph.configurations), len(graph.edges))
     assert {data.getStartIndex(k) for k in range(data.numStartVertices())} == {*graph.starts.tolist()}
     assert {data.getGoalIndex(k) for k in range(data.numGoalVertices())} == {*graph.goals.tolist()}
@@ -247,14 +234,6 @@ def test_the_graph_its_danger_and_its_edges_also_as_ompls_data(planar3, name):
         assert data.getVertex(k).getState()[0 : len(q)] == q.tolist()
     assert all(data.edgeExists(start, end) for start, end in graph.edges.tolist())
     assert data.printGraphML().count("<node") == len(graph.configurations)
-
-
-@pytest.mark.parametrize("name", OURS)
-def test_nothing_built_yet(planar3, name):
-    planner = make_planner(name, planar3.getSpaceInformation())
-    graph = planner.plannerGraph()
-    assert (len(graph.configurations), len(graph.edges), len(graph.starts), len(graph.goals)) == (0, 0, 0, 0)
-    assert planner_data(planner).numVertices() == 0
 
 
 def test_where_ompl_asks_in_vain_one_warning_says_so(planar3, caplog):

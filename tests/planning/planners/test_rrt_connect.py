@@ -1,7 +1,5 @@
 """SafeRRTConnect: its trees and steps, its threshold, and its company in OMPL."""
 
-import subprocess
-import sys
 from functools import partial
 
 import numpy as np
@@ -19,12 +17,6 @@ def test_small_steps_heed_the_termination_condition():
     stop = Stop(task.walls, 500)
     assert task.solve(stop.condition) == TIMEOUT
     assert stop.checked_too_late <= 2, "one step"
-
-
-def test_clear_keeps_the_parameters():
-    task = Problem(alpha=0.25, range=0.3, nearest_fraction=0.5)
-    task.planner.clear()
-    assert (task.planner.getAlpha(), task.planner.getRange(), task.planner.getNearestFraction()) == (0.25, 0.3, 0.5)
 
 
 @pytest.mark.parametrize("name", ["SafeRRTConnect", "ClassicRRTConnect", "PaperSafeRRTConnect"])
@@ -72,28 +64,6 @@ def test_through_the_benchmark(ur5, clutter):
     assert len(runs) == 4
     assert all(run["correct solution BOOLEAN"] == "1" for run in runs)
     assert len({run["solution length REAL"] for run in runs}) > 1, "runs differ"
-
-
-SCRIPT = """
-from safe_ompl import Obstacle, Pose, Robot, SafeSetup, Scene, Sphere
-
-setup = SafeSetup(Robot.from_example("ur5"), Scene((Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.6)), weight=1.0),)))
-setup.setConfigurations([0.8, -1.6, 1.2, -1.2, -1.57, 0.0], [-0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
-for seed in (0, 0, 1):
-    result = setup.plan(seed=seed)
-    assert result, result.status
-    print("PATH" + result.path.tobytes().hex())
-"""
-
-
-def test_a_process_ends_quietly_and_repeats_itself():
-    run = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=100)
-    assert run.returncode == 0, run.stderr
-    assert "leaked" not in run.stderr
-    assert "rror" not in run.stderr
-    first, again, other = (line for line in run.stdout.splitlines() if line.startswith("PATH"))
-    assert first == again
-    assert first != other
 
 
 def test_the_threshold_keeps_the_peak_of_the_danger_low(shelf):

@@ -74,17 +74,6 @@ def test_costs_are_evaluated_once_in_batches_or_with_a_gradient(tree, height):
     assert height.batches == [1, 2, 2]
 
 
-def test_growth_keeps_everything(bridge, height, rng):
-    tree = Tree(bridge, StateCost(height, bridge))
-    nodes = rng.uniform(-10, 10, (1000, 2))
-    for k, q in enumerate(nodes):
-        assert tree.add(q, k - 1) == k
-        if k % 50 == 49:
-            np.testing.assert_allclose(tree.costs, nodes[: k + 1, 1] ** 2)
-    np.testing.assert_array_equal(tree.configurations, nodes)
-    np.testing.assert_array_equal(tree.branch(999), nodes)
-
-
 def test_two_trees_that_meet_share_a_vertex(bridge):
     trees = TwoTrees(*(Tree(bridge, StateCost(None, bridge)) for _ in range(2)))
     for tree, places in ((trees.start, (0.0, 1.0)), (trees.goal, (3.0, 2.0, 1.0))):
@@ -128,16 +117,6 @@ def test_the_same_node_as_by_looking_at_all(seed, n, alpha):
                 assert found == plainly(rows[:size], q, wraps, weight, costs[:size])
 
 
-@pytest.mark.parametrize("wraps", [False, True])
-def test_many_nodes(rng, wraps):
-    rows, costs = nodes(rng, 30_000, 3), rng.uniform(size=30_000)
-    search = NearestNode(np.full(3, wraps))
-    for number in (*range(500, 2000, 7), 5000, 30_000):
-        q, some = rng.uniform(-3.5, 3.5, 3), costs[:number]
-        assert search.find(rows[:number], q) == plainly(rows[:number], q, wraps)
-        assert search.find(rows[:number], q, 0.5, some) == plainly(rows[:number], q, wraps, 0.5, some)
-
-
 @pytest.mark.parametrize("alpha", [0.0, 1e-13, 1.0])
 def test_of_equal_ones_the_first_also_where_all_are_at_one_place(rng, alpha):
     grid = rng.integers(-2, 3, (3000, 2)).astype(float)
@@ -147,14 +126,6 @@ def test_of_equal_ones_the_first_also_where_all_are_at_one_place(rng, alpha):
         search, costs = NearestNode(np.zeros(2, dtype=bool)), rng.integers(5, size=3000).astype(float)
         for q in (*rows[::250], *rng.normal(size=(20, 2)), *rng.integers(-2, 3, (20, 2)).astype(float)):
             assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
-
-
-def test_places_that_wrap_are_near_across_the_seam():
-    rows = np.linspace(-3.1, 3.0, 1000)[:, None].copy()
-    search = NearestNode(np.array([True]))
-    assert search.find(rows, np.array([3.1])) == 0  # 0.08 across the seam, 0.1 on this side
-    assert search.find(rows, np.array([3.1 - 2 * np.pi])) == 0
-    assert search.find(rows, np.array([3.02])) == 999
 
 
 def test_nodes_without_a_finite_cost_come_last(rng):
