@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.common import documents, files, formats, polynomials
+    from safe_ompl.common import documents, files, polynomials
     from safe_ompl.common.compilation import (
         caller,
         clock,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
         pass_on,
         warn_once,
     )
-    from safe_ompl.common.html import notebook_html
     from safe_ompl.common.inputs import (
         RATE_BOUNDS,
         BoolArray,
@@ -53,7 +52,7 @@ if TYPE_CHECKING:
         shown,
         whole_number,
     )
-    from safe_ompl.common.models import Changes, Counts, PerThread
+    from safe_ompl.common.models import Changes, Counts, PerThread, notebook_html
 
 __all__ = [
     "RATE_BOUNDS",
@@ -83,7 +82,6 @@ __all__ = [
     "finite_array",
     "flag",
     "float_array",
-    "formats",
     "fraction",
     "halton_point",
     "instance",

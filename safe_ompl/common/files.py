@@ -1,16 +1,237 @@
-"""Files that are written as a whole: readers see what was there before, or all that is new, never a part of it."""
+"""Files: documents (YAML, JSON) and arrays (NPZ) that are read, and files that are written as a whole.
+
+Readers of a file that is written see what was there before, or all that is new, never a part of it. Errors name file,
+line, key and value in one line. All that is read from a file of a user is read here, so that one place knows what
+hostile or broken files do.
+
+Lines of YAML are looked up only when there is an error, from the key that its message starts with:
+``scenarios/x.yaml:7: scene.obstacles[2] 'table'.box.size: must be a positive number, got -0.2``. ruamel.yaml, which
+keeps them with the data, takes ten times as long for any document.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import os
+import re
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from safe_ompl.common import inputs
+from safe_ompl.common.documents import kind_of, within
+from safe_ompl.common.errors import InputError, cut
+
+if TYPE_CHECKING:
+    _Loader = yaml.SafeLoader
+else:
+    _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
+_DEEPEST = 100  # levels of lists and mappings in one another
+_MOST_COPIES = 100_000  # nodes that aliases stand for: 1 kB of them may stand for any number
+_MOST_BITS = 1024  # of a whole number; Python takes minutes to write longer ones
+_BROKEN = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+MALFORMED = (*_BROKEN, MemoryError, RecursionError)
+"""What goes wrong where code that expects a document gets anything else."""
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the mapping that a YAML file holds; put file and line before the key of every InputError meanwhile."""
+    content = ""
+    try:
+        content = file_text(path)
+        yield parse_document(content)
+    except InputError as error:
+        message = str(error)
+        malformed = re.match(r"line (\d+): malformed", message)
+        line = int(malformed[1]) if malformed else _line_of(content, message)
+        rest = message.partition(": ")[2] if malformed else message
+        error.args = (f"{path}{'' if line is None else f':{line}'}: {rest}",)
+        raise
+
+
+def file_text(path: Path) -> str:
+    """Return the text of a file, or raise InputError where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"is not text in UTF-8 ({error})") from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})") from None
+
+
+@contextmanager
+def reading_json(file: str | Path) -> Iterator[Any]:
+    """Yield what a JSON file holds; put the file before every InputError meanwhile.
+
+    Whatever else a document that is none brings about (`MALFORMED`) is turned into one, too.
+    """
+    with within(str(file), ": "):
+        content = parse_json(file_text(Path(file)))
+        try:
+            yield content
+        except InputError:
+            raise
+        except MALFORMED as error:
+            reason = cut(f"{type(error).__name__}: {error}")
+            raise InputError(f"is malformed ({reason})") from error
+
+
+def read_json(file: str | Path) -> Any:
+    """Return what a JSON file holds, or raise InputError."""
+    with reading_json(file) as content:
+        return content
+
+
+def parse_json(content: str, first: int = 1, *, finite: bool = False) -> Any:
+    """Return what JSON says, or raise InputError; no key may be there twice, and if `finite`, no NaN or Infinity.
+
+    `first` is the number of its first line. Without `finite` who reads NaN refuses it, and names its key.
+    """
+    try:
+        return json.loads(content, object_pairs_hook=_without_repeats, parse_constant=_not_finite if finite else None)
+    except InputError:
+        raise
+    except json.JSONDecodeError as error:
+        raise InputError(f"malformed JSON: {error.msg}", f"line {first - 1 + error.lineno}") from None
+    except RecursionError:
+        raise InputError("malformed JSON: nested too deeply") from None
+    except ValueError as error:  # a whole number of thousands of digits
+        raise InputError(f"malformed JSON: {cut(str(error))}") from None
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise InputError("is there twice", inputs.shown(next(key for key in names if names.count(key) > 1)))
+    return found
+
+
+def _not_finite(name: str) -> Any:
+    raise InputError(f"malformed JSON: {name} is not finite")
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an NPZ file by name; raise InputError where it holds anything but numbers and text."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
+    except (*MALFORMED, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):  # RuntimeError: a password
+        raise InputError("is no archive of arrays of numbers and text (NPZ)", str(path)) from None
+
+
+def _line_of(content: str, message: str) -> int | None:
+    """Return the line of the key, or of the deepest mapping around it, that a message starts with; None if unknown."""
+    try:
+        _check_size(content)
+        node, line, rest = yaml.compose(content, Loader=_StrictLoader), None, message
+    except (yaml.YAMLError, InputError):
+        return None
+    while True:
+        found = _child(node, rest)
+        if found is None:
+            return line
+        node, line, rest = found
+
+
+def _child(node: yaml.Node | None, rest: str) -> tuple[yaml.Node, int, str] | None:
+    """Return the value that the beginning of `rest` leads to, its line, and what is left of `rest`."""
+    if isinstance(node, yaml.MappingNode):
+        for key, value in sorted(node.value, key=lambda pair: -len(str(pair[0].value))):
+            name = str(key.value)
+            if re.match(rf"{re.escape(name)}(?=[.:\[])", rest):
+                return value, key.start_mark.line + 1, rest[len(name) :].removeprefix(".")
+    index = re.match(r"\[(\d+)\]", rest)
+    if isinstance(node, yaml.SequenceNode) and index and int(index[1]) < len(node.value):
+        item = node.value[int(index[1])]
+        return item, item.start_mark.line + 1, _after_name(item, rest[index.end() :])
+    return None
+
+
+def _after_name(item: yaml.Node, rest: str) -> str:
+    """Return `rest` without the name of a list's item, which messages put behind its number, and the dot."""
+    entries = item.value if isinstance(item, yaml.MappingNode) else []
+    for name in (str(value.value) for key, value in entries if key.value == "name"):
+        for shown in (f" {name!r}", f" {name}"):
+            if rest.startswith(shown):
+                return rest[len(shown) :].removeprefix(".")
+    return rest.removeprefix(".")
+
+
+def parse_document(content: str) -> dict[str, Any]:
+    """Return the mapping that YAML text holds, empty where there is none; raise InputError for anything else."""
+    _check_size(content)
+    try:
+        data = yaml.load(content, Loader=_StrictLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        raise InputError(
+            f"malformed YAML: {cut(str(error.problem))}", f"line {mark.line + 1}" if mark else None
+        ) from None
+    except yaml.YAMLError as error:
+        raise InputError(f"malformed YAML: {error}") from None
+    if data is None:
+        return {}
+    if not isinstance(data, dict):
+        raise InputError(f"must be a mapping of keys to values, got {kind_of(data)}")
+    return data
+
+
+def _check_size(content: str) -> None:
+    """Raise InputError where YAML is deeper than any document, or aliases make it larger.
+
+    The C parser would overrun its stack; what is merged (`<<`) is copied; and messages show all that is in a value.
+    """
+    open_nodes: list[tuple[str | None, list[int]]] = [(None, [0, 0])]  # anchor; nodes and levels within
+    known: dict[str | None, list[int]] = {}
+    copies = 0
+
+    def refuse(event: yaml.Event, why: str) -> None:
+        line = None if event.start_mark is None else f"line {event.start_mark.line + 1}"
+        raise InputError(f"malformed YAML: {why}", line)
+
+    def add(nodes: int, levels: int, event: yaml.Event) -> None:
+        around = open_nodes[-1][1]
+        around[:] = around[0] + nodes, max(around[1], levels)
+        if len(open_nodes) - 1 + levels > _DEEPEST:
+            refuse(event, f"nested deeper than {_DEEPEST} levels")
+
+    try:
+        for event in yaml.parse(content, Loader=_StrictLoader):
+            if isinstance(event, yaml.CollectionStartEvent):
+                open_nodes.append((event.anchor, [1, 0]))
+                known.pop(event.anchor, None)
+                add(0, 0, event)
+            elif isinstance(event, yaml.CollectionEndEvent):
+                anchor, (nodes, levels) = open_nodes.pop()
+                known[anchor] = [nodes, levels + 1]
+                add(nodes, levels + 1, event)
+            elif isinstance(event, yaml.ScalarEvent):
+                known[event.anchor] = [1, 0]
+                add(1, 0, event)
+            elif isinstance(event, yaml.AliasEvent):
+                if event.anchor in (anchor for anchor, _ in open_nodes):
+                    refuse(event, f"*{event.anchor} is part of itself")
+                nodes, levels = known.get(event.anchor, [1, 0])
+                copies += nodes
+                if copies > _MOST_COPIES:
+                    refuse(event, f"aliases stand for more than {_MOST_COPIES} nodes")
+                add(nodes, levels, event)
+    except yaml.YAMLError:
+        return  # who reads it says what is wrong
 
 
 @contextmanager
@@ -57,3 +278,66 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], delimiter: st
     writer.writerow(header)
     writer.writerows(rows)
     return stream.getvalue()
+
+
+def dump_document(data: Mapping[str, Any]) -> str:
+    """Return `data` as YAML; numbers are written so that they are read back exactly."""
+    return yaml.dump(data, Dumper=_FlowListDumper, sort_keys=False, allow_unicode=True, width=110)
+
+
+class _StrictLoader(_Loader):
+    """YAML's safe loader, in C where there is one, that reads ``1e-3`` as a number and refuses a key given twice."""
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            value = super().construct_object(node, deep)
+            if isinstance(value, int) and value.bit_length() > _MOST_BITS:
+                raise ValueError
+        except _BROKEN:  # 2026-13-45 is no date, 0x_ no number; `!!bool maybe`
+            kind = node.tag.rpartition(":")[2]
+            raise yaml.constructor.ConstructorError(
+                None, None, f"no {kind}, to be quoted if it is text: {node.value!r}", node.start_mark
+            ) from None
+        return value
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, (list, dict, set)):
+                raise yaml.constructor.ConstructorError(None, None, "a key must be text", key_node.start_mark)
+            if key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {key!r} is given twice", key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+class _FlowListDumper(yaml.SafeDumper):
+    """YAML's safe dumper with lists of numbers on one line."""
+
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
+        plain = not any(isinstance(item, (dict, list, tuple)) for item in sequence)
+        return super().represent_sequence(tag, sequence, flow_style=plain)
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    """Quote text with line breaks of all kinds, which come back as spaces otherwise."""
+    style = None if text.isprintable() else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+_FlowListDumper.add_representer(str, _represent_text)
+_FlowListDumper.add_representer(tuple, lambda dumper, data: dumper.represent_list(data))
+
+# YAML 1.1 takes 1e-3 for text. The dumper must know the rule too, or it writes the text "1e3" without quotes.
+for _side in (_StrictLoader, _FlowListDumper):
+    _side.add_implicit_resolver(
+        "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+    )

@@ -1,11 +1,14 @@
-"""What models share: counters of their work, working memory for each thread, and detection of changes."""
+"""What models share: counters of their work, memory for each thread, detection of changes; what notebooks show."""
 
 from __future__ import annotations
 
 import threading
+from base64 import b64encode
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, fields
+from html import escape
+from sys import modules
 from typing import Any, Generic, TypeVar
 
 _Memory = TypeVar("_Memory")
@@ -102,3 +105,26 @@ class Counts:
     def as_dict(self) -> dict[str, int]:
         """Return the counters by name."""
         return asdict(self)
+
+
+def notebook_html(shown: object) -> str:
+    """Return what a notebook shows of an object, its `_repr_html_`.
+
+    Each line of its text is a row; what stands before the first colon is its head. Beside them is a picture where there
+    is something to draw, and Matplotlib to draw it.
+    """
+    rows = "".join(f"<tr>{_cells(line)}</tr>" for line in str(shown).splitlines())
+    table = f"<table>{rows}</table>"
+    png = modules["safe_ompl"].view.small_picture(shown)  # by the public door: no room here is below the pictures
+    if not png:
+        return table
+    image = f'<img alt="" src="data:image/png;base64,{b64encode(png).decode()}"/>'
+    return f'<div style="display: flex; align-items: center; gap: 1em">{image}{table}</div>'
+
+
+def _cells(line: str) -> str:
+    head, _, rest = line.partition(": ")
+    left = 'style="text-align: left"'
+    if not rest:
+        return f'<td colspan="2" {left}>{escape(line.strip())}</td>'
+    return f"<th {left}>{escape(head.strip())}</th><td {left}>{escape(rest)}</td>"

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import Counts, InputError, files, finite_array, formats
+from safe_ompl.common import Counts, InputError, files, finite_array
 from safe_ompl.common import documents as document
 from safe_ompl.io.motion_files import motion_content, motion_of_document, read_motion
 from safe_ompl.io.motions import JointPath, TimedMotion
@@ -147,7 +147,7 @@ def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence
     if Path(file).suffix.lower() != ".json":
         return read_motion(file)
     folders = [Path(folder) for folder in package_dirs]
-    with formats.reading_json(file) as content:
+    with files.reading_json(file) as content:
         if isinstance(content, Mapping) and "format" not in content:
             return motion_of_document(content)
         kind = kind_of(content)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from safe_ompl.common import FloatArray, InputError, files, formats, listed
+from safe_ompl.common import FloatArray, InputError, files, listed
 from safe_ompl.common import documents as document
 from safe_ompl.io.motions import JointPath, kept_columns, read_table
 from safe_ompl.io.schema import kind_of, marked, strict_json
@@ -110,7 +110,7 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
         header, values = read_table(path)
         columns = {name: values[:, k] for k, name in enumerate(header)}
     elif kind == ".npz":
-        columns = formats.read_arrays(path)
+        columns = files.read_arrays(path)
     else:
         raise InputError(f"must be a log, with one of the endings {', '.join(_TABLES)}, .npz", str(file))
     with document.within(str(file), ": "):
@@ -262,7 +262,7 @@ def _of_columns(header: Sequence[str], values: FloatArray) -> Motion:
 
 
 def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
-    held: dict[str, Any] = formats.read_arrays(path)
+    held: dict[str, Any] = files.read_arrays(path)
     with document.within(str(path), ": "):
         document.check_keys(held, dict.fromkeys((*_POINTS, *_MOTION)))
         own = held.get("joint_names")
@@ -309,8 +309,8 @@ def _refuse_names(names: Sequence[str] | None) -> None:
 
 def _read_yaml(path: Path) -> Any:
     with document.within(str(path), ": "):
-        text = formats.file_text(path).rstrip().removesuffix("\n---")  # as `ros2 topic echo` ends it
-        return formats.parse_document(text)
+        text = files.file_text(path).rstrip().removesuffix("\n---")  # as `ros2 topic echo` ends it
+        return files.parse_document(text)
 
 
 def _from_document(
@@ -400,7 +400,7 @@ FORMS: dict[str, Form] = {
     ".txt": Form(_from_table, partial(_as_table, delimiter="\t")),
     ".npz": Form(_from_arrays, _as_arrays),
     ".npy": Form(_from_array),
-    ".json": Form(partial(_from_document, read=formats.read_json), partial(_as_message, write=strict_json)),
+    ".json": Form(partial(_from_document, read=files.read_json), partial(_as_message, write=strict_json)),
     ".yaml": _YAML,
     ".yml": _YAML,
 }

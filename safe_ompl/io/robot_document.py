@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
-from safe_ompl.common import InputError, Section, formats, key
+from safe_ompl.common import InputError, Section, files, key
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
 from safe_ompl.io.carried_files import (
@@ -264,7 +264,7 @@ def built_robot(carried: Any, *, urdf: Path | None = None, package_dirs: Sequenc
             if carried.meshes:
                 robot.visual_model  # noqa: B018  # read now: the folder goes
             return robot
-        except (*formats.MALFORMED, OSError) as error:
+        except (*files.MALFORMED, OSError) as error:
             if isinstance(error, InputError):
                 raise
             why = str(error).partition("\n")[0]

@@ -39,7 +39,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from safe_ompl.common import InputError, formats
+from safe_ompl.common import InputError, files
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
 from safe_ompl.io.problems import carried_scene
@@ -100,9 +100,9 @@ def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """
     lines = []
     with document.within(str(file), ": "):
-        for number, line in enumerate(formats.file_text(Path(file)).splitlines(), 1):
+        for number, line in enumerate(files.file_text(Path(file)).splitlines(), 1):
             if line.strip():
-                lines.append(formats.parse_json(line, number))
+                lines.append(files.parse_json(line, number))
     if not lines or not all(isinstance(line, dict) for line in lines):
         raise InputError("must hold a JSON object in every line", str(file))
     check_header(lines[0], file)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, files, formats, whole_number
+from safe_ompl.common import FloatArray, InputError, IntArray, files, whole_number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS
 from safe_ompl.geometry.kernels import Sets
@@ -148,13 +148,13 @@ class CalibratedReach:
     @classmethod
     def load(cls, file: str | Path) -> CalibratedReach:
         """Read a reach file (YAML); an InputError names file, line, key and value of what it cannot use."""
-        with formats.reading(Path(file)) as data:
+        with files.reading(Path(file)) as data:
             document.check_fields(cls, data)
             return cls(**data)
 
     def save(self, file: str | Path) -> None:
         """Write the file that `load` reads."""
-        files.write(file, formats.dump_document(asdict(self)))
+        files.write(file, files.dump_document(asdict(self)))
 
     @property
     def limbs(self) -> tuple[str, ...]:

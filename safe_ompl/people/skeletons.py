@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, UnknownNameError, float_array, formats, number
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, UnknownNameError, files, float_array, number
 from safe_ompl.geometry import LIMBS, STANDING
 
 KEYPOINTS: tuple[str, ...] = (*STANDING, "pelvis")  # of the body of the package, and the middle of its hips
@@ -319,7 +319,7 @@ class Recording:
     def load(cls, file: str | Path, clip: str = "clip_0") -> Recording:
         """Read a clip; an InputError names file and key of what cannot be used, or lists the clips that there are."""
         path = Path(file)
-        arrays = formats.read_arrays(path)
+        arrays = files.read_arrays(path)
         for key in ("names", "rate"):
             if key not in arrays:
                 raise InputError("missing, but needed", f"{path}: {key}")
@@ -357,7 +357,7 @@ class Recording:
 
 def list_clips(file: str | Path) -> tuple[str, ...]:
     """Return the names of the clips in a file; errors as `Recording.load`."""
-    return _clips(formats.read_arrays(Path(file)))
+    return _clips(files.read_arrays(Path(file)))
 
 
 def _clips(arrays: Iterable[str]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, formats
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, files
 from safe_ompl.common import documents as document
 from safe_ompl.robot import Robot
 from safe_ompl.scene.scenario import configuration_for
@@ -103,7 +103,7 @@ class MbmFile:
         """
         with document.within(str(path), ": "):
             try:
-                data = document.mapping("document", formats.parse_json(formats.file_text(Path(path))))
+                data = document.mapping("document", files.parse_json(files.file_text(Path(path))))
                 families = document.mapping("problems", document.require(data, "problems"))
             except InputError as error:
                 raise InputError(f"{error}; {WHERE_FROM}") from None

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, Section, UnknownNameError, files, formats, key
+from safe_ompl.common import FloatArray, InputError, Section, UnknownNameError, files, key
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion, Robot, RobotSpec
@@ -228,7 +228,7 @@ class Scenario(Section):
             raise InputError(
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it", str(file)
             )
-        with formats.reading(file) as data:
+        with files.reading(file) as data:
             data = {"name": file.stem, "scene": None, **data}
             data |= {name: data[name] or {} for name in ("planners", "people", "frames") if name in data}
             scenario = replace(cls.from_mapping(data, file.parent), file=file)
@@ -239,7 +239,7 @@ class Scenario(Section):
 
     def save(self, path: str | Path) -> None:
         """Write the scenario to a YAML file that `load` reads back exactly."""
-        files.write(path, formats.dump_document(self.to_mapping(Path(path).parent)))
+        files.write(path, files.dump_document(self.to_mapping(Path(path).parent)))
 
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""

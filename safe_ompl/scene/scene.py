@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, Section, UnknownNameError, files, formats, key, shown
+from safe_ompl.common import FloatArray, InputError, IntArray, Section, UnknownNameError, files, key, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
@@ -81,20 +81,20 @@ class Scene(Section):
         Raises InputError, which names file, line, key and value, if it cannot be read or is not a valid scene.
         """
         file = Path(path)
-        with formats.reading(file) as data:
+        with files.reading(file) as data:
             return cls.from_mapping(data, file.parent)
 
     @classmethod
     def from_yaml(cls, text: str, folder: str | Path = ".") -> Scene:
         """Read a scene from YAML text; mesh and point files are relative to `folder`."""
-        return cls.from_mapping(formats.parse_document(text), Path(folder))
+        return cls.from_mapping(files.parse_document(text), Path(folder))
 
     def to_yaml(self, folder: str | Path | None = None) -> str:
         """Return the scene as YAML that `from_yaml` reads back exactly.
 
         Mesh and point files are named relative to `folder`, or in full if there is none.
         """
-        return formats.dump_document(self.to_mapping(None if folder is None else Path(folder)))
+        return files.dump_document(self.to_mapping(None if folder is None else Path(folder)))
 
     def save(self, path: str | Path) -> None:
         """Write the scene to a YAML file; mesh and point files are named relative to it."""

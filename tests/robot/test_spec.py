@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import Box, Cylinder, InputError, Pose, Robot
-from safe_ompl.common import formats
+from safe_ompl.common import files
 from safe_ompl.robot import RobotSpec, robot_hash
 
 PLACED = """
@@ -25,7 +25,7 @@ robots:
 
 
 def read(text, folder):
-    return RobotSpec.from_mapping(formats.parse_document(text), folder)
+    return RobotSpec.from_mapping(files.parse_document(text), folder)
 
 
 def test_a_robot_on_a_base_with_its_hands_full(data_folder):
@@ -54,7 +54,7 @@ def test_a_cell_of_two():
 @pytest.mark.parametrize("text", [PLACED, CELL])
 def test_written_and_read_again(data_folder, text):
     spec = read(text, data_folder)
-    written = formats.dump_document(spec.to_mapping(data_folder))
+    written = files.dump_document(spec.to_mapping(data_folder))
     assert read(written, data_folder) == spec
 
 

@@ -17,7 +17,7 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import add_timed_options, rate_limits, show_timed, timed
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.common import FloatArray, InputError, files, formats
+from safe_ompl.common import FloatArray, InputError, files
 from safe_ompl.common import documents as document
 from safe_ompl.io import WRITABLE, TimedMotion, motion_content, read_log, read_motion
 from safe_ompl.motions import (
@@ -132,7 +132,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the motion and the scenario, and return the job."""
     message = False
     if options.repair is not None:
-        message = Path(options.file).suffix.lower() == ".json" and "format" not in formats.read_json(options.file)
+        message = Path(options.file).suffix.lower() == ".json" and "format" not in files.read_json(options.file)
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
     robot = scenario.build_robot()
     given = scenario.limits.tube if options.tube is None else options.tube

@@ -12,7 +12,7 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.certificates import TIME, Verified, certificate, clearance_claim, terms_of, verify
 from safe_ompl.collision import TipBounds, ToolOrientation
-from safe_ompl.common import CertificateError, InputError, formats
+from safe_ompl.common import CertificateError, InputError, files
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
 from safe_ompl.planning import PlanResult, SafeSetup
@@ -95,7 +95,7 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read as a certificate: {error}", file) from None
     with document.within(file, ": "):
-        content = formats.parse_json(written, finite=True)
+        content = files.parse_json(written, finite=True)
         schema.check_form(content)
     checked: Mapping[str, Any] = content
     return checked

@@ -10,7 +10,7 @@ from typing import Any
 from safe_ompl.apps.benchmark import check_named_planner
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.common import InputError, formats
+from safe_ompl.common import InputError, files
 from safe_ompl.io import TimedMotion, built_robot, load, read_ticks, schema
 from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
@@ -130,21 +130,21 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     return ViewerContent.of_results(results, title=scenario.name, posture=start)
 
 
-def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
-    with formats.reading_json(files[0]) as content:
+def _loaded(given: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
+    with files.reading_json(given[0]) as content:
         if isinstance(content, dict) and content.get("format") == schema.FORMAT:
-            if len(files) > 1:
-                raise InputError(f"one certificate at a time, not {', '.join(files)}")
+            if len(given) > 1:
+                raise InputError(f"one certificate at a time, not {', '.join(given)}")
             schema.check_form(content)
             return ViewerContent.of_certificate(content, built_robot(content["robot"], package_dirs=package_dirs))
-    loaded = [load(file, package_dirs=package_dirs) for file in files]
-    title = Path(files[0]).stem
+    loaded = [load(file, package_dirs=package_dirs) for file in given]
+    title = Path(given[0]).stem
     motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
-    if motions and len(motions) == len(files):
+    if motions and len(motions) == len(given):
         return ViewerContent.of_motions(motions, title=title)
     if motions and all(isinstance(thing, TimedMotion | PlanResult) for thing in loaded):
-        raise InputError(f"either results or trajectories, not both: {', '.join(files)}")
-    for file, thing in zip(files, loaded, strict=True):
+        raise InputError(f"either results or trajectories, not both: {', '.join(given)}")
+    for file, thing in zip(given, loaded, strict=True):
         if not isinstance(thing, TimedMotion | PlanResult):
             raise InputError(f"must be a result, a certificate or a trajectory, not a {type(thing).__name__}", file)
     return ViewerContent.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)

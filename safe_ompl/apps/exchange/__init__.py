@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from safe_ompl.apps.exchange import messages
     from safe_ompl.apps.exchange.controller import Cell, ControlOptions, LiveController
     from safe_ompl.apps.exchange.logs import McapLog, read_joint_log, read_log
-    from safe_ompl.apps.exchange.received import Frames, in_metres
+    from safe_ompl.apps.exchange.messages import Frames, in_metres
     from safe_ompl.apps.exchange.ros_node import RosNode, ros_context
 
 __all__ = [

@@ -19,7 +19,7 @@ import numpy as np
 
 from safe_ompl.apps.exchange import messages
 from safe_ompl.apps.exchange.controller import LiveController
-from safe_ompl.apps.exchange.received import Frames, cloud_of, people_of_markers, pose_of, proposal_of, stamp_of
+from safe_ompl.apps.exchange.messages import Frames, cloud_of, people_of_markers, pose_of, proposal_of, stamp_of
 from safe_ompl.common import InputError
 from safe_ompl.io import TickLog
 from safe_ompl.scene import Scene

@@ -18,7 +18,7 @@ from safe_ompl.certificates.claims import Certificate
 from safe_ompl.certificates.verifier.bodies import Budget, Separations
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
-from safe_ompl.common import CertificateError, InputError, formats, notebook_html, positive
+from safe_ompl.common import CertificateError, InputError, files, notebook_html, positive
 from safe_ompl.common import documents as document
 from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
 from safe_ompl.robot import Robot, robot_hash
@@ -112,7 +112,7 @@ def verify(
         if claims.digest != schema.digest(content):
             raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
         return found
-    except formats.MALFORMED as error:
+    except files.MALFORMED as error:
         if isinstance(error, InputError):
             raise
         raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
