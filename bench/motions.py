@@ -37,7 +37,7 @@ from safe_ompl.common import FloatArray, polynomials
 from safe_ompl.motions import check_with, repair_with
 from safe_ompl.motions.checks import piece_proofs
 from safe_ompl.planning import setup_scenario
-from safe_ompl.robot.sources import robots_folder
+from safe_ompl.robot.spec import robots_folder
 from safe_ompl.scene import find_scenario
 
 CLAIM = "splines that are called free are free, tubes hold, and what touches is repaired"

@@ -13,7 +13,7 @@ import numpy as np
 
 from bench._plain import Judge
 from safe_ompl import Robot
-from safe_ompl.robot.sources import EXAMPLES, robots_folder
+from safe_ompl.robot.spec import EXAMPLES, robots_folder
 from safe_ompl.scene.mbm import MbmFile, MbmProblem
 
 

@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from safe_ompl.robot.parts import Attachment
     from safe_ompl.robot.region import GoalRegion, RegionPlace
     from safe_ompl.robot.robot import Robot, robot_hash
-    from safe_ompl.robot.sources import EXAMPLES, ExampleRobot, find_example, robots_folder
-    from safe_ompl.robot.spec import RobotSpec
+    from safe_ompl.robot.spec import EXAMPLES, ExampleRobot, RobotSpec, find_example, robots_folder
     from safe_ompl.robot.srdf import SrdfFile, disabled_links, srdf_text
     from safe_ompl.robot.urdf import PackageFolders, UrdfFile, parsed
 

@@ -8,10 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, within
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_box, bounding_hull
 from safe_ompl.robot.collision import links_lacking_shapes, warn_of_unchecked
@@ -85,28 +86,20 @@ def as_pose(value: PoseLike | None, key: str = "pose") -> Pose:
 
 @dataclass(frozen=True)
 class RobotParts:
-    """Models of the joints that are not locked, and what Pinocchio does not keep. Nobody changes them.
+    """Models of the joints that are not locked, and what Pinocchio does not keep. Nobody changes them."""
 
-    `name` is for reports, and `source` for errors: the file that the robot comes from, or its name. The `model` has the
-    planned joints and those that follow them (`mimics`), the `collision_model` bodies and the pairs of them that are
-    checked; `read_visual` returns the visual geometry, or None. `link_ends` are joints, locked ones included, that are
-    key points of the skeleton, and `tips` frames at the ends of arms, the robot's tip first. `held` has the joints that
-    are held, with their values, and `accelerations` limits that are known, by joint [rad or m, /s²]; `bare_links` are
-    links, moving or not, that lack collision shapes; `attached` is what the robot holds, the last one last.
-    """
-
-    name: str
-    source: str
+    name: str  # for reports
+    source: str  # for errors: the file that the robot comes from, or its name
     model: pin.Model
-    collision_model: pin.GeometryModel
+    collision_model: pin.GeometryModel  # with the pairs that are checked
     read_visual: Callable[[], pin.GeometryModel | None]
-    link_ends: tuple[str, ...]
-    tips: tuple[str, ...]
+    link_ends: tuple[str, ...]  # joints, locked ones included, that are key points of the skeleton
+    tips: tuple[str, ...]  # frames at the ends of arms, the robot's tip first
     mimics: Mapping[str, Mimic] = field(default_factory=dict)
     held: Mapping[str, float] = field(default_factory=dict)
-    bare_links: tuple[str, ...] = ()
+    bare_links: tuple[str, ...] = ()  # links, moving or not, that lack collision shapes
     attached: tuple[Attachment, ...] = ()
-    accelerations: Mapping[str, float] = field(default_factory=dict)
+    accelerations: Mapping[str, float] = field(default_factory=dict)  # [rad/s² or m/s²] by joint
 
     @cached_property
     def links_without_collision(self) -> tuple[str, ...]:
@@ -296,11 +289,10 @@ def _with_object(geometry: pin.GeometryModel, item: Attachment, model: pin.Model
 
 @dataclass(frozen=True)
 class Graft:
-    """Where the joints and frames of a model are in one that it was appended to.
+    """Where the joints and frames of a model, by their old numbers, are in one that it was appended to.
 
-    Written out, because Pinocchio's appendModel also adds collision pairs and reorders. New numbers are listed by the
-    old ones; what was fixed to the world is fixed to joint `joints[0]`, with the old world at `pose` in its frame. The
-    prefix is put before every name.
+    Written out, because Pinocchio's appendModel also adds collision pairs and reorders. What was fixed to the world is
+    fixed to joint `joints[0]`, with the old world at `pose` in its frame.
     """
 
     joints: list[int]
@@ -369,3 +361,73 @@ def _add_pairs_between(bodies: pin.GeometryModel, sizes: list[int]) -> None:
         for b in range(a + 1, len(owners)):
             if owners[a] != owners[b] and (joints[a] or joints[b]):
                 bodies.addCollisionPair(pin.CollisionPair(a, b))
+
+
+_BODIES = (
+    *(coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.Cone, coal.Ellipsoid),
+    *(coal.ConvexBase, coal.BVHModelBase),
+)
+SIZES = ("halfSide", "radius", "halfLength", "radii")  # of coal's shapes
+
+
+@dataclass(frozen=True)
+class Models:
+    """Models of Pinocchio's that a robot is built from, its own, and which joints follow which."""
+
+    model: pin.Model
+    collision_model: pin.GeometryModel
+    visual_model: pin.GeometryModel | None
+    mimics: Mapping[str, Mimic]
+
+    @classmethod
+    def copied(cls, model: Any, collision_model: Any, visual_model: Any, mimics: Mapping[str, Mimic]) -> Models:
+        """Return copies; raise InputError if a model is none of Pinocchio's, or a shape is not supported."""
+        _check_models(model, collision_model, visual_model)
+        bodies, drawn = (
+            None if geometry is None else independent(geometry) for geometry in (collision_model, visual_model)
+        )
+        return cls(model.copy(), bodies, drawn, dict(mimics))
+
+
+def _check_models(model: Any, collision: Any, visual: Any) -> None:
+    """Raise InputError for anything but models of Pinocchio's, and for bodies whose shapes are not supported."""
+    if not isinstance(model, pin.Model):
+        raise InputError(f"model must be a pin.Model, not {type(model).__name__}")
+    for geometry in (collision, visual):
+        if geometry is not None and not isinstance(geometry, pin.GeometryModel):
+            raise InputError(f"geometry must be a pin.GeometryModel, not {type(geometry).__name__}")
+        for part in () if geometry is None else geometry.geometryObjects:
+            if part.parentJoint >= model.njoints:
+                raise InputError(f"geometry {part.name!r}: there is no joint {part.parentJoint} in the model")
+            if part.parentFrame >= model.nframes or model.frames[part.parentFrame].type != pin.FrameType.BODY:
+                raise InputError(f"geometry {part.name!r} is on no link: give it the frame that addBodyFrame returned")
+    for joint, name in list(enumerate(model.names))[1:]:  # Pinocchio crashes without
+        if not any(f.type == pin.FrameType.JOINT and f.parentJoint == joint for f in model.frames):
+            raise InputError(f"joint {name!r} has no frame: call model.addJointFrame({joint})")
+    for frame in model.frames:
+        if frame.type != pin.FrameType.JOINT and model.frames[frame.parentFrame].parentJoint != frame.parentJoint:
+            joint = model.names[frame.parentJoint]
+            raise InputError(
+                f"frame {frame.name!r} is on another joint than the frame before it: give that of {joint!r}"
+            )
+    for part in collision.geometryObjects:
+        with within(f"geometry {part.name!r}", ": "):
+            _check_shape(part.geometry)
+
+
+def _check_shape(shape: Any) -> None:
+    """Raise InputError for a shape without end, one without size, and one whose distances coal cannot tell."""
+    if not isinstance(shape, _BODIES):
+        supported = ", ".join(kind.__name__ for kind in _BODIES)
+        raise InputError(f"a {type(shape).__name__} cannot be part of a robot; these can: {supported}")
+    if isinstance(shape, (coal.ConvexBase, coal.BVHModelBase)):
+        vertices = np.asarray(shape.points() if isinstance(shape, coal.ConvexBase) else shape.vertices())
+        if not vertices.size or (isinstance(shape, coal.BVHModelBase) and not shape.num_tris):
+            raise InputError("is a mesh without triangles")
+        if not np.isfinite(vertices).all():
+            raise InputError("has vertices that are not finite")
+        return
+    sizes = {name: np.ravel(getattr(shape, name)) for name in SIZES if hasattr(shape, name)}
+    for name, size in sizes.items():
+        if not (np.isfinite(size) & (size > 0)).all():
+            raise InputError(f"{name} must be positive lengths [m], got {size.tolist()}")

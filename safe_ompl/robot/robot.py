@@ -20,8 +20,7 @@ from safe_ompl.geometry import Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 from safe_ompl.robot.joints import Mimic
-from safe_ompl.robot.parts import Attachment, PoseLike, RobotParts, as_pose, independent
-from safe_ompl.robot.sources import Models
+from safe_ompl.robot.parts import SIZES, Attachment, Models, PoseLike, RobotParts, as_pose, independent
 from safe_ompl.robot.spec import RobotSpec
 
 
@@ -271,8 +270,7 @@ def _size(shape: coal.CollisionGeometry) -> Any:
         return sorted(_numbers(np.asarray(shape.points()).reshape(-1, 3)))
     if isinstance(shape, coal.BVHModelBase):
         return _mesh(shape)
-    names = ("halfSide", "radius", "halfLength", "radii")
-    known = {name: _numbers(getattr(shape, name)) for name in names if hasattr(shape, name)}
+    known = {name: _numbers(getattr(shape, name)) for name in SIZES if hasattr(shape, name)}
     shape.computeLocalAABB()
     return {**known, "box": [_numbers(np.ravel(corner)) for corner in (shape.aabb_local.min_, shape.aabb_local.max_)]}
 
