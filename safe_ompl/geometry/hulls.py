@@ -226,7 +226,7 @@ def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
 class ConvexBodies:
     """Convex bodies that hold the G bodies of a geometry model, in its order; `exact: (G,)` says which are the same.
 
-    `bodies` are of type `BODY` (`safe_ompl.geometry.kernels.convex`), `starts: (C + 1,)` and `vertices: (E, 3)` the
+    `bodies` are of type `BODY` (`safe_ompl.geometry.kernels`), `starts: (C + 1,)` and `vertices: (E, 3)` the
     lists of their vertices; `bounded` says whether all are finite: no plane, no half space.
     """
 

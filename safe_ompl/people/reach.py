@@ -20,7 +20,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, IntArray, files, whole_number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS
-from safe_ompl.geometry.kernels import Sets
+from safe_ompl.people.kernels import Sets
 from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.scene import People
 
@@ -40,7 +40,7 @@ class ReachSets:
 
     @property
     def arrays(self) -> Sets:
-        """All arrays, as `safe_ompl.geometry.kernels.gaps` takes them."""
+        """All arrays, as `safe_ompl.people.kernels.gaps` takes them."""
         return Sets(self.points, self.first, self.radii, self.growth)
 
     @classmethod

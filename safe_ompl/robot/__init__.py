@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.collision import CollisionSource, links_lacking_shapes
+    from safe_ompl.robot.collision import CollisionSource
     from safe_ompl.robot.displacement_bounds import ReachCylinder
     from safe_ompl.robot.forward_kinematics import JointLimits, plain
     from safe_ompl.robot.ik import (
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
         arm_joints,
         default_tip,
         finger_joints,
-        frame_index,
         has_range,
         joints_without_range,
         resting_value,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from safe_ompl.robot.parts import Attachment
     from safe_ompl.robot.region import GoalRegion, RegionPlace
     from safe_ompl.robot.robot import Robot, robot_hash
-    from safe_ompl.robot.spec import EXAMPLES, ExampleRobot, RobotSpec, find_example, robots_folder
+    from safe_ompl.robot.spec import EXAMPLES, RobotSpec, find_example, robots_folder
     from safe_ompl.robot.srdf import SrdfFile, disabled_links, srdf_text
     from safe_ompl.robot.urdf import PackageFolders, UrdfFile, parsed
 
@@ -45,7 +44,6 @@ __all__ = [
     "METRES_PER_RADIAN",
     "Attachment",
     "CollisionSource",
-    "ExampleRobot",
     "GoalRegion",
     "JointLimits",
     "Mimic",
@@ -64,12 +62,10 @@ __all__ = [
     "disabled_links",
     "find_example",
     "finger_joints",
-    "frame_index",
     "has_range",
     "inverse_kinematics",
     "joints_without_range",
     "limited_step",
-    "links_lacking_shapes",
     "motion_limits",
     "parsed",
     "place_of",

@@ -6,7 +6,7 @@ the largest of all (d − a)/b.
 
 Every distance is a lower bound for the middle of a cell, less what the body moves from there to an end of it. In the
 middle it is bounded by balls, then by a ball and a box, then by planes that separate convex bodies
-(`geometry.kernels.convex`), each only where the one before may let the limb be the first to arrive. Bodies that are not
+(`geometry.kernels`), each only where the one before may let the limb be the first to arrive. Bodies that are not
 convex count as their hulls.
 """
 

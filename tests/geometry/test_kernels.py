@@ -9,7 +9,8 @@ import pytest
 from numba import njit
 
 from safe_ompl.collision.kernels.distances import near_boxes
-from safe_ompl.geometry.kernels import convex, extreme_vertices
+from safe_ompl.geometry import kernels as convex
+from safe_ompl.geometry.kernels import extreme_vertices
 
 
 @njit

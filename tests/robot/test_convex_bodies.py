@@ -11,8 +11,9 @@ from numba import njit
 
 from safe_ompl import PointCloud
 from safe_ompl.geometry import ConvexBodies
+from safe_ompl.geometry import kernels as convex
 from safe_ompl.geometry.hulls import triangle_tree
-from safe_ompl.geometry.kernels import POSE, convex, from_box
+from safe_ompl.geometry.kernels import POSE, from_box
 
 ERROR = 1e-5  # [m] of coal's distances
 

@@ -26,9 +26,9 @@ from safe_ompl.common import PlanningError, compile_together
 from safe_ompl.danger import CertifiedDanger, DangerField, KinetostaticField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person, Pose
-from safe_ompl.geometry.kernels import gaps
 from safe_ompl.motions import Motion, check
 from safe_ompl.people import Surroundings, Tracker, find_skeleton
+from safe_ompl.people.kernels import gaps
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
 from safe_ompl.planning.planners import NearestNode

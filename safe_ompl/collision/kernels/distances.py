@@ -69,7 +69,7 @@ def pair_bounds(
     """Write lower bounds (B, K) of the distances of pairs (K, 2) [m] at `values: (B, m)` of the joints.
 
     The bound of the balls about both bodies comes first, then that of the box about one and the ball about the other,
-    then that along an axis (`geometry.kernels.convex`), which is kept for the next configuration. What is `enough` [m]
+    then that along an axis (`geometry.kernels`), which is kept for the next configuration. What is `enough` [m]
     is not improved any more. The `joints: (m,)` are a table (`safe_ompl.robot.kernels`).
     """
     m, bodies = values.shape[1], shapes.bodies

@@ -8,7 +8,7 @@ while |x| ≤ h: v takes the place of |Δ| in W_p, for intervals of half-length 
 
 The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, each only where the one before would make
 s smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
-supports of the bodies themselves along an axis (`geometry.kernels.convex`). At first the axis is the vector from the
+supports of the bodies themselves along an axis (`geometry.kernels`). At first the axis is the vector from the
 box to the ball. It is kept for the next place on the edge, but not for the next edge, so that an edge is always decided
 alike.
 

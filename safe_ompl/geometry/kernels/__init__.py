@@ -1,56 +1,404 @@
-"""Compiled distances of convex bodies."""
+"""Bounds of the distance of two convex bodies, from their supports along an axis, and the nearest point of a simplex.
+
+A body is the Minkowski sum of the convex hull of vertices, a box, a disc about its z axis and a ball, in a frame of its
+own: so are boxes, spheres, capsules, cylinders and polytopes. Its support in a direction n is the sum of theirs,
+
+    h(n) = max_k n·v_k + Σ_i |n_i| b_i + ρ √(n_x² + n_y²) + r.
+
+For any unit axis n that points from body B to body A their distance is at least −h_A(−n) − h_B(n), the width of the
+slab that separates them. A search only decides how good that bound is, never whether it holds.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from math import inf, sqrt
+from typing import Any, NamedTuple, TypeAlias
 
-from safe_ompl.doors import lazily
+import numpy as np
 
-if TYPE_CHECKING:
-    from safe_ompl.geometry.kernels.convex import (
-        BODY,
-        POSE,
-        Records,
-        Shapes,
-        begin_axis,
-        distance_bound,
-        distance_bounds,
-        extreme_vertices,
-        from_box,
-        nearest_in_simplex,
-        place_bodies,
-    )
-    from safe_ompl.geometry.kernels.hull_gaps import (
-        Borne,
-        CellFrames,
-        Hulls,
-        Sets,
-        cell_gaps,
-        chords_ahead,
-        gaps,
-        separating_axes,
-    )
+from safe_ompl.common import FloatArray, IntArray, compiled, part
 
 __all__ = [
     "BODY",
     "POSE",
-    "Borne",
-    "CellFrames",
-    "Hulls",
     "Records",
-    "Sets",
     "Shapes",
     "begin_axis",
-    "cell_gaps",
-    "chords_ahead",
     "distance_bound",
     "distance_bounds",
     "extreme_vertices",
     "from_box",
-    "gaps",
     "nearest_in_simplex",
     "place_bodies",
-    "separating_axes",
 ]
 
-__getattr__, __dir__ = lazily(__name__, __file__)
+Records: TypeAlias = Any  # a structured array, or a row of one
+Vector = tuple[float, float, float]
+Found = tuple[float, float, float, int]
+
+_FLAT = 1e-12  # squared sine of an angle of triangles that count as segments
+
+
+@part
+def _in_segment(S: FloatArray, i: int, j: int) -> Found:
+    """Return the nearest point of the segment of corners i and j, and the corners it lies between as bits."""
+    x, y, z = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
+    square = x * x + y * y + z * z
+    along = -(S[i, 0] * x + S[i, 1] * y + S[i, 2] * z)
+    if along <= 0.0:
+        return S[i, 0], S[i, 1], S[i, 2], 1 << i
+    if along >= square:
+        return S[j, 0], S[j, 1], S[j, 2], 1 << j
+    t = along / square
+    return S[i, 0] + t * x, S[i, 1] + t * y, S[i, 2] + t * z, (1 << i) | (1 << j)
+
+
+@part
+def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> Found:
+    """Return the nearest point of the triangle of corners i, j and k, and the corners it lies between as bits."""
+    ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
+    vx, vy, vz = S[k, 0] - S[i, 0], S[k, 1] - S[i, 1], S[k, 2] - S[i, 2]
+    uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
+    pu = S[i, 0] * ux + S[i, 1] * uy + S[i, 2] * uz
+    pv = S[i, 0] * vx + S[i, 1] * vy + S[i, 2] * vz
+    area = uu * vv - uv * uv
+    if area > _FLAT * uu * vv:
+        s, t = (uv * pv - vv * pu) / area, (uv * pu - uu * pv) / area
+        if s > 0.0 and t > 0.0 and s + t < 1.0:
+            x, y, z = S[i, 0] + s * ux + t * vx, S[i, 1] + s * uy + t * vy, S[i, 2] + s * uz + t * vz
+            return x, y, z, (1 << i) | (1 << j) | (1 << k)
+    best: Found = _in_segment(S, i, j)
+    least = np.inf
+    for n in range(3):
+        found = best if n == 0 else (_in_segment(S, i, k) if n == 1 else _in_segment(S, j, k))
+        square = found[0] ** 2 + found[1] ** 2 + found[2] ** 2
+        if square < least:
+            best, least = found, square
+    return best
+
+
+@part
+def _hides(S: FloatArray, i: int, j: int, k: int, opposite: int) -> bool:
+    """Return whether the origin is not on the same side of the face of corners i, j and k as the fourth corner."""
+    ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
+    vx, vy, vz = S[k, 0] - S[i, 0], S[k, 1] - S[i, 1], S[k, 2] - S[i, 2]
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    to_origin = -(x * S[i, 0] + y * S[i, 1] + z * S[i, 2])
+    to_corner = x * S[opposite, 0] + y * S[opposite, 1] + z * S[opposite, 2] + to_origin
+    return not to_origin * to_corner > 0.0
+
+
+@part
+def nearest_in_simplex(S: FloatArray, corners: int) -> Found:
+    """Return the point of a simplex that is nearest to the origin, and how many corners it lies between.
+
+    `S: (4, 3 or more)` has so many corners; those that the point lies between are moved to the front, with all that is
+    in their rows.
+    """
+    if corners == 1:
+        return S[0, 0], S[0, 1], S[0, 2], 1
+    if corners == 2:
+        x, y, z, between = _in_segment(S, 0, 1)
+    elif corners == 3:
+        x, y, z, between = _in_triangle(S, 0, 1, 2)
+    else:
+        x, y, z, between = 0.0, 0.0, 0.0, 15
+        nearest = np.inf
+        for opposite in range(4):
+            i, j, k = (opposite + 1) % 4, (opposite + 2) % 4, (opposite + 3) % 4
+            if _hides(S, i, j, k, opposite):
+                a, b, c, found = _in_triangle(S, i, j, k)
+                if a * a + b * b + c * c < nearest:
+                    x, y, z, between, nearest = a, b, c, found, a * a + b * b + c * c
+    count = 0
+    for i in range(corners):
+        if between >> i & 1:
+            for column in range(S.shape[1]):
+                S[count, column] = S[i, column]
+            count += 1
+    return x, y, z, count
+
+
+_NO_LENGTH = 1e-9  # [m]
+
+BODY = np.dtype(
+    [
+        ("joint", np.intp),  # number of the joint that carries it; 0: the world
+        ("rotation", np.float64, (3, 3)),  # of its frame in that of the joint
+        ("translation", np.float64, (3,)),
+        ("centre", np.float64, (3,)),  # in its frame, of a ball that holds it,
+        ("reach", np.float64),  # of this radius,
+        ("extent", np.float64, (3,)),  # and of a box that holds it, of these half sides
+        ("box", np.float64, (3,)),  # b
+        ("disc", np.float64),  # ρ
+        ("ball", np.float64),  # r
+        ("grid", np.intp),  # of the lists of its vertices: see `extreme_vertices`
+        ("first_cell", np.intp),  # its first list
+    ],
+    align=True,
+)
+
+
+class Shapes(NamedTuple):
+    """Bodies (G,) of type `BODY`, and the lists of their vertices: starts (C + 1,) and vertices (E, 3)."""
+
+    bodies: Records
+    starts: IntArray
+    vertices: FloatArray
+
+
+POSE = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),  # of a body in the world
+        ("origin", np.float64, (3,)),
+        ("centre", np.float64, (3,)),  # of the ball that holds it
+    ],
+    align=True,
+)
+
+_STEPS = 32  # of the search for an axis
+_TIGHT = 0.9  # of the distance: a bound as good as this is not improved any more,
+_EXACT = 1.0 - 1e-6  # and this where the nearest points are wanted
+_OVERLAPPING = 1e-12  # [m] between bodies that count as overlapping
+
+
+_OVERLAP = 1e-9  # of cells, so that a direction on their border may be looked up in either
+
+
+@part
+def place_bodies(bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool) -> None:
+    """Write the poses of the bodies that joints with these frames carry, or of those that none does."""
+    for g in range(len(bodies)):
+        joint = bodies[g].joint - 1
+        if (joint >= 0) != moving:
+            continue
+        R, o, c = poses[g].rotation, poses[g].origin, poses[g].centre
+        own, t, centre = bodies[g].rotation, bodies[g].translation, bodies[g].centre
+        for x in range(3):
+            if moving:
+                r, s, u = rotations[joint, x, 0], rotations[joint, x, 1], rotations[joint, x, 2]
+                for y in range(3):
+                    R[x, y] = r * own[0, y] + s * own[1, y] + u * own[2, y]
+                o[x] = origins[joint, x] + r * t[0] + s * t[1] + u * t[2]
+            else:
+                for y in range(3):
+                    R[x, y] = own[x, y]
+                o[x] = t[x]
+            c[x] = o[x] + R[x, 0] * centre[0] + R[x, 1] * centre[1] + R[x, 2] * centre[2]
+
+
+@part
+def support(
+    body: Records, pose: Records, starts: IntArray, vertices: FloatArray, x: float, y: float, z: float
+) -> Vector:
+    """Return the point of a body, without its ball, that is farthest in the direction (x, y, z) of the world."""
+    R = pose.rotation
+    a = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    b = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    c = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+    cell = body.first_cell + cell_of(a, b, c, body.grid)
+    best = starts[cell]
+    most = a * vertices[best, 0] + b * vertices[best, 1] + c * vertices[best, 2]
+    for k in range(best + 1, starts[cell + 1]):
+        height = a * vertices[k, 0] + b * vertices[k, 1] + c * vertices[k, 2]
+        if height > most:
+            best, most = k, height
+    box, disc = body.box, body.disc
+    u = vertices[best, 0] + (box[0] if a >= 0 else -box[0])
+    v = vertices[best, 1] + (box[1] if b >= 0 else -box[1])
+    w = vertices[best, 2] + (box[2] if c >= 0 else -box[2])
+    if disc > 0:
+        across = sqrt(a * a + b * b)
+        if across > 0:
+            u += disc * a / across
+            v += disc * b / across
+    o = pose.origin
+    return (
+        R[0, 0] * u + R[0, 1] * v + R[0, 2] * w + o[0],
+        R[1, 0] * u + R[1, 1] * v + R[1, 2] * w + o[1],
+        R[2, 0] * u + R[2, 1] * v + R[2, 2] * w + o[2],
+    )
+
+
+@part
+def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
+    """Return the way, in the world, from the box that holds a body to a point (3,)."""
+    R, o, half = pose.rotation, pose.centre, body.extent
+    x, y, z = point[0] - o[0], point[1] - o[1], point[2] - o[2]
+    a = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    b = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    c = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+    a -= min(max(a, -half[0]), half[0])
+    b -= min(max(b, -half[1]), half[1])
+    c -= min(max(c, -half[2]), half[2])
+    return (
+        R[0, 0] * a + R[0, 1] * b + R[0, 2] * c,
+        R[1, 0] * a + R[1, 1] * b + R[1, 2] * c,
+        R[2, 0] * a + R[2, 1] * b + R[2, 2] * c,
+    )
+
+
+@part
+def begin_axis(axis: FloatArray, u: float, v: float, w: float, x: float, y: float, z: float) -> None:
+    """Write a first separating axis (3,): the way (u, v, w) between box and ball, or else that between the centres."""
+    if u * u + v * v + w * w < _NO_LENGTH**2:
+        u, v, w = x, y, z + _NO_LENGTH
+    axis[0], axis[1], axis[2] = u, v, w
+
+
+@part
+def distance_bounds(
+    shapes: Shapes, poses: Records, a: int, b: int, axis: FloatArray, simplex: FloatArray, enough: float, least: float
+) -> tuple[float, float, int]:
+    """Return a lower and an upper bound of the distance [m] of bodies a and b; −∞ as the upper one if they overlap.
+
+    The algorithm of Gilbert, Johnson and Keerthi. It begins with an `axis: (3,)` from b to a, and ends as soon as the
+    lower bound is `enough`, or tight, or the upper one shows that `least` cannot be reached; the best axis is left in
+    `axis`. `simplex: (4, 3)` is working memory. With six columns it has points of a − b, each beside the point of a,
+    without its ball; the nearest point lies between so many of them as the last number says, and bounds are tight to
+    a millionth then.
+    """
+    body_a, pose_a, body_b, pose_b = shapes.bodies[a], poses[a], shapes.bodies[b], poses[b]
+    starts, vertices = shapes.starts, shapes.vertices
+    balls = body_a.ball + body_b.ball
+    x, y, z = axis[0], axis[1], axis[2]
+    lower, upper = -inf, inf
+    corners, wide = 0, simplex.shape[1] == 6
+    tight = _EXACT if wide else _TIGHT
+    for _ in range(_STEPS):
+        p = support(body_a, pose_a, starts, vertices, -x, -y, -z)
+        q = support(body_b, pose_b, starts, vertices, x, y, z)
+        u, v, w = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+        bound = (u * x + v * y + w * z) / sqrt(x * x + y * y + z * z) - balls
+        if bound > lower:
+            lower = bound
+            axis[0], axis[1], axis[2] = x, y, z
+        if lower >= enough or lower >= tight * upper:
+            break
+        simplex[corners, 0], simplex[corners, 1], simplex[corners, 2] = u, v, w
+        if wide:
+            simplex[corners, 3], simplex[corners, 4], simplex[corners, 5] = p
+        x, y, z, corners = nearest_in_simplex(simplex, corners + 1)
+        between = sqrt(x * x + y * y + z * z)
+        if corners == 4 or between < _OVERLAPPING:
+            return lower, -inf, corners
+        upper = between - balls
+        if upper <= least:
+            break
+    return lower, upper, corners
+
+
+@part
+def distance_bound(
+    shapes: Shapes, poses: Records, a: int, b: int, axis: FloatArray, simplex: FloatArray, enough: float
+) -> float:
+    """Return a lower bound of the distance [m] of bodies a and b; −∞ for what is no number.
+
+    The bound of the balls about both bodies comes first, then that of the box about b and the ball about a, then that
+    of `distance_bounds`. What is `enough` [m], or cannot be, is not improved any more. The best `axis: (3,)` is kept
+    for the next call; zeros: there is none yet.
+    """
+    p, q, reach = poses[a].centre, poses[b].centre, shapes.bodies[a].reach
+    x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+    lower = sqrt(x * x + y * y + z * z) - reach - shapes.bodies[b].reach
+    if lower < enough:
+        u, v, w = from_box(shapes.bodies[b], poses[b], p)
+        lower = max(lower, sqrt(u * u + v * v + w * w) - reach)
+        if lower < enough:
+            if axis[0] == 0.0 and axis[1] == 0.0 and axis[2] == 0.0:
+                begin_axis(axis, u, v, w, x, y, z)
+            found, _, _ = distance_bounds(shapes, poses, a, b, axis, simplex, enough, enough)
+            lower = max(lower, found)
+    return lower if lower == lower else -inf
+
+
+# -------------------------------------------------------------------- which vertices may be extreme, by direction
+
+
+@part
+def cell_of(x: float, y: float, z: float, grid: int) -> int:
+    """Return the cell of a direction: six sides (±x, ±y, ±z) of grid × grid cells; 0 where there is no grid."""
+    if grid == 0:
+        return 0
+    ax, ay, az = abs(x), abs(y), abs(z)
+    side, major, u, v = (4 if z > 0 else 5), az, x, y
+    if ax >= ay and ax >= az:
+        side, major, u, v = (0 if x > 0 else 1), ax, y, z
+    elif ay >= az:
+        side, major, u, v = (2 if y > 0 else 3), ay, z, x
+    if not major > 0.0:
+        return 0
+    half = 0.5 * grid
+    column = min(int((u / major + 1.0) * half), grid - 1)
+    row = min(int((v / major + 1.0) * half), grid - 1)
+    return (side * grid + row) * grid + column
+
+
+@part
+def _corner(side: int, u: float, v: float) -> tuple[float, float, float]:
+    sign = 1.0 if side % 2 == 0 else -1.0
+    if side < 2:
+        return sign, u, v
+    if side < 4:
+        return v, sign, u
+    return u, v, sign
+
+
+@part
+def _beats(heights: FloatArray, k: int, other: int) -> bool:
+    """Return whether vertex k is as high as another one, or higher, in the directions of all corners."""
+    return bool(
+        heights[k, 0] >= heights[other, 0]
+        and heights[k, 1] >= heights[other, 1]
+        and heights[k, 2] >= heights[other, 2]
+        and heights[k, 3] >= heights[other, 3]
+    )
+
+
+@compiled
+def extreme_vertices(vertices: FloatArray, grid: int) -> tuple[IntArray, IntArray]:
+    """Return where the list of each cell begins and the last one ends, (6g² + 1,), and the lists, indices (E,).
+
+    `vertices: (V, 3)` are any points, those inside their hull drop out; `grid` is g ≥ 1. The cube about the origin is
+    divided into cells, g × g on each side. The directions through a cell are the cone of its corners c_1 … c_4; a
+    vertex v that another one w beats in all of them, c_j·w ≥ c_j·v, need not be looked at there. The few that remain
+    are kept cell by cell: whatever the direction, the extreme vertex is in the list of its cell.
+    """
+    V, cells = len(vertices), 6 * grid * grid
+    starts, found = np.empty(cells + 1, np.intp), np.empty(8 * cells + V, np.intp)
+    heights, kept = np.empty((V, 4)), np.empty(V, np.intp)
+    number = 0
+    for cell in range(cells):
+        starts[cell] = number
+        side, row, column = cell // (grid * grid), cell // grid % grid, cell % grid
+        width = 2.0 / grid
+        for j in range(4):
+            u = width * (column + j % 2) - 1.0 + (_OVERLAP if j % 2 else -_OVERLAP)
+            v = width * (row + j // 2) - 1.0 + (_OVERLAP if j // 2 else -_OVERLAP)
+            x, y, z = _corner(side, u, v)
+            for k in range(V):
+                heights[k, j] = x * vertices[k, 0] + y * vertices[k, 1] + z * vertices[k, 2]
+        count = 0
+        for k in range(V):
+            remaining, beaten = 0, False
+            for n in range(count):
+                other = kept[n]
+                if _beats(heights, other, k):
+                    beaten = True
+                    break
+                if not _beats(heights, k, other):
+                    kept[remaining] = other
+                    remaining += 1
+            if not beaten:
+                kept[remaining] = k
+                count = remaining + 1
+        if number + count > len(found):
+            longer = np.empty(2 * (number + count), np.intp)
+            for n in range(number):
+                longer[n] = found[n]
+            found = longer
+        for n in range(count):
+            found[number + n] = kept[n]
+        number += count
+    starts[cells] = number
+    return starts, found[:number].copy()

@@ -11,8 +11,8 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
 from safe_ompl.geometry import bounding_hull
-from safe_ompl.geometry.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
+from safe_ompl.people.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import (
     CLAMPING,
@@ -293,7 +293,7 @@ class GuardedPath:
     def margin(
         self, motion: StopMotion, around: Around, *, exact: bool = False, receding: BoolArray | None = None
     ) -> MotionMargin:
-        """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
+        """Return the smallest margin along a motion on this path; see `safe_ompl.people.kernels.gaps`.
 
         An exact margin is right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found.
         Where contact is allowed, who bears it at the speed of the motion need not be kept from; nor need those from

@@ -24,8 +24,8 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
-from safe_ompl.geometry.kernels import CellFrames, chords_ahead, separating_axes
 from safe_ompl.people import ReachSets
+from safe_ompl.people.kernels import CellFrames, chords_ahead, separating_axes
 from safe_ompl.people.replanning.detours import Detours
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, StopMotion, line

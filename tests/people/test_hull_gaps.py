@@ -6,15 +6,14 @@ import pytest
 from numba import njit
 
 from safe_ompl import RateLimits, time_path
-from safe_ompl.geometry.kernels import hull_gaps
-from safe_ompl.people import ReachSets
+from safe_ompl.people import ReachSets, kernels
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, RobotBodies, StopMotion
 
 
 @njit
 def hull_gap(first, second, start, wanted, close, decide):
     """Parts of kernels are called by kernels only."""
-    return hull_gaps.hull_gap(first, second, start, wanted, close, decide)
+    return kernels.hull_gap(first, second, start, wanted, close, decide)
 
 
 def convex(points):

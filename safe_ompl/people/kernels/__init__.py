@@ -15,6 +15,8 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 
+__all__ = ["Borne", "CellFrames", "Hulls", "Sets", "cell_gaps", "chords_ahead", "gaps", "separating_axes"]
+
 _STEPS = 60
 _COARSE = 1e-3  # [m] so near to the largest distance come those along separating axes
 _CLOSE = 1e-5  # [m] nearer bounds than this are not looked for
