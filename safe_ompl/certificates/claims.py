@@ -6,14 +6,14 @@ nothing can be said that was not proven. A number in a sentence is never rounded
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from math import degrees, pi
 from typing import Any
 
 import numpy as np
 
-from safe_ompl.certificates.words import at_least, at_most, exact, listed
 from safe_ompl.common import RATE_BOUNDS, FloatArray, InputError, Section, UnknownNameError, key, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import PointCloud
@@ -25,6 +25,32 @@ _SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
 _UNBOUNDED = 1e300  # [m]
 _MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
 _MOST_POWERS = 16  # of a polynomial
+_DIGITS = 6
+
+
+def exact(value: float) -> str:
+    """Return a number as it is."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(float(value))
+
+
+def at_most(value: float) -> str:
+    """Return a number in few digits, and none that is smaller."""
+    return _rounded(value, ROUND_CEILING)
+
+
+def at_least(value: float) -> str:
+    """Return a number in few digits, and none that is larger."""
+    return _rounded(value, ROUND_FLOOR)
+
+
+def _rounded(value: float, way: str) -> str:
+    near = Context(prec=_DIGITS, rounding=way).create_decimal(Decimal(repr(float(value))))
+    return f"{float(near):g}"
+
+
+def _listed(said: Callable[[float], str], values: Iterable[float]) -> str:
+    return ", ".join(map(said, values))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +243,7 @@ def _check_rates(claim: Any, robot: Robot) -> None:
 
 def _rates(claim: Any) -> str:
     limits = {said: getattr(claim, name) for name, said in _RATES.items()}
-    within = [f"{name} of ({listed(at_most, of)})" for name, of in limits.items() if of is not None]
+    within = [f"{name} of ({_listed(at_most, of)})" for name, of in limits.items() if of is not None]
     return f"the joints within {', '.join(within)} [rad or m, s]"
 
 
@@ -326,7 +352,7 @@ class PolynomialMotion(Section):
         kind = "straight edges" if all(len(piece) == 2 for piece in self.coefficients) else "polynomials"
         said = [f"a motion of {count} {kind} in {lasts:.3f} s" if self.timed else f"a path of {count} {kind}"]
         if self.slack is not None:
-            least = listed(at_least, self.slack.min(axis=0))
+            least = _listed(at_least, self.slack.min(axis=0))
             said[0] += f", and whatever is within ({least}) [rad or m] of them"
         said += [] if self.velocity is None else [_rates(self)]
         return said
@@ -341,20 +367,12 @@ class PolynomialMotion(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source(Section):
-    """What the file says it was made from; nothing is read from there, and nothing of it is printed."""
-
-    scenario: Any = key(document.plain, default=None)
-    robot: Any = key(document.plain, default=None)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Certificate(Section):
     """All that a certificate says."""
 
     format: str = key(document.one_of, known=[schema.FORMAT])
     version: int = key(document.one_of, known=[schema.VERSION])
-    source: Source = key(document.section, kind=Source)
+    source: Any = key(document.plain)  # what the file says it was made from: neither read nor printed
     robot: RobotDocument = key(document.section, kind=RobotDocument)
     scene: SceneDocument = key(document.section, kind=SceneDocument)
     joint_names: tuple[str, ...] = key(document.each, read=document.line)
@@ -411,7 +429,7 @@ class Certificate(Section):
         said += [] if moving is None else [moving.sentence]
         said += [] if self.tool is None else self.tool.sentences
         if self.tube is not None:
-            said.append(f"the same with joints off by up to ({listed(at_least, self.tube)}) [rad or m]")
+            said.append(f"the same with joints off by up to ({_listed(at_least, self.tube)}) [rad or m]")
         said += self.motion.sentences
         return (*said, *([] if self.trajectory is None else self.trajectory.sentences))
 

@@ -138,7 +138,10 @@ def slopes(content, piece):
     [
         (swapped, "joint order: "),
         (lambda c: slopes(c, 1).__setitem__(0, 0.5 + slopes(c, 1)[0]), "piece 2 does not begin where the one before"),
-        (lambda c: slopes(c, 2).__setitem__(3, 7.0), "motion: piece 2 leaves the limits of joint 'wrist_1_joint'"),
+        (
+            lambda c: slopes(c, 2).__setitem__(3, 7.0),
+            "piece 2 of the motion leaves the limits of joint 'wrist_1_joint'",
+        ),
         (lambda c: slopes(c, 2).__setitem__(3, 1e-7 + slopes(c, 2)[3]), None),
         (lambda c: slopes(c, 2).__setitem__(3, 10**400), r"coefficients\[2\]\[1\]\[3\]: must be|must be numbers"),
         (lambda c: c.update(version=3), "version: 3 is not known, 4 is"),
@@ -172,9 +175,7 @@ def test_another_robot(written, clutter, ur5):
 
 def test_a_path_that_is_not_free_gets_none(ur5, clutter, plain_check):
     q = touching(ur5, plain_check(ur5, clutter))
-    with pytest.raises(
-        PlanningError, match=r"cannot be certified by plain means: motion: .* mm apart near .* of piece 0"
-    ):
+    with pytest.raises(PlanningError, match=r"cannot be certified by plain means: .* mm apart near .* of piece 0"):
         certificate([q, q + 0.1], ur5, clutter)
 
 
@@ -274,7 +275,7 @@ def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
     content = certificate(path, robot, scene, {"spacing": 0.1}, field=field)
     assert verify(content, robot, scene).edges == 2
     plain = PlainDanger(robot, scene, Danger.from_mapping(content["danger"]))
-    still = Stretch("still", lambda _: path[0], np.zeros(robot.n))
+    still = Stretch("still", path[[0, 0]])
     assert plain.exceeded(still, field.value(path[0]) * (1 + 1e-5)) is None
     assert plain.exceeded(still, field.value(path[0]) * (1 - 1e-5)) is not None
     t = np.linspace(0, 1, 500)[:, None]

@@ -68,7 +68,7 @@ def test_a_claim_that_was_made_larger(ur5, clutter, nearest, key, factor):
     content = written(ur5, clutter, 0.7 * nearest["ball"], 1.0)
     claim = content["moving_obstacles"]
     claim[key] = factor * claim[key] if key == "time" else {"ball": factor * claim[key]["ball"]}
-    with pytest.raises(CertificateError, match=r"of piece 0, .* mm are needed"):
+    with pytest.raises(CertificateError, match=r"of piece 0 of the motion, .* mm are needed"):
         verify(signed(content), ur5, clutter)
 
 

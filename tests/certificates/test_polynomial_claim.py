@@ -173,7 +173,7 @@ def test_a_motion_into_an_obstacle_and_one_outside_its_limits_are_refused(ur5, c
     with pytest.raises(CertificateError, match=r"mm apart near|orientation of the tool"):
         verify(tampered(written, lambda content: led_to(touching, content)), ur5, clutter)
     outside = [*POINTS[0][:5], ur5.upper[5] + 1e-6]
-    with pytest.raises(CertificateError, match="piece 0 leaves the limits of joint 'wrist_3_joint'"):
+    with pytest.raises(CertificateError, match="piece 0 of the motion leaves the limits of joint 'wrist_3_joint'"):
         verify(tampered(written, lambda content: led_to(outside, content)), ur5, clutter)
 
 
@@ -184,7 +184,7 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
     smaller = tampered(content, raised("motion", "slack", 3, by=lambda row: [0.0] * 6))
     with pytest.raises(CertificateError, match="digest differs"):
         verify({**smaller, "digest": content["digest"]})
-    with pytest.raises(CertificateError, match=r"of piece 3, .* are needed"):
+    with pytest.raises(CertificateError, match=r"of piece 3 of the motion, .* are needed"):
         verify(tampered(content, raised("motion", "slack", 3, by=lambda row: [20 * x for x in row])))
     with pytest.raises(InputError, match=r"motion\.velocity: needs a motion in time, without slack"):
         verify(tampered(content, raised("motion", by=lambda motion: {**motion, "velocity": [9.0] * 6})))

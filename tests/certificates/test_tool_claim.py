@@ -75,7 +75,7 @@ def test_what_the_verifier_accepts_holds_at_every_sample(robot_named, rng, name)
         delta = robot.difference(start, end)
         tips = [robot.tip_pose(start + t * delta) for t in T]
         tool = claim(tips[:1], rng.uniform(0.2, 1.2), rng.uniform(0.05, 0.5))
-        stretch = Stretch("edge", lambda t, start=start, delta=delta: start + t * delta, np.abs(delta))
+        stretch = Stretch("edge", np.array([start, start + delta]))
         if PlainTool(robot, Tool.from_mapping(tool)).exceeded(stretch) is None:
             accepted += 1
             for tip in tips:

@@ -9,8 +9,8 @@ import pytest
 
 from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People
 from safe_ompl.certificates import certificate, verify
+from safe_ompl.certificates.claims import at_most
 from safe_ompl.certificates.issue import terms_of_field
-from safe_ompl.certificates.words import at_most
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.io.schema import digest
 from safe_ompl.robot import Robot

@@ -14,7 +14,7 @@ R_k is the length of the chain from joint k to the farthest point.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Container, Iterator
 from math import acos, inf, sqrt
 from typing import Any, NamedTuple
 
@@ -52,12 +52,24 @@ ENDLESS = Budget(inf)
 
 
 class Stretch(NamedTuple):
-    """A motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`, within a tube."""
+    """A Bézier curve by its control points (d + 1, n), t from 0 to 1, and how far joints may be from it."""
 
     name: str
-    place: Callable[[float], FloatArray]
-    steps: FloatArray
-    tube: FloatArray | float = 0.0
+    points: FloatArray
+    width: FloatArray | float = 0.0
+
+    def place(self, t: float) -> FloatArray:
+        """Return the configuration (n,) at t."""
+        row = self.points
+        while len(row) > 1:
+            row = (1 - t) * row[:-1] + t * row[1:]
+        return row.reshape(-1)
+
+    @property
+    def steps(self) -> FloatArray:
+        """How fast joints (n,) move at most, by t."""
+        found: FloatArray = (len(self.points) - 1) * np.abs(np.diff(self.points, axis=0)).max(axis=0)
+        return found
 
 
 class Separations:
@@ -304,7 +316,7 @@ class PlainTool:
 
     def exceeded(self, stretch: Stretch) -> tuple[float, str] | None:
         """Return where on a stretch, and which limit is not proven to be kept; else None."""
-        place, steps, tube = stretch.place, stretch.steps, stretch.tube
+        place, steps, tube = stretch.place, stretch.steps, stretch.width
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()

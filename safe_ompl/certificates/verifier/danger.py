@@ -51,7 +51,7 @@ class PlainDanger:
 
     def exceeded(self, stretch: Stretch, limit: float) -> tuple[float, float] | None:
         """Return where on a stretch, and by how much, a danger is not proven to keep to a limit; else None."""
-        place, steps, tube = stretch.place, stretch.steps, stretch.tube
+        place, steps, tube = stretch.place, stretch.steps, stretch.width
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()

@@ -74,15 +74,6 @@ class PlainPiece:
                 values.append(np.where(np.arange(len(self.third)) == i, self.slope(turn), values[0]))
         return np.min(values, axis=0), np.max(values, axis=0)
 
-    def box(self) -> tuple[FloatArray, FloatArray]:
-        """Return the least and the largest value (n,) of each joint on the piece."""
-        values = [self.start, self.at(self.length)]
-        for i in range(len(self.start)):
-            for root in np.roots([self.third[i] / 2, self.second[i], self.first[i]]):
-                if 0 < root.real < self.length:  # that of a complex one is a value, too
-                    values.append(np.where(np.arange(len(self.start)) == i, self.at(root.real), self.start))
-        return np.min(values, axis=0), np.max(values, axis=0)
-
 
 class PlainMotion:
     """A curve and where on it the robot is when, as claimed; checked for being one motion between two ends (n,).
@@ -184,11 +175,6 @@ class PlainMotion:
             before, after = self.pieces[k - 1], self.pieces[k]
             if np.abs(before.at(before.length) - after.start).max() > _SAME:
                 raise CertificateError(f"trajectory: piece {k} does not begin where the one before ends")
-        for k, piece in enumerate(self.pieces):
-            low, high = piece.box()
-            for i in np.flatnonzero(~robot.continuous):
-                if low[i] < robot.lower[i] - 1e-9 or high[i] > robot.upper[i] + 1e-9:
-                    raise CertificateError(f"trajectory: piece {k} leaves the limits of joint {robot.joint_names[i]!r}")
 
     def _check_grid(self) -> list[int]:
         """Return the piece of each cell; cells must be in order, and none in two pieces."""

@@ -10,6 +10,7 @@ derivative above, as i! J / Δtⁱ.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from itertools import pairwise
 from math import comb, factorial, perm
@@ -43,31 +44,44 @@ def check_polynomials(claims: Certificate, robot: Robot, scene: Scene, separatio
     """
     claim = claims.motion
     spans = [Fraction(end) - Fraction(start) for start, end in pairwise(claim.times.tolist())]
-    pieces = [_derivatives(*piece) for piece in zip(claim.coefficients, spans, strict=True)]
+    pieces = [derivatives(*piece) for piece in zip(claim.coefficients, spans, strict=True)]
     allowed = _allowed(claim, pieces)
-    _check_limits(robot, pieces, allowed)
+    exact = [Stretch(f"piece {k} of the motion", piece[0], allowed[k]) for k, piece in enumerate(pieces)]
+    check_limits(robot, exact)
     _check_rates(claim, robot, pieces)
     tube = 0.0 if claims.tube is None else claims.tube
-    widths = [row + tube + _ROUNDING * np.abs(piece[0]).max(axis=0) for row, piece in zip(allowed, pieces, strict=True)]
-    stretches = (_stretch(k, piece[0], width) for k, (piece, width) in enumerate(zip(pieces, widths, strict=True)))
+    stretches = [piece._replace(width=piece.width + tube + rounded(piece.points)) for piece in exact]
     check_danger_and_tool(claims, robot, scene, stretches, separations.budget)
+    return check_free(stretches, separations)
+
+
+def check_free(
+    stretches: Sequence[Stretch],
+    separations: Separations,
+    more: Callable[[str, int, float, float], float] | None = None,
+) -> tuple[int, int]:
+    """Raise CertificateError unless all pairs keep apart on all stretches; return the number of parts and distances.
+
+    `more` says what must be kept from a body besides what is claimed, by the number of the stretch and from which t to
+    which.
+    """
     parts = distances = 0
-    for k, ((points, *_), width) in enumerate(zip(pieces, widths, strict=True)):
-        waiting = [(points, 0.0, 1.0, set(separations.names))]
+    for k, stretch in enumerate(stretches):
+        waiting = [(stretch.points, 0.0, 1.0, set(separations.names))]
         while waiting:
             part, first, last, pairs = waiting.pop()
-            separations.budget.where = f"{first:.6f} of piece {k} of the motion"
+            separations.budget.where = f"{first:.6f} of {stretch.name}"
             low, high = part.min(axis=0), part.max(axis=0)
             half, near = (high - low) / 2, set()
-            for pair, distance, approach, kept in separations.examined((low + high) / 2, half + width, pairs):
+            for pair, distance, approach, kept in separations.examined((low + high) / 2, half + stretch.width, pairs):
                 distances += 1
-                wanted = approach + kept
+                wanted = approach + kept + (0.0 if more is None else more(pair[1], k, first, last))
                 if distance - GJK > wanted:
                     continue
                 if half.max() < _SMALLEST:
                     between = " and ".join(repr(plain_name(name)) for name in pair)
                     raise CertificateError(
-                        f"motion: {between} are {1e3 * distance:.3f} mm apart near {first:.6f} of piece {k}, "
+                        f"{between} are {1e3 * distance:.3f} mm apart near {first:.6f} of {stretch.name}, "
                         f"{1e3 * wanted:.3f} mm are needed"
                     )
                 near.add(pair)
@@ -78,7 +92,13 @@ def check_polynomials(claims: Certificate, robot: Robot, scene: Scene, separatio
     return parts, distances
 
 
-def _derivatives(coefficients: FloatArray, span: Fraction) -> list[FloatArray]:
+def rounded(points: FloatArray) -> FloatArray:
+    """Return what halving control points adds to where joints (n,) are."""
+    found: FloatArray = _ROUNDING * np.abs(points).max(axis=0)
+    return found
+
+
+def derivatives(coefficients: FloatArray, span: Fraction) -> list[FloatArray]:
     """Return the control points (d − k + 1, n), at least one, of the k-th derivative by time, for k = 0 … 3."""
     degree, powers = len(coefficients) - 1, [list(map(Fraction, row)) for row in coefficients.tolist()]
     rows = [
@@ -129,14 +149,15 @@ def _allowed(claim: PolynomialMotion, pieces: list[list[FloatArray]]) -> FloatAr
     return jumps
 
 
-def _check_limits(robot: Robot, pieces: list[list[FloatArray]], allowed: FloatArray) -> None:
+def check_limits(robot: Robot, stretches: Iterable[Stretch]) -> None:
+    """Raise CertificateError unless joints keep to their limits on all stretches."""
     low = np.where(robot.continuous, -_FARTHEST, robot.lower - _WITHIN)
     high = np.where(robot.continuous, _FARTHEST, robot.upper + _WITHIN)
-    for k, (piece, width) in enumerate(zip(pieces, allowed, strict=True)):
-        for points, limit in ((piece[0], high), (-piece[0], -low)):
-            joint = _above(points, limit - width)
+    for name, points, width in stretches:
+        for curve, limit in ((points, high), (-points, -low)):
+            joint = _above(curve, limit - width)
             if joint is not None:
-                raise CertificateError(f"motion: piece {k} leaves the limits of joint {robot.joint_names[joint]!r}")
+                raise CertificateError(f"{name} leaves the limits of joint {robot.joint_names[joint]!r}")
 
 
 def _check_rates(claim: PolynomialMotion, robot: Robot, pieces: list[list[FloatArray]]) -> None:
@@ -164,14 +185,3 @@ def _check_rates(claim: PolynomialMotion, robot: Robot, pieces: list[list[FloatA
         if order < 3 and limits[order + 1] is not None:
             for k in np.flatnonzero((jumps[order] > _ABOVE[order]).any(axis=1)).tolist():
                 raise CertificateError(f"motion: the {kinds[order]} jumps where piece {k} begins")
-
-
-def _stretch(k: int, points: FloatArray, width: FloatArray) -> Stretch:
-    def place(t: float) -> FloatArray:
-        row = points
-        while len(row) > 1:
-            row = (1 - t) * row[:-1] + t * row[1:]
-        return row.reshape(-1)
-
-    steps = (len(points) - 1) * np.abs(np.diff(points, axis=0)).max(axis=0)
-    return Stretch(f"piece {k} of the motion", place, steps, width)

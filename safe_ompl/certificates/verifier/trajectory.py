@@ -6,27 +6,26 @@ it is in cell k, then no later than the stop from the start of cell j that ends 
 over all j that get there is the latest instant τ_k at which a stop can still move in cell k. The robot must be farther
 from every limb than the clearance, and what the limb covers at its speed in the reaction time and
 in τ_k.
-
-**Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
-what they must keep, holds; pairs that are not are looked at again in both halves.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
-from safe_ompl.certificates.verifier.bodies import GJK, Budget, PlainSpeeds, Separations, Stretch, plain_name
+from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds, Separations, Stretch
 from safe_ompl.certificates.verifier.danger import PlainMovingDanger, check_danger_and_tool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
+from safe_ompl.certificates.verifier.polynomials import check_free, check_limits, derivatives, rounded
 from safe_ompl.common import CertificateError, FloatArray, IntArray
 from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_SMALLEST = 1e-7  # [m] intervals in which bodies approach less are not divided any more
 _ROUNDING = 1e-9
 
 
@@ -36,6 +35,8 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
     if claim is None:
         return
     motion = PlainMotion(claim, robot, claims.motion.ends)
+    stretches = [_stretch(k, piece) for k, piece in enumerate(motion.pieces)]
+    check_limits(robot, stretches)
     takes = motion.duration
     if abs(takes - claim.duration) > _ROUNDING * takes:
         raise CertificateError(f"trajectory: it takes {takes:.6f} s, {claim.duration} s are claimed")
@@ -53,7 +54,7 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
         if at is not None:
             bound = claim.danger.bound
             raise CertificateError(f"trajectory: the danger in motion is not below {bound:.4f} near {at:.6f} rad")
-    stops, required = claim.stops, Required(scene)
+    stops, required = claim.stops, None
     if stops is not None:
         if stops.brakes.shape != sizes.shape:
             raise CertificateError(f"trajectory: {len(stops.brakes)} brakes for {len(sizes)} cells")
@@ -64,9 +65,8 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
         failure = motion.exceeded(squares, pushes, *limits)
         if failure is not None:
             raise CertificateError(f"trajectory: in a stop {failure}")
-        required = Required(scene, stops, visits.latest() + motion.window)
-    _check_free(motion, separations, required)
-    stretches = (_stretch(k, piece) for k, piece in enumerate(motion.pieces))
+        required = Required(motion, scene, stops, visits.latest() + motion.window)
+    check_free(stretches, separations, required)
     check_danger_and_tool(claims, robot, scene, stretches, budget)
 
 
@@ -148,53 +148,32 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
 
 
 class Required:
-    """What bodies must keep from limbs of people in the C cells of a motion, where stops move until `latest` [m]."""
+    """What bodies must keep from limbs of people on the pieces of a motion, where stops move until `latest: (C,)`."""
 
-    def __init__(self, scene: Scene, stops: Stops | None = None, latest: FloatArray | None = None) -> None:
-        self._stops, self._latest = stops, latest
-        self._speeds: dict[str, float] = {}
-        for name in stops.who if stops is not None else ():
-            for part, _, _ in scene[name].geometries():
-                if stops is not None:
-                    self._speeds[schema.OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :])
+    def __init__(self, motion: PlainMotion, scene: Scene, stops: Stops, latest: FloatArray) -> None:
+        self._stops, self._latest, self._pieces = stops, latest, motion.pieces
+        self._starts, self._edges = motion.starts, motion.edges.tolist()
+        self._speeds = {
+            schema.OBSTACLE + part: stops.speed_of(part[len(name) + 1 :])
+            for name in stops.who
+            for part, _, _ in scene[name].geometries()
+        }
 
-    def of(self, part: str, first: int, last: int) -> float:
-        """Return what must be kept from a body in the cells from the first to the last."""
-        if self._stops is None or self._latest is None or part not in self._speeds:
+    def __call__(self, body: str, piece: int, first: float, last: float) -> float:
+        """Return what must be kept from a body [m] on a piece between two fractions of it."""
+        if body not in self._speeds:
             return 0.0
-        time = float(self._latest[first : last + 1].max())
+        start, length = self._starts[piece], self._pieces[piece].length
+        places = start + first * length + _ROUNDING, start + last * length - _ROUNDING
+        low, high = (min(max(bisect_left(self._edges, s) - 1, 0), len(self._edges) - 2) for s in places)
+        time = float(self._latest[low : high + 1].max())
         if time == -np.inf:
             return 0.0
-        return self._stops.clearance + self._speeds[part] * (self._stops.reaction_time + time)
-
-
-def _check_free(motion: PlainMotion, separations: Separations, required: Required) -> None:
-    """Raise CertificateError unless all pairs keep apart, everywhere on the curve."""
-    edges = motion.edges
-    for piece, start in zip(motion.pieces, motion.starts, strict=False):
-        separations.budget.where = f"{start:.6f} rad of its trajectory"
-        waiting = [(0.0, piece.length, set(separations.names))]
-        while waiting:
-            first, last, pairs = waiting.pop()
-            middle, half = (first + last) / 2, (last - first) / 2
-            cells = np.searchsorted(edges, [start + first + _ROUNDING, start + last - _ROUNDING]) - 1
-            low, high = (min(max(int(cell), 0), len(edges) - 2) for cell in cells)
-            near = set()
-            for pair, distance, approach, kept in separations.examined(piece.at(middle), piece.steps(half), pairs):
-                wanted = kept + required.of(pair[1], low, high)
-                if distance - GJK > approach + wanted:
-                    continue
-                if approach < _SMALLEST or (low == high and distance - GJK <= wanted):
-                    between = " and ".join(repr(plain_name(name)) for name in pair)
-                    raise CertificateError(
-                        f"trajectory: {between} are {1e3 * distance:.3f} mm apart near {start + middle:.6f} rad, "
-                        f"{1e3 * wanted:.3f} mm are needed"
-                    )
-                near.add(pair)
-            if near:
-                waiting += [(first, middle, near), (middle, last, near)]
+        return self._stops.clearance + self._speeds[body] * (self._stops.reaction_time + time)
 
 
 def _stretch(k: int, piece: PlainPiece) -> Stretch:
-    name = f"piece {k} of the trajectory"
-    return Stretch(name, lambda t: piece.at(t * piece.length), piece.steps(piece.length))
+    powers = [piece.start, piece.first, piece.second / 2, piece.third / 6]
+    scaled = np.array([piece.length**order * power for order, power in enumerate(powers)])
+    points = derivatives(scaled, Fraction(1))[0]
+    return Stretch(f"piece {k} of the trajectory", points, rounded(points))
