@@ -111,8 +111,8 @@ def random_piece(
             break
     q = rng.uniform(low, high)
     if kind == "B-spline":
-        curve = _of(BSpline(knots, q + points, degree), knots[degree], knots[degree + 1])
-        return Piece(kind, Motion.bspline(knots, q + points, degree), curve)
+        spline = BSpline(knots, q + points, degree)
+        return Piece(kind, Motion.of(spline), _of(spline, knots[degree], knots[degree + 1]))
     motion = Motion.hermite(times, q + ends, *given)
     if kind == "cubic":
         return Piece(kind, motion, _of(CubicHermiteSpline(times, q + ends, given[0]), 0.0, span))

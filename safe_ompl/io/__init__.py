@@ -9,7 +9,7 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.io import schema
     from safe_ompl.io.files import load, result_to_mapping, save
-    from safe_ompl.io.motion_files import WRITABLE, motion_content, motion_of_document, read_log, read_motion
+    from safe_ompl.io.motion_files import MOTION_ENDINGS, motion_content, motion_of_document, read_log, read_motion
     from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
     from safe_ompl.io.problems import SceneDocument, built_scene, carried_scene
     from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCELERATION",
-    "WRITABLE",
+    "MOTION_ENDINGS",
     "JointPath",
     "RobotDocument",
     "SceneDocument",

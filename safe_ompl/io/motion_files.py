@@ -34,19 +34,14 @@ _EXPECTED = (
 
 
 class Form(NamedTuple):
-    """How motions are read from a file, given names of columns and those to leave out, and written from points."""
+    """How motions are read from a file, given what to leave out, and written from points."""
 
-    read: Callable[[Path, Sequence[str] | None, Sequence[str]], Motion]
-    write: Callable[[Mapping[str, Any]], str | bytes] | None = None
+    read: Callable[[Path, Sequence[str]], Motion]
+    write: Callable[[Mapping[str, Any]], str | bytes]
 
 
 def read_motion(
-    file: str | Path,
-    robot: Robot | None = None,
-    *,
-    degrees: bool = False,
-    joints: Sequence[str] | None = None,
-    ignore: Sequence[str] = (),
+    file: str | Path, robot: Robot | None = None, *, degrees: bool = False, ignore: Sequence[str] = ()
 ) -> Motion:
     """Read a motion that something else made; files without times hold paths.
 
@@ -57,15 +52,13 @@ def read_motion(
     file : path-like
         By its ending:
 
-        .csv, .tsv, .txt
-            Columns with commas, semicolons, tabs or spaces between them; lines that begin with # are comments. A line
-            with names of columns, or none, then numbers: `time` [s] or none; and a column for each joint, or columns
+        .csv
+            Columns with commas, semicolons or tabs between them; lines that begin with # are comments. A line with
+            names of columns, then numbers: `time` [s] or none; and a column for each joint, or columns
             `<joint>_position`, `_velocity` and `_acceleration`.
         .npz
             Arrays `positions` (N, n), and `times`, `velocities`, `accelerations`, `joint_names` as far as known; or
             what `Motion.to_mapping` returns.
-        .npy
-            One array: the numbers of a table.
         .json, .yaml, .yml
             A message `trajectory_msgs/JointTrajectory` or `moveit_msgs/RobotTrajectory`; or JSON of `safe_ompl.save`
             and `safe-ompl plan --json` or `--trajectory`.
@@ -73,8 +66,6 @@ def read_motion(
         Put the columns in the order of its joints, as `Motion.for_robot`.
     degrees : bool
         Whether joints that turn are in degrees; which ones do only the robot knows.
-    joints : sequence of str, optional
-        Names of the columns, `time` among them where there is one, of a file that does not name them.
     ignore : sequence of str
         Joints or columns to leave out, such as a gripper's.
 
@@ -88,7 +79,7 @@ def read_motion(
         raise InputError(f"must be a motion, with one of the endings {', '.join(FORMS)}", str(file))
     if degrees and robot is None:
         raise InputError("need the robot, which knows the joints that turn", "degrees")
-    motion = FORMS[path.suffix.lower()].read(path, joints, ignore)
+    motion = FORMS[path.suffix.lower()].read(path, ignore)
     with document.within(str(file), ": "):
         return motion if robot is None else motion.for_robot(robot, degrees)
 
@@ -96,7 +87,7 @@ def read_motion(
 def read_log(file: str | Path) -> tuple[Motion, Motion]:
     """Return the commanded and the measured motion of a log; between samples they are straight.
 
-    A table (.csv, .tsv, .txt) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these
+    A table (.csv) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these
     names (.npz); other columns are not looked at.
 
     Raises
@@ -106,13 +97,13 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
     """
     path = Path(file)
     kind = path.suffix.lower()
-    if kind in _TABLES:
+    if kind == ".csv":
         header, values = read_table(path)
         columns = {name: values[:, k] for k, name in enumerate(header)}
     elif kind == ".npz":
         columns = files.read_arrays(path)
     else:
-        raise InputError(f"must be a log, with one of the endings {', '.join(_TABLES)}, .npz", str(file))
+        raise InputError("must be a log, with one of the endings .csv, .npz", str(file))
     with document.within(str(file), ": "):
         parts = [found for name in columns if (found := _LOGGED.fullmatch(name))]
         names = tuple(dict.fromkeys(found[1] for found in parts))
@@ -132,7 +123,7 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
     motion : Motion
         Its joints have names.
     file : path-like
-        By its ending: our own form (.json), a table (.csv, .tsv, .txt), a message trajectory_msgs/JointTrajectory
+        By its ending: our own form (.json), a table (.csv), a message trajectory_msgs/JointTrajectory
         (.yaml, .yml), arrays (.npz). Tables, messages and arrays hold way points, with velocities from degree 2 on, and
         accelerations from degree 4 on; arrays hold our own form where points cannot hold the motion.
     message : bool
@@ -145,8 +136,8 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
         or its joints have no names.
     """
     ending = Path(file).suffix.lower()
-    if ending not in WRITABLE:
-        raise InputError(f"must have one of the endings {', '.join(WRITABLE)}", str(file))
+    if ending not in FORMS:
+        raise InputError(f"must have one of the endings {', '.join(FORMS)}", str(file))
     if ending == ".json" and not message:
         return strict_json(marked("motion", motion.to_mapping())) + "\n", motion
     times = motion.times
@@ -171,18 +162,16 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
         )
     if motion.joint_names is None:
         raise InputError("needs the names of the joints, which the motion lacks", str(file))
-    write = FORMS[ending].write
-    assert write is not None
-    return write(points), back
+    return FORMS[ending].write(points), back
 
 
-def _as_table(points: Mapping[str, Any], delimiter: str) -> str:
+def _as_table(points: Mapping[str, Any]) -> str:
     names, tables = points["joint_names"], [points[key] for key in _POINTS[2:] if key in points]
     kinds = ("position", "velocity", "acceleration")[: len(tables)]
     header = [f"{name}_{kind}" for kind in kinds for name in names] if len(tables) > 1 else list(names)
     if "times" in points:
         header, tables = ["time", *header], [points["times"][:, None], *tables]
-    return files.table(header, np.hstack(tables).tolist(), delimiter)
+    return files.table(header, np.hstack(tables).tolist())
 
 
 def _as_arrays(arrays: Mapping[str, Any]) -> bytes:
@@ -232,8 +221,8 @@ def _without(motion: Motion, ignored: Sequence[str]) -> Motion:
 # ------------------------------------------------------------------------------------------------------- tables
 
 
-def _from_table(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
-    header, values = read_table(path, names, ignored)
+def _from_table(path: Path, ignored: Sequence[str]) -> Motion:
+    header, values = read_table(path, ignored)
     with document.within(str(path), ": "):
         return _of_columns(header, values)
 
@@ -261,7 +250,7 @@ def _of_columns(header: Sequence[str], values: FloatArray) -> Motion:
 # ------------------------------------------------------------------------------------------------------- arrays
 
 
-def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
+def _from_arrays(path: Path, ignored: Sequence[str]) -> Motion:
     held: dict[str, Any] = files.read_arrays(path)
     with document.within(str(path), ": "):
         document.check_keys(held, dict.fromkeys((*_POINTS, *_MOTION)))
@@ -269,39 +258,13 @@ def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]
         if own is not None:
             if own.dtype.kind != "U" or own.ndim != 1:
                 raise InputError(f"must be a list of text, got {own.dtype} {own.shape}", "joint_names")
-            _refuse_names(names)
-            names = own.tolist()
-        held["joint_names"] = None if names is None else tuple(names)
+            held["joint_names"] = tuple(own.tolist())
         if "coefficients" not in held:
             return _without(_from_points(held), ignored)
         for key in ("timed", "short_way"):
             if key in held and held[key].shape == ():
                 held[key] = held[key].item()
         return _without(Motion.from_mapping(held), ignored)
-
-
-def _from_array(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
-    try:
-        values = np.load(path, allow_pickle=False)
-        values = values.astype(float) if isinstance(values, np.ndarray) else None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
-    except (EOFError, TypeError, ValueError):
-        values = None
-    with document.within(str(path), ": "):
-        if values is None or values.ndim != 2:
-            raise InputError("must be one array of numbers (N, m)")
-        if names is None:
-            return _without(Motion.through(values), ignored)
-        if len(names) != values.shape[1]:
-            raise InputError(f"must name the {values.shape[1]} columns, got {len(names)}", "joints")
-        kept = kept_columns(names, ignored)
-        return _of_columns([names[k] for k in kept], values[:, kept])
-
-
-def _refuse_names(names: Sequence[str] | None) -> None:
-    if names is not None:
-        raise InputError(f"names its columns itself; leave out {listed(names)}", "joints")
 
 
 # ---------------------------------------------------------------------------------------------------- documents
@@ -313,12 +276,9 @@ def _read_yaml(path: Path) -> Any:
         return files.parse_document(text)
 
 
-def _from_document(
-    path: Path, names: Sequence[str] | None, ignored: Sequence[str], read: Callable[[Path], Any]
-) -> Motion:
+def _from_document(path: Path, ignored: Sequence[str], read: Callable[[Path], Any]) -> Motion:
     content = read(path)
     with document.within(str(path), ": "):
-        _refuse_names(names)
         return _without(motion_of_document(content), ignored)
 
 
@@ -395,15 +355,11 @@ _YAML = Form(
     partial(_as_message, write=lambda content: str(yaml.safe_dump(content, sort_keys=False))),
 )
 FORMS: dict[str, Form] = {
-    ".csv": Form(_from_table, partial(_as_table, delimiter=",")),
-    ".tsv": Form(_from_table, partial(_as_table, delimiter="\t")),
-    ".txt": Form(_from_table, partial(_as_table, delimiter="\t")),
+    ".csv": Form(_from_table, _as_table),
     ".npz": Form(_from_arrays, _as_arrays),
-    ".npy": Form(_from_array),
     ".json": Form(partial(_from_document, read=files.read_json), partial(_as_message, write=strict_json)),
     ".yaml": _YAML,
     ".yml": _YAML,
 }
 """How motions are read and written, by the ending of the file."""
-WRITABLE = tuple(ending for ending, form in FORMS.items() if form.write is not None)
-_TABLES = (".csv", ".tsv", ".txt")
+MOTION_ENDINGS = tuple(FORMS)

@@ -18,7 +18,6 @@ from safe_ompl.common import (
     listed,
     number,
     polynomials,
-    shown,
     whole_number,
 )
 from safe_ompl.robot import Robot
@@ -64,26 +63,18 @@ def hermite(times: ArrayLike, positions: ArrayLike, velocities: Any, acceleratio
     return at, coefficients, rounding
 
 
-def bezier(control_points: ArrayLike, times: ArrayLike | None) -> Pieces:
-    """Return Bézier curves; arguments as `Motion.bezier`."""
+def bezier(control_points: ArrayLike, times: ArrayLike) -> Pieces:
+    """Return Bézier curves of control points (K, d + 1, n), one after another."""
     points = of_degree(finite_array(control_points, (None, None, None), "control points"))
-    return _times(times, len(points) + 1), *polynomials.powers(points, np.zeros_like(points[:, 0]))
+    return _increasing(times, len(points) + 1, "times"), *polynomials.powers(points, np.zeros_like(points[:, 0]))
 
 
-def bspline(knots: ArrayLike, coefficients: ArrayLike, degree: int) -> Pieces:
-    """Return a B-spline; arguments and errors as `Motion.bspline`."""
-    degree = whole_number("degree of the B-spline", degree, at_least=1, at_most=_DEGREE)
-    held = finite_array(coefficients, (None, None), "control points")
-    at = finite_array(knots, (None,), "knots")
-    if len(at) != len(held) + degree + 1 or len(held) <= degree:
-        raise InputError(
-            f"must be {degree + 1} more than control points, and these {degree + 1} at least, got "
-            f"{len(at)} knots and {len(held)} control points",
-            "knots",
-        )
-    if (np.diff(at) < 0).any() or not at[len(held)] > at[degree]:
-        raise InputError(f"must not decrease, and span some time, got {shown(at.tolist())}", "knots")
-    return polynomials.spline(at, held, degree)
+def bspline(thing: Any) -> Pieces:
+    """Return SciPy's B-spline where it is defined; SciPy has looked at its knots."""
+    degree = whole_number("degree of the B-spline", int(thing.k), at_least=1, at_most=_DEGREE)
+    knots = finite_array(thing.t, (None,), "knots")
+    held = finite_array(vectors(thing, 2)[: len(knots) - degree - 1], (None, None), "control points")
+    return polynomials.spline(knots, held, degree)
 
 
 def powers_from_left(thing: Any) -> Pieces:

@@ -35,7 +35,7 @@ class Motion:
     """A motion of n joints in K pieces, polynomials of time.
 
     q(t) = Σ_k c_k u^k with u = (t − t_j) / (t_{j+1} − t_j) in [0, 1] on piece j. Other forms of motions are
-    converted by `of`, `through`, `hermite`, `bezier`, `bspline` and `sampled`.
+    converted by `of`, `through`, `hermite` and `sampled`.
 
     Parameters
     ----------
@@ -268,24 +268,6 @@ class Motion:
         return cls._made(forms.hermite(times, positions, velocities, accelerations), names)
 
     @classmethod
-    def bezier(
-        cls, control_points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None
-    ) -> Motion:
-        """Return Bézier curves of control points (K, d + 1, n) one after another; without `times` (K + 1,), a path."""
-        return cls._made(forms.bezier(control_points, times), names, timed=times is not None)
-
-    @classmethod
-    def bspline(
-        cls, knots: ArrayLike, coefficients: ArrayLike, degree: int, names: Sequence[str] | None = None
-    ) -> Motion:
-        """Return a B-spline where it is defined, from knot `degree` (1 to 15) to knot N [s].
-
-        It has N control points (N, n), its `coefficients` [rad or m], and N + degree + 1 knots that do not decrease.
-        Raises InputError as the class, or if the knots are none of such a spline.
-        """
-        return cls._made(forms.bspline(knots, coefficients, degree), names)
-
-    @classmethod
     def sampled(
         cls, times: ArrayLike, positions: ArrayLike, max_velocity: float | ArrayLike, names: Sequence[str] | None = None
     ) -> Motion:
@@ -319,12 +301,11 @@ class Motion:
         if isinstance(thing, Motion):
             return thing if names is None else replace(thing, joint_names=tuple(names))
         if "BPoly" in kinds:
-            return cls.bezier(np.swapaxes(forms.vectors(thing, 3), 0, 1), thing.x, names)
+            return cls._made(forms.bezier(np.swapaxes(forms.vectors(thing, 3), 0, 1), thing.x), names)
         if "PPoly" in kinds:
             return cls._made(forms.powers_from_left(thing), names)
         if "BSpline" in kinds:
-            knots, degree = np.asarray(thing.t), int(thing.k)
-            return cls.bspline(knots, forms.vectors(thing, 2)[: len(knots) - degree - 1], degree, names)
+            return cls._made(forms.bspline(thing), names)
         if isinstance(thing, Trajectory):
             times, points = thing.points()
             joints = thing.joint_names if names is None else names

@@ -47,7 +47,7 @@ def motions():
         "quintic Hermite": Motion.hermite(TIMES, POINTS, rates, np.zeros((4, 6))),
         "B-spline of degree 5": interpolate.make_interp_spline(FINE[::12], spline()(FINE[::12]), k=5),
         "path": Motion.through(POINTS),
-        "Bézier of degree 9": Motion.bezier(np.repeat(POINTS, [2, 3, 3, 2], axis=0)[None], [0.0, 2.4]),
+        "Bézier of degree 9": interpolate.BPoly(np.repeat(POINTS, [2, 3, 3, 2], axis=0)[:, None], [0.0, 2.4]),
         "bare samples": Motion.sampled(FINE, spline()(FINE), 0.5),
     }
 
@@ -377,7 +377,7 @@ def test_what_the_verifier_accepts_touches_nothing_and_what_is_proven_it_accepts
     robot, accepted, refused = robot_named(name), 0, 0
     plain = plain_check(robot, clutter)
     for _ in range(24):
-        motion = Motion.bezier(random_curve(robot, rng, int(rng.integers(1, 8)))[None])
+        motion = Motion.of(interpolate.BPoly(random_curve(robot, rng, int(rng.integers(1, 8)))[:, None], [0.0, 1.0]))
         tube = rng.choice([0.0, 0.005, 0.03]) * rng.uniform(0, 1, robot.n)
         said = motion.to_mapping()
         keys = ("times", "coefficients", "timed", "rounding")
