@@ -25,7 +25,7 @@ from ompl import util as ou
 from bench._harness import Report
 from safe_ompl import RateLimits, SafeSetup, Scenario, StandstillError, time_path
 from safe_ompl.common import FloatArray
-from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import list_scenarios
 
 CLAIM = "a change of the code leaves all paths as they were"

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.planning.from_scenario import path_timer, plan, repair, setup_problem, setup_scenario
     from safe_ompl.planning.planners import planner_data
     from safe_ompl.planning.problem_setup import PLAN_JOBS, small_robot
     from safe_ompl.planning.result import Improvement, PlanResult
-    from safe_ompl.planning.safe_setup import SafeSetup
+    from safe_ompl.planning.safe_setup import SafeSetup, path_timer, plan, repair, setup_problem, setup_scenario
 
 __all__ = [
     "PLAN_JOBS",
