@@ -48,10 +48,7 @@ class Expansion(NamedTuple):
 
 
 class QuadraticModel(NamedTuple):
-    """Cost, gradient (N, n), and about the Hessian of a path: blocks (N, n, n), and (N − 1, n, n) beside them.
-
-    `shares` of the cost are those of the densities.
-    """
+    """Cost, gradient (N, n), about the Hessian, blocks (N, n, n) and (N − 1, n, n) beside; the densities' shares."""
 
     value: float
     gradient: FloatArray

@@ -168,10 +168,7 @@ class Price(NamedTuple):
 
 
 class ProvenDescent:
-    """Descent of the part of a path, `path: (N, n)`, between two `retreats` that stay, the ends included.
-
-    Every path on the way is offered as the best one; `leads` says whether the best path is one of this descent.
-    """
+    """Descent of a path (N, n) between two `retreats` that stay; `leads` says whether the best path is one of these."""
 
     def __init__(
         self,

@@ -77,8 +77,7 @@ class EdgeProofs:
     def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return `path: (N, n)`, held back to an accepted one where edges are refused, and which way points are there.
 
-        Those beside a refused edge go back to where they were, those around them in part, so that there is no kink; if
-        that does not help, more of them, and in the end all.
+        Those beside a refused edge go back, those around them in part; if that does not help, more, and in the end all.
         """
         refused, reach = self.refused(path), _REACH
         if not refused:

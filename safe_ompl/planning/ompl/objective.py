@@ -74,10 +74,9 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     @contextmanager
     def asked_by(self, planner: Any) -> Iterator[None]:
-        """Within, cost what a planner of OMPL's that is set up needs to know, and no more.
+        """Within, let motions cost infinity that RRT* and its informed forms refuse anyway, as longer than their range.
 
-        RRT* and its informed forms ask for motions that they refuse then, as longer than their range. These cost
-        infinity; but for motions from a start, whose costs the informed forms take for bounds when they prune.
+        But for those from a start, whose costs the informed forms take for bounds when they prune.
         """
         q = np.zeros(self.field.robot.n)
         self.field.mean(q, q)  # compiled here, and not as part of the planner's time

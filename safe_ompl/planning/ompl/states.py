@@ -67,8 +67,8 @@ class StateBridge:
         # More than one turn of a joint makes a space no larger to plan in.
         self.extent = float(np.linalg.norm(np.minimum(self._sides, 2 * np.pi)))
         self._wraps = bool(self.circular.any())
-        # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one
-        # buffer costs a tenth of going through Python lists.
+        # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one buffer costs
+        # a tenth of going through Python lists. But the bindings promise nothing of the kind.
         if space.getSerializationLength() != 8 * self.n:
             raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
         self._memory = PerThread(partial(_buffer, self.n))
@@ -92,10 +92,7 @@ class StateBridge:
         self.space.deserialize(state, capsule)
 
     def _buffer_works(self) -> bool:
-        """Return whether what is written through the buffer is what OMPL's own coordinates say, and comes back.
-
-        The bindings promise nothing of the kind: another version of them may take the capsule for something else.
-        """
+        """Return whether what is written through the buffer is what OMPL's own coordinates say, and comes back."""
         state, values = self.space.allocState(), np.linspace(-1.0, 1.0, self.n)
         buffer, capsule = self._memory.own
         try:

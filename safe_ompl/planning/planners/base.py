@@ -41,18 +41,9 @@ class Parameter(Generic[T]):
     ...     goal_bias = Parameter(0.05, "Share of the extensions towards a goal.", at_most=1)
 
     The declaration gives `Planner` the methods `setGoalBias` and `getGoalBias`, the keyword argument ``goal_bias`` and
-    an entry in its docstring; `planner.goal_bias` is the value. What is set is checked.
-
-    Attributes
-    ----------
-    default : bool, int or float
-        The default. Its type is the parameter's: flag, whole number or number.
-    doc, unit : str
-        What it means, and its unit, such as "rad".
-    at_least, above, at_most : float
-        Bounds of a number, at least 0 unless it is to be above something.
-    kept_in : str
-        The path of an attribute of one of the planner's parts, such as "_danger.alpha", that keeps the value.
+    an entry in its docstring; `planner.goal_bias` is the value. What is set is checked: the type of the default is the
+    parameter's, and numbers are at least 0 unless they are to be above something. `kept_in` is the path of an attribute
+    of one of the planner's parts, such as "_danger.alpha", that keeps the value.
     """
 
     default: T
@@ -165,8 +156,7 @@ def camel_case(name: str) -> str:
 class UnansweredRequest:
     """`getPlannerData` of a planner in Python: OMPL's own, which gives nothing, and a warning that says so.
 
-    OMPL's bindings look it up when they need a planner's data, and end the process if they find a method in Python.
-    This descriptor hands them their own one.
+    OMPL's bindings end the process if they find a method in Python.
     """
 
     def __get__(self, planner: Any, owner: type | None = None) -> Any:
@@ -225,10 +215,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     # ------------------------------------------------------------------------------------------- parameters
 
     def setParameter(self, name: str, value: Any) -> None:
-        """Set the parameter that is called `name` in Python, such as "goal_bias".
-
-        An UnknownNameError if the planner has no such parameter; an InputError if the value is refused.
-        """
+        """Set a parameter, such as "goal_bias"; an UnknownNameError if there is none, InputError if it is refused."""
         known = parameters_of(type(self))
         if name not in known:
             raise UnknownNameError(f"parameter of {self.getName()}", name, sorted(known))
@@ -293,24 +280,24 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     # ------------------------------------------------------------------------- what a planner must implement
 
+    @abstractmethod
+    def _search(self, ptc: Any) -> FloatArray | None:
+        """Return a path (N, n) whose motions are free, or None when `ptc` fires."""
+
     def _make_parts(self) -> None:
-        """Make the parts that keep values of parameters, before these are set; by default there are none."""
+        """Make the parts that keep values of parameters, before these are set."""
+
+    def _prepare(self) -> None:
+        """Measure what planning will need, so that it need not be measured while planning."""
 
     @property
     def _structure(self) -> TwoTrees[Any] | Roadmap:
-        """What has been built so far; by default two trees."""
+        """What has been built so far."""
         return self._trees
 
     def _forget(self) -> None:
         """Drop what has been built, and begin anew without starts and goals."""
         self._trees = Trees(self._bridge, self._problem.cost, self.counts)
-
-    @abstractmethod
-    def _search(self, ptc: Any) -> FloatArray | None:
-        """Return a path (N, n) whose motions are free, or None when `ptc` fires."""
-
-    def _prepare(self) -> None:
-        """Measure what planning will need, so that it need not be measured while planning; by default nothing."""
 
     # ------------------------------------------------------------------------------------- starts and goals
 
@@ -341,11 +328,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             yield inputs.nextGoal()
 
     def _later_goals(self) -> Iterator[Any]:
-        """Yield another goal state, or none; this never waits.
-
-        Goals that are taken while planning stay fewer than half of the nodes, as in OMPL: a region may have goals
-        without end.
-        """
+        """Yield another goal state, or none; this never waits. As in OMPL they stay fewer than half of the nodes."""
         inputs = self.getPlannerInputStates()
         if 2 * inputs.getSampledGoalsCount() < self.counts.nodes:
             yield inputs.nextGoal()

@@ -171,10 +171,7 @@ class BubblePlanner(SafePlanner):
     # ------------------------------------------------------------------------------------------ the searching
 
     def _headings(self, other: VolumeTree) -> Iterator[FloatArray]:
-        """Yield what a tree heads for in its turn: the configuration that the other tree closed last, and a place.
-
-        The places of Halton's sequence lead the trees out of dead ends, as an RRT's random configurations do.
-        """
+        """Yield what a tree heads for in its turn: what the other tree closed last, and a place out of dead ends."""
         yield other.latest
         self._places += 1
         yield self._bridge.between_bounds(halton_point(self._places, self._bridge.n))
@@ -260,10 +257,7 @@ class Rows:
 
 
 class JointMetric:
-    """The distances in the heuristic f, eq. (10): `rates: (n,)` are the lengths of a unit of each coordinate.
-
-    g and h are measured in the 1-norm if `taxicab`, as in the paper; else in the 2-norm.
-    """
+    """Distances in f, eq. (10): `rates: (n,)` per unit of each coordinate; g and h in the 1-norm if `taxicab`."""
 
     def __init__(self, bridge: StateBridge, rates: FloatArray, *, taxicab: bool) -> None:
         self._bridge, self._rates, self._taxicab = bridge, rates, taxicab
@@ -297,10 +291,7 @@ class EndPoint(NamedTuple):
 
 
 class VolumeTree:
-    """The lists Closed (bubbles) and Open (end points) of one search direction.
-
-    If `diverse`, every end point knows how far it is from the nearest closed configuration.
-    """
+    """The lists Closed (bubbles) and Open (end points) of one search direction; `diverse` ones know the diversity."""
 
     def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
         self.from_start, self._metric, self._diverse = from_start, metric, diverse

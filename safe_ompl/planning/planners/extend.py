@@ -44,10 +44,7 @@ _ADDED = {ADVANCED: Extension.ADVANCED, REACHED: Extension.REACHED}
 
 
 def steered(bridge: StateBridge, q: FloatArray, target: FloatArray, step: float) -> tuple[float, FloatArray]:
-    """Return ρ(q, target), and where a step [rad] from `q` towards `target: (n,)` leads and its direction, (2, n).
-
-    A step leads no farther than to the target. There is no direction, NaN, where the target is `q` itself.
-    """
+    """Return ρ(q, target), and where a step [rad] from `q` to `target: (n,)` leads and its direction, NaN for none."""
     moved: FloatArray = np.empty((2, len(q)))
     return float(steer(q, plain(target), bridge.circular, step, moved)), moved
 
@@ -163,10 +160,10 @@ class TangentialDescent:
     def moved(
         self, step: FloatArray, reach: float, gradient: Callable[[], FloatArray] | None = None
     ) -> FloatArray | None:
-        """Return the first row of `step: (2, n)` moved down the danger's gradient there, at right angles to the second.
+        """Return the first row of `step: (2, n)` moved down the danger's gradient, at right angles to the second.
 
-        That is a unit vector, and written over. The motion is at most `reach` long, and shorter where the danger hardly
-        changes; None where it does not change at all. `gradient` gives another gradient than that of the danger there.
+        That is a unit vector, and written over. The motion is at most `reach` long, shorter where the danger hardly
+        changes; None where it does not change. `gradient` may be that at another place.
         """
         if not (self.acts and reach):
             return None
@@ -242,10 +239,7 @@ class SafeStep:
         return _ADDED[outcome], trees.add(tree, self._places[0], old, cost, gradient)
 
     def _proofs(self, margin: float) -> tuple[CollisionChecker, int, tuple[Any, ...]] | None:
-        """Return how steps are proven to keep a margin [m]: a checker, its changes that are done, and arguments.
-
-        None where bounds say nothing, or more is to be asked.
-        """
+        """Return a checker, its changes that are done, and arguments of proofs; None where bounds do not suffice."""
         motion = self.problem.motion_prover
         if motion is None or motion.limits or self.problem.limit is not None:
             return None
@@ -324,10 +318,7 @@ class ElasticBand:
         self._problem, self._danger, self._descent = problem, danger, descent
 
     def settled(self, path: FloatArray, step: float, ptc: Any, margin: float = 0.0) -> FloatArray:
-        """Return a path (N, n) contracted where that is as safe, then bent away from danger.
-
-        New motions keep a margin [m] from obstacles; those longer than twice the planner's range `step` [rad] are bent.
-        """
+        """Return a path (N, n) contracted where that is as safe, then bent away from danger as by `bent`."""
         band = [path[0]]
         at = 0
         while at < len(path) - 1:

@@ -230,8 +230,8 @@ class Approach(Trees):
     def best(self, weight: float, at_random: float, rng: np.random.Generator) -> int | None:
         """Return argmin of WS_DISTANCE + weight·CDF over the nodes not chosen before; None if there is none.
 
-        Nodes that a step towards the goal has added count as chosen, as they were already extended. In a share
-        `at_random` of the choices any node is taken: the best ones may all be in the same dead end.
+        Nodes that a step towards the goal has added count as chosen. In a share `at_random` of the choices any node is
+        taken: the best ones may all be in the same dead end.
         """
         self._rank(weight)
         ranked, drawn = self._ranked, self._drawn
@@ -265,11 +265,7 @@ class Approach(Trees):
 
 
 class GoalStep:
-    """The step of EXTEND_TOWARDS_GOAL from a node of a tree, no longer than `largest` [rad].
-
-    k₁, `null_space_gain`, is relative to the motion that the tip's way needs. `transpose` takes Jᵀ in place of J†, and
-    leaves the null space alone.
-    """
+    """The step of EXTEND_TOWARDS_GOAL from a node of a tree, no longer than `largest` [rad]; see `SafeJTRRT`."""
 
     def __init__(self, problem: PlanningProblem) -> None:
         self._problem = problem
@@ -294,10 +290,7 @@ class GoalStep:
         return limited_step(rule, self._place, q, self._limits, self.largest, posture)
 
     def downhill(self, tree: Tree, node: int) -> FloatArray | None:
-        """Return the direction (n,) in which the danger falls at a node, short if it hardly does.
-
-        None where there is nothing to gain: no null space, no danger, or no gain k₁.
-        """
+        """Return the direction (n,) in which the danger falls at a node, short if it hardly does; None for none."""
         if self.transpose or not (self.null_space_gain and self._place.redundancy):
             return None
         if not (self._problem.cost.has_gradients and self._problem.slope):

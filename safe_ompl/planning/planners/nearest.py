@@ -46,10 +46,7 @@ class BoxTree(NamedTuple):
 
 
 class NearestNode:
-    """Finds argmin ρ(node, q) + α·cost(node), of equal ones the first, among nodes that are only ever added.
-
-    ρ is Euclidean, but for coordinates that wrap, `wraps: (n,)`, which go the short way round.
-    """
+    """Finds the nearest of nodes that are only ever added; `wraps: (n,)` says which coordinates wrap."""
 
     def __init__(self, wraps: BoolArray) -> None:
         self._wraps = np.array(wraps, dtype=bool)
@@ -103,10 +100,7 @@ def scan(rows: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, costs:
 
 @compiled
 def nearest(rows: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, costs: FloatArray, tree: BoxTree) -> int:
-    """Return argmin ρ + α·cost, like `scan`; first put the nodes into the tree that are new, and their costs if α > 0.
-
-    −1 says that the tree has no room for them.
-    """
+    """Return what `scan` does, by the tree; put new nodes into it first, −1 if it has no room for them."""
     for node in range(tree.used[_NODES], len(rows)):
         if tree.used[_LEAVES] >= len(tree.counts):
             return -1

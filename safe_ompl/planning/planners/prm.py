@@ -160,10 +160,7 @@ class SafePRM(SafePlanner):
         return best
 
     def _margin_after(self, penalties: int) -> float:
-        """Return what an edge must keep [m] after so many penalties; 0 if it need only be free.
-
-        So no way is closed, and the search takes a wider way where there is one that is not much longer.
-        """
+        """Return what an edge must keep [m] after so many penalties; 0 if it need only be free: no way is closed."""
         return self._margin.in_force * _PENALTY_FALL**penalties if penalties < _PENALTIES else 0.0
 
     def _f(self, graph: SearchGraph, current_goal: int) -> FloatArray:

@@ -35,8 +35,7 @@ WORTHWHILE = 0.02  # [m]; where start and goal keep less, penalties cost time an
 class PlanningProblem:
     """A space with its validity checker, motion validator and cost, asked with arrays instead of OMPL's states.
 
-    The space is one of real vectors and SO(2) parts. The cost is the danger, and `limit` what a planner requires on top
-    of the validity checker.
+    The cost is the danger, and `limit` what a planner requires on top of the validity checker.
     """
 
     def __init__(self, si: Any) -> None:
@@ -69,8 +68,8 @@ class PlanningProblem:
         """Return whether the motion between two configurations (n,) is free, and keeps to the limit.
 
         With a margin [m], also whether it keeps that distance from obstacles, where a `MotionProver` can prove it.
-        A `MotionProver` is asked directly: the detour by OMPL's states would cost a sixth of a check.
         """
+        # The detour by OMPL's states would cost a sixth of a check.
         motion = self.motion_prover
         if motion is not None:
             free = motion.is_free(start, end, margin, self.limits_of(motion))
@@ -107,10 +106,9 @@ class PlanningProblem:
 
 
 class DangerWeight:
-    """The danger of configurations with its weight, by which planners compare it with lengths.
+    """The danger of configurations, and α: what it weighs against lengths, relative to its usual slope.
 
-    `alpha` is relative to the usual slope of the danger; 0 plans classically. `scale` in [0, 1] is a factor of it, see
-    `DangerDecay`.
+    0 plans classically. `scale` in [0, 1] is a factor of `alpha`, see `DangerDecay`.
     """
 
     def __init__(self, problem: PlanningProblem) -> None:
@@ -148,9 +146,8 @@ class DangerWeight:
 class DangerDecay:
     """Lowers the weight of danger the longer no path is found, so that weighing danger never costs a solution.
 
-    After t turns the scale of the danger is 1/(1 + (t/`half_life`)⁴): nearly 1 at first, 1/2 after `half_life` turns,
-    and 1/100 after three times as many. Easy problems are planned with the whole weight; in hard ones danger costs
-    about `half_life` turns. With a half-life of 0 there is no decay.
+    After t turns the scale of the danger is 1/(1 + (t/`half_life`)⁴): 1/2 after `half_life` turns, and 1/100 after
+    three times as many. With a half-life of 0 there is no decay.
     """
 
     def __init__(self, danger: DangerWeight) -> None:
@@ -248,7 +245,7 @@ class Margin:
         self._refusals = 0
 
     def begin(self, trees: Trees) -> None:
-        """Take the margin that starts and goals allow, unless that is known."""
+        """Take the margin that starts and goals of trees allow, unless that is known."""
         if self.is_unknown:
             self.begin_between([tree.roots for tree in (trees.start, trees.goal)])
 
@@ -269,10 +266,7 @@ class Margin:
         return self.level if self.level and self._danger.weight else 0.0
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether the motion between two configurations (n,) is free, and keeps the margin.
-
-        Whether a motion that is refused would be free without a margin is not asked: it would cost as much again.
-        """
+        """Return whether the motion between two configurations (n,) is free, and keeps the margin; count a refusal."""
         margin = self.in_force
         if self._problem.motion_is_free(start, end, margin):
             return True
@@ -300,11 +294,9 @@ class Margin:
         self.level = level if level >= self._least else 0.0
 
     def _allowed_by(self, ends: list[FloatArray]) -> float:
-        """Return the largest margin [m] that one of each of the `ends: (R, n)` allows, by bisection; 0 for none.
+        """Return the largest margin [m] that one of each of the `ends: (R, n)` allows; 0 for none."""
 
-        Exact distances of all pairs would cost more than a whole easy problem.
-        """
-
+        # By bisection, as exact distances of all pairs would cost more than a whole easy problem.
         def is_allowed(margin: float) -> bool:
             return all(any(self._keeps(q, margin / _SHARE) for q in Q) for Q in ends)
 

@@ -79,15 +79,9 @@ def accepts(planner: Any, goal: Any) -> bool:
 def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None) -> Any:
     """Return a planner by its name, one of `planner_names()`, for a space information.
 
-    Values of its parameters are given as a mapping: {"alpha": 1} calls `setAlpha(1)`.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such planner or parameter.
-    InputError
-        If a value is refused or fixed for this planner (α of the classical ones), if the parameter was removed, or for
-        a seed: that is the run's.
+    Values of its parameters are given as a mapping: {"alpha": 1} calls `setAlpha(1)`. An UnknownNameError if there is
+    no such planner or parameter; an InputError if a value is refused or fixed for this planner (α of the classical
+    ones), and for a seed: that is the run's.
     """
     given = dict(parameters or {})
     if name in _PYTHON:

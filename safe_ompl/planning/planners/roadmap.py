@@ -17,10 +17,8 @@ _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, b
 class Roadmap:
     """Milestones as rows of one array, with the verdicts on them and on the edges between them.
 
-    Costs are evaluated when they are first asked for, all new ones in one batch; no motion is checked twice. `valid`,
-    `invalid`: (N,) say which milestones were found so, `connected: (N,)` which were ever reached from a start or goal,
-    and `edges` which straight motions from one to another are free. `robot` is None where the validity checker knows
-    none.
+    No motion is checked twice. `valid`, `invalid`: (N,) say which milestones were found so, `connected: (N,)` which
+    were ever reached from a start or goal, and `edges` which straight motions from one to another are free.
     """
 
     def __init__(self, problem: PlanningProblem, robot: Robot | None) -> None:

@@ -157,10 +157,9 @@ class SafeRRTConnect(SafePlanner):
         return self._bridge.inside(q + (step / length) * delta) if length else q
 
     def _grows_again(self, tree: Tree, other: Tree) -> bool:
-        """Return whether the tree that had this turn has the next one, too.
+        """Return whether the tree that had this turn has the next one, too: it may be in a narrow place.
 
-        A tree in a narrow place hardly grows, while the other fills the space outside, which helps little. The larger
-        tree keeps some of the turns: the smaller one may be enclosed, and more goals are taken as nodes are added.
+        The larger tree keeps some of the turns: the smaller one may be enclosed, and more nodes let in more goals.
         """
         lags = len(other) > max(_LARGE, len(tree))
         again = lags and self._in_a_row < _IN_A_ROW

@@ -173,11 +173,7 @@ class TwoTrees(Generic[AnyTree]):
 
 
 class Trees(TwoTrees[Tree]):
-    """Two trees that are to meet.
-
-    `blocked` and `dangerous` say how many candidates for nodes were refused because the step to them is not free, and
-    as too dangerous.
-    """
+    """Two trees that are to meet, and how many candidates were refused as `blocked`, and as too `dangerous`."""
 
     def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts) -> None:
         super().__init__(Tree(bridge, cost, from_start=True), Tree(bridge, cost, from_start=False))
@@ -230,11 +226,8 @@ class PlannerGraph(NamedTuple):
 
 
 def _new_state(data: Any, bridge: StateBridge, states: list[Any]) -> Any:
-    """Append to `states`, and return, a state that `data` does not take for one it knows.
-
-    It knows states by their addresses, and does not forget those that were freed when it was cleared.
-    """
-    while True:
+    """Append to `states`, and return, a state that `data` does not take for one it knows."""
+    while True:  # it knows states by their addresses, and does not forget those that were freed when it was cleared
         states.append(bridge.space.allocState())
         if not data.vertexExists(ob.PlannerDataVertex(states[-1])):
             return states[-1]
