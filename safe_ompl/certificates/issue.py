@@ -366,8 +366,3 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
         max_danger=motion.max_danger,
         stops={} if people is None else _people(people, scene),
     )
-
-
-def terms_of_field(field: DangerField, spacing: float) -> Terms:
-    """Return what claims of the danger must agree with: a field, and the distance between danger points [m]."""
-    return Terms(danger=_kind(field, spacing, *_IN_MOTION))

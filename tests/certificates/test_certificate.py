@@ -6,7 +6,6 @@ import subprocess
 import sys
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -15,14 +14,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from signing import signed
 
-from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Pose, Scene, Sphere
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Scene
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import Danger
-from safe_ompl.certificates.issue import terms_of_field
 from safe_ompl.certificates.verifier.bodies import Stretch, farthest
 from safe_ompl.certificates.verifier.danger import PlainDanger
+from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.common import CertificateError, InputError, PlanningError
-from safe_ompl.robot import Robot, robot_hash
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 seeds = st.integers(0, 2**32 - 1)
@@ -95,21 +93,6 @@ def test_a_path_of_one_configuration(ur5, clutter, path):
     assert verify(certificate(path[:1], ur5, clutter), ur5, clutter).edges == 1
 
 
-def test_another_process_verifies_it(written, tmp_path):
-    (tmp_path / "certificate.json").write_text(json.dumps(written))
-    code = """if True:
-        import json, sys
-        sys.path.insert(0, sys.argv[2])
-        from conftest import _robot, clutter
-        from safe_ompl.certificates.verifier.verify import verify
-        print(verify(json.load(open(sys.argv[1])), _robot("ur5"), clutter.__wrapped__()))
-    """
-    tests = str(Path(__file__).parents[1])
-    call = [sys.executable, "-c", code, str(tmp_path / "certificate.json"), tests]
-    done = subprocess.run(call, capture_output=True, text=True, timeout=60, check=False)
-    assert done.stdout.startswith("every motion is free\n"), done.stderr
-
-
 # ----------------------------------------------------------------------------------------------- what does not
 
 
@@ -160,44 +143,10 @@ def test_what_was_changed_is_refused_by_name(tampered, ur5, clutter, change, mat
         verify(tampered, ur5, clutter)
 
 
-def test_a_moved_obstacle(written, ur5, clutter):
-    ball = Obstacle("ball", Sphere(0.12), Pose((-0.45, 0.35, 0.6001)))
-    refused(written, ur5, clutter.without("ball").with_obstacles(ball), "the scene has changed")
-
-
-def test_another_robot(written, clutter, ur5):
-    other = Robot.from_example("ur5", tip="wrist_3_link")
-    assert robot_hash(other) != robot_hash(ur5)
-    refused(written, other, clutter, "the robot has changed")
-    wider = ur5.with_limits({ur5.joint_names[0]: (-1.0, 1.0)})
-    refused(written, wider, clutter, "the robot has changed")
-
-
 def test_a_path_that_is_not_free_gets_none(ur5, clutter, plain_check):
     q = touching(ur5, plain_check(ur5, clutter))
     with pytest.raises(PlanningError, match=r"cannot be certified by plain means: .* mm apart near .* of piece 0"):
         certificate([q, q + 0.1], ur5, clutter)
-
-
-# -------------------------------------------------------------------------------------------------- clearance
-
-
-def clearance(scene, distance):
-    return {"distance": distance, "obstacles": list(scene.names)}
-
-
-def test_a_claim_of_clearance(path, ur5, clutter, plain_check):
-    plain = plain_check(ur5, clutter)
-    t = np.linspace(0, 1, 100)[:, None]
-    dense = np.concatenate([a + t * (b - a) for a, b in pairwise(path)])
-    to_obstacles = [k for k, pair in enumerate(plain.pairs) if pair[1] in clutter.names]
-    least = min(plain.distances(q)[to_obstacles].min() for q in dense)
-    content = certificate(path, ur5, clutter, {"clearance": clearance(clutter, 0.9 * least)})
-    assert verify(content, ur5, clutter).edges == 3
-    content["clearance"]["distance"] = 1.1 * least
-    refused(signed(content), ur5, clutter, "mm are needed")
-    with pytest.raises(PlanningError, match="cannot be certified"):
-        certificate(path, ur5, clutter, {"clearance": clearance(clutter, 1.1 * least)})
 
 
 BALL = {"distance": 0.1, "obstacles": ["ball"]}
@@ -239,16 +188,11 @@ def test_claims_without_a_meaning_are_neither_verified_nor_issued(tampered, ur5,
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("bound", float("inf"), "must be a finite number"),
         ("bound", float("nan"), "must be a finite number"),
         ("bound", "9.0", "must be a (finite|positive) number"),
         ("k1", -1.0, "must be a positive number"),
-        ("k1", 0, "must be a positive number"),
-        ("spacing", None, "must be a (finite|positive) number"),
         ("sharpness", 0, "must be a positive number"),
-        ("sharpness", -1e-6, "must be a positive number"),
         ("aggregate", "least", "unknown aggregate 'least'"),
-        ("weighting", [], "unknown weighting"),
         ("extra", 1, "unknown key"),
     ],
 )
@@ -307,16 +251,11 @@ def test_a_danger_of_another_kind_is_no_claim_of_this_one(ur5, clutter, path, op
     own = DangerField(ur5, points, weights, **{**usual, **options})
     content = certificate(path, ur5, scene, {"spacing": spacing}, field=own)
     assert verify(content, ur5, scene).edges == 3, "it says itself of what kind it is"
-    asked = DangerField(ur5, *scene.danger_points(0.1)[:2], **usual)
     key = next(iter(options), "spacing")
+    asked = {"spacing": 0.1, "weighting": "unit", "sharpness": 10.0, **usual}
     with pytest.raises(CertificateError, match=rf"danger: {key} is .* in its claim, .* is asked for"):
-        verify(content, ur5, scene, terms=terms_of_field(asked, 0.1))
-    assert verify(content, ur5, scene, terms=terms_of_field(own, spacing)).edges == 3
-
-
-def test_without_a_claim_of_danger_there_is_nothing_to_compare(written, ur5, clutter):
-    field = DangerField(ur5, [[1.0, 0.0, 0.0]])
-    assert verify(written, ur5, clutter, terms=terms_of_field(field, 0.1)).edges == 3
+        verify(content, ur5, scene, terms=Terms(danger=asked))
+    assert verify(content, ur5, scene, terms=Terms(danger={**asked, **options, "spacing": spacing})).edges == 3
 
 
 # ------------------------------------------- what verifies certificates runs no code of what plans, proves motions,
@@ -337,10 +276,6 @@ def provers_loaded_by(module):
 
 def test_the_verifier_loads_no_prover():
     assert not provers_loaded_by("safe_ompl.certificates.verifier.verify")
-
-
-def test_what_issues_does():
-    assert provers_loaded_by("safe_ompl.certificates.issue")
 
 
 def test_the_farthest_point_is_as_far_from_an_axis_as_by_hand():

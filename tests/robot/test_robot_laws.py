@@ -9,7 +9,6 @@ from self_pairs import self_pairs
 
 from safe_ompl import CertificateError, CollisionChecker, MotionProver, Scene
 from safe_ompl.certificates import certificate, verify
-from safe_ompl.certificates.issue import terms_of_field
 from safe_ompl.danger import CertifiedDanger, DangerField
 from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
 from safe_ompl.robot import robot_hash
@@ -100,7 +99,7 @@ def test_certificates_verify_and_no_danger_exceeds_its_bound(free_edges):
     field = DangerField(robot, points, weights)
     for start, end in edges:
         content = certificate((start, end), robot, SCENE, field=field)
-        verify(content, robot, SCENE, terms=terms_of_field(field, SCENE.spacing))
+        verify(content, robot, SCENE)
         bounds = CertifiedDanger(field).of_path([start, end])
         samples = field.values(start + np.linspace(0.0, 1.0, 300)[:, None] * (end - start))
         assert samples.max() <= bounds.upper * (1 + 1e-9)

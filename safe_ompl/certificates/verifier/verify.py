@@ -77,8 +77,8 @@ def verify(
     scene : Scene, optional
         The scene that it must be about; default: the one that it carries.
     terms : Terms, optional
-        What its claims must agree with: options of the danger, limits of the motion, people. `terms_of` and
-        `terms_of_field` make them. Without any, claims are checked as they are; their sentences say what they are.
+        What its claims must agree with: options of the danger, limits of the motion, people; `terms_of` makes them.
+        Without any, claims are checked as they are; their sentences say what they are.
     urdf, package_dirs
         For a robot that is carried, as in `built_robot`.
     time : float
