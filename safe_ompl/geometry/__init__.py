@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from safe_ompl.geometry.hulls import ConvexBodies, Hull, bounding_box, bounding_hull, convex_hull, hull_planes
     from safe_ompl.geometry.obstacle import Obstacle, check_number
     from safe_ompl.geometry.person import LIMBS, STANDING, Limb, Person
-    from safe_ompl.geometry.pose import Pose, placed
+    from safe_ompl.geometry.pose import Pose, PoseLike, placed
     from safe_ompl.geometry.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
     from safe_ompl.geometry.surfaces import Triangles
 
@@ -31,6 +31,7 @@ __all__ = [
     "Person",
     "PointCloud",
     "Pose",
+    "PoseLike",
     "Shape",
     "Sphere",
     "Triangles",

@@ -236,8 +236,8 @@ def _finite(points: FloatArray, key: str) -> FloatArray:
 def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
     """Return the cells (C, 3) of a grid that balls about `centres: (N, 3)` [m] touch; their union contains the balls.
 
-    Cell k covers [k·edge, (k + 1)·edge] along each axis [m]. Each is touched by a ball, so that no point of the union
-    is farther than √3·edge from one. Raises InputError if they spread over more than coal's trees can hold.
+    Cell k covers [k·edge, (k + 1)·edge] along each axis [m]: no point of the union is farther than √3·edge from a ball.
+    Raises InputError if they spread over more than coal's trees can hold.
     """
     span = float(np.ptp(centres, axis=0).max()) + 2 * radius
     if span / edge >= 2 * _HALF_DEPTH - 4:
@@ -306,11 +306,7 @@ def one_per_cell(points: FloatArray, edge: float) -> FloatArray:
 
 
 def _message_points(message: Any) -> FloatArray:
-    """Return the points of a ROS `sensor_msgs/PointCloud2` message, shape (N, 3), in its frame [m]; some may be NaN.
-
-    Its parts are attributes or keys. Raises InputError if one of them or one of the fields x, y and z is missing, or
-    the data are shorter than they say.
-    """
+    """Return the points of a `PointCloud2`, attributes or keys, shape (N, 3), in its frame [m]; some may be NaN."""
     names = ("height", "width", "fields", "is_bigendian", "point_step", "row_step", "data")
     height, width, fields, big, step, row_step, data = (_part(message, name) for name in names)
     offsets, order = {}, ">" if big else "<"

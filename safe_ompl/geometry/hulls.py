@@ -35,15 +35,12 @@ def triangle_tree(vertices: FloatArray, faces: IntArray) -> coal.BVHModelOBBRSS:
 def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> coal.ConvexBase:
     """Return the convex hull of a triangle mesh; a hardly larger body where coal cannot keep the hull itself.
 
-    The name is for messages. Flat meshes get a `thickness` [m], the vertices in the middle. Raises InputError if the
-    mesh has no vertices, or such that are not finite; or is flat (coal's managers drop such shapes in silence) and no
-    thickness is given.
+    Flat meshes get a `thickness` [m], the vertices in the middle. Raises InputError if the mesh has no vertices or such
+    that are not finite, or is flat (coal's managers drop such shapes in silence) and no thickness is given.
 
-    coal keeps the number of neighbours of each corner of a convex body in one byte, and refuses a hull in which a
-    corner has more than 254: the end of a cylinder of 260 sides, triangulated, or the tip of a cone. Then the hull of
-    fewer, or of slightly moved corners is taken, and blown up about its centre until it holds every vertex of the mesh,
-    which is then checked. For a body K with the origin inside and faces n·x ≤ d, s·K holds x exactly if n·x ≤ s·d for
-    each face.
+    coal refuses a hull in which a corner has more than 254 neighbours: the tip of a cone, say. Then the hull of fewer,
+    or of slightly moved corners is taken, and blown up about its centre until it holds every vertex of the mesh, which
+    is then checked. For a body K with the origin inside and faces n·x ≤ d, s·K holds x exactly if n·x ≤ s·d for each.
     """
     vertices = np.asarray(mesh.vertices(), dtype=np.float64)
     if not np.isfinite(vertices).all():
@@ -226,8 +223,8 @@ def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
 class ConvexBodies:
     """Convex bodies that hold the G bodies of a geometry model, in its order; `exact: (G,)` says which are the same.
 
-    `bodies` are of type `BODY` (`safe_ompl.geometry.kernels`), `starts: (C + 1,)` and `vertices: (E, 3)` the
-    lists of their vertices; `bounded` says whether all are finite: no plane, no half space.
+    `starts: (C + 1,)` and `vertices: (E, 3)` are lists of their vertices, as kernels have them; `bounded` says whether
+    all are finite: no plane, no half space.
     """
 
     bodies: Records

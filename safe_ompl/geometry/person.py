@@ -79,8 +79,7 @@ _SHORTEST = 1e-9  # [m] of a limb
 class Body:
     """A body of which some key points are given [m], with names as in `STANDING`, and the others follow.
 
-    The frame of the body has its origin on the floor between the feet, x forward, y to the left, z up. A key
-    point that is not given moves along with the one that it hangs on. Given the hand or the wrist, the elbow
+    A key point that is not given moves along with the one that it hangs on. Given the hand or the wrist, the elbow
     bends downwards so that the lengths of upper arm and forearm stay. All lengths follow from the height [m].
     """
 
@@ -88,11 +87,7 @@ class Body:
     given: Mapping[str, Sequence[float]]
 
     def point(self, name: str) -> FloatArray:
-        """Return a key point (3,) [m] in the frame of the body.
-
-        Besides the names above there are ``shoulders`` and ``pelvis``, midway between left and right, and
-        ``chest``, on the line between them.
-        """
+        """Return a key point (3,) [m] in the frame of the body; `shoulders`, `pelvis` and `chest`, too."""
         if name in self.given:
             return np.array(self.given[name])
         if name == "shoulders":

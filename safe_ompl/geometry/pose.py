@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -64,23 +64,30 @@ class Pose:
         return f"Pose({self.position}{turn})"
 
     @classmethod
-    def of(cls, value: Pose | pin.SE3 | ArrayLike) -> Pose:
-        """Return a pose given as one, as Pinocchio's transform, or as a homogeneous matrix of shape (4, 4) [m].
+    def of(cls, value: PoseLike, key: str = "pose") -> Pose:
+        """Return a pose given as one, as a `pin.SE3`, a matrix (4, 4), a position (3,) [m], or a document's mapping.
 
         Raises InputError if it is none of them, or the matrix is no rigid transform.
         """
         if isinstance(value, Pose):
             return value
+        if isinstance(value, Mapping):
+            with document.within(key):
+                document.check_keys(value, ("position", "quaternion_xyzw", "rpy", "yaw"))
+                return cls.from_mapping(value)
         if isinstance(value, pin.SE3):
             matrix = np.array(value.homogeneous)
-        elif isinstance(value, (np.ndarray, list, tuple)):
-            matrix = finite_array(value, (4, 4), "pose:")
+        elif not isinstance(value, (np.ndarray, list, tuple)):
+            raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(value)}", key)
+        elif np.ndim(value[0] if len(value) else 0) == 0:
+            with document.within(key):
+                return cls(document.numbers("position", value, 3))
         else:
-            raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(value)}", "pose")
+            matrix = finite_array(value, (4, 4), f"{key}:")
         rotation = matrix[:3, :3]
         turned = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _NORM_TOLERANCE
         if not turned or np.linalg.det(rotation) < 0 or (matrix[3] != [0.0, 0.0, 0.0, 1.0]).any():
-            raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", "pose")
+            raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", key)
         quaternion = pin.Quaternion(rotation)
         quaternion.normalize()
         return cls(tuple(matrix[:3, 3].tolist()), tuple(quaternion.coeffs().tolist()))
@@ -115,6 +122,9 @@ class Pose:
     def se3(self) -> pin.SE3:
         """The pose as Pinocchio's rigid transform."""
         return pin.XYZQUATToSE3(np.array(self.position + self.quaternion_xyzw))
+
+
+PoseLike: TypeAlias = Pose | pin.SE3 | Mapping[str, Any] | ArrayLike
 
 
 def placed(transform: pin.SE3, points: FloatArray) -> FloatArray:

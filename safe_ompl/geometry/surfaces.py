@@ -15,8 +15,7 @@ Triangles = tuple[FloatArray, IntArray]
 def box_points(size: FloatArray, spacing: float) -> FloatArray:
     """Return grid points (M, 3) on the faces of a box of so many metres `size: (3,)` about the origin, edges included.
 
-    The step between neighbours is at most `spacing` along x, y and z [m]: every point of the surface is within
-    ``spacing / √2`` of one of them. They are in order by x, then y, then z.
+    The step between neighbours is at most `spacing` along x, y and z [m]. They are in order by x, then y, then z.
     """
     xs, ys, zs = (_ticks(s, spacing) for s in size.tolist())
     face = np.empty((len(ys), len(zs), 2))
@@ -71,10 +70,7 @@ def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
 
 
 def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
-    """Return the surface of a solid of revolution about z as triangles, seen from outside, with so many corners a ring.
-
-    The `profile: (K, 2)` is as for `revolved_points`.
-    """
+    """Return the surface of a solid of revolution as triangles, seen from outside, with so many corners a ring."""
     angle = 2 * np.pi * np.arange(segments) / segments
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     rings = [np.column_stack([r * ring, np.full(segments, z)]) for r, z in profile[1:-1]]
@@ -97,8 +93,7 @@ def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
 def mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> FloatArray:
     """Return points on a triangle mesh; every point of the mesh is within `spacing` of one of them.
 
-    Each triangle is covered by a barycentric grid of half the spacing; what lies closer together than the
-    other half is thinned.
+    Triangles have barycentric grids of half the spacing; what lies closer than the other half is thinned.
     """
     grids = []
     corners = vertices[faces]
@@ -124,10 +119,7 @@ def _mesh_steps(corners: FloatArray, spacing: float) -> FloatArray:
 
 
 def thinned(points: FloatArray, distance: float) -> FloatArray:
-    """Return a subset of `points` such that each of them is within `distance` of one that stays.
-
-    Walks through the points in their order and drops those near the one that it keeps: deterministic.
-    """
+    """Walk through points in the order of x; return those that are not within `distance` of one kept before."""
     rows = np.unique(points, axis=0)  # in the order of x
     ends = np.searchsorted(rows[:, 0], rows[:, 0] + distance * (1 + 1e-9), side="right")
     left = np.ones(len(rows), dtype=bool)

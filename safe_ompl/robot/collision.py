@@ -29,15 +29,13 @@ CollisionSource = Literal["required", "visual", "optional"]
 """
 
 
-def build_collision_geometry(
-    urdf: UrdfFile, full: pin.Model, collision: str, *, hulls: bool = False
-) -> pin.GeometryModel:
+def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) -> pin.GeometryModel:
     """Return the collision geometry of all links; with "visual", the visual shapes of links that have no other."""
-    geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION, queried=not hulls)
+    geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION)
     bare = urdf.links_with("visual") - urdf.links_with("collision")
     if collision != "visual" or not bare:
         return geometry
-    for part in urdf.build_geometry(full, pin.GeometryType.VISUAL, queried=not hulls).geometryObjects:
+    for part in urdf.build_geometry(full, pin.GeometryType.VISUAL).geometryObjects:
         if full.frames[part.parentFrame].name in bare:
             geometry.addGeometryObject(part)
     _log.info("%s: visual shapes collide, too: those of %s", urdf.path.name, ", ".join(sorted(bare)))
@@ -62,9 +60,8 @@ def links_of(model: pin.Model, geometry: pin.GeometryModel | None) -> frozenset[
 def links_lacking_shapes(model: pin.Model, collide: frozenset[str], drawn: frozenset[str]) -> tuple[str, ...]:
     """Return the links, moving or not, that have no collision shape, and yet something seems to be there.
 
-    `collide` and `drawn` are the links with collision and visual shapes. Something is where a link is drawn; and where
-    a link without any shape carries mass, or spans some length between shapes on joints before and behind it. Links on
-    fixed joints, unless drawn, are frames.
+    Something is where a link is drawn; and where a link without any shape carries mass, or spans some length between
+    shapes on joints before and behind it. Links on fixed joints, unless drawn, are frames.
     """
     frames, fixed = list(model.frames), pin.FrameType.FIXED_JOINT
     links = [frame for frame in frames if frame.type == pin.FrameType.BODY]
@@ -116,12 +113,10 @@ _NAMED = 6  # pairs in a warning; all of them in the log's details
 def select_self_pairs(
     model: pin.Model, geometry: pin.GeometryModel, srdf: Path | None, samples: FloatArray, robot: str
 ) -> None:
-    """Add to `geometry` the pairs of the robot's own bodies that are worth checking.
+    """Add to `geometry` the pairs of the robot's own bodies that are worth checking; the log says what is not.
 
-    Pairs that the SRDF (a file, if any) disables go. Where it disables none, those of adjacent links go. Of the rest,
-    those in contact in more than 95 % of the `samples: (S, nq)` go: no configuration could be free otherwise. What is
-    dropped, and is not disabled by the SRDF, is logged under the name of the robot; pairs that merely were never seen
-    in contact stay.
+    Pairs that the SRDF disables go, where it disables none those of adjacent links. Of the rest, those in contact in
+    more than 95 % of the `samples: (S, nq)` go: no configuration could be free otherwise.
     """
     geometry.addAllCollisionPairs()
     before = len(geometry.collisionPairs)

@@ -54,8 +54,7 @@ class ReachCylinder:
     def enclosed_about(self, axis: FloatArray) -> ReachCylinder:
         """Return a cylinder about the line through the origin along `axis` that holds this one.
 
-        The end discs are the extreme parts. Seen along `axis` each is an ellipse; with w a point of the ellipse,
-        ‖c + w‖² ≤ ‖c‖² + 2·max c·w + r².
+        Seen along `axis` an end disc is an ellipse; with w one of its points, ‖c + w‖² ≤ ‖c‖² + 2·max c·w + r².
         """
         slope = min(max(float(self.axis @ axis), -1.0), 1.0)
         radius, reach = 0.0, self.half_length * abs(slope) + self.radius * math.sqrt(1 - slope**2)
@@ -123,11 +122,10 @@ Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body 
 
 @dataclass(frozen=True)
 class JointChain:
-    """Joints of a robot as the displacement bound needs them (n joints; joint i is Pinocchio's joint i+1).
+    """The n joints of a robot; joint i is Pinocchio's joint i + 1, and parents have Pinocchio's numbers.
 
-    Parents are Pinocchio's indices (0: base), placements the frames at zero in those of the parents, `axes: (n, 3)` in
-    the joints' own frames, `prismatic: (n,)` says which slide. Of the limits (n,) only those of prismatic joints are
-    used.
+    `placements` are the frames at zero in those of the parents, `axes: (n, 3)` in the joints' own frames. Of the limits
+    only those of prismatic joints are used.
     """
 
     parents: list[int]
@@ -183,8 +181,7 @@ class JointChain:
         """Return how far G bodies that stand still in the world are from each joint's axis [m], at most, (G, n).
 
         Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
-        distance, that of its farthest point at any configuration, times |Δ|: another bound of how far link and body
-        approach each other. It is infinite for prismatic joints.
+        distance times |Δ|: another bound of how far they approach each other. It is infinite for prismatic joints.
         """
         if not bodies:
             return np.zeros((0, len(self.parents)))
@@ -284,8 +281,7 @@ class DisplacementBounds:
     def displacement_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.
 
-        Tighter than `displacement_radii`, but costlier. Between `q` and q + Δ no point of body g moves more than
-        Σ_i R_gi·|Δ_i| (`docs/mathematics.md` §3: the radii at the centre are enough).
+        Between `q` and q + Δ no point of body g moves more than Σ_i R_gi·|Δ_i| (`docs/mathematics.md` §3).
         """
         return self._robot.coupling.radii(self.joint_radii_at(self._robot.configuration(q)))
 

@@ -109,9 +109,8 @@ class Coupling:
 class ForwardKinematics:
     """Joints of a robot and where they bring its key points and its tip.
 
-    The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n. Both
-    are the same where nothing mimics. The `skeleton` has the key points and link segments; `joint_prismatic: (m,)` says
-    which joints of the model slide, and `joint_keypoint_support: (K, m)` which of them move each key point.
+    The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n.
+    `joint_prismatic: (m,)` says which of these slide, `joint_keypoint_support: (K, m)` which move each key point.
     """
 
     def __init__(self, parts: RobotParts) -> None:
@@ -316,9 +315,8 @@ class JointLimits:
     def left_by(self, curve: Sequence[FloatArray]) -> tuple[int, float] | None:
         """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.
 
-        None is a proof that no joint does: control points of a polynomial's Bernstein form hold it, and the nearer the
-        shorter the interval. A joint that comes within rounding of leaving is taken to leave. The `curve` is c_0 … c_d,
-        each (n,).
+        None is a proof that no joint does: control points of the Bernstein form hold the polynomial. A joint that comes
+        within rounding of leaving is taken to leave. The `curve` is c_0 … c_d, each (n,).
         """
         low, high = self._bounds[:, :, None]
         waiting = [(0.0, 1.0, polynomials.bernstein(np.array(curve)[None])[0].T)]

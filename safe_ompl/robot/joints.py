@@ -103,9 +103,8 @@ def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tu
     """Return the joints of the arm that ends at the body `tip`, the first one first.
 
     An arm begins where nothing else branches off below it any more: neither another arm nor wheels, a head or legs.
-    Branches that leave fewer than four joints (a camera on the wrist) do not count, nor do fingers. Joints that cannot
-    be planned for (a floating base, a base that slides without limits) are no part of an arm. `full` has all joints of
-    the URDF; `followers` are those that mimic others.
+    Branches that leave fewer than four joints do not count, nor do fingers and `followers`, which mimic others. Joints
+    that cannot be planned for are no part of an arm.
     """
     body = next(frame for frame in full.frames if frame.name == tip)
     chain = list(full.supports[body.parentJoint])[1:]
@@ -151,7 +150,7 @@ def report_held(full: pin.Model, held: Mapping[str, float], moving: Collection[s
             if above.issuperset(moving) == beyond:
                 said.append(f"{name} = {value:g}")
         if said:
-            _log.log(level, "%s: %s (locked= or locked_state= take another posture)", text, ", ".join(said))
+            _log.log(level, "%s: %s (locked= takes another posture)", text, ", ".join(said))
 
 
 def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], source: str) -> None:

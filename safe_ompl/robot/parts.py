@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import coal
 import numpy as np
@@ -28,8 +28,6 @@ _COLOR = np.array([0.55, 0.62, 0.7, 1.0])  # of objects in the gripper
 _SHAPES = (Box, Sphere, Cylinder, Capsule, Mesh)
 _KEYS = ("link", "touch_links", "danger")
 
-PoseLike: TypeAlias = Pose | pin.SE3 | Mapping[str, Any] | Sequence[float]
-
 
 @dataclass(frozen=True)
 class Attachment:
@@ -49,7 +47,7 @@ class Attachment:
         for key in ("name", "link"):
             document.text(key, getattr(self, key))
         document.flag("danger", self.danger)
-        object.__setattr__(self, "pose", as_pose(self.pose))
+        object.__setattr__(self, "pose", Pose.of(self.pose))
         names = document.sequence("touch_links", self.touch_links)
         object.__setattr__(self, "touch_links", tuple(document.text("touch_links", name) for name in names))
 
@@ -67,21 +65,6 @@ class Attachment:
         if self.touch_links:
             data["touch_links"] = list(self.touch_links)
         return {**data, "danger": True} if self.danger else data
-
-
-def as_pose(value: PoseLike | None, key: str = "pose") -> Pose:
-    """Return `value` as a pose: a mapping is read as in a document, three numbers are a position [m]; or InputError."""
-    if value is None:
-        return Pose()
-    if isinstance(value, Pose):
-        return value
-    if isinstance(value, pin.SE3):
-        return Pose(tuple(value.translation.tolist()), tuple(pin.Quaternion(value.rotation).coeffs().tolist()))
-    with document.within(key):
-        if isinstance(value, Mapping):
-            document.check_keys(value, ("position", "quaternion_xyzw", "rpy", "yaw"))
-            return Pose.from_mapping(value)
-        return Pose(tuple(document.numbers("position", value, 3)))
 
 
 @dataclass(frozen=True)

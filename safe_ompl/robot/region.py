@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot
 from typing import Any, TypeAlias
@@ -19,7 +18,6 @@ from safe_ompl.robot.robot import Robot
 Bounds: TypeAlias = tuple[float, float]
 """Least and largest value, equal where there is one only."""
 
-_POSE_KEYS = ("position", "quaternion_xyzw", "rpy", "yaw")
 _ANGLES = ("roll", "pitch", "yaw")
 _ORIGIN = (0.0, 0.0)
 _FREE = (-np.pi, np.pi), (-np.pi / 2, np.pi / 2), (-np.pi, np.pi)
@@ -39,11 +37,7 @@ def _bounds(key: str, given: Any) -> Bounds:
 
 
 def _frame(key: str, value: Any) -> Pose:
-    if isinstance(value, Mapping):
-        document.mapping(key, value, _POSE_KEYS)
-        found: Pose = document.section(key, value, Pose)
-        return found
-    return Pose.of(value)
+    return Pose.of(value, key)
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import InputError
-from safe_ompl.geometry import Shape
+from safe_ompl.geometry import Pose, PoseLike, Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 from safe_ompl.robot.joints import Mimic
-from safe_ompl.robot.parts import SIZES, Attachment, Models, PoseLike, RobotParts, as_pose, independent
+from safe_ompl.robot.parts import SIZES, Attachment, Models, RobotParts, independent
 from safe_ompl.robot.spec import RobotSpec
 
 
@@ -152,7 +152,7 @@ class Robot(ForwardKinematics):
 
     def with_base(self, pose: PoseLike) -> Robot:
         """Return the same robot with its base, as it is now, moved by `pose` in the world."""
-        way = as_pose(pose, "base")
+        way = Pose.of(pose, "base")
         return type(self)(self.spec.with_base(way), self.shared.placed(way.se3))
 
     def with_attached(
@@ -187,7 +187,7 @@ class Robot(ForwardKinematics):
             If the shape is another, the link does not exist, or its name is taken.
         """
         where = self.tip if link is None else link
-        item = Attachment(name, shape, where, as_pose(pose), tuple(touch_links), danger)
+        item = Attachment(name, shape, where, Pose() if pose is None else Pose.of(pose), tuple(touch_links), danger)
         return type(self)(replace(self.spec, attached=(*self.spec.attached, item)), self.shared.holding(item))
 
     def with_accelerations(self, limits: Mapping[str, float]) -> Robot:
@@ -268,21 +268,9 @@ def robot_hash(robot: Robot) -> str:
 def _size(shape: coal.CollisionGeometry) -> Any:
     if isinstance(shape, coal.ConvexBase):
         return sorted(_numbers(np.asarray(shape.points()).reshape(-1, 3)))
-    if isinstance(shape, coal.BVHModelBase):
-        return _mesh(shape)
     known = {name: _numbers(getattr(shape, name)) for name in SIZES if hasattr(shape, name)}
     shape.computeLocalAABB()
     return {**known, "box": [_numbers(np.ravel(corner)) for corner in (shape.aabb_local.min_, shape.aabb_local.max_)]}
-
-
-def _mesh(mesh: coal.BVHModelBase) -> dict[str, Any]:
-    """Return corners and triangles in an order that the mesh's own does not change."""
-    rounded = np.array(_numbers(np.asarray(mesh.vertices()).reshape(-1, 3)))
-    corners, ranks = np.unique(rounded, axis=0, return_inverse=True)
-    indices = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
-    triangles = ranks.ravel()[np.array([[t[0], t[1], t[2]] for t in indices], dtype=np.intp)]
-    turned = [np.roll(triangle, -int(triangle.argmin())).tolist() for triangle in triangles]
-    return {"corners": corners.tolist(), "triangles": sorted(turned)}
 
 
 def _numbers(values: ArrayLike) -> Any:

@@ -40,7 +40,7 @@ from safe_ompl.robot.joints import (
     resting_value,
     with_mimics,
 )
-from safe_ompl.robot.parts import BASE_JOINTS, Attachment, Models, RobotParts, as_pose, combined, independent
+from safe_ompl.robot.parts import BASE_JOINTS, Attachment, Models, RobotParts, combined, independent
 from safe_ompl.robot.srdf import SrdfFile
 from safe_ompl.robot.urdf import UrdfFile
 
@@ -50,7 +50,7 @@ Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 
 _ENDINGS = {"urdf": (".urdf", ".xml", ".xacro"), "srdf": (".srdf", ".xml")}
 _OF_FILES = ("srdf", "package_dirs", "xacro_args")
-_OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "group", "locked_state")
+_OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "group")
 _GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
 
 
@@ -111,7 +111,7 @@ def _path(name: str, value: Any) -> Path:
 
 
 def _pose(name: str, value: Any) -> Pose:
-    return as_pose(value, name)
+    return Pose.of(value, name)
 
 
 def _ranges(name: str, value: Any) -> Ranges:
@@ -169,8 +169,6 @@ class RobotSpec(Section):
     locked : mapping of str to float, optional
         Joints to hold still, with their values [rad or m]. A joint that mimics a locked one is locked with it.
         None: those that the example locks by default.
-    hulls : bool
-        Replace meshes by their convex hulls (solid and fast). False keeps the meshes, which are hollow.
     base : Pose, pin.SE3, mapping or position, optional
         Where the robot's base is in the world: in a document `position` [m] and `quaternion_xyzw`, `rpy` or `yaw`.
     mobile_base : pair of (float, float), optional
@@ -183,9 +181,8 @@ class RobotSpec(Section):
         Several robots in one cell, by the prefix of their names; `tip` is the prefix of one of them then.
     name : str, optional
         Name for reports; the URDF's, and of several robots "cell", by default.
-    group, locked_state : str, optional
-        Group of the SRDF whose joints move, the others are held; and state of the SRDF that says at which values
-        joints are held, zero by default.
+    group : str, optional
+        Group of the SRDF whose joints move, the others are held: at zero, unless `locked` says where.
     collision : {"required", "visual", "optional"}
         What collides of links that have visual shapes only. "visual": those shapes. Otherwise nothing, which
         `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused
@@ -211,14 +208,12 @@ class RobotSpec(Section):
     package_dirs: tuple[Path, ...] = key(document.each, read=_path, default=())
     tip: str | None = key(document.text, default=None)
     locked: Mapping[str, float] | None = key(document.numbers_by_name, default=None)
-    hulls: bool = key(document.flag, default=True)
     base: Pose | None = key(_pose, default=None)
     mobile_base: Ranges | None = key(_ranges, default=None)
     attached: tuple[Attachment, ...] = key(document.each, read=_attachment, default=())
     robots: Mapping[str, RobotSpec] = key(_robots, factory=dict)
     name: str | None = key(document.text, default=None)
     group: str | None = key(document.text, default=None)
-    locked_state: str | None = key(document.text, default=None)
     collision: CollisionSource = key(document.one_of, known=get_args(CollisionSource), default="required")
     accelerations: Mapping[str, float] = key(document.numbers_by_name, factory=dict, **RATE_BOUNDS["acceleration"])
     xacro_args: Mapping[str, str] | None = key(_words, factory=dict)
@@ -274,7 +269,7 @@ class RobotSpec(Section):
 
     def with_base(self, pose: Pose) -> RobotSpec:
         """Return the spec of the robot with its base, as it is now, moved by a pose in the world."""
-        return replace(self, base=pose if self.base is None else as_pose(pose.se3 * self.base.se3))
+        return replace(self, base=pose if self.base is None else Pose.of(pose.se3 * self.base.se3))
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> RobotSpec:
         """Return the spec with other limits [rad or m] for the joints named, those of base and cell included."""
@@ -335,12 +330,12 @@ class RobotSpec(Section):
     def _of_urdf(self) -> RobotParts:
         file = self.urdf_file()
         source, full = str(file.path), file.build_model()
-        collision_model = build_collision_geometry(file, full, self.collision, hulls=self.hulls)
+        collision_model = build_collision_geometry(file, full, self.collision)
         mimics = {name: mimic for name, mimic in file.mimics().items() if full.existJointName(name)}
 
         def read_visual() -> pin.GeometryModel | None:
             try:
-                geometry = file.build_geometry(full, pin.GeometryType.VISUAL, queried=False)
+                geometry = file.build_geometry(full, pin.GeometryType.VISUAL)
             except InputError as error:
                 warn_once(_log, f"{file.path.name}: drawing its collision bodies ({error})")
                 return None
@@ -379,8 +374,7 @@ class RobotSpec(Section):
         held = with_mimics(full, mimics, {**held, **stiff}, source)
         model, collision_model = reduce_model(full, bodies, held)
         check_plannable(model, source, stiff)
-        if self.hulls:
-            make_convex(collision_model)
+        make_convex(collision_model)
         mimics = {joint: mimic for joint, mimic in mimics.items() if model.existJointName(joint)}
         apply_mimic_limits(model, mimics, source)
         joint_limits(model, source)
@@ -393,37 +387,31 @@ class RobotSpec(Section):
             drawn = read_visual()
             return None if drawn is None else reduce_model(full, drawn, held)[1]
 
-        tip = self.tip or (self.group and self._semantics("group", source).group_tip(self.group, full))
+        tip = self.tip or (self.group and self._groups(source).group_tip(self.group, full))
         tips = (tip or default_tip(full, model),)
         return RobotParts(name, source, model, collision_model, visual, tuple(full.names)[1:], tips, mimics, held)
 
     def _joints_to_hold(self, full: pin.Model, mimics: Mapping[str, Mimic], source: str) -> dict[str, float]:
-        """Return the joints to hold with their values [rad or m]; those that mimic others are no matter here.
+        """Return the joints to hold with their values [rad or m], those that mimic others apart.
 
         Held are the locked joints, and those that are not in the group or, without a group, do not move the tip, not
-        even through a joint that mimics them: at the values of the locked state, or at zero, which a warning says.
+        even through a joint that mimics them: at zero, which a warning says.
         """
-        locked, posture = dict(self.locked or {}), dict[str, float]()
-        if self.locked_state is not None:
-            posture = self._semantics("locked_state", source).state(self.locked_state)
-            if self.tip is None and self.group is None:
-                raise InputError("locked_state is the posture of joints that are held: give a tip or a group", source)
+        locked = dict(self.locked or {})
         if self.group is not None:
-            moving = set(self._semantics("group", source).group_joints(self.group, full))
+            moving = set(self._groups(source).group_joints(self.group, full))
         elif self.tip is not None:
             loose = {name: mimic for name, mimic in mimics.items() if name not in locked}
             moving = joints_that_move(full, self.tip, loose)
         else:
             return locked
         names = [name for name in list(full.names)[1:] if name not in mimics]
-        idle = [name for name in names if name not in moving and name not in locked]
-        unsaid = {name: resting_value(full, name) for name in idle if name not in posture}
+        idle = {name: resting_value(full, name) for name in names if name not in moving and name not in locked}
         purpose = f"not in the group {self.group!r}" if self.group is not None else f"not moving {self.tip!r}"
-        report_held(full, unsaid, moving, f"{Path(source).name}: held, as {purpose}")
-        return {**locked, **{name: posture[name] if name in posture else unsaid[name] for name in idle}}
+        report_held(full, idle, moving, f"{Path(source).name}: held, as {purpose}")
+        return {**locked, **idle}
 
-    def _semantics(self, key: str, source: str) -> SrdfFile:
-        """Return the SRDF, which the argument `key` needs; raise InputError if there is none."""
+    def _groups(self, source: str) -> SrdfFile:
         if self.srdf is None:
-            raise InputError(f"{key} is a name of an SRDF: give the SRDF", source)
+            raise InputError("group is a name of an SRDF: give the SRDF", source)
         return SrdfFile(self.srdf)

@@ -1,4 +1,4 @@
-"""SRDF files: groups, named states and end effectors are read; disabled pairs are written."""
+"""SRDF files: groups and end effectors are read, disabled pairs are written."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 class SrdfFile:
-    """The groups and states of an SRDF; raises InputError if the file is missing or is none."""
+    """The groups of an SRDF; raises InputError if the file is missing or is none."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = existing_file(path, "SRDF")
@@ -35,22 +35,6 @@ class SrdfFile:
             self._root = ElementTree.parse(self.path).getroot()
         except ElementTree.ParseError as error:
             raise InputError(f"not a valid SRDF ({error})", str(path)) from None
-
-    def state(self, name: str) -> dict[str, float]:
-        """Return the joint values [rad or m] of the state `name`, of all groups with it, or raise UnknownNameError."""
-        states, found = self._root.findall("group_state"), dict[str, float]()
-        if not any(state.get("name") == name for state in states):
-            known = dict.fromkeys(state.get("name", "") for state in states)
-            raise UnknownNameError("state", name, known, str(self.path))
-        for joint in (joint for state in states if state.get("name") == name for joint in state.findall("joint")):
-            value = joint.get("value", "")
-            if len(value.split()) == 1:
-                try:
-                    found[joint.get("name", "")] = float(value)
-                except ValueError:
-                    text = f"state {name!r}: {value!r} of joint {joint.get('name')!r} is not a number"
-                    raise InputError(text, str(self.path)) from None
-        return found
 
     def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
         """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups."""
@@ -77,10 +61,9 @@ class SrdfFile:
     def arm(self, full: pin.Model, tip: str, fingers: Collection[str]) -> tuple[str, str] | None:
         """Return the group of the arm, and the link at its end, as the SRDF says; None where it says nothing.
 
-        The arm is that of the end effector with the most joints above it, the first one of several, unless `tip`, a
-        link at the end of an arm, has more (legs have end effectors, too). Of the groups whose joints all lie on the
-        way from the base to that link, that of the end effector is taken, or the one with the fewest joints, but four
-        at least: an arm, not an arm and its torso. The joints of `fingers` do not count.
+        The arm is that of the end effector with the most joints above it, unless `tip`, a link at the end of an arm,
+        has more (legs have end effectors, too). Of the groups whose joints all lie on the way to it, that of the end
+        effector is taken, or the smallest of four joints at least: no torso. The joints of `fingers` do not count.
         """
 
         def depth(end: tuple[str, str | None]) -> int:
@@ -159,8 +142,7 @@ class DisabledLinks(NamedTuple):
 def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") -> list[DisabledLinks]:
     """Return the pairs of links that a robot without an SRDF does not check: with all joints free, on convex hulls.
 
-    Links that are merely never seen in contact in so many samples are not among them: samples prove nothing. What
-    collides is as in `Robot.from_urdf`.
+    Links that are merely never seen in contact in so many samples are not among them: samples prove nothing.
     """
     model = urdf.build_model()
     geometry = build_collision_geometry(urdf, model, collision)

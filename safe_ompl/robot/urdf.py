@@ -38,9 +38,8 @@ _MANIFEST = "package.xml"
 class PackageFolders:
     """Where the files that a URDF names may be: beside it, in folders that are given, and in packages.
 
-    Packages are folders with a manifest: those given, above the URDF, beside those above it, and where ROS looks.
-    Folders that are given are packages, hold packages, or hold folders of packages. ROS looks in the folders of the
-    environment variables ROS_PACKAGE_PATH (ROS 1) and AMENT_PREFIX_PATH (ROS 2), in the latter below `share`.
+    Packages are folders with a manifest: in, or below, those given; above the URDF, and beside those above it; and in
+    the folders of ROS_PACKAGE_PATH, and `share` in those of AMENT_PREFIX_PATH.
     """
 
     def __init__(self, urdf: Path, given: Sequence[Path]) -> None:
@@ -248,10 +247,7 @@ class UrdfFile:
     """A URDF file with its package folders; those above the URDF are searched too for `package://` names.
 
     A file that holds xacro is expanded with `xacro_args`; None refuses it: xacro evaluates expressions of Python, which
-    files that others made should not hold.
-
-    Raises InputError if the file is missing or is not a URDF, a package folder does not exist, or a joint has no
-    direction.
+    files that others made should not hold. What is malformed is an InputError.
     """
 
     def __init__(
@@ -279,15 +275,15 @@ class UrdfFile:
         except (ValueError, RuntimeError) as error:
             raise InputError(f"not a valid URDF ({_first_line(error)})", str(self.path)) from None
 
-    def build_geometry(self, model: pin.Model, kind: pin.GeometryType, *, queried: bool = True) -> pin.GeometryModel:
-        """Return the collision or visual geometry of `model`; the trees of meshes that are not `queried` are simple."""
+    def build_geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
+        """Return the collision or visual geometry of `model`; hulls are made of its meshes before they are queried."""
         tag = "collision" if kind == pin.GeometryType.COLLISION else "visual"
         source = str(self.path)
         for link in self._root.findall("link"):
             for number, element in enumerate(link.findall(tag)):
                 _check_shape(element, f"link {link.get('name')!r}, {tag} {number}", source)
         self.mesh_files(tag)
-        loader = coal.MeshLoader(coal.BV_OBBRSS if queried else coal.BV_OBB)  # faster to build
+        loader = coal.MeshLoader(coal.BV_OBB)  # fast to build
         try:
             geometry = pin.buildGeomFromUrdfString(
                 model, self._readable_text, kind, package_dirs=[], mesh_loader=loader

@@ -23,7 +23,7 @@ from safe_ompl.robot import Robot, robot_hash
 ROBOTS = Path(__file__).parents[2] / "scenarios" / "robots"
 
 
-PLAIN = {"locked": {}, "limits": {}, "hulls": True}  # of a recipe
+PLAIN = {"locked": {}, "limits": {}}  # of a recipe
 
 
 def packed(content):

@@ -7,7 +7,6 @@ import pytest
 from safe_ompl import CollisionChecker, InputError, Scene
 from safe_ompl.geometry import Box, Mesh, PointCloud, Pose, Sphere
 from safe_ompl.robot import Attachment
-from safe_ompl.robot.parts import as_pose
 
 
 @pytest.fixture
@@ -80,11 +79,9 @@ def test_bad_objects(panda, options, message):
 
 def test_poses_in_all_forms():
     pose = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
-    np.testing.assert_allclose(as_pose(pose.se3).se3.homogeneous, pose.se3.homogeneous, atol=1e-12)
-    assert as_pose(pose) is pose
-    assert as_pose([1, 2, 3]) == Pose((1.0, 2.0, 3.0)) == as_pose(np.array([1.0, 2.0, 3.0]))
-    assert as_pose({"position": [1, 2, 3], "rpy": [0.1, 0.2, 0.3]}) == pose
-    assert as_pose(None) == Pose()
+    for given in (pose.se3, pose.se3.homogeneous, {"position": [1, 2, 3], "rpy": [0.1, 0.2, 0.3]}):
+        np.testing.assert_allclose(Pose.of(given).se3.homogeneous, pose.se3.homogeneous, atol=1e-12)
+    assert Pose.of([1, 2, 3]) == Pose((1.0, 2.0, 3.0)) == Pose.of(np.array([1.0, 2.0, 3.0]))
 
 
 def test_links_that_it_may_touch(robot_named):

@@ -1,4 +1,4 @@
-"""Which joints move and where the others are held: tip, group, locks, states of the SRDF."""
+"""Which joints move and where the others are held: tip, group of the SRDF, locks."""
 
 import logging
 import pickle
@@ -18,16 +18,6 @@ SRDF = """<robot name="twin_arm">
   <group name="nothing"><joint name="left_wrist"/></group>
   <group name="apart"><chain base_link="right_arm" tip_link="left_hand"/></group>
   <group name="strange"><joint name="knee"/></group>
-  <group_state name="home" group="left_arm"><joint name="left_elbow" value="0.5"/></group_state>
-  <group_state name="home" group="right_arm">
-    <joint name="right_shoulder" value="-0.4"/><joint name="right_slide" value="0.2"/>
-    <joint name="root" value="0 0 0 0 0 0 1"/>
-  </group_state>
-  <group_state name="all" group="both">
-    <joint name="lift" value="0.1"/><joint name="left_shoulder" value="0.2"/><joint name="left_elbow" value="0.3"/>
-    <joint name="right_shoulder" value="0.4"/><joint name="right_slide" value="0.05"/>
-    <joint name="right_turn" value="0.6"/>
-  </group_state>
 </robot>"""
 
 
@@ -54,24 +44,13 @@ def test_a_group_chooses_the_joints(build, group, joints, tip, options):
     assert pickle.loads(pickle.dumps(robot)).joint_names == joints
 
 
-def held(robot):
-    return {name: pytest.approx(value) for name, value in robot.held_joints.items()}
-
-
-def test_a_state_is_the_posture_of_what_is_held(build, caplog):
+def test_locks_win_over_zero_and_what_is_held_is_said(build, caplog):
     with caplog.at_level(logging.WARNING):
-        robot = build(tip="left_hand", locked_state="home")
-    assert held(robot) == {"right_shoulder": -0.4, "right_slide": 0.2, "right_turn": 0.0}
+        robot = build(tip="left_hand", locked={"right_slide": 0.3, "lift": 0.2})
+    assert robot.joint_names == LEFT
+    assert robot.held_joints == {"lift": 0.2, "right_slide": 0.3, "right_shoulder": 0.0, "right_turn": 0.0}
     assert "right_turn = 0 (" in caplog.text
     assert "right_slide" not in caplog.text.replace("–", "")
-    again = pickle.loads(pickle.dumps(robot))
-    assert held(again) == robot.held_joints
-
-
-def test_locks_win_over_the_state(build):
-    robot = build(tip="left_hand", locked={"right_slide": 0.3, "lift": 0.2}, locked_state="all")
-    assert robot.joint_names == LEFT
-    assert held(robot) == {"lift": 0.2, "right_slide": 0.3, "right_shoulder": 0.4, "right_turn": 0.6}
 
 
 @pytest.mark.parametrize(
@@ -82,8 +61,6 @@ def test_locks_win_over_the_state(build):
         ({"group": "nothing"}, "group 'nothing' has no movable joint"),
         ({"group": "apart"}, "group 'apart': 'left_hand' is not above 'right_arm'"),
         ({"group": "strange"}, "unknown joint of group 'strange' 'knee'"),
-        ({"tip": "left_hand", "locked_state": "rest"}, "unknown state 'rest'; known: home, all"),
-        ({"locked_state": "home"}, "give a tip or a group"),
     ],
 )
 def test_what_does_not_exist(build, options, message):

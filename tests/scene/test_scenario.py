@@ -53,7 +53,6 @@ SPECS = st.builds(
     example=st.text(min_size=1).filter(str.strip),
     tip=st.none() | st.just("tool0"),
     locked=st.none() | st.dictionaries(NAME, ANGLE, max_size=2),
-    hulls=st.booleans(),
 )
 SCENARIOS = st.builds(
     Scenario,
@@ -147,7 +146,7 @@ def test_goals_of_all_kinds():
         (("tip: tip", "tpi: tip"), "robot.tpi: unknown key; did you mean 'tip'?"),
         (("urdf: planar3.urdf,", ""), "robot.example: give either example or urdf"),
         (("tip: tip", "locked: {joint3: stiff}"), "robot.locked.joint3: must be a finite number"),
-        (("tip: tip", "hulls: maybe"), "robot.hulls: must be true or false, got 'maybe'"),
+        (("tip: tip", "group: 7"), "robot.group: must be"),
         (("start:", "time: -1\nstart:"), "time: must be a positive number, got -1"),
         (("start:", "danger: 3\nstart:"), "danger: must be a mapping"),
         (("start:", "danger: {spacing: .nan}\nstart:"), "danger.spacing: must be a finite number"),

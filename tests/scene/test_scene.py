@@ -335,7 +335,7 @@ def test_malformed_mbm_obstacles_are_refused(problem, message):
         (lambda: Scene(spacing="wide"), "spacing: must be a positive number, got 'wide'"),
         (lambda: Obstacle("a", {}), "shape: must be a shape (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud"),
         (lambda: Obstacle("a", Sphere), "shape: must be a shape"),
-        (lambda: Obstacle("a", Sphere(1), [1, 2, 3]), "pose: must have shape (4, 4), got (3,)"),
+        (lambda: Obstacle("a", Sphere(1), [1, 2]), "pose.position: must be 3 numbers, got 2"),
         (lambda: Obstacle("a", Sphere(1), 7), "pose: must be a Pose, a pin.SE3 or a 4×4 matrix, got 7"),
         (lambda: Obstacle("a", Sphere(1), 2 * np.eye(4)), "pose: must be a rigid transform, got [[2.0"),
         (lambda: Obstacle("a", Sphere(1), np.diag([1, 1, -1, 1])), "pose: must be a rigid transform"),
