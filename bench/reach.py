@@ -18,7 +18,7 @@ import numpy as np
 from bench._harness import Report
 from bench.live import HANDS
 from safe_ompl.common import FloatArray
-from safe_ompl.people import Calibration, Recording, calibrate, list_clips
+from safe_ompl.people import GATE, Recording, calibrate, list_clips
 from safe_ompl.people.calibration import Windows
 from safe_ompl.scene import People
 
@@ -61,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("folder", type=Path)
     parser.add_argument("--level", type=float, default=0.9)
-    parser.add_argument("--gate", type=float, default=Calibration.gate, metavar="V")
+    parser.add_argument("--gate", type=float, default=GATE, metavar="V")
     parser.add_argument("--block", type=float, metavar="S", help="units are blocks of so long; default: recordings")
     parser.add_argument("--within", type=float, default=0.3, metavar="S")
 
@@ -74,15 +74,15 @@ def main(options: argparse.Namespace, report: Report) -> None:
     }
     if len(kinds) < 2:
         raise SystemExit(f"fewer than two .npz files in {options.folder}")
-    how = Calibration(options.level, gate=options.gate, block=options.block)
     people, rows, totals = People(speed=1.6, speeds=HANDS), [], np.zeros((2, 7))
     for name, recordings in kinds.items():
-        reach = calibrate([r for other, rs in kinds.items() if other != name for r in rs], how)
-        counts = kept(recordings, reach.lines, how.gate, options.within)
+        others = [r for other, rs in kinds.items() if other != name for r in rs]
+        reach = calibrate(others, options.level, gate=options.gate, block=options.block)
+        counts = kept(recordings, reach.lines, options.gate, options.within)
         speeds = {limb: np.array([[0.0, people.speed_of(limb)]]) for limb in reach.limbs}
         plain = kept(recordings, speeds, None, options.within)
         rows += [row(name, str(reach.units), counts, reach.lines), row(SPEEDS, "", plain, speeds)]
         totals += [counts, plain]
     rows += [row("all", "", totals[0]), row(SPEEDS, "", totals[1])]
     sizes = (f"{limb} [m]" for limb in SHOWN)
-    report.table(("held out", "N", "recordings", "time", "raw", "refused", *sizes), rows, f"level {how.level:g}")
+    report.table(("held out", "N", "recordings", "time", "raw", "refused", *sizes), rows, f"level {options.level:g}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.calibration import Calibration, calibrate
+    from safe_ompl.people.calibration import GATE, calibrate
     from safe_ompl.people.reach import CalibratedReach, ReachSets, limb_lines
     from safe_ompl.people.skeletons import (
         HEIGHT,
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "GATE",
     "HEIGHT",
     "KEYPOINTS",
     "PELVIS",
     "CalibratedReach",
-    "Calibration",
     "ReachSets",
     "ReachViolation",
     "Recording",

@@ -21,16 +21,16 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, fraction, number, whole_number
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, fraction, number
 from safe_ompl.geometry import STANDING
-from safe_ompl.people.reach import CalibratedReach, ascending, concave_lines
+from safe_ompl.people.reach import CalibratedReach, concave_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.people.tracking import PersonTrack, Tracker, without_glitches
 from safe_ompl.scene import People
 
-HORIZONS = (0.05, 0.1, 0.2, 0.3, 0.5)  # [s]
+HORIZONS = (0.05, 0.1, 0.2, 0.3, 0.5)  # [s] at which the shapes have corners
 GATE = 4.0  # [m/s]
+_FIT = 0.1  # of the recordings, drawn from their names, give the shapes; the factor comes from the others
 _LEAST = 0.005  # [m] shapes are no smaller: recordings in which a limb stands still say nothing of its errors
 _SAME = 1e-9  # [s] or relative
 
@@ -108,78 +108,60 @@ def conformal_quantile(scores: ArrayLike, level: float) -> float:
     return float(ordered[rank - 1])
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """How reach is calibrated; raises InputError if a value is out of its range."""
+def calibrate(
+    recordings: Sequence[Recording], level: float, *, gate: float = GATE, block: float | None = None
+) -> CalibratedReach:
+    """Return the reach that a share `level` of units like those of the recordings keeps to.
 
-    level: float  # Share of the units that are to keep to it
-    gate: float = GATE  # Key points that are faster are not seen [m/s]
-    horizons: tuple[float, ...] = HORIZONS  # Times at which the shapes have corners [s]
-    # Share of the recordings, rounded up, that the shapes come from; the factor comes from the others. The seed draws
-    # them from all, which are ordered by name.
-    fit: float = 0.1
-    seed: int = 0
-    # Length of units [s]: recordings are cut, and what is left of one belongs to its last block; default: a recording
-    block: float | None = None
+    Key points that are faster than the gate [m/s] are not seen. Units are recordings, or blocks of so many seconds:
+    what is left of a recording then belongs to its last block.
 
-    def __post_init__(self) -> None:
-        for name in ("level", "fit"):
-            if not 0 < fraction(name, getattr(self, name)) < 1:
-                raise InputError(f"{name} must be between 0 and 1, got {getattr(self, name)!r}")
-        number("gate", self.gate, above=0.0)
-        ascending("horizons", document.numbers("horizons", self.horizons, above=0.0), strictly=True)
-        whole_number("seed", self.seed, at_least=0)
-        if self.block is not None:
-            number("block", self.block, above=0.0)
-
-
-def calibrate(recordings: Sequence[Recording], options: Calibration) -> CalibratedReach:
-    """Return the reach that a share `options.level` of units like those of the recordings keeps to.
-
-    Raises InputError if the recordings are fewer than two, or of several skeletons; if the first horizon is shorter
-    than a frame; if there are too few units for the level.
+    Raises InputError if a value is out of its range; if the recordings are fewer than two, of several skeletons, or
+    have too few frames; if there are too few units for the level.
     """
+    if not 0 < fraction("level", level) < 1:
+        raise InputError(f"level must be between 0 and 1, got {level!r}")
+    number("gate", gate, above=0.0)
+    if block is not None:
+        number("block", block, above=0.0)
     if len(recordings) < 2:
         raise InputError(f"needs two recordings at least, got {len(recordings)}", "recordings")
     ordered = sorted(recordings, key=lambda recording: recording.source)
-    skeleton, horizons = ordered[0].skeleton, options.horizons
+    skeleton = ordered[0].skeleton
     for recording in ordered:
         if recording.skeleton != skeleton:
             names = f"{recording.skeleton.name!r}, that of {ordered[0].source} is {skeleton.name!r}"
             raise InputError(f"the skeleton is {names}", recording.source)
-        if horizons[0] < 1 / recording.rate - _SAME:
-            frame = f"a frame of {recording.source} ({1 / recording.rate:g} s)"
-            raise InputError(f"the first one must not be shorter than {frame}, got {horizons[0]:g}", "horizons")
-    windows = [Windows.of(recording, horizons[-1], options.gate) for recording in ordered]
-    chosen = np.random.default_rng(options.seed).permutation(len(ordered))[: ceil(options.fit * len(ordered))]
-    fit = [k in chosen for k in range(len(ordered))]
-    shapes = _shapes([w for w, used in zip(windows, fit, strict=True) if used], horizons)
-    lines = [concave_lines(horizons, shape.tolist()) for shape in shapes.values()]
-    scores = [
-        score
-        for w, used in zip(windows, fit, strict=True)
-        if not used
-        for score in _scores(w.ratios(lines), w.rate, options.block)
-    ]
-    factor = conformal_quantile(scores, options.level)
+        if HORIZONS[0] < 1 / recording.rate - _SAME:
+            least = f"{1 / HORIZONS[0]:g} frames per second"
+            raise InputError(f"must have {least} at least, got {recording.rate:g}", recording.source)
+    windows = {recording.source: Windows.of(recording, HORIZONS[-1], gate) for recording in ordered}
+    sources = [recording.source for recording in ordered]
+    drawn = np.random.default_rng(0).permutation(len(ordered))[: ceil(_FIT * len(ordered))]
+    fit = sorted(sources[k] for k in drawn)
+    rest = [source for source in sources if source not in fit]
+    shapes = _shapes([windows[source] for source in fit])
+    lines = [concave_lines(HORIZONS, shape.tolist()) for shape in shapes.values()]
+    scores = [score for w in (windows[source] for source in rest) for score in _scores(w.ratios(lines), w.rate, block)]
+    factor = conformal_quantile(scores, level)
     return CalibratedReach(
-        skeleton.name,
-        options.gate,
-        options.level,
-        len(scores),
-        horizons,
-        {limb: tuple((factor * shape).tolist()) for limb, shape in shapes.items()},
-        tuple(r.source for r, used in zip(ordered, fit, strict=True) if used),
-        tuple(r.source for r, used in zip(ordered, fit, strict=True) if not used),
-        options.block,
-        sum(w.refused for w in windows) / max(1, sum(w.seen for w in windows)),
+        skeleton=skeleton.name,
+        gate=gate,
+        level=level,
+        units=len(scores),
+        horizons=HORIZONS,
+        growth={limb: tuple((factor * shape).tolist()) for limb, shape in shapes.items()},
+        shaped_with=tuple(fit),
+        calibrated_with=tuple(rest),
+        block=block,
+        refused=sum(w.refused for w in windows.values()) / max(1, sum(w.seen for w in windows.values())),
     )
 
 
-def _shapes(windows: Sequence[Windows], horizons: Sequence[float]) -> dict[str, FloatArray]:
+def _shapes(windows: Sequence[Windows]) -> dict[str, FloatArray]:
     """Return how far (H,) limbs went at most, the same for both sides of the body [m]."""
     limbs = windows[0].limbs
-    most = np.maximum(np.max([w.longest(horizons) for w in windows], axis=0), _LEAST)
+    most = np.maximum(np.max([w.longest(HORIZONS) for w in windows], axis=0), _LEAST)
     other = {"left": "right", "right": "left"}
     mirrored = [limbs.index("_".join(other.get(part, part) for part in limb.split("_"))) for limb in limbs]
     return dict(zip(limbs, np.maximum(most, most[mirrored]), strict=True))

@@ -9,15 +9,14 @@ measurement,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, files, whole_number
+from safe_ompl.common import FloatArray, InputError, IntArray, Section, files, key
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS
 from safe_ompl.people.kernels import Sets
@@ -94,7 +93,7 @@ def limb_lines(limbs: Sequence[str], people: People, reach: CalibratedReach | No
 
 
 @dataclass(frozen=True)
-class CalibratedReach:
+class CalibratedReach(Section):
     """How far limbs went in recordings, as `calibrate` found it: balls about where they were seen last.
 
     The growth of a limb is the least concave function that is at least its lengths at the horizons and 0 at 0, and
@@ -105,41 +104,35 @@ class CalibratedReach:
     Raises InputError if a value cannot be used; the message starts with its key.
     """
 
-    skeleton: str  # Of the recordings; a tracker must have the same one
-    gate: float  # That was used; a tracker must have the same one [m/s]
+    skeleton: str = key(document.text)  # Of the recordings; a tracker must have the same one
+    gate: float = key(document.number, above=0.0)  # That was used; a tracker must have the same one [m/s]
     # Probability that all of a unit that is exchangeable with the calibrated ones keeps to it; see `calibrate`
-    level: float
-    units: int  # Of the calibration
-    horizons: tuple[float, ...]  # Times since the limb was seen, ascending [s]
+    level: float = key(document.number)
+    units: int = key(document.whole, at_least=1)  # Of the calibration
+    horizons: tuple[float, ...] = key(document.numbers, above=0.0)  # Times since the limb was seen, ascending [s]
     # By limb how far its ends are from there at the most at each of the horizons, never falling [m]
-    growth: Mapping[str, tuple[float, ...]] = field(hash=False)
-    shaped_with: tuple[str, ...]  # Recordings that the shapes come from, and those that the factor comes from
-    calibrated_with: tuple[str, ...]
-    block: float | None = None  # Length of a unit [s]; None: a unit is a recording
-    refused: float = 0.0  # Share of the key points that the gate refused
+    growth: Mapping[str, tuple[float, ...]] = key(
+        document.by_name, read=document.numbers, known=LIMBS, least="limb", above=0.0
+    )
+    # Recordings that the shapes come from, and those that the factor comes from
+    shaped_with: tuple[str, ...] = key(document.each, read=document.text)
+    calibrated_with: tuple[str, ...] = key(document.each, read=document.text)
+    block: float | None = key(document.number, default=None, above=0.0)  # Of a unit [s]; None: it is a recording
+    refused: float = key(
+        document.number, default=0.0, at_least=0.0, at_most=1.0
+    )  # Share of the key points, by the gate
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """Raise InputError unless the values fit together."""
         with document.within("skeleton", ": "):
             find_skeleton(self.skeleton)
-        if not 0 < document.number("level", self.level) < 1:
+        if not 0 < self.level < 1:
             raise InputError(f"must be between 0 and 1, got {self.level!r}", "level")
-        document.number("gate", self.gate, above=0.0)
-        whole_number("units:", self.units, at_least=1)
-        document.number("refused", self.refused, at_least=0.0, at_most=1.0)
-        if self.block is not None:
-            document.number("block", self.block, above=0.0)
-        horizons = ascending("horizons", document.numbers("horizons", self.horizons, above=0.0), strictly=True)
-        given, growth = document.mapping("growth", self.growth, LIMBS), {}
-        for limb, lengths in given.items():
-            key = f"growth.{limb}"
-            growth[limb] = ascending(key, document.numbers(key, lengths, len(horizons), above=0.0))
-        if not growth:
-            raise InputError("must have one limb at least", "growth")
-        values: dict[str, Any] = {"horizons": horizons, "growth": growth}
-        for key in ("shaped_with", "calibrated_with"):
-            values[key] = tuple(document.text(key, name) for name in document.sequence(key, getattr(self, key)))
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        _ascending("horizons", self.horizons, strictly=True)
+        for limb, lengths in self.growth.items():
+            if len(lengths) != len(self.horizons):
+                raise InputError(f"must be {len(self.horizons)} numbers, got {len(lengths)}", f"growth.{limb}")
+            _ascending(f"growth.{limb}", lengths)
 
     def __str__(self) -> str:
         unit = "recordings" if self.block is None else f"blocks of {self.block:g} s"
@@ -149,12 +142,11 @@ class CalibratedReach:
     def load(cls, file: str | Path) -> CalibratedReach:
         """Read a reach file (YAML); an InputError names file, line, key and value of what it cannot use."""
         with files.reading(Path(file)) as data:
-            document.check_fields(cls, data)
-            return cls(**data)
+            return cls.from_mapping(data)
 
     def save(self, file: str | Path) -> None:
         """Write the file that `load` reads."""
-        files.write(file, files.dump_document(asdict(self)))
+        files.write(file, files.dump_document(self.to_mapping()))
 
     @property
     def limbs(self) -> tuple[str, ...]:
@@ -186,11 +178,10 @@ def concave_lines(horizons: Sequence[float], lengths: Sequence[float]) -> FloatA
     return np.vstack([np.column_stack([starts, slopes])[kept], [(g - last * t).max(), last]])
 
 
-def ascending(key: str, values: tuple[float, ...], strictly: bool = False) -> tuple[float, ...]:
-    """Return numbers if there are some and none is smaller than the one before, or else raise InputError."""
+def _ascending(key: str, values: tuple[float, ...], strictly: bool = False) -> None:
+    """Raise InputError unless there are numbers, and none is smaller than the one before."""
     if not values:
         raise InputError("must have one number at least", key)
     for before, after in pairwise(values):
         if after < before or (strictly and after == before):
             raise InputError(f"must not fall{' or stay' if strictly else ''}, got {after:g} after {before:g}", key)
-    return values

@@ -9,8 +9,8 @@ import pytest
 from safe_ompl import InputError, People, Scenario
 from safe_ompl.apps.cli.program import main
 from safe_ompl.people import (
+    GATE,
     CalibratedReach,
-    Calibration,
     Recording,
     TrackedBody,
     Tracker,
@@ -27,7 +27,7 @@ STANDING = np.array(
     + [[0, side * away, 0.6] for side in (1, -1) for away in (0.05, 0.2, 0.5, 0.75)]
 )
 LENGTHS = {"torso": (0.1, 0.12, 0.5), "right_hand": (0.4, 0.45, 1.0)}
-REACH = CalibratedReach("recording12", 3.0, 0.9, 20, (0.1, 0.2, 0.5), LENGTHS, ("a",), ("b",), refused=0.01)
+REACH = CalibratedReach("recording12", 3.0, 0.9, 20, (0.1, 0.2, 0.5), LENGTHS, ("a",), ("b",), 5.0, 0.01)
 
 
 def recording(rng, frames=12, name="walk", scale=None):
@@ -52,56 +52,49 @@ def test_the_quantile_is_the_smallest_score_that_enough_units_keep_to(level):
                 conformal_quantile(scores, level)
 
 
-def test_a_level_that_the_units_do_not_allow_is_refused_and_the_highest_one_is_named():
-    with pytest.raises(InputError, match=r"level: 0.98 needs more than the 38 units .* 0.9743 at most"):
-        conformal_quantile(np.arange(38.0), 0.98)
-    assert conformal_quantile(np.arange(38.0), 0.9743) == 37
-
-
 def test_new_recordings_keep_to_the_reach_as_often_as_the_level_says():
     """Recordings differ by much from each other: windows of several are far from exchangeable."""
     rng, level, kept, count = np.random.default_rng(1), 0.8, 0, 0
-    how = Calibration(level, horizons=(0.05, 0.1, 0.2))
     for _ in range(6):
-        reach = calibrate([recording(rng, 8, f"walk {k:02d}") for k in range(15)], how)
+        reach = calibrate([recording(rng, 8, f"walk {k:02d}") for k in range(15)], level)
         assert (reach.units, len(reach.shaped_with)) == (13, 2)
         for _ in range(10):
-            windows = Windows.of(recording(rng, 8), 0.2, how.gate)
+            windows = Windows.of(recording(rng, 8), 0.5, GATE)
             kept += windows.ratios([reach.lines[limb] for limb in windows.limbs]).max() <= 1
             count += 1
     assert level - 4 * np.sqrt(level * (1 - level) / count) <= kept / count < 1
 
 
-def test_blocks_are_units_and_the_split_is_drawn_from_the_names_and_the_seed():
+def test_blocks_are_units_and_the_split_follows_from_the_names():
     rng = np.random.default_rng(2)
     walks = [recording(rng, 45, f"walk {k}") for k in range(4)]
-    how = Calibration(0.5, horizons=(0.1,), block=0.5, fit=0.25)
-    reach = calibrate(walks, how)
+    reach = calibrate(walks, 0.5, block=0.5)
     assert (reach.units, reach.block) == (3 * 4, 0.5)  # 45 frames are four blocks of ten and a rest
     assert sorted([*reach.shaped_with, *reach.calibrated_with]) == [walk.source for walk in walks]
-    assert calibrate(walks[::-1], how) == reach
-    assert {calibrate(walks, replace(how, seed=seed)).shaped_with for seed in range(3)} > {reach.shaped_with}
+    assert calibrate(walks[::-1], 0.5, block=0.5) == reach
 
 
-def test_what_cannot_be_calibrated_is_refused():
-    rng = np.random.default_rng(3)
-    walks = [recording(rng, name=f"walk {k}") for k in range(3)]
-    with pytest.raises(InputError, match="two recordings at least, got 1"):
-        calibrate(walks[:1], Calibration(0.5))
-    with pytest.raises(InputError, match=r"horizons: the first one .* a frame of walk 0 \(0.05 s\), got 0.04"):
-        calibrate(walks, Calibration(0.5, horizons=(0.04, 0.2)))
-    other = Recording(find_skeleton("coco17"), 20.0, np.zeros((3, 17, 3)), "other")
-    with pytest.raises(InputError, match="walk 0: the skeleton is 'recording12', that of other is 'coco17'"):
-        calibrate([walks[0], other], Calibration(0.5))
-    for change, message in (
-        ({"level": 1.0}, "level must be between"),
-        ({"fit": 0.0}, "fit must be between"),
-        ({"horizons": (0.2, 0.1)}, "horizons: must not fall or stay, got 0.1 after 0.2"),
-        ({"horizons": ()}, "horizons: must have one number"),
-        ({"gate": -1.0}, "gate must be a positive number"),
-    ):
-        with pytest.raises(InputError, match=message):
-            Calibration(**{"level": 0.5, **change})
+WALK = Recording(SKELETON, 20.0, np.tile(STANDING, (3, 1, 1)), "walk")
+
+
+@pytest.mark.parametrize(
+    ("recordings", "options", "message"),
+    [
+        ([WALK], {}, "two recordings at least, got 1"),
+        ([WALK, replace(WALK, rate=10.0)], {}, "walk: must have 20 frames per second at least, got 10"),
+        (
+            [WALK, Recording(find_skeleton("coco17"), 20.0, np.zeros((3, 17, 3)), "xx")],
+            {},
+            "xx: the skeleton is 'coco17', that of walk is 'recording12'",
+        ),
+        ([WALK] * 2, {"level": 1.0}, "level must be between"),
+        ([WALK] * 2, {"gate": -1.0}, "gate must be a positive number"),
+        ([WALK] * 2, {"block": 0.0}, "block must be a positive number"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_refused(recordings, options, message):
+    with pytest.raises(InputError, match=message):
+        calibrate(recordings, **{"level": 0.5, **options})
 
 
 # ----------------------------------------------------------------------------------------------------- the gate
@@ -216,7 +209,7 @@ def test_a_reach_comes_back_from_its_file(tmp_path):
     found = CalibratedReach.load(tmp_path / "reach.yaml")
     assert found == REACH
     assert found.lines.keys() == LENGTHS.keys()
-    assert "90 % of the recordings (20 calibrated)" in str(found)
+    assert "90 % of the blocks of 5 s (20 calibrated)" in str(found)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +226,7 @@ def test_a_reach_comes_back_from_its_file(tmp_path):
         ("[0.1, 0.12, 0.5]", "[.nan, 0.12, 0.5]", r"reach.yaml:7: growth.torso"),
         ("torso:", "tail:", r"reach.yaml:7: growth.tail: unknown key"),
         ("recording12", "recording13", r"reach.yaml:1: skeleton: unknown skeleton 'recording13'"),
-        ("block: null", "block: -1", r"reach.yaml:\d+: block: must be a positive number"),
+        ("block: 5.0", "block: -1", r"reach.yaml:\d+: block: must be a positive number"),
         ("refused: 0.01", "refused: 2", r"reach.yaml:\d+: refused"),
         ("shaped_with: [a]", "shaped_with: [3]", r"reach.yaml:\d+: shaped_with"),
     ],

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.people import CalibratedReach, Calibration, Recording, calibrate, list_clips
+from safe_ompl.people import GATE, CalibratedReach, Recording, calibrate, list_clips
 
 
 def add_commands(commands: Any) -> None:
@@ -34,24 +34,22 @@ def add_commands(commands: Any) -> None:
     option(parser, "--level SHARE", "share of the units that keep to it", arguments.share, required=True)
     option(parser, "-o, --out FILE", "the reach file (.yaml)", output.output_file(".yaml", ".yml"), required=True)
     arguments.add_force(parser)
-    option(parser, "--gate V", "faster key points are glitches [m/s]", arguments.limit, Calibration.gate)
-    option(parser, "--fit SHARE", "share of the recordings that give the shapes", arguments.share, Calibration.fit)
+    option(parser, "--gate V", "faster key points are glitches [m/s]", arguments.limit, GATE)
     option(parser, "--block S", "units are blocks of so many seconds; default: recordings", arguments.seconds)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the recordings, and return the job."""
-    how = Calibration(**{key: getattr(options, key) for key in ("level", "gate", "fit", "block")})
     recordings = [Recording.load(file, clip) for file in options.recordings for clip in list_clips(file)]
-    return partial(_calibrate, recordings, how, options.out)
+    return partial(_calibrate, recordings, options)
 
 
-def _calibrate(recordings: list[Recording], how: Calibration, out: str) -> int:
+def _calibrate(recordings: list[Recording], options: argparse.Namespace) -> int:
     """Write the reach file, and show what is in it."""
-    found = calibrate(recordings, how)
-    found.save(out)
+    found = calibrate(recordings, options.level, gate=options.gate, block=options.block)
+    found.save(options.out)
     output.console().print(reach_table(found))
-    output.error_console().print(f"reach in {out}")
+    output.error_console().print(f"reach in {options.out}")
     return 0
 
 
