@@ -159,23 +159,6 @@ def test_who_is_faster_than_promised_is_seen():
     assert noisy.observe(moved, 0.1) is None
 
 
-def test_what_is_not_seen_keeps_its_place_and_grows():
-    anna = track()
-    anna.observe(standing(), 0.0)
-    hidden = standing() + 0.01
-    hidden[13:] = np.nan  # legs behind a table
-    anna.observe(hidden, 0.3)
-    body, sets = TrackedBody(), anna.sets()
-    shank = sets.names.index(("anna", "left_shank"))
-    assert sets.grown(0.0)[shank] == pytest.approx(0.3)
-    np.testing.assert_allclose(sets.points[2 * shank], standing()[13])
-    assert sets.grown(0.0)[sets.names.index(("anna", "left_upper_arm"))] == 0
-    assert anna.age == pytest.approx(0.3)
-    anna.observe(None, 0.5)
-    assert anna.sets().grown(0.0)[shank] == pytest.approx(0.5)
-    assert len(body.limbs) == len(sets.names)
-
-
 def test_a_track_refuses_what_cannot_be():
     anna = track()
     with pytest.raises(InputError, match="anna: was never seen"):

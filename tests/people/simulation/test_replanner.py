@@ -152,42 +152,6 @@ def test_after_a_stop_it_goes_on_by_itself_and_says_why(replanner_for, to_and_fr
     assert "standing: " in caplog.text
 
 
-def test_the_same_updates_give_the_same_motion(replanner_for, to_and_fro, tracker, drive):
-    def see(time):
-        return {"anna": person_at((0.9 + 0.3 * np.sin(2 * time), 0.3, -0.9), tracker)}, {}
-
-    runs = []
-    for _ in range(2):
-        replanner = replanner_for("anna")
-        commands = drive(replanner, to_and_fro(replanner)[0], see, 2.0)
-        runs.append([np.concatenate(command.at(command.time + 0.03)) for command in commands])
-    assert np.array_equal(*map(np.array, runs))
-
-
-def test_who_was_never_seen_or_is_lost_stops_it(replanner_for, to_and_fro, drive):
-    for seen, doing, reason in ((0.0, {Doing.STANDING}, "'ball' was not seen yet"), (0.3, set(Doing), "not seen for")):
-        replanner = replanner_for("ball")
-        commands = drive(replanner, to_and_fro(replanner)[0], lambda t, seen=seen: FAR if t < seen else ({}, {}), 1.5)
-        assert {command.doing for command in commands} <= doing
-        assert commands[-1].doing is Doing.STANDING
-        assert reason in commands[-1].reason
-
-
-def test_a_late_answer_is_a_stop(replanner_for, to_and_fro):
-    replanner = replanner_for("ball")
-    replanner.start(to_and_fro(replanner)[0])
-    for k in range(10):
-        replanner.update(*FAR, 0.05 * k)
-        command = replanner.command(0.05 * k)
-    assert np.abs(command.at(0.5).qd).max() > 0.1
-    assert command.standstill < 1.0
-    np.testing.assert_array_equal(command.at(command.standstill + 1).qd, 0)
-    replanner.update(*FAR, 0.8)
-    after = replanner.command(0.8)
-    np.testing.assert_allclose(after.at(0.8).q, command.at(0.8).q)
-    assert after.doing is Doing.MOVING
-
-
 def test_clearance_is_left(replanner_for, to_and_fro, drive):
     still = {}, {"ball": Pose((0.85, 0.0, 0.5))}
     for clearance, end in ((0.0, Doing.DONE), (0.3, Doing.STANDING)):
@@ -196,24 +160,6 @@ def test_clearance_is_left(replanner_for, to_and_fro, drive):
 
 
 # ------------------------------------------------------------------------------------------------------- contact
-
-
-def test_what_contact_allows_is_only_asked_near_people_and_once_for_each_cell(
-    replanner_for, to_and_fro, tracker, monkeypatch
-):
-    replanner = replanner_for("anna", people=People(contact=True))
-    cells_asked, speeds = [], replanner.contact.speeds
-    monkeypatch.setattr(replanner.contact, "speeds", lambda Q, *rest: cells_asked.append(len(Q)) or speeds(Q, *rest))
-    replanner.start(to_and_fro(replanner)[0])
-    for time, far in ((0.0, 4.0), (4.0, 1.0)):
-        replanner.update({"anna": person_at((far, 0.0, -0.9), tracker, stretched=far == 1.0)}, {}, time)
-        command = replanner.command(time + 0.02)
-        assert bool(cells_asked) == (far == 1.0)
-    asked, path = sum(cells_asked), command.path
-    slow = path.slowed(0.5 * np.sqrt(path.squares), path.brakes)
-    np.testing.assert_array_equal(slow.squares, 0.25 * path.squares)
-    slow._borne(replanner.contact, command.motion.cells)
-    assert sum(cells_asked) == asked
 
 
 def test_in_a_narrow_gap_it_is_slower_than_in_the_open(panda, tracker, to_and_fro, drive):

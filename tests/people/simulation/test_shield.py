@@ -215,54 +215,6 @@ def test_it_stops_on_the_path_before_what_stands_still(shield_for, way, reason):
     assert np.abs(states[-1, 0] - HOME).max() > 0.3
 
 
-def test_a_missed_tick_ends_in_the_stop_and_a_chunk_that_is_over_at_rest(shield_for):
-    shield = shield_for()
-    commands, _ = drive(shield, chunks(), lambda t: FAR, 1.0)
-    end = commands[-1].standstill
-    assert 1.0 < end < 1.5
-    np.testing.assert_array_equal(commands[-1].at(end + 1.0).qd, 0)
-    shield.update({}, {"ball": Pose(FAR)}, end + 1.0)
-    command = shield.command(end + 1.0)  # without a new proposal it goes on with the last one
-    assert command.follows
-    assert command.delay > 0.5
-    for k in range(1, 40):
-        shield.update({}, {"ball": Pose(FAR)}, end + 1.0 + 0.05 * k)
-        command = shield.command(end + 1.0 + 0.05 * k)
-    assert command.doing is Doing.DONE
-    np.testing.assert_allclose(command.at(np.inf).q, swing(0.95 + (CHUNK - 1) / RATE), atol=1e-9)
-
-
-def test_a_shield_that_is_silent_for_some_ticks_ends_in_the_stop_and_touches_nobody(shield_for, panda):
-    shield, monitor, rng = shield_for(), ContactMonitor(panda), np.random.default_rng(0)
-    place, command, silent, moved, stood = np.array([0.9, 0.5, 0.5]), None, 0, 0, 0
-    for k in range(240):
-        now = 0.05 * k
-        if silent == 0:
-            shield.update({}, {"ball": Pose(tuple(place))}, now)
-            here = HOME if command is None else command.at(now + 0.02).q
-            shield.propose(here + np.outer(np.arange(CHUNK) / RATE, (-1) ** (k // 40) * SWING), RATE)
-            new = shield.command(now + 0.02)
-            silent = int(rng.integers(3, 16)) if rng.random() < 0.2 else 1
-        silent -= 1
-        for t in now + 0.01 * np.arange(5):
-            if t >= now + 0.015:
-                command = new
-            if command is None:
-                continue
-            state, towards = command.at(t), np.array([0.3, 0.0, 0.6]) - place
-            near = np.linalg.norm(towards)
-            # It runs at the robot as fast as it may while the shield is silent, and else goes away.
-            place = place + 0.016 * (towards / near if silent and near > 0.02 else (near < 0.8) * -towards / near)
-            moving = bool(np.abs(state.qd).max() > 1e-9)
-            moved, stood = moved + moving, stood + (not moving and t > command.standstill)
-            solids = part_solids("ball", Sphere(0.1), pin.SE3(np.eye(3), place))
-            monitor.observe(t, state.q, solids, moving=moving, obeyed=True)
-    assert moved > 200
-    assert stood > 100
-    assert monitor.contacts  # it was reached, but at rest
-    assert not any(contact.moving for contact in monitor.contacts)
-
-
 def test_accelerations_beyond_the_limits_cost_time_only(shield_for):
     motion = Motion.hermite(np.arange(61) / 40, swing(3 * np.arange(61) / 40))
     commands, states = drive(shield_for(), once(motion), lambda t: FAR, 4)
