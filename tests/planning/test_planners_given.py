@@ -1,10 +1,7 @@
 """Planners of OMPL's that hang or crash with callbacks in Python are refused, whichever way they come in."""
 
 import _thread
-import subprocess
-import sys
 import threading
-from pathlib import Path
 
 import pytest
 from ompl import geometric as og
@@ -14,7 +11,6 @@ from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.registry import _REFUSED
 from safe_ompl.scene import find_scenario
 
-PLAIN_PRM = [sys.executable, Path(__file__).parent / "programs" / "plain_prm.py"]
 WAYS = {
     "plan": lambda setup, kind: setup.plan(kind(setup.getSpaceInformation())),
     "optimise": lambda setup, kind: setup.plan(kind(setup.getSpaceInformation()), optimise=1.0),
@@ -55,11 +51,6 @@ def test_other_planners_are_taken(setup):
     setup.setPlannerAllocator(og.RRTConnect)
     assert setup.solve(20.0)
     assert setup.getPlanner().getName() == "RRTConnect"
-
-
-def test_prm_works_in_a_plain_setup_with_our_checkers():
-    done = subprocess.run(PLAIN_PRM, capture_output=True, text=True, timeout=120)
-    assert done.stdout.endswith("True\n"), done.stderr
 
 
 @pytest.mark.parametrize("known", [True, False])

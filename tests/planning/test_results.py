@@ -12,7 +12,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from safe_ompl import PlanningError, SafeSetup, Scene, certificate, verify
+from safe_ompl import PlanningError, SafeSetup, Scene
 from safe_ompl.planning.ompl import ScratchState, StateBridge
 
 ASIDE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
@@ -128,14 +128,7 @@ SHOWN = {
     "result": (lambda setup, result: result, "Exact solution", True),
     "report": (lambda setup, result: result.report, "certified", True),
     "trajectory": (lambda setup, result: result.timed(), "duration", True),
-    "proof": (lambda setup, result: setup.check(result.path), "proven", True),
     "no proof": (lambda setup, result: setup.check(STRAIGHT), "&#x27;ball&#x27;", True),
-    "repair": (lambda setup, result: setup.repair(STRAIGHT), "repaired", True),
-    "verified": (
-        lambda setup, result: verify(certificate(result.path, setup.robot, setup.scene)),
-        "not claimed",
-        False,
-    ),
     "no path": (lambda setup, result: setup.plan(time=1e-6), "Timeout", False),
 }
 

@@ -1,5 +1,6 @@
 """SafeSetup and plan: from a problem to a validated path, and clear words about problems that make no sense."""
 
+import dataclasses
 import logging
 
 import numpy as np
@@ -19,14 +20,20 @@ from safe_ompl import (
     PlanningError,
     Pose,
     SafeSetup,
+    Scenario,
     Scene,
     UnknownNameError,
     check,
+    plan,
     planner_data,
     time_path,
 )
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import ScratchState, StateBridge
 from safe_ompl.planning.planners import SafeRRTConnect, make_planner
+from safe_ompl.robot import RobotSpec
+from safe_ompl.scene import find_scenario
+from safe_ompl.scene.scenario import Goal
 
 
 @pytest.fixture
@@ -52,14 +59,6 @@ def test_a_solved_problem(setup, ur5):
     assert counts.bound_queries > counts.margin_queries
     assert counts.field_configurations > 0
     assert counts.distance_queries == 0, "the report's own work is not planning"
-
-
-def test_parameters_reach_the_planner(setup):
-    for name, straight in (("ClassicRRTConnect", {}), ("SafeRRTConnect", {"alpha": 0.0})):
-        results = [setup.plan(name, time=10.0, parameters={"range": r, **straight}) for r in (0.1, 1.0)]
-        steps = [np.linalg.norm(np.diff(result.path, axis=0), axis=1).max() for result in results]
-        assert steps[0] <= 0.1 + 1e-9 < steps[1]
-        assert all((result.planner, result.certified) == (name, True) for result in results)
 
 
 def test_no_solution_in_time(crank):
@@ -330,13 +329,47 @@ def test_of_a_place_and_configurations_a_planner_gets_what_it_plans_to(setup):
     assert setup.getGoal() is place
 
 
-def test_a_simplifier_is_kept_as_long_as_the_checker(setup):
-    setup.setSimplification(clearance=0.02)
-    first = setup.simplifier
-    assert setup.simplifier is first
-    setup.setMinClearance(0.01)
-    assert setup.simplifier.motion is setup.motion_prover is not first.motion
-    assert setup.simplifier.cost is first.cost
-    setup.setScene(SCENE.without("shelf"))
-    assert setup.simplifier.cost is not first.cost
-    assert setup.simplifier.obstacle_cost.distance == 0.02
+# ----------------------------------------------------------------------------------------------------- from a scenario
+
+
+@pytest.fixture
+def scenario():
+    return Scenario(
+        "ball",
+        RobotSpec("ur5"),
+        SCENE,
+        tuple(START.tolist()),
+        Goal((tuple(GOAL.tolist()),)),
+        planners={"SafeRRTConnect": {"range": 0.2, "alpha": 0.0}},
+    )
+
+
+def test_a_scenario_in_one_call(scenario, tmp_path):
+    result = plan(scenario, seed=4)
+    assert result
+    assert result.setup_time > 0
+    assert plan(scenario, seed=4, simplify=True).report.length < result.report.length
+    assert np.linalg.norm(np.diff(result.path, axis=0), axis=1).max() <= 0.2 + 1e-9, "its own parameters"
+    file = tmp_path / "ball.yaml"
+    scenario.save(file)
+    np.testing.assert_array_equal(plan(file, seed=4).path, result.path)
+    wide = plan(file, seed=4, parameters={"range": 1.0})
+    assert np.linalg.norm(np.diff(wide.path, axis=0), axis=1).max() > 0.2
+
+
+def test_a_scenario_whose_start_collides_names_file_and_pair(scenario, tmp_path):
+    file = tmp_path / "bad.yaml"
+    dataclasses.replace(scenario, start=tuple(IN_BALL.tolist())).save(file)
+    with pytest.raises(InputError, match=r"bad.yaml: start is in collision: '.*_link' touches 'ball'"):
+        plan(file)
+
+
+@pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect", "SafeJTRRT"])
+def test_a_scenario_may_name_a_place_alone(planner):
+    scenario = Scenario.load(find_scenario("ur5_handover"))
+    place = dataclasses.replace(scenario.goal, configurations=())
+    setup = setup_scenario(dataclasses.replace(scenario, goal=place))
+    result = setup.plan(planner, time=10.0, seed=1)
+    assert result
+    tip = setup.robot.tip_pose(result.path[-1]).translation
+    assert np.linalg.norm(tip - place.position) <= place.tolerance

@@ -49,21 +49,6 @@ def test_it_plans_as_one_made_anew(setup, scenario, planner):
     assert mine.report.danger.max == other.report.danger.max
 
 
-def test_it_simplifies_within_limits_as_one_made_anew(setup, scenario):
-    limited = [setup]
-    for one in limited:
-        one.setSimplification(clearance=0.03)
-        one.setMinClearance(0.03, ["table"])
-        one.setMaxDanger(30.0)
-        if one is setup:
-            setup.plan(seed=3, simplify=True)
-            change(setup)
-            limited.append(anew(setup, scenario))
-    mine, its = (one.plan(seed=3, simplify=True, time=60.0) for one in limited)
-    np.testing.assert_array_equal(mine.planned_path, its.planned_path)
-    np.testing.assert_allclose(mine.path, its.path, atol=1e-9)
-
-
 def test_what_is_movable_or_has_moved_once_moves_in_place(setup, scenario):
     setup.addObstacle(BALL)
     checkers = []

@@ -116,13 +116,6 @@ def test_states_and_regions_know_of_it(ur5, scene, ends):
     assert all(tool_limit(setup, ToolOrientation).allows(q) for q in setup.getGoal().solutions)
 
 
-def test_an_axis_and_a_direction(setup, ends):
-    setup.setToolConstraint([0.0, 0.0, 1.0], [0.0, 0.0, -1.0], 0.4)
-    path = setup.plan(seed=1, time=8.0).path
-    fingers = [setup.robot.tip_pose(q).rotation[:, 2] for q in densely(setup.robot, path)]
-    assert max(np.arccos(np.clip(-finger[2], -1, 1)) for finger in fingers) <= 0.4
-
-
 def test_a_start_that_spills(setup, ends):
     setup.setToolConstraint(angle=LIMIT)
     before = tool_limit(setup, ToolOrientation)

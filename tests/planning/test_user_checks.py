@@ -7,7 +7,6 @@ import pytest
 from ball import GOAL, START, densely, setup_for
 from ompl import base as ob
 
-from safe_ompl import SafePRM
 from safe_ompl.collision import Verdict
 from safe_ompl.common import CollisionError, InputError
 from safe_ompl.planning.ompl import SampledValidity, StateBridge
@@ -56,23 +55,16 @@ def test_a_checker_is_obeyed_and_named(setup, as_object):
     assert told["checks"] == [{"name": name, "resolution": 0.01, "passed": True}]
 
 
-@pytest.mark.parametrize("planner", ["SafePRM", "BubblePlanner", "RRTConnect", "BITstar"])
+@pytest.mark.parametrize("planner", ["SafePRM", "BubblePlanner", "RRTConnect"])
 def test_all_planners_obey_it(setup, planner):
     setup.setStateValidityChecker(low_only)
-    result = setup.plan(planner, time=20.0 if planner != "BITstar" else 1.0, seed=1)
-    assert result or planner == "BITstar"
-    assert not result or highest(setup, result.path) < LIFTED + 0.01
-    if planner == "SafePRM":
-        setup.setPlanner(SafePRM(setup.getSpaceInformation()))
-        assert setup.solve(20.0)
-        assert highest(setup, setup.solution()) < LIFTED + 0.01
+    assert highest(setup, setup.plan(planner, time=20.0, seed=1).path) < LIFTED + 0.01
 
 
-@pytest.mark.parametrize("danger", [{}, None])
-@pytest.mark.parametrize("options", [{"simplify": True}, {"optimise": 1.0}])
+@pytest.mark.parametrize(
+    ("options", "danger"), [({"simplify": True}, {}), ({"simplify": True}, None), ({"optimise": 0.5}, {})]
+)
 def test_simplification_obeys_it(setup, options, danger):
-    if danger is None and "optimise" in options:
-        return
     own = setup_for(setup.robot, danger=danger)
     own.setStateValidityChecker(low_only)
     result = own.plan(seed=0, time=20.0, **options)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from heapq import heappop, heappush
 from itertools import count
@@ -19,8 +18,6 @@ from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, 
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.planning.planners.tree import PlannerGraph, Tree, Trees
 from safe_ompl.robot import Place, StepLimits, limited_step, motion_limits, pseudoinverse_step, transpose_step
-
-_log = logging.getLogger(__name__)
 
 _LEAST_MARGIN = 0.01  # [m]; the clearance at the goal is unknown: little is tried before the margin ends
 _RANDOM_STARTS = 0.3  # share of the extensions towards the goal that begin at any node not chosen before
@@ -161,24 +158,13 @@ class SafeJTRRT(SafePlanner):
             approach.untried.append(new)
 
     def _take_goals(self, ptc: Any) -> None:
-        """Take the place from the problem; no goal configurations are drawn."""
+        """Take the place from the problem; the tree stays, and all of its nodes may be tried for another place."""
         goal = self.getProblemDefinition().getGoal()
         if goal is not self._goal:
-            self._aim(goal)
+            self._goal, self._place = goal, goal.place
+            self._step.aim(goal.place)
+            self._trees.aim(goal)
         self._trees.take_new()
-
-    def _aim(self, goal: WorkspaceGoal) -> None:
-        """Head for another goal; the tree stays, and all of its nodes may be tried for it."""
-        self._goal, self._place = goal, goal.place
-        self._step.aim(goal.place)
-        self._trees.aim(goal)
-        if not self._place.redundancy and not self.transpose:
-            _log.info(
-                "%s: the goal takes all %d joints and leaves no null space: on the way to it the posture "
-                "cannot turn from danger",
-                self.getName(),
-                self._place.robot.n,
-            )
 
     def _prepare(self) -> None:
         self._danger.prepare()

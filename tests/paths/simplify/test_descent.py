@@ -38,17 +38,6 @@ def test_the_cheapest_path_of_the_half_plane():
     np.testing.assert_array_equal(descent.path[[0, -1]], path[[0, -1]])
 
 
-def test_way_points_that_are_held_stay():
-    path = divided(np.array([[-2.0, 0.5], [2.0, 0.5]]), 0.5)
-    descent = Descent(PathCost(Plane(), [HYPERBOLIC]), path, anywhere)
-    held = np.arange(len(path)) == 3
-    descent.restart(path, held)
-    for _ in range(5):
-        descent.step()
-    np.testing.assert_array_equal(descent.path[3], path[3])
-    assert (descent.path[2] != path[2]).any()
-
-
 def test_no_step_is_longer_than_allowed_nor_taken_where_there_is_nothing_to_gain():
     path = divided(np.array([[-2.0, 0.5], [2.0, 0.5]]), 0.2)
     descent = Descent(PathCost(Plane(), [HYPERBOLIC]), path, anywhere)

@@ -222,20 +222,6 @@ def test_interrupted_the_best_path_so_far_stands(setup, raw, at):
     np.testing.assert_array_equal(found, steps[-1])
 
 
-def test_when_time_is_up_nothing_is_begun(setup, raw):
-    run = setup.simplifier.begin(raw[0], lambda: True)
-    counts = setup.field.counts.field_configurations, setup.checker.counts.distance_queries
-    run.improve()
-    assert setup.field.counts.field_configurations - counts[0] < 100
-    assert setup.checker.counts.distance_queries == counts[1]
-    proofs = EdgeProofs(setup.simplifier.motion, lambda: True)
-    proofs.accept(raw[0][:2])
-    assert proofs.accepts(raw[0][0], raw[0][1])
-    queries = setup.checker.counts.margin_queries
-    assert not proofs.accepts(raw[0][0], raw[0][0] + 1e-3)
-    assert setup.checker.counts.margin_queries == queries
-
-
 # ------------------------------------------------------------------------------------------------------------- edges
 
 

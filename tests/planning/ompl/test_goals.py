@@ -184,17 +184,6 @@ def test_planners_reach_the_place_or_the_region(setup, planner, goal):
     assert setup.getGoal().place.distance(result.path[-1]) <= setup.getGoal().tolerance
 
 
-def test_planners_get_more_goals_while_they_plan(setup):
-    """The start is walled in, so that the search goes on until the time is up."""
-    setup.setStateValidityChecker(lambda state: bool(abs(state[0] - START[0]) < 1e-9 or state[0] < 0.6))
-    setup.setWorkspaceGoal(POSITION)
-    assert not setup.plan("SafeRRTConnect", time=0.5)
-    ours = len(setup.getGoal().solutions)
-    assert not setup.plan("RRTConnect", time=0.5)
-    assert ours > 3
-    assert len(setup.getGoal().solutions) > 3
-
-
 @pytest.mark.parametrize(
     ("planner", "status"),
     [("SafeRRTConnect", "Timeout"), ("RRTConnect", "Invalid goal"), ("RRT", "Approximate solution")],

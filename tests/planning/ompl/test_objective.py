@@ -233,19 +233,6 @@ def test_alpha_that_is_set_later_finds_its_scale(setup):
     np.testing.assert_array_equal(late.plannerGraph().configurations, early.plannerGraph().configurations)
 
 
-def test_another_distance_to_keep_has_a_scale_of_its_own(setup, batches):
-    first = setup.plan("SafeRRTConnect", time=20.0, seed=1).path
-    setup.setMinClearance(0.05)
-    batches.clear()
-    assert setup.plan("SafeRRTConnect", time=20.0, seed=1)
-    assert 50 in batches
-    batches.clear()
-    prepared(setup, "SafePRM")
-    assert not batches
-    setup.setMinClearance(0.0)
-    np.testing.assert_array_equal(setup.plan("SafeRRTConnect", time=20.0, seed=1).path, first)
-
-
 def test_with_a_checker_of_ones_own_it_is_measured_again_by_each_planner():
     task = PlaneProblem(SafeRRTConnect, objective=SlopedHotSpot)
     task.walls.forbidden = lambda x, y: x * x + y * y < 0.5

@@ -54,17 +54,6 @@ def test_the_space_of_a_robot(robot_named, rng, name):
         first.set(np.zeros(robot.n - 1))
 
 
-def test_reading_gives_a_copy_and_viewing_does_not(panda):
-    bridge = StateBridge(joint_space(panda))
-    first, second = ScratchState(bridge), ScratchState(bridge)
-    first.set(np.full(7, -0.5))
-    second.set(np.full(7, -0.1))
-    copy, view = bridge.read(first.state), bridge.view(first.state)
-    bridge.view(second.state)
-    np.testing.assert_array_equal(copy, -0.5)
-    np.testing.assert_array_equal(view, -0.1)
-
-
 @given(angles, angles)
 def test_angles_wrap_and_differences_are_the_short_way(first, second):
     bridge = StateBridge(ob.SO2StateSpace())

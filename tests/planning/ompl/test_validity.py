@@ -19,10 +19,8 @@ from safe_ompl import (
 from safe_ompl.collision import Separation
 from safe_ompl.common import Counts, UnknownNameError
 from safe_ompl.danger import DangerField, DangerLimit
-from safe_ompl.geometry import Obstacle, Sphere
 from safe_ompl.paths import ConfigurationCheck
 from safe_ompl.planning.ompl import SampledValidity, ScratchState, StateBridge, joint_space
-from safe_ompl.scene import Scene
 
 DOWN = (0.0, 0.0, -1.0)
 
@@ -128,13 +126,6 @@ def test_motions_are_those_of_the_certified_check(setting, rng):
     assert answers == {True, False}
 
 
-def test_a_motion_over_the_half_turn_is_short(kinova, clutter):
-    setting = Setting(kinova, clutter)
-    ends = np.array([3.1, 2.9, 1.3, 3.1, 1.8, -3.1]), np.array([-3.1, 2.9, 1.3, -3.1, 1.8, 3.1])
-    assert setting.check(*ends) is True
-    assert setting.checker.counts.bound_queries + setting.checker.counts.margin_queries <= 4
-
-
 # ------------------------------------------------------------------------------------------------------- constraints
 
 
@@ -158,14 +149,6 @@ def test_quickly_and_in_words_the_answer_is_the_same(beside_ball, rng, words):
     assert any(objection in words for words in said if words)
 
 
-def test_joint_limits_are_part_of_the_check(beside_ball):
-    check, beyond = ConfigurationCheck(beside_ball.checker, Constraints()), START.copy()
-    beyond[2] = 3.5
-    assert not check.within_limits(beyond)
-    assert check.objection(beyond).startswith(": joint 'elbow_joint' = 3.5 is outside its limits [-3.14159,")
-    assert not check.allows(beyond)
-
-
 def test_constraints_about_what_there_is_not_are_refused_and_change_nothing(beside_ball):
     motion, before = beside_ball.validator.motion, beside_ball.validity.getConstraints()
     wrong = Constraints(Separation(speeds={"nobody": 1.0}, time=1.0))
@@ -174,19 +157,6 @@ def test_constraints_about_what_there_is_not_are_refused_and_change_nothing(besi
             plugin.setConstraints(wrong)
         assert plugin.getConstraints() == before
     assert beside_ball.validator.motion is motion
-
-
-def test_a_distance_from_the_dangerous_follows_them_to_another_scene(beside_ball):
-    robot, checker = beside_ball.robot, beside_ball.checker
-    asked = Constraints().with_min_clearance(checker, 0.05)
-    other = CollisionChecker(robot, Scene((Obstacle("cat", Sphere(0.1), weight=1.0),)))
-    moved = asked.in_scene_of(other)
-    assert moved.separation.min_clearance.obstacles == ("cat",)
-    empty = moved.in_scene_of(CollisionChecker(robot, Scene()))
-    assert empty.separation.min_clearance is None
-    assert empty.in_scene_of(checker) == asked
-    named = Constraints().with_min_clearance(checker, 0.05, ["ball"])
-    assert named.in_scene_of(other) is named
 
 
 def test_the_validator_does_not_keep_the_users_checker_alive(beside_ball):

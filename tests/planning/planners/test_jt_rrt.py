@@ -1,6 +1,5 @@
 """SafeJTRRT: what it solves, how it steps, what danger changes, and what it says where it cannot plan."""
 
-import logging
 from itertools import pairwise
 
 import numpy as np
@@ -8,10 +7,8 @@ import pinocchio as pin
 import pytest
 from ompl import base as ob
 
-from safe_ompl import Box, Obstacle, Pose, Robot, SafeJTRRT, SafeSetup, Sphere, make_planner
-from safe_ompl.common import Counts
+from safe_ompl import Box, Obstacle, Pose, SafeSetup, Sphere, make_planner
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.planners.jt_rrt import Approach
 from safe_ompl.scene import Scenario, Scene, find_scenario
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
@@ -155,18 +152,6 @@ def test_the_classical_step_follows_the_transpose(setup, ur5):
 # -------------------------------------------------------------------------------------------------- what it cannot do
 
 
-def test_without_null_space_it_says_so_and_goes_on(setup, panda, scene, caplog):
-    with caplog.at_level(logging.INFO, "safe_ompl"):
-        setup.setWorkspaceGoal(POSITION, ROTATION)
-        assert setup.plan("SafeJTRRT", time=10.0)
-        assert "takes all 6 joints and leaves no null space" in caplog.text
-        caplog.clear()
-        setup.setWorkspaceGoal(POSITION)
-        assert setup.plan("SafeJTRRT", time=10.0)
-        assert panda_setup(panda, scene, ROTATION).plan("SafeJTRRT", time=10.0)
-        assert "null space" not in caplog.text
-
-
 @pytest.mark.parametrize("place_first", [True, False])
 def test_solve_plans_to_the_place_though_there_are_goal_configurations_too(setup, place_first):
     place = setup.getGoal().place
@@ -191,21 +176,3 @@ def test_goal_configurations_are_refused(setup, caplog, own):
     setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
     assert setup.solve(1.0).asString() == "Unrecognized goal type"
     assert "SafeJTRRT plans to a WorkspaceGoal, not to a GoalStates" in caplog.text
-
-
-def test_each_node_is_chosen_once_the_best_first_but_for_chance(scene):
-    setup = SafeSetup(Robot.from_example("ur5"), scene)
-    setup.setWorkspaceGoal(POSITION)
-    goal = setup.getGoal()
-    planner = SafeJTRRT(setup.getSpaceInformation())
-    approach = Approach(planner._bridge, planner._problem.cost, Counts(), goal)
-    rng = np.random.default_rng(0)
-    for q in START + 0.3 * rng.normal(size=(60, 6)):
-        approach.start.add(q)
-    approach.take_new()
-    chosen = [approach.best(0.0, 0.5, rng) for _ in range(60)]
-    assert sorted(chosen) == list(range(60))
-    assert approach.best(0.0, 0.5, rng) is None
-    approach.aim(goal)
-    approach.take_new()
-    assert [approach.best(0.0, 0.0, rng) for _ in range(60)] == np.argsort(approach.distances).tolist()

@@ -146,17 +146,6 @@ def test_what_cannot_be_planned_is_said(problem, kind):
         kind(task.si).solve(1.0)
 
 
-def test_an_error_in_a_checker_reaches_the_caller(problem):
-    def broken(x, y):
-        if x > -0.79:
-            raise ZeroDivisionError("in the checker")
-        return False
-
-    task = problem(broken, starts=[(-0.8, 0.0)], goals=[(-0.8, 0.9)])
-    with pytest.raises(ZeroDivisionError, match="in the checker"):
-        task.solve()
-
-
 # ------------------------------------------------------------------------------------------------- seeds and danger
 
 
@@ -210,21 +199,6 @@ def test_a_point_keeps_clear_of_a_disc_only_if_told_that_it_is_dangerous(problem
     assert "no danger objective; planning is classical" in caplog.text
     aware = mean_clearance(lambda si: StateCosts(si, lambda state: 1 / max(clearance(*state[0:2]), 1e-3)))
     assert aware > unaware + 0.02
-
-
-def test_the_users_motion_validator_is_asked(problem):
-    class NeverDown(ob.MotionValidator):
-        asked = 0
-
-        def checkMotion(self, start, end):
-            NeverDown.asked += 1
-            return bool(end[1] >= start[1] - 1e-9)
-
-    task = problem(goals=[(0.8, 0.5)])
-    task.si.setMotionValidator(NeverDown(task.si))
-    assert task.solve() == EXACT
-    assert np.diff(task.path[:, 1]).min() >= -1e-9
-    assert NeverDown.asked
 
 
 # --------------------------------------------------------------------------------------------------- other spaces

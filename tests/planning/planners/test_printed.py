@@ -7,7 +7,7 @@ import pytest
 from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, wall_with_a_gap
 
 from safe_ompl import Scenario, make_planner
-from safe_ompl.collision import DISTANCE_ERROR, Bubble
+from safe_ompl.collision import DISTANCE_ERROR
 from safe_ompl.collision.bubbles import diamond_meetings, reach_along
 from safe_ompl.danger.link_field import vectors
 from safe_ompl.planning import setup_scenario
@@ -350,10 +350,3 @@ def test_k_max_ends_the_search(planar3):
     result = planar3.plan("PaperSafeBubble", time=30.0, parameters=given)
     assert result.path is None
     assert result.counts.nodes == 4
-
-
-def test_the_radii_of_the_papers_bubble_are_those_of_all_links(planar3):
-    q = np.array([1.2, -0.5, 0.3])
-    bubble, r = Bubble.around(q, planar3.checker, "paper"), planar3.robot.bounds.displacement_radii_at(q).max(axis=0)
-    np.testing.assert_allclose(bubble.weights, r / (planar3.checker.pair_distances(q).min() - DISTANCE_ERROR))
-    assert (r >= planar3.checker.pair_radii_at(q).max(axis=0)).all()

@@ -4,10 +4,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from ompl import tools as ot
 from plane import EXACT, TIMEOUT, PlaneProblem, SlopedHotSpot, Stop, walled_in
 
-from safe_ompl import SafeRRTConnect, SafeSetup, make_planner
+from safe_ompl import SafeRRTConnect, make_planner
 
 Problem = partial(PlaneProblem, SafeRRTConnect)
 
@@ -31,39 +30,8 @@ def test_the_tree_outside_grows_less_while_the_other_is_walled_in(name):
 
 
 def test_shorter_steps_lead_into_a_pocket():
-    """They are tried from nodes that were trapped before, at once while danger has no weight."""
     task = Problem(lambda x, y: x > 0.3 and (abs(y) > 0.02 or x > 0.9), SlopedHotSpot, range=0.5)
     assert task.solve() == EXACT
-    planner, tree = task.planner, task.planner._trees.start
-    tree.trapped.clear()
-    planner._danger.scale = 1.0
-    assert [planner._is_narrow(tree, node) for node in (0, 1, 0, 1)] == [False, False, True, True]
-    tree.trapped.clear()
-    planner._danger.scale = 0.0
-    assert planner._is_narrow(tree, 0)
-    q, target = np.array([-0.8, 0.0]), np.array([0.8, 0.6])
-    rows = np.array([planner._nearer(q, target) for _ in range(200)]) - q
-    lengths = np.linalg.norm(rows, axis=1)
-    assert 0.05 * 0.5 <= lengths.min() < 0.03
-    assert 0.4 < lengths.max() <= 0.5
-    np.testing.assert_allclose(rows, lengths[:, None] * (target - q) / np.linalg.norm(target - q), atol=1e-12)
-    np.testing.assert_array_equal(planner._nearer(q, q), q)
-
-
-def test_through_the_benchmark(ur5, clutter):
-    setup = SafeSetup(ur5, clutter, danger=None)
-    start, goal = np.array([0.0, -1.6, 1.2, -1.2, -1.57, 0.0]), np.array([1.2, -1.6, 1.2, -1.2, -1.57, 0.0])
-    setup.setConfigurations(start, goal)
-    benchmark = ot.Benchmark(setup, "ur5")
-    benchmark.addPlannerAllocator(lambda si: SafeRRTConnect(si, "safe"))
-    request = ot.Request(5.0, 4096.0, 4)
-    request.displayProgress = request.saveConsoleOutput = False
-    request.simplify = False
-    benchmark.benchmark(request)
-    runs = benchmark.getRecordedExperimentData().planners[0].runs
-    assert len(runs) == 4
-    assert all(run["correct solution BOOLEAN"] == "1" for run in runs)
-    assert len({run["solution length REAL"] for run in runs}) > 1, "runs differ"
 
 
 def test_the_threshold_keeps_the_peak_of_the_danger_low(shelf):

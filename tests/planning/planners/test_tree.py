@@ -134,12 +134,3 @@ def test_nodes_without_a_finite_cost_come_last(rng):
     for number in (100, 1000):
         for some, best in ((costs[:number], 3), (np.full(number, np.inf), 0)):
             assert NearestNode(np.zeros(2, dtype=bool)).find(rows[:number], rows[50], 0.5, some) == best
-
-
-@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e6, 1e14, 1e100])
-def test_coordinates_and_costs_of_any_size(rng, scale):
-    rows, costs = scale * (3.0 + nodes(rng, 1500, 3)), scale * rng.normal(size=1500)
-    search = NearestNode(np.zeros(3, dtype=bool))
-    for q in scale * (3.0 + rng.uniform(-3.5, 3.5, (50, 3))):
-        for alpha in (0.0, 1.0):
-            assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
