@@ -147,8 +147,6 @@ def draw_bubble(axes: Any, checker: CollisionChecker, q: FloatArray, colour: str
     for weights, dashes in ((bubbles.link_diamond(radii, distances), "-"), (paper, "--")):
         a, b = bubbles.extents(weights)
         axes.plot(q[0] + [a, 0, -a, 0, a], q[1] + [0, b, 0, -b, 0], dashes, color=colour, linewidth=1.8)
-    a, b = bubbles.extents(bubbles.inscribed_cube(radii, distances))
-    axes.plot(q[0] + [a, a, -a, -a, a], q[1] + [b, -b, -b, b, b], ":", color=colour, linewidth=1.8)
     axes.plot(*q, "o", color=colour, markersize=6)
 
 

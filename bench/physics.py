@@ -43,7 +43,7 @@ from safe_ompl.people import Surroundings, Tracker
 from safe_ompl.people.replanning import Doing, Replanner
 from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
 from safe_ompl.people.simulation.simulation import Touch
-from safe_ompl.scene.people import CONTACT_TABLE
+from safe_ompl.scene.constraints import CONTACT_TABLE
 from safe_ompl.trajectories import BlendedCurve, BodySpeeds, Piece, contact_speed
 
 CLAIM = "a robot with a servo's errors stays outside what is proven with a tube, and meets nobody while it moves"

@@ -41,7 +41,7 @@ from safe_ompl import (
     Trajectory,
 )
 from safe_ompl.certificates.verifier.bodies import corners
-from safe_ompl.collision.broad_phase import fresh_data
+from safe_ompl.collision.queries import fresh_data
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import rate_violations
 from safe_ompl.motions.rates import stops_of

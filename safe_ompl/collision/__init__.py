@@ -8,19 +8,18 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.collision import bubbles
-    from safe_ompl.collision.broad_phase import DISTANCE_ERROR, fresh_data
-    from safe_ompl.collision.bubbles import BUBBLE_SHAPES, INSIDE, Bubble
+    from safe_ompl.collision.bubbles import INSIDE, Bubble
     from safe_ompl.collision.checker import Clearance, CollisionChecker
     from safe_ompl.collision.distances import PairDistances, Proximity, Witnesses
     from safe_ompl.collision.kernels.proofs import prove_curve
     from safe_ompl.collision.motion import FLOOR, MotionLimit, MotionProver, MotionVerdict, Verdict
     from safe_ompl.collision.pairs import DistanceBounds, PairSet, edge_memory
+    from safe_ompl.collision.queries import DISTANCE_ERROR, fresh_data
     from safe_ompl.collision.self_filter import robot_points, without_robot
     from safe_ompl.collision.separation import TOUCHING_ONLY, MinClearance, RequiredDistances, Separation
     from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
 
 __all__ = [
-    "BUBBLE_SHAPES",
     "DISTANCE_ERROR",
     "FLOOR",
     "INSIDE",

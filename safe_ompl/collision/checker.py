@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.broad_phase import Distances
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairSet, PairTable
+from safe_ompl.collision.queries import Distances
 from safe_ompl.common import Changes, Counts, FloatArray, InputError, configuration, finite_array, instance
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene

@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR, fresh_data
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.kernels.distances import hinge_costs
-from safe_ompl.collision.tree_distances import TreeDistances
+from safe_ompl.collision.queries import DISTANCE_ERROR, TreeDistances, fresh_data
 from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread, positive
 from safe_ompl.robot import Robot, plain
 

@@ -10,10 +10,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels.distances import nearest_points, pair_bounds
 from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_edges
+from safe_ompl.collision.queries import DISTANCE_ERROR, Queries
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import ConvexBodies, Hull
 from safe_ompl.robot import JointLimits, Robot, plain

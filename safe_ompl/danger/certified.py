@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import count
 from math import inf
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, motion_ends, positive
+from safe_ompl.common import FloatArray, InputError, IntArray, finite_array, motion_ends, positive
 from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.kernels.danger import Ends, chords
 from safe_ompl.danger.link_field import segment_bounds
-from safe_ompl.danger.search import PeakSearch
+from safe_ompl.robot import Robot
 
+_BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
+_ROUNDING = 1e-8  # of the arithmetic, relative
 _WITNESS = ("danger", "its limit")
 
 
@@ -139,3 +146,238 @@ class DangerLimit:
         if search.upper > self.limit:
             return MotionVerdict(Verdict.UNDECIDED, search.undecided_at, _WITNESS)
         return MotionVerdict(Verdict.FREE)
+
+
+@dataclass(frozen=True)
+class KeypointRates:
+    """Proven bounds of speed, acceleration and jerk (E, K) [m] of the key points over whole edges q₁ + tΔ, t ∈ [0, 1].
+
+    Differentiated by joints i ≤ j, counted from the base, key point k changes by at most R̄_kj, the proven radius, if
+    joint i turns, and not at all if it slides; and so on for more joints.
+    """
+
+    speed: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot, deltas: FloatArray) -> KeypointRates:
+        """Return them for edges with `deltas: (E, n)`.
+
+        With r_j = R̄_kj|Δ_j|, w_j = |Δ_j| if joint j turns, else 0, and W_j the sum of w over the joints between
+        base and j: Σ r_j, Σ r_j (2W_j + w_j), Σ r_j (3W_j² + 3W_j w_j + w_j²).
+        """
+        steps = np.abs(robot.coupling.motions(deltas))[:, None, :]
+        moved = steps * robot.bounds.joint_keypoint_radii
+        turn = np.where(robot.joint_keypoint_support & ~robot.joint_prismatic, steps, 0.0)
+        below = np.cumsum(turn, axis=2) - turn  # Pinocchio counts joints from the base
+        return cls(
+            moved.sum(axis=2),
+            (moved * (2 * below + turn)).sum(axis=2),
+            (moved * (3 * below * (below + turn) + turn * turn)).sum(axis=2),
+        )
+
+    def between(
+        self, edges: IntArray, h: FloatArray, first: FloatArray, last: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of speed and acceleration, each (I, K), between two configurations of an edge, of I intervals.
+
+        `h: (I,)` is the length of each as a fraction of its edge, `first` and `last` (I, 2, K) are the exact speed and
+        acceleration at its ends.
+        """
+        middle = (first + last) / 2
+        speed, acceleration = middle[:, 0], middle[:, 1]
+        step = h[:, None] / 2
+        acceleration = np.minimum(self.acceleration[edges], acceleration + step * self.jerk[edges])
+        return np.minimum(self.speed[edges], speed + step * acceleration), acceleration
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One configuration q_e + tΔ of an edge, and what is known there."""
+
+    edge: int
+    t: float
+    danger: float
+    ends: Ends  # (L, M) each
+    lengths: FloatArray  # (L,)
+    speed: FloatArray  # (K,)
+    acceleration: FloatArray  # (K,)
+
+
+@dataclass(frozen=True)
+class _Interval:
+    first: Sample
+    last: Sample
+    upper: float
+    path: float  # [m] bound of how far the robot moves in it
+
+    @property
+    def middle(self) -> float:
+        return (self.first.t + self.last.t) / 2
+
+
+class PeakSearch:
+    """Halves the intervals of a path that may be the most dangerous ones; `best` is the most dangerous sample found.
+
+    The field has fixed danger points, the path way points (N, n). Intervals in which the robot moves less than the
+    floor [m] are not halved any more. The ceiling maps the largest danger found to the bound that is good enough; it
+    must not fall as more is found.
+    """
+
+    best: Sample
+
+    def __init__(self, field: DangerField, path: ArrayLike, floor: float, ceiling: Callable[[float], float]) -> None:
+        robot = field.robot
+        points = finite_array(path, (None, robot.n), "path")
+        if not len(points):
+            raise InputError("path must have a configuration at least, got none")
+        _check_strokes(robot, points)
+        field = field.frozen()  # what is proven is of the same danger points from the beginning to the end
+        self._field, self._floor, self._ceiling = field, floor, ceiling
+        points = points if len(points) > 1 else points[[0, 0]]
+        self._starts, ends = points[:-1], points[1:]
+        self._deltas = robot.difference(self._starts, ends)
+        self._rates = KeypointRates.of(robot, self._deltas)
+        strokes = np.abs(robot.coupling.motions(self._deltas))[:, robot.joint_prismatic]
+        self._stroke_rates = strokes.sum(axis=1)
+        self._heap: list[tuple[float, int, _Interval]] = []
+        self._undecided: list[_Interval] = []
+        self._settled = 0.0  # highest bound of the intervals that need no more halving; they are not kept
+        self._order = count()
+        for first in range(0, len(ends), _BATCH):
+            edges = self._whole_edges(first, min(first + _BATCH, len(ends)))
+            self.best = max(
+                ([self.best] if first else []) + [s for pair in edges for s in pair], key=lambda sample: sample.danger
+            )
+            self._push(edges)
+
+    @property
+    def upper(self) -> float:
+        """Proven upper bound of the peak."""
+        bounds = [interval.upper for interval in self._undecided]
+        bounds += [-self._heap[0][0]] if self._heap else []
+        return max(max([*bounds, self._settled]) * (1 + _ROUNDING), self.best.danger)
+
+    @property
+    def undecided_at(self) -> float | None:
+        """Fraction of the edge in the middle of the first interval that was given up."""
+        return min((interval.middle for interval in self._undecided), default=None)
+
+    def narrow(self, *, give_up: bool = False) -> None:
+        """Halve intervals until all bounds are good enough, or all those (to give up: one) are too small."""
+        while not (give_up and self._undecided):
+            chosen = list(self._above())
+            if not chosen:
+                return
+            places = [(interval.first.edge, interval.middle) for interval in chosen]
+            points, *motions = self._motions(places)
+            middles = self._samples(places, *motions, *self._evaluated(points))
+            self.best = max(self.best, *middles, key=lambda sample: sample.danger)
+            halves = []
+            for interval, middle in zip(chosen, middles, strict=True):
+                halves += [(interval.first, middle), (middle, interval.last)]
+            self._push(halves)
+
+    @property
+    def _enough(self) -> float:
+        """The bound that is good enough for an interval."""
+        return self._ceiling(self.best.danger) / (1 + _ROUNDING)
+
+    def _above(self) -> Iterable[_Interval]:
+        """Take the most dangerous intervals out of the heap, as many as make a batch."""
+        number, enough = 0, self._enough
+        while number < _BATCH and self._heap and -self._heap[0][0] > enough:
+            interval = heappop(self._heap)[2]
+            if interval.path < self._floor:
+                self._undecided.append(interval)
+            else:
+                number += 1
+                yield interval
+
+    def _whole_edges(self, first: int, last: int) -> list[tuple[Sample, Sample]]:
+        """Return start and end of some edges; a way point between two of them is evaluated once."""
+        starts, ends = ([(k, t) for k in range(first, last)] for t in (0.0, 1.0))
+        points, speeds, pushes = self._motions(starts + ends)
+        number = len(starts)
+        evaluated = self._evaluated(np.concatenate([points[:number], points[-1:]]))
+        at_starts, at_ends = ([values[part] for values in evaluated] for part in (slice(-1), slice(1, None)))
+        first_samples = self._samples(starts, speeds[:number], pushes[:number], *at_starts)
+        last_samples = self._samples(ends, speeds[number:], pushes[number:], *at_ends)
+        return list(zip(first_samples, last_samples, strict=True))
+
+    def _motions(self, places: list[tuple[int, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions (B, K, 3), speeds and accelerations (B, K) of the key points at places of edges."""
+        edges, t = np.array([edge for edge, _ in places]), np.array([t for _, t in places])
+        deltas = self._deltas[edges]
+        points, velocities, accelerations = self._field.robot.keypoint_motions(
+            self._starts[edges] + t[:, None] * deltas, deltas
+        )
+        return points, _norm(velocities), _norm(accelerations)
+
+    def _evaluated(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return dangers (B,), fields and distances (B, L, M), and lengths (B, L) for key points (B, K, 3)."""
+        fields, distances = self._field.link_fields(points)
+        lengths = self._link_lengths(points)
+        return self._field.aggregated((lengths[..., None] * fields).sum(axis=1)), fields, distances, lengths
+
+    def _samples(self, places: list[tuple[int, float]], *found: FloatArray) -> list[Sample]:
+        """Return samples; `found` are speeds, accelerations, and what `_evaluated` returns."""
+        return [
+            Sample(edge, t, float(danger), Ends(u, d), length, v, a)
+            for (edge, t), v, a, danger, u, d, length in zip(places, *found, strict=True)
+        ]
+
+    def _link_lengths(self, points: FloatArray) -> FloatArray:
+        """Return what each link's unit field is multiplied by, (B, L): 1, or its length [m]."""
+        pairs = self._field.links
+        if self._field.factors is not None:
+            return np.broadcast_to(self._field.factors, (len(points), len(pairs)))
+        lengths: FloatArray = np.linalg.norm(points[:, pairs[:, 1]] - points[:, pairs[:, 0]], axis=2)
+        return lengths
+
+    def _push(self, pairs: Sequence[tuple[Sample, Sample]]) -> None:
+        """Bound the danger between pairs of samples, and put the intervals that are not settled by it into the heap."""
+        for (first, last), upper, path in zip(pairs, *self._bounded(pairs), strict=True):
+            if upper <= self._enough:
+                self._settled = max(self._settled, upper)
+            else:
+                interval = _Interval(first, last, upper, path)
+                heappush(self._heap, (-interval.upper, next(self._order), interval))
+
+    def _bounded(self, pairs: Sequence[tuple[Sample, Sample]]) -> tuple[list[float], list[float]]:
+        """Return for each interval the upper bound of its danger, and how far the robot moves in it [m]."""
+        edges = np.array([first.edge for first, _ in pairs])
+        h = np.array([last.t - first.t for first, last in pairs])
+        known = (np.array([[pair[side].speed, pair[side].acceleration] for pair in pairs]) for side in (0, 1))
+        speed, acceleration = self._rates.between(edges, h, *known)
+        links = self._field.robot.segments
+        bounds = speed.take(links, axis=1).max(axis=2), acceleration.take(links, axis=1).max(axis=2)
+        motions = zip(pairs, h.tolist(), *bounds, self._longest(pairs, edges, h), strict=True)
+        lines = (chords(first.ends, last.ends, *motion) for (first, last), *motion in motions)
+        # Aggregates are convex and grow with each level: above two ends of a line they are above all of it.
+        uppers = [float(self._field.aggregated(ends).max()) for ends in lines]
+        return uppers, (speed.max(axis=1) * h).tolist()
+
+    def _longest(self, pairs: Sequence[tuple[Sample, Sample]], edges: IntArray, h: FloatArray) -> FloatArray:
+        """Return the most that each link's unit field is multiplied by in each interval, (I, L)."""
+        lengths = np.array([(first.lengths + last.lengths) / 2 for first, last in pairs])
+        if self._field.factors is None:
+            lengths += (self._stroke_rates[edges] * h / 2)[:, None]
+        return lengths
+
+
+def _norm(vectors: FloatArray) -> FloatArray:
+    norm: FloatArray = np.sqrt(np.einsum("bkc,bkc->bk", vectors, vectors))
+    return norm
+
+
+def _check_strokes(robot: Robot, path: FloatArray) -> None:
+    # Those that slide, or make another one slide.
+    strokes = robot.coupling.radii(robot.joint_prismatic.astype(np.float64)) > 0
+    for q in path:
+        for i in np.flatnonzero(~robot.within_limits(q) & strokes):
+            raise InputError(
+                f"joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits "
+                f"[{robot.lower[i]:g}, {robot.upper[i]:g}]: nothing is proven of it there"
+            )

@@ -28,7 +28,7 @@ from safe_ompl.common import (
 from safe_ompl.danger import link_field
 from safe_ompl.danger.kernels import danger as kernel
 from safe_ompl.danger.kernels.kinetostatic_peak import Groups
-from safe_ompl.danger.points import DangerPoints
+from safe_ompl.danger.link_field import DangerPoints
 from safe_ompl.robot import Robot, plain
 from safe_ompl.scene import Scene
 

@@ -1,4 +1,4 @@
-"""The danger field of a skeleton of link segments (Lacevic & Rocco 2013, §3), and the weights of the segments.
+"""The danger field of a skeleton of link segments (Lacevic & Rocco 2013, §3), and danger points.
 
 One link is the segment a → b. With u = p − a, v = p − b, S = ‖u‖ + ‖v‖ and ℓ = ‖b − a‖ its field at p is
 
@@ -19,16 +19,22 @@ points are (B, K, 3) [m], `links: (L, 2)` are pairs of them, and points (M, 3) [
 
 from __future__ import annotations
 
+from collections.abc import Sized
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import FloatArray, InputError, IntArray, finite_array
 from safe_ompl.danger.kernels import field as kernel
+from safe_ompl.danger.kernels.danger import Points
+from safe_ompl.danger.kernels.kinetostatic_peak import Groups
 from safe_ompl.robot import plain
 
 Weighting: TypeAlias = Literal["unit", "length"]
 WEIGHTINGS: tuple[Weighting, ...] = ("unit", "length")
+_GROUP = 64  # danger points in a group at most
 
 
 def columns(points: FloatArray) -> FloatArray:
@@ -79,3 +85,50 @@ def vectors(keypoints: FloatArray, links: IntArray, points: FloatArray, weightin
     scale = np.divide(values, norm, out=np.zeros_like(norm), where=norm > 0)
     found: FloatArray = slopes * scale[..., None]
     return found
+
+
+class DangerPoints:
+    """Danger points (M, 3) [m] with weights (M,) > 0, None: 1; k₁ of the field scales their charges. Read-only.
+
+    Raises InputError if points or weights have the wrong shape, are not finite, or weights are not positive.
+    """
+
+    def __init__(self, points: ArrayLike, weights: ArrayLike | None, k1: float) -> None:
+        if isinstance(points, Sized) and not len(points):
+            points = np.zeros((0, 3))
+        self.points = finite_array(points, (None, 3), "danger points")
+        self.points.setflags(write=False)
+        self.weights = None if weights is None else finite_array(weights, (len(self.points),), "danger weights")
+        if self.weights is not None:
+            if not (self.weights > 0).all():
+                bad = self.weights[self.weights <= 0].tolist()
+                raise InputError(f"danger weights must be positive, got {bad}; leave out the others")
+            self.weights.setflags(write=False)
+        charges = k1 * (np.ones(len(self.points)) if self.weights is None else self.weights)
+        short = columns(self.points).astype(np.float32)
+        self.prepared = Points(columns(self.points), charges, short, float(np.abs(short).max(initial=0.0)))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @cached_property
+    def groups(self) -> Groups:
+        """The points in groups of neighbours of the same weight; there is one at least."""
+        points, charges = self.points, self.prepared.charges
+        waiting, groups = [np.flatnonzero(charges == charge) for charge in np.unique(charges)], []
+        while waiting:
+            rows = waiting.pop()
+            if len(rows) <= _GROUP:
+                groups.append(rows)
+                continue
+            longest = np.ptp(points[rows], axis=0).argmax()
+            rows = rows[np.argsort(points[rows, longest], kind="stable")]
+            waiting += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
+        centres = np.array([points[rows].mean(axis=0) for rows in groups])
+        radii = [
+            np.linalg.norm(points[rows] - centre, axis=1).max() for rows, centre in zip(groups, centres, strict=True)
+        ]
+        order, begins = np.concatenate(groups), np.cumsum([0, *map(len, groups)], dtype=np.intp)
+        heaviest = np.array([charges[rows[0]] for rows in groups])
+        places = np.concatenate([points[order], centres])
+        return Groups(columns(places), charges[order], begins, np.array(radii) * (1 + 1e-12), heaviest)

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.scene.constraints import MotionLimits, MovingObstacles, ToolConstraint
+    from safe_ompl.scene.constraints import BodyRegion, MotionLimits, MovingObstacles, People, ToolConstraint
     from safe_ompl.scene.mbm import WHERE_FROM, MbmFile, MbmProblem
-    from safe_ompl.scene.people import BodyRegion, People
     from safe_ompl.scene.scenario import Goal, Scenario, find_scenario, list_scenarios
     from safe_ompl.scene.scene import Scene
 

@@ -13,8 +13,7 @@ from safe_ompl.common import FloatArray, InputError, Section, UnknownNameError, 
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion, Robot, RobotSpec
-from safe_ompl.scene.constraints import MotionLimits, PathLimits
-from safe_ompl.scene.people import People
+from safe_ompl.scene.constraints import MotionLimits, PathLimits, People
 from safe_ompl.scene.scene import Scene
 
 Configuration: TypeAlias = tuple[float, ...] | Mapping[str, float]

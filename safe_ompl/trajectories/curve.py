@@ -347,7 +347,7 @@ class BodySpeeds:
     At the centre of a cell it is exact for the corners of the body's bounding box, and convex between them. Away from
     it, it changes no faster than the acceleration allows: with r_j = R̄_j|q′_j|, w_j = |q′_j| where joint j turns and
     W_j the sum of w over the joints beneath, Σ r_j (2W_j + w_j) + Σ R̄_j |q″_j|; see
-    `safe_ompl.danger.search.KeypointRates`.
+    `safe_ompl.danger.certified.KeypointRates`.
     """
 
     def __init__(self, robot: Robot) -> None:

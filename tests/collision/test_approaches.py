@@ -7,8 +7,7 @@ import pytest
 from numpy.lib.stride_tricks import as_strided
 
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, PointCloud, Pose, Scene, Sphere
-from safe_ompl.collision import DISTANCE_ERROR, broad_phase
-from safe_ompl.collision.broad_phase import BroadPhase
+from safe_ompl.collision import DISTANCE_ERROR, queries
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairTable
 
@@ -44,33 +43,12 @@ def test_what_may_be_anywhere_is_always_near(panda):
     assert np.isin(table.with_obstacle, table.within(0.0)).all()
 
 
-# ------------------------------------------- pairs that a kernel finds near each other, against boxes and placement
-
-
-BODIES = 6
-
-
-@pytest.fixture
-def geometry():
-    model = pin.GeometryModel()
-    rng = np.random.default_rng(0)
-    for k in range(BODIES):
-        shape = coal.Box(*rng.uniform(0.1, 0.4, 3))
-        model.addGeometryObject(pin.GeometryObject(f"box_{k}", 0, pin.SE3.Identity(), shape))
-    return model
-
-
-PAIRS = np.array([(i, j) for i in range(BODIES) for j in range(i)])
-
-
-def test_another_layout_of_places_is_noticed(geometry, monkeypatch):
-    monkeypatch.setattr(broad_phase, "as_strided", lambda first, shape, _: as_strided(first, shape, (96, 0)))
+def test_places_are_read_where_pinocchio_has_them_or_not_at_all(panda, monkeypatch):
+    data = panda.shared.collision_model.createData()
+    data.oMg[2] = place = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([0.4, 0.5, 0.6]))
+    last = data.oMg[len(data.oMg) - 1].copy()
+    np.testing.assert_array_equal(queries._places(data)[2], [*place.rotation.T.ravel(), *place.translation])
+    assert data.oMg[len(data.oMg) - 1] == last, "the probe is gone"
+    monkeypatch.setattr(queries, "as_strided", lambda first, shape, _: as_strided(first, shape, (96, 0)))
     with pytest.raises(RuntimeError, match="another layout"):
-        BroadPhase(geometry.createData(), PAIRS, np.ones((BODIES, 6)))
-
-
-def test_looking_at_the_layout_changes_no_place(geometry):
-    data = geometry.createData()
-    data.oMg[BODIES - 1] = place = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([0.4, 0.5, 0.6]))
-    BroadPhase(data, PAIRS, np.ones((BODIES, 6)))
-    assert data.oMg[BODIES - 1] == place
+        queries._places(data)

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl import CertifiedDanger, DangerField, DangerLimit, InputError, Verdict
+from safe_ompl.danger.certified import Ends, KeypointRates, chords
 from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.danger.link_field import segment_distances, segment_fields
-from safe_ompl.danger.search import Ends, KeypointRates, chords
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider", "gripper", "parallel"]
 ROUNDING = 1e-9

@@ -26,7 +26,7 @@ from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.geometry import LIMBS
 from safe_ompl.people import CalibratedReach
 from safe_ompl.scene import BodyRegion, find_scenario
-from safe_ompl.scene.people import CONTACT_TABLE
+from safe_ompl.scene.constraints import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, PeopleDistances
 
 SCENE = Scene([Obstacle("person", Person(height=1.75), Pose((0.75, 0.1, -0.75)), weight=1.0)])

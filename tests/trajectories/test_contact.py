@@ -8,7 +8,7 @@ import pytest
 from safe_ompl import People, Scenario
 from safe_ompl.collision import fresh_data
 from safe_ompl.scene import find_scenario
-from safe_ompl.scene.people import CONTACT_TABLE
+from safe_ompl.scene.constraints import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, ContactLimits, RateLimits, contact_speed, time_path
 from safe_ompl.trajectories.contact import limb_thickness
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import BUBBLE_SHAPES, INSIDE, Bubble, CollisionChecker
+from safe_ompl.collision import INSIDE, Bubble, CollisionChecker, bubbles
 from safe_ompl.common import FloatArray, InputError, IntArray, halton_point
 from safe_ompl.planning.ompl import CollisionFreeValidity, StateBridge
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
@@ -16,7 +16,6 @@ from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import ROOT, TwoTrees, branch
 
-_SHAPE = "link"  # the diamond of all links' own distances; it holds the paper's, and is 4 times as large on a 6-DOF arm
 _LEAST_CLEARANCE = 1e-3  # [m]; points as near to contact as this are not closed: their bubbles lead nowhere
 _PATH_SHARE = 0.1  # weight of g: greedy, as in weighted A*
 _PENALTY = 0.5  # [m] added to the cost-to-go of a point whose clearance is below the margin
@@ -129,7 +128,7 @@ class BubblePlanner(SafePlanner):
         left, best = None, 0.0
         while len(tree.open) and not ptc():
             x = tree.take(int(self._f(tree, goal).argmin()))
-            bubble = Bubble.around(x.q, self._checker, _SHAPE, 0.0 if x.parent == ROOT else _LEAST_CLEARANCE)
+            bubble = Bubble.around(x.q, self._checker, 0.0 if x.parent == ROOT else _LEAST_CLEARANCE)
             if bubble is None:
                 return None
             if not x.penalty and x.parent != ROOT and self._is_narrow(bubble):
@@ -138,7 +137,7 @@ class BubblePlanner(SafePlanner):
                 continue
             new = tree.close(x, bubble.weights)
             self.counts.nodes += 1
-            path = intersect(self._problem, _SHAPE, tree, new, other)
+            path = intersect(self._problem, tree, new, other)
             if path is not None:
                 return path
             points = self._bubble_endpoints(bubble, goal)
@@ -378,7 +377,7 @@ def volume_trees(bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> 
     return TwoTrees(*(VolumeTree(bridge, metric, from_start=side, diverse=diverse) for side in (True, False)))
 
 
-def intersect(problem: PlanningProblem, shape: str, tree: VolumeTree, new: int, other: VolumeTree) -> FloatArray | None:
+def intersect(problem: PlanningProblem, tree: VolumeTree, new: int, other: VolumeTree) -> FloatArray | None:
     """INTERSECT: return the path (N, n) through a new bubble and the one of the other tree that it overlaps most.
 
     The motion validator may know more than bubbles do: what it refuses is cut off the trees.
@@ -389,9 +388,8 @@ def intersect(problem: PlanningProblem, shape: str, tree: VolumeTree, new: int, 
     delta = problem.bridge.difference(q, other.closed["center"])
     reach = np.abs(delta)
     u, v = weights * reach, other.closed["weights"] * reach
-    form = BUBBLE_SHAPES[shape]
-    near = np.flatnonzero(other.closed["alive"] & form.may_meet(u, v))
-    gaps, shares = form.meetings(u[near], v[near])
+    near = np.flatnonzero(other.closed["alive"] & bubbles.diamonds_may_meet(u, v))
+    gaps, shares = bubbles.diamond_meetings(u[near], v[near])
     if gaps.min(initial=np.inf) >= INSIDE:
         return None
     best = int(gaps.argmin())

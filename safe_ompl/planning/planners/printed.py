@@ -20,8 +20,6 @@ from safe_ompl.planning.planners.problem import PlanningProblem
 from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph
 from safe_ompl.planning.planners.tree import Tree, Trees, TwoTrees
 
-_SHAPE = "paper"  # the diamond (9)
-
 
 def straight_extension(
     problem: PlanningProblem, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
@@ -300,12 +298,12 @@ class PaperSafeBubble(SafePlanner):
     def _expand(self, tree: VolumeTree, other: VolumeTree, current_goal: FloatArray) -> FloatArray | None:
         """Move argmin of f from Open(1) to Closed(1), and add the end points of its bubble to Open(1)."""
         x = tree.take(int(self._f(tree, current_goal).argmin()))
-        bubble = Bubble.around(x.q, self._validity.checker, _SHAPE)
+        bubble = Bubble.around(x.q, self._validity.checker, printed=True)
         if bubble is None:
             return None
         new = tree.close(x, bubble.weights)
         self.counts.nodes += 1
-        path = intersect(self._problem, _SHAPE, tree, new, other)
+        path = intersect(self._problem, tree, new, other)
         if path is None:
             points = self._bubble_endpoints(bubble)
             dangers = self._problem.cost.values(points) if self.alpha else np.zeros(len(points))

@@ -5,29 +5,27 @@ import pytest
 from plane import PlaneProblem
 
 from safe_ompl import Box, BubblePlanner, InputError, Obstacle, Pose, Sphere
-from safe_ompl.collision import BUBBLE_SHAPES, CollisionChecker, bubbles
+from safe_ompl.collision import Bubble, CollisionChecker
 from safe_ompl.planning import SafeSetup
 from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
 from safe_ompl.planning.planners.problem import DangerWeight, PlanningProblem
 from safe_ompl.scene import Scene
 
 
-@pytest.mark.parametrize("shape", BUBBLE_SHAPES)
+@pytest.mark.parametrize("printed", [False, True])
 @pytest.mark.parametrize("name", ["ur5", "kinova", "slider"])
-def test_no_configuration_in_a_bubble_collides(robot_named, clutter, shape, name):
+def test_no_configuration_in_a_bubble_collides(robot_named, clutter, printed, name):
     robot = robot_named(name)
     checker, rng, seen = CollisionChecker(robot, clutter), np.random.default_rng(3), 0
     while seen < 12:
         q = rng.uniform(robot.lower, robot.upper)
-        distances = checker.pair_distances(q) - 1e-5
-        if distances.min() <= 0:
+        bubble = Bubble.around(q, checker, printed=printed)
+        if bubble is None:
             continue
         seen += 1
-        reaches = bubbles.extents(BUBBLE_SHAPES[shape].weights(checker.pair_radii_at(q), distances))
         steps = rng.uniform(-1, 1, (60, robot.n))
-        if shape != "cube":
-            steps /= np.abs(steps).sum(axis=1, keepdims=True)
-        for x in q + 0.99 * steps * np.minimum(reaches, 6.0):
+        steps /= np.abs(steps * bubble.weights).sum(axis=1, keepdims=True)
+        for x in q + 0.99 * steps:
             if robot.within_limits(x).all():
                 assert not checker.in_collision(x)
 
