@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
+from self_pairs import self_pairs
 
 from safe_ompl import CollisionChecker, InputError, Scene, UnknownNameError
 from safe_ompl.geometry import Pose, Sphere
@@ -24,38 +25,25 @@ def cell(robot_named):
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
-def test_everything_moves_with_the_base(robot_named, rng, name):
+def test_everything_moves_with_the_base(robot_named, body_points, rng, name):
     robot, world = robot_named(name), BASE.se3
     placed = robot.with_base(BASE)
     assert placed.joint_names == robot.joint_names
     np.testing.assert_array_equal(placed.lower, robot.lower)
     np.testing.assert_array_equal(placed.segments, robot.segments)
     np.testing.assert_allclose(placed.bounds.displacement_radii, robot.bounds.displacement_radii, atol=1e-9)
-    model, data = placed.model, placed.model.createData()
-    bodies, where = placed.collision_model, pin.GeometryData(placed.collision_model)
-    old_data, old_where = robot.model.createData(), pin.GeometryData(robot.collision_model)
     for q in rng.uniform(robot.lower, robot.upper, (4, robot.n)):
-        expected = robot.keypoints(q) @ world.rotation.T + world.translation
-        np.testing.assert_allclose(placed.keypoints(q), expected, atol=1e-12)
         tip = world * robot.tip_pose(q)
         np.testing.assert_allclose(placed.tip_pose(q).homogeneous, tip.homogeneous, atol=1e-12)
-        full = robot.pinocchio_configuration(q)
-        pin.updateGeometryPlacements(model, data, bodies, where, full)
-        pin.updateGeometryPlacements(robot.model, old_data, robot.collision_model, old_where, full)
-        for new, old in zip(where.oMg, old_where.oMg, strict=True):
-            np.testing.assert_allclose(new.homogeneous, (world * old).homogeneous, atol=1e-12)
-    assert [(p.first, p.second) for p in bodies.collisionPairs] == [
-        (p.first, p.second) for p in robot.collision_model.collisionPairs
-    ]
-
-
-def test_frames_keep_their_places_in_the_tree(panda):
-    placed = panda.with_base(BASE)
-    for old, new in zip(panda.model.frames, placed.model.frames, strict=True):
+        before = [robot.keypoints(q), *body_points(robot).at(q)]
+        for old, new in zip(before, [placed.keypoints(q), *body_points(placed).at(q)], strict=True):
+            np.testing.assert_allclose(new, old @ world.rotation.T + world.translation, atol=1e-12)
+    assert self_pairs(placed) == self_pairs(robot)
+    for old, new in zip(robot.model.frames, placed.model.frames, strict=True):
         assert (old.name, old.parentJoint, old.parentFrame) == (new.name, new.parentJoint, new.parentFrame)
         assert old.type == new.type
-    for name in ("velocityLimit", "effortLimit", "lowerPositionLimit", "upperPositionLimit"):
-        np.testing.assert_array_equal(getattr(panda.model, name), getattr(placed.model, name))
+    for limits in ("velocityLimit", "effortLimit", "lowerPositionLimit", "upperPositionLimit"):
+        np.testing.assert_array_equal(getattr(robot.model, limits), getattr(placed.model, limits))
 
 
 def test_base_as_an_argument(data_folder):
@@ -106,22 +94,13 @@ def test_joints_links_and_tips_of_both(cell, panda, ur5, rng):
 
 
 def test_pairs_of_each_and_all_between(cell, panda, ur5):
-    bodies = list(cell.collision_model.geometryObjects)
-    pairs = {frozenset((bodies[p.first].name, bodies[p.second].name)) for p in cell.collision_model.collisionPairs}
-    expected = set()
+    bodies, expected = list(cell.collision_model.geometryObjects), set()
     for prefix, robot in (("left", panda), ("right", ur5)):
-        names = [part.name for part in robot.collision_model.geometryObjects]
-        expected |= {
-            frozenset((f"{prefix}_{names[p.first]}", f"{prefix}_{names[p.second]}"))
-            for p in robot.collision_model.collisionPairs
-        }
-    for a in bodies:
-        for b in bodies:
-            if a.name.startswith("left_") and b.name.startswith("right_") and (a.parentJoint or b.parentJoint):
-                expected.add(frozenset((a.name, b.name)))
-    assert pairs == expected
-    still = {body.name for body in bodies if body.parentJoint == 0}
-    assert {"left_panda_link0_0", "right_base_link_0"} <= still
+        expected |= {frozenset(f"{prefix}_{name}" for name in pair) for pair in self_pairs(robot)}
+    left, right = ([b for b in bodies if b.name.startswith(side)] for side in ("left_", "right_"))
+    expected |= {frozenset((a.name, b.name)) for a in left for b in right if a.parentJoint or b.parentJoint}
+    assert self_pairs(cell) == expected
+    assert {"left_panda_link0_0", "right_base_link_0"} <= {body.name for body in bodies if body.parentJoint == 0}
 
 
 def test_cells_travel_and_keep_what_is_held(cell, panda):
@@ -137,13 +116,17 @@ def test_cells_travel_and_keep_what_is_held(cell, panda):
         cell.with_limits({"elbow_joint": (0.0, 1.0)})
 
 
-def test_bad_cells(panda):
-    with pytest.raises(InputError, match="give two robots or more, not 1"):
-        Robot.combined("cell", {"left": panda})
-    with pytest.raises(UnknownNameError, match="unknown robot with the tip 'middle'; known: left, right"):
-        Robot.combined("cell", {"left": panda, "right": panda}, tip="middle")
-    with pytest.raises(InputError, match="the prefixes 'arm' and 'arm_2' cannot be told apart in 'arm_2_…'"):
-        Robot.combined("cell", {"arm": panda, "arm_2": panda})
+@pytest.mark.parametrize(
+    ("names", "tip", "message"),
+    [
+        (["left"], None, "give two robots or more, not 1"),
+        (["left", "right"], "middle", "unknown robot with the tip 'middle'; known: left, right"),
+        (["arm", "arm_2"], None, "the prefixes 'arm' and 'arm_2' cannot be told apart in 'arm_2_…'"),
+    ],
+)
+def test_bad_cells(panda, names, tip, message):
+    with pytest.raises(InputError, match=message):
+        Robot.combined("cell", dict.fromkeys(names, panda), tip=tip)
     with pytest.raises(InputError, match="right: must be a Robot, not 'panda'"):
         Robot.combined("cell", {"left": panda, "right": "panda"})
 

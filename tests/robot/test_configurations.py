@@ -66,6 +66,7 @@ def test_as_the_robot_says(robot_named, rng, name):
         answers.add(limits.hold(q))
         assert limits.hold(q) is bool(robot.within_limits(q).all())
     assert answers == {True, False}
+    assert robot.within_limits(robot.upper + 0.01).tolist() == robot.continuous.tolist()
     inside = np.clip(np.zeros(robot.n), robot.lower, robot.upper)
     assert limits.hold(inside)
     for bad in (np.nan, np.inf, -np.inf):

@@ -64,10 +64,9 @@ def test_meshes_become_hulls_and_travel(data_folder):
     assert len(robot.visual_model.geometryObjects) == len(robot.collision_model.geometryObjects)
 
 
-def arm(shapes, *, pairs=False):
+def arm(shapes):
     """Return an arm of turning joints, one for each shape, as people write them by hand."""
     model, geometry, parent = pin.Model(), pin.GeometryModel(), 0
-    model.name = "arm"
     limit = np.full(1, 2.0)
     for k, shape in enumerate(shapes):
         kind = pin.JointModelRZ() if k % 2 else pin.JointModelRY()
@@ -76,15 +75,12 @@ def arm(shapes, *, pairs=False):
         link = model.addBodyFrame(f"link{k}", parent, pin.SE3.Identity(), model.addJointFrame(parent))
         placement = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))
         geometry.addGeometryObject(pin.GeometryObject(f"link{k}_0", parent, link, placement, shape))
-    if pairs:
-        geometry.addAllCollisionPairs()
     return model, geometry
 
 
-@pytest.mark.parametrize("pairs", [False, True])
-def test_models_made_by_hand(pairs):
+def test_models_made_by_hand():
     shapes = [coal.Capsule(0.05, 0.2), coal.Box(0.1, 0.1, 0.2), coal.Sphere(0.1), coal.Cone(0.1, 0.2)]
-    model, geometry = arm(shapes, pairs=pairs)
+    model, geometry = arm(shapes)
     robot = Robot.from_models(model, geometry)
     assert robot.tip == "link3"
     checker = CollisionChecker(robot, Scene())
@@ -96,29 +92,17 @@ def test_models_made_by_hand(pairs):
     np.testing.assert_allclose(locked.tip_pose(q).homogeneous, expected.homogeneous, atol=1e-12)
 
 
-def body_without_frame(model, geometry):
-    geometry.addGeometryObject(pin.GeometryObject("tool_0", 1, pin.SE3.Identity(), coal.Sphere(0.1)))
-
-
-def body_on_a_joint_that_there_is_not(model, geometry):
-    geometry.addGeometryObject(pin.GeometryObject("tool_0", 7, pin.SE3.Identity(), coal.Sphere(0.1)))
-
-
-def joint_without_frame(model, geometry):
-    model.addJoint(2, pin.JointModelRX(), pin.SE3.Identity(), "wrist")
-
-
-def link_on_another_joint(model, geometry):
-    model.addBodyFrame("tool", 2, pin.SE3.Identity(), 0)
+def tool_on(joint):
+    return pin.GeometryObject("tool_0", joint, pin.SE3.Identity(), coal.Sphere(0.1))
 
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (body_without_frame, "geometry 'tool_0' is on no link"),
-        (body_on_a_joint_that_there_is_not, "geometry 'tool_0': there is no joint 7 in the model"),
-        (joint_without_frame, r"joint 'wrist' has no frame: call model.addJointFrame\(3\)"),
-        (link_on_another_joint, "frame 'tool' is on another joint than the frame before it"),
+        (lambda _, bodies: bodies.addGeometryObject(tool_on(1)), "geometry 'tool_0' is on no link"),
+        (lambda _, bodies: bodies.addGeometryObject(tool_on(7)), "there is no joint 7 in the model"),
+        (lambda model, _: model.addJoint(2, pin.JointModelRX(), pin.SE3(), "wrist"), "call model.addJointFrame.3."),
+        (lambda model, _: model.addBodyFrame("tool", 2, pin.SE3(), 0), "on another joint than the frame before it"),
     ],
 )
 def test_what_would_crash_pinocchio_is_named(spoil, message):

@@ -32,11 +32,10 @@ def place_of(robot, q, pose):
 def test_the_distance_of_a_pose_counts_metres_and_radians(ur5):
     q = np.array([0.3, -1.2, 1.0, -0.7, 0.9, 0.2])
     tip = ur5.tip_pose(q)
-    turned = pin.exp3(np.array([0.0, 0.4, 0.0])) @ tip.rotation
-    assert Place(ur5, tip.translation + np.array([0.3, 0.0, 0.0])).distance(q) == pytest.approx(0.3)
+    away, turned = np.add(tip.translation, [0.3, 0.0, 0.0]), pin.exp3(np.array([0.0, 0.4, 0.0])) @ tip.rotation
+    assert Place(ur5, away).distance(q) == pytest.approx(0.3)
     assert Place(ur5, tip.translation, turned).distance(q) == pytest.approx(0.4 * METRES_PER_RADIAN)
-    both = Place(ur5, tip.translation + np.array([0.3, 0.0, 0.0]), turned).distance(q)
-    assert both == pytest.approx(np.hypot(0.3, 0.4 * METRES_PER_RADIAN))
+    assert Place(ur5, away, turned).distance(q) == pytest.approx(np.hypot(0.3, 0.4 * METRES_PER_RADIAN))
 
 
 @pytest.mark.parametrize("pose", [False, True])

@@ -11,22 +11,17 @@ from safe_ompl import InputError, Robot
 from safe_ompl.robot import default_tip, finger_joints, robots_folder
 
 
-def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):
+def test_what_is_held_takes_what_mimics_it_and_the_log_says_so(data_folder, caplog):
     with caplog.at_level(logging.INFO):
         robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", locked={"grip": 0.02})
-    assert robot.joint_names == ("turn", "elbow")
-    assert "grip_mirror = 0.031" in caplog.text
+        tipped = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
+    assert robot.joint_names == tipped.joint_names == ("turn", "elbow")
     fingers = {b.name: b.placement.translation for b in robot.collision_model.geometryObjects}
     assert fingers["finger_1_0"][1] == pytest.approx(0.005 + 0.02)
     assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
-
-
-def test_joints_that_do_not_move_the_tip_are_held_and_logged(data_folder, caplog):
-    with caplog.at_level(logging.INFO):
-        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
-    assert robot.joint_names == ("turn", "elbow")
-    assert "held, as not moving 'hand': grip = 0 " in caplog.text
-    assert "grip_mirror = 0.001" in caplog.text
+    assert robot.tip == "hand"
+    for said in ("0.031", "as not moving 'hand': grip = 0 ", "grip_mirror = 0.001", "fingers (finger_1, finger_2)"):
+        assert said in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -97,23 +92,16 @@ def test_joints_that_cannot_be_planned_for(edited, kind):
     assert Robot.from_urdf(urdf, tip="hand", locked={"elbow": 0.0}).joint_names == ("turn",)
 
 
-STIFF = '<limit lower="0.2" upper="0.2" effort="1" velocity="1"/>'
-
-
 def test_joints_whose_limits_leave_no_range_are_held(edited, caplog):
-    text = '<joint name="elbow" type="revolute">'
-    urdf = edited("gripper_arm.urdf", text, text.replace("elbow", "stiff"))
-    original = urdf.read_text()
-    start = original.index('name="stiff"')
-    limit = original[original.index("<limit", start) : original.index("/>", original.index("<limit", start)) + 2]
-    urdf.write_text(original[:start] + original[start:].replace(limit, STIFF, 1))
+    limits = '<limit lower="-2.5" upper="2.5"'
+    urdf = edited("gripper_arm.urdf", limits, '<limit lower="0.2" upper="0.2"')
     robot = Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0})
     assert robot.joint_names == ("turn",)
-    assert robot.held_joints["stiff"] == 0.2
-    assert "held, as their limits leave no range (limits= gives others): stiff = 0.2" in caplog.text
-    freed = Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0}, limits={"stiff": (-1.0, 1.0)})
-    assert freed.joint_names == ("turn", "stiff")
-    with pytest.raises(InputError, match="no joint is free to move: the limits of stiff leave no range"):
+    assert robot.held_joints["elbow"] == 0.2
+    assert "held, as their limits leave no range (limits= gives others): elbow = 0.2" in caplog.text
+    freed = Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0}, limits={"elbow": (-1.0, 1.0)})
+    assert freed.joint_names == ("turn", "elbow")
+    with pytest.raises(InputError, match="no joint is free to move: the limits of elbow leave no range"):
         Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0, "turn": 0.1})
     with pytest.raises(InputError, match=r"joint 'turn' has the limits \[0.1, 0.1\]: no range to plan in"):
         freed.with_limits({"turn": (0.1, 0.1)})
@@ -130,13 +118,6 @@ def test_joints_whose_limits_leave_no_range_are_held(edited, caplog):
 def test_tips_of_robots_as_they_come(file, tip):
     model = pin.buildModelFromUrdf(str(robots_folder() / file))
     assert default_tip(model, model) == tip
-
-
-def test_a_hand_is_the_tip_and_the_log_says_so(data_folder, caplog):
-    with caplog.at_level(logging.INFO):
-        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", locked={"grip": 0.01})
-    assert robot.tip == "hand"
-    assert "tip: hand, the body before the fingers (finger_1, finger_2)" in caplog.text
 
 
 def test_two_arms_are_no_fingers(data_folder, twin_arm):

@@ -64,14 +64,6 @@ def test_continuous_joints_go_the_short_way(kinova):
     np.testing.assert_array_equal(start, 3.0)
 
 
-def test_limits_bind_all_but_continuous_joints(kinova):
-    middle = (kinova.lower + kinova.upper) / 2
-    assert kinova.within_limits(middle).all()
-    assert kinova.within_limits(kinova.upper).all()
-    assert kinova.within_limits(kinova.upper + 0.01).tolist() == kinova.continuous.tolist()
-    assert kinova.within_limits(kinova.lower - 0.01).tolist() == kinova.continuous.tolist()
-
-
 def test_srdf_removes_exactly_the_pairs_that_it_names(panda):
     srdf = ElementTree.parse(robots_folder() / find_example("panda").srdf)
     disabled = {frozenset((tag.get("link1"), tag.get("link2"))) for tag in srdf.iter("disable_collisions")}
@@ -110,10 +102,17 @@ def test_pairs_that_always_touch_are_dropped_and_logged(edited, caplog):
     assert "not checked, as in contact in over 95% of samples: upper_0–hand_0" in caplog.text
 
 
-def test_missing_mesh_names_link_and_file(edited):
-    urdf = edited("twin_arm.urdf", "wedge.obj", "package://nowhere/wedge.obj")
-    with pytest.raises(InputError, match=r"link 'left_hand': collision mesh 'package://nowhere/wedge.obj' not"):
-        Robot.from_urdf(urdf)
+@pytest.mark.parametrize(
+    ("mesh", "message"),
+    [
+        ("package://nowhere/a.obj", r"link 'left_hand': collision mesh 'package://nowhere/a.obj' not"),
+        ("broken.stl", r"twin_arm.urdf: cannot read a mesh .*broken.stl"),
+    ],
+)
+def test_meshes_that_are_missing_or_broken(edited, tmp_path, mesh, message):
+    (tmp_path / "broken.stl").write_text("solid nothing")
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(edited("twin_arm.urdf", "wedge.obj", mesh))
 
 
 def test_a_flat_mesh_gets_a_little_thickness(edited, tmp_path, caplog):
@@ -157,27 +156,18 @@ def test_files_that_are_missing_or_malformed(data_folder, tmp_path, name, text, 
         Robot.from_urdf(*files, tip="hand")
 
 
-def every_pair(robot):
-    geometry = robot.collision_model.copy()
-    geometry.addAllCollisionPairs()
-    return geometry
-
-
-def count_all(model, geometry, samples):
-    """Pairs in contact in over 95 % of the samples, all of them asked at all samples."""
-    data, contacts, hits = model.createData(), pin.GeometryData(geometry), [0] * len(geometry.collisionPairs)
-    for q in samples:
-        pin.computeCollisions(model, data, geometry, contacts, q, False)
-        hits = [n + result.isCollision() for n, result in zip(hits, contacts.collisionResults, strict=True)]
-    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-    return [pair for pair, n in zip(pairs, hits, strict=True) if n > 0.95 * len(samples)]
-
-
 @pytest.mark.parametrize("name", ["ur10", "so101", "twin_arm"])
 def test_deciding_early_changes_no_decision(robot_named, name):
+    """Pairs in contact in over 95 % of the samples, all of them asked at all samples."""
     robot = robot_named(name)
-    geometry, samples = every_pair(robot), sample_configurations(robot.model)
-    expected = count_all(robot.model, geometry, samples)
+    model, geometry, samples = robot.model, robot.collision_model.copy(), sample_configurations(robot.model)
+    geometry.addAllCollisionPairs()
+    data, contacts, hits = model.createData(), pin.GeometryData(geometry), np.zeros(len(geometry.collisionPairs))
+    for q in samples:
+        pin.computeCollisions(model, data, geometry, contacts, q, False)
+        hits += [result.isCollision() for result in contacts.collisionResults]
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    expected = [pair for pair, n in zip(pairs, hits, strict=True) if n > 0.95 * len(samples)]
     assert expected, "the case is worth nothing without one"
-    found = always_in_contact(robot.model, geometry, samples)
+    found = always_in_contact(model, geometry, samples)
     assert [(pair.first, pair.second) for pair in found] == expected

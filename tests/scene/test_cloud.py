@@ -47,32 +47,19 @@ def write_ply(path, points, form):
     return path
 
 
+FIELDS = [("intensity", 0, 7), ("x", 4, 7), ("y", 8, 8), ("z", 20, 7)]  # name, offset, datatype of a PointCloud2
+
+
 def message(points, order="<", padding=8):
     """Return an organised cloud (2, N/2) as a PointCloud2 message has it, with gaps in points and rows."""
-    record = np.dtype(
-        {"names": ["x", "y", "z"], "formats": [order + "f4", order + "f8", order + "f4"], "offsets": [4, 8, 20]}
-        | {"itemsize": 32}
-    )
-    table = np.zeros(len(points), record)
-    for axis, column in zip("xyz", points.T, strict=True):
-        table[axis] = column
-    half = len(points) // 2
-    rows = [table[:half].tobytes(), table[half:].tobytes()]
-    fields = [
-        {"name": "intensity", "offset": 0, "datatype": 7, "count": 1},
-        {"name": "x", "offset": 4, "datatype": 7, "count": 1},
-        {"name": "y", "offset": 8, "datatype": 8, "count": 1},
-        {"name": "z", "offset": 20, "datatype": 7, "count": 1},
-    ]
-    return {
-        "height": 2,
-        "width": half,
-        "fields": fields,
-        "is_bigendian": order == ">",
-        "point_step": 32,
-        "row_step": 32 * half + padding,
-        "data": b"".join(row + b"\xff" * padding for row in rows),
-    }
+    table = np.zeros((2, len(points) // 2, 32), np.uint8)
+    for axis, (at, kind) in enumerate([(4, "f4"), (8, "f8"), (20, "f4")]):
+        column = points[:, axis].reshape(2, -1, 1).astype(order + kind)
+        table[..., at : at + column.itemsize] = column.view(np.uint8)
+    data = b"".join(row.tobytes() + b"\xff" * padding for row in table)
+    fields = [{"name": name, "offset": at, "datatype": kind, "count": 1} for name, at, kind in FIELDS]
+    sizes = {"height": 2, "width": len(points) // 2, "point_step": 32, "row_step": 16 * len(points) + padding}
+    return {**sizes, "fields": fields, "is_bigendian": order == ">", "data": data}
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -80,32 +67,29 @@ def test_reads_the_data_of_a_ros_message(order):
     points = POINTS.copy()
     points[7] = np.nan
     given = message(points, order)
-    expected = np.delete(points, 7, axis=0)
     as_object = SimpleNamespace(**{**given, "fields": [SimpleNamespace(**field) for field in given["fields"]]})
     as_object.data = number_array("B", given["data"])  # as rclpy has it
     for form in (given, as_object):
         cloud = PointCloud.from_message(form, 0.01, resolution=0.02)
-        np.testing.assert_allclose(cloud.centres, expected, atol=1e-7)
+        np.testing.assert_allclose(cloud.centres, np.delete(points, 7, axis=0), atol=1e-7)
         assert (cloud.radius, cloud.resolution) == (0.01, 0.02)
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "words"),
+    ("change", "words"),
     [
-        ("fields", [], "no field x and y and z"),
-        ("data", b"123", "3 bytes"),
-        ("point_step", 16, "do not fit"),
-        ("row_step", 40, "do not fit"),
+        ({"fields": []}, "no field x and y and z"),
+        ({"data": b"123"}, "3 bytes"),
+        ({"point_step": 16}, "do not fit"),
+        ({"row_step": 40}, "do not fit"),
+        (None, "data: the PointCloud2 message lacks it"),
     ],
 )
-def test_a_message_that_contradicts_itself_is_refused(key, value, words):
+def test_a_message_that_contradicts_itself_is_refused(change, words):
+    given = message(POINTS)
+    given = {**given, **change} if change else {key: value for key, value in given.items() if key != "data"}
     with pytest.raises(InputError, match=words):
-        PointCloud.from_message({**message(POINTS), key: value}, 0.01)
-
-
-def test_a_message_without_data_is_refused():
-    with pytest.raises(InputError, match="data: the PointCloud2 message lacks it"):
-        PointCloud.from_message({key: value for key, value in message(POINTS).items() if key != "data"}, 0.01)
+        PointCloud.from_message(given, 0.01)
 
 
 @pytest.mark.parametrize(("factor", "warns"), [(1000.0, True), (1.0, False)])
@@ -128,8 +112,10 @@ def test_reads_npy_and_needs_the_file_no_more(tmp_path):
     np.save(file, POINTS.astype(np.float32))
     cloud = PointCloud(0.01, file)
     file.unlink()
+    cloud.parts()  # coal's trees do not pickle
     again = pickle.loads(pickle.dumps(cloud))
     assert again == cloud
+    assert again.parts()[0].geometry.computeVolume() is not None
     assert again.centres == pytest.approx(POINTS, abs=1e-6)
 
 
@@ -146,17 +132,10 @@ def test_reads_every_legal_ply(tmp_path):
     assert PointCloud(0.01, file).centres.tolist() == [[1, 2, 3]]
 
 
-@pytest.mark.parametrize("content", [b"", b"no ply", b"ply\nelement vertex 2\nend_header\n"])
+@pytest.mark.parametrize("content", [b"", b"no ply", b"ply\nelement vertex 2\nend_header\n", None])
 def test_unreadable_ply_is_refused(tmp_path, content):
-    file = tmp_path / "cloud.ply"
-    file.write_bytes(content)
-    with pytest.raises(InputError, match="PLY"):
-        PointCloud(0.01, file)
-
-
-def test_truncated_ply_is_refused(tmp_path):
     file = write_ply(tmp_path / "cloud.ply", POINTS, "binary_little_endian")
-    file.write_bytes(file.read_bytes()[:-5])
+    file.write_bytes(file.read_bytes()[:-5] if content is None else content)
     with pytest.raises(InputError, match="cannot be read as PLY"):
         PointCloud(0.01, file)
 
@@ -184,17 +163,20 @@ def test_unusable_clouds_are_refused(fields, message):
     assert message in str(caught.value)
 
 
-def test_bad_arrays_are_refused(tmp_path):
-    for name, array, message in (
-        ("nan", np.full((2, 3), np.nan), "none of 2 points is finite"),
-        ("far", np.array([[0, 0, 0], [0, 2e4, 0]]), "farther than 10000 m away; are they in metres?"),
-        ("flat", np.zeros(3), r"shape \(N, 3\), got \(3,\)"),
-        ("empty", np.zeros((0, 3)), "empty"),
-        ("text", np.array([["a", "b", "c"]]), "cannot be read as an array of numbers"),
-    ):
-        np.save(tmp_path / f"{name}.npy", array)
-        with pytest.raises(InputError, match=message):
-            PointCloud(0.01, tmp_path / f"{name}.npy")
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (np.full((2, 3), np.nan), "none of 2 points is finite"),
+        (np.array([[0, 0, 0], [0, 2e4, 0]]), "farther than 10000 m away; are they in metres?"),
+        (np.zeros(3), r"shape \(N, 3\), got \(3,\)"),
+        (np.zeros((0, 3)), "empty"),
+        (np.array([["a", "b", "c"]]), "cannot be read as an array of numbers"),
+    ],
+)
+def test_bad_arrays_are_refused(tmp_path, array, message):
+    np.save(tmp_path / "bad.npy", array)
+    with pytest.raises(InputError, match=message):
+        PointCloud(0.01, tmp_path / "bad.npy")
 
 
 def test_a_small_cloud_is_made_of_balls():
@@ -290,15 +272,6 @@ def test_the_tree_holds_every_cell_far_from_the_origin():
     assert high == pytest.approx((cells.max(axis=0) + 1) * 0.01, abs=1e-5)
 
 
-def test_a_link_wholly_inside_a_cloud_is_seen():
-    grid = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.05] * 3), axis=-1).reshape(-1, 3)
-    (part,) = PointCloud(0.05, points=grid).parts()
-    where = coal.Transform3s(part.placement.rotation, part.placement.translation)
-    tiny = coal.Transform3s(np.eye(3), np.array([0.013, 0.02, 0.017]))
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
-    assert coal.collide(part.geometry, where, coal.Sphere(0.002), tiny, request, result)
-
-
 def test_many_points_keep_few_cells(caplog):
     points = np.random.default_rng(0).uniform(0, 1, (100_000, 3)) * np.array([2, 2, 0.001])
     cloud = PointCloud(0.002, points=points)
@@ -334,12 +307,6 @@ def test_clouds_of_arrays_compare_hash_and_read_back():
     assert repr(cloud) == "PointCloud(radius=0.01, points=<60 points>)"
     with pytest.raises(ValueError, match="read-only"):
         cloud.centres[0] = 0
-
-
-def test_a_cloud_that_has_collided_pickles():
-    cloud = PointCloud(0.01, points=POINTS)
-    cloud.parts()
-    assert pickle.loads(pickle.dumps(cloud)).parts()[0].geometry.computeVolume() is not None
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.booleans())
