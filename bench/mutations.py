@@ -66,7 +66,7 @@ from safe_ompl.certificates import motion_certificate
 from safe_ompl.certificates.issue import terms_of
 from safe_ompl.certificates.verifier.verify import Terms, Verified
 from safe_ompl.collision import Separation
-from safe_ompl.io.robot_document import built_robot, links_without_collision
+from safe_ompl.io.problems import built_robot, links_without_collision
 from safe_ompl.io.schema import digest
 from safe_ompl.motions import check_with
 from safe_ompl.robot import Attachment, robot_hash

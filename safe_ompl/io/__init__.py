@@ -11,8 +11,15 @@ if TYPE_CHECKING:
     from safe_ompl.io.files import load, result_to_mapping, save
     from safe_ompl.io.motion_files import MOTION_ENDINGS, motion_content, motion_of_document, read_log, read_motion
     from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
-    from safe_ompl.io.problems import SceneDocument, built_scene, carried_scene
-    from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
+    from safe_ompl.io.problems import (
+        RobotDocument,
+        SceneDocument,
+        built_robot,
+        built_scene,
+        carried_robot,
+        carried_scene,
+        links_without_collision,
+    )
     from safe_ompl.io.schema import marked, strict_json
     from safe_ompl.io.ticks import TickLog, TicksFile, check_header, read_ticks, ticks_header
 

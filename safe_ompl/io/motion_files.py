@@ -87,13 +87,8 @@ def read_motion(
 def read_log(file: str | Path) -> tuple[Motion, Motion]:
     """Return the commanded and the measured motion of a log; between samples they are straight.
 
-    A table (.csv) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these
-    names (.npz); other columns are not looked at.
-
-    Raises
-    ------
-    InputError
-        If the file is of another kind, or a column is missing.
+    A table (.csv) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these names (.npz);
+    other columns are not looked at. An InputError if the file is of another kind, or a column is missing.
     """
     path = Path(file)
     kind = path.suffix.lower()
@@ -118,22 +113,9 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
 def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -> tuple[str | bytes, Motion]:
     """Return what a file is to hold for a motion, and the motion that is read from it, which proofs should be about.
 
-    Parameters
-    ----------
-    motion : Motion
-        Its joints have names.
-    file : path-like
-        By its ending: our own form (.json), a table (.csv), a message trajectory_msgs/JointTrajectory
-        (.yaml, .yml), arrays (.npz). Tables, messages and arrays hold way points, with velocities from degree 2 on, and
-        accelerations from degree 4 on; arrays hold our own form where points cannot hold the motion.
-    message : bool
-        Whether JSON is a message, too.
-
-    Raises
-    ------
-    InputError
-        If the ending is another one, or points cannot hold the motion: its degree is above 5, or its velocities jump;
-        or its joints have no names.
+    Tables, messages (JSON is one with `message`) and arrays hold way points, with velocities from degree 2 on, and
+    accelerations from degree 4 on; arrays hold our own form where points cannot hold the motion. An InputError if the
+    ending is another one, points cannot hold the motion, or its joints have no names.
     """
     ending = Path(file).suffix.lower()
     if ending not in FORMS:

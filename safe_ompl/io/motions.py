@@ -151,13 +151,7 @@ ACCELERATION = "joint acceleration"
 
 @dataclass(frozen=True, eq=False)
 class TimedMotion:
-    """T samples of a trajectory, the speed along its path, and what bounds that speed.
-
-    Raises
-    ------
-    InputError
-        If lengths differ, a value is not finite, or times do not increase from 0.
-    """
+    """T samples of a trajectory, the speed along its path, and what bounds it; InputError if they do not fit."""
 
     robot: Robot  # Who moves, and among what
     scene: Scene

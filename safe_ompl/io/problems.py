@@ -1,19 +1,315 @@
-"""What results and motions in time are about, as it travels: the scene, the robot with its meshes, the danger."""
+"""Robots, scenes and both together as plain data that travels: with hashes, and recipes that build robots.
+
+A recipe has the keys of a robot in a scenario file. Files of example-robot-data are named, other texts and the meshes
+of attached objects travel whole. The meshes of a URDF travel with results, compressed; certificates leave them out.
+Then they are looked for in folders that the user names, never where the recipe says; the hash of the robot covers them,
+so that no other one passes for it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import io
+import logging
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
-from safe_ompl.common import CertificateError, InputError, Section, key
+from safe_ompl.common import CertificateError, InputError, Section, files, key
 from safe_ompl.common import documents as document
-from safe_ompl.io.carried_files import carried_files, carried_objects, check_carried, unpack
-from safe_ompl.io.robot_document import built_robot, packed_robot
-from safe_ompl.robot import Robot
+from safe_ompl.io import schema
+from safe_ompl.io.schema import (
+    carried_files,
+    carried_objects,
+    check_carried,
+    examples_folder,
+    packed,
+    place_meshes,
+    unpack,
+)
+from safe_ompl.robot import Attachment, CollisionSource, Robot, RobotSpec, UrdfFile, robot_hash, robots_folder
 from safe_ompl.scene import Scene
+
+_log = logging.getLogger(__name__)
+
+SMALL = 8_000_000
+"""Characters of compressed meshes that travel without being asked for."""
+_PACKAGE = "carried"  # of the meshes in the URDF that travels
+_FILES = ("urdf", "srdf")
+# Without accelerations: certificates of timed motions claim limits themselves
+_OPTIONS = ("tip", "locked", "name", "limits", "collision", "group", "base", "mobile_base")
+_MOST_CHARACTERS = 20_000_000  # of a URDF or an SRDF
+_DEEPEST = 100  # tags in tags
+_DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
+
+
+# ---------------------------------------------------------------------------------------------------- writing
+
+
+def carried_robot(robot: Robot) -> dict[str, Any]:
+    """Return the robot as plain data: its hash, what its links lack, and what builds it.
+
+    The recipe is None where it is not plain data: then a verification needs the robot.
+    """
+    try:
+        found = recipe(robot.spec)
+    except schema.NotPlainError:
+        found = None
+    return {
+        "name": robot.name,
+        "hash": robot_hash(robot),
+        "links_without_collision": links_without_collision(robot),
+        "recipe": found,
+    }
+
+
+def links_without_collision(robot: Robot) -> list[str]:
+    """Return the moving links that nothing is proven of, as they have visual but no collision shapes; in order."""
+    return sorted(robot.links_without_collision)
+
+
+def recipe(spec: RobotSpec) -> dict[str, Any]:
+    """Return what a robot is built from, or raise NotPlainError if a part is made of Pinocchio's models."""
+    spec = spec.resolved()
+    if spec.models is not None:
+        raise schema.NotPlainError("models of Pinocchio's are not plain data")
+    said = spec.to_mapping()
+    found: dict[str, Any] = schema.as_plain({name: said[name] for name in _OPTIONS if name in said})
+    if spec.robots:
+        found["robots"] = {prefix: recipe(robot) for prefix, robot in spec.robots.items()}
+        found |= {"name": spec.name or "cell", "tip": spec.tip or next(iter(spec.robots))}
+    else:
+        found |= {file: _carried_text(getattr(spec, file)) for file in _FILES}
+        if "text" in found["urdf"]:
+            found["urdf"]["text"] = spec.urdf_file().text()
+    if spec.attached:
+        found["attached"] = said["attached"]
+        found["files"] = carried_objects(found["attached"])
+        found["attached"] = schema.as_plain(found["attached"])
+    return found
+
+
+def _carried_text(path: Path | None) -> Any:
+    if path is None:
+        return None
+    examples = examples_folder()
+    if examples is not None and path.is_relative_to(examples):
+        return {"example_robot_data": path.relative_to(examples).as_posix()}
+    try:
+        return {"name": path.name, "text": path.read_text(encoding="utf-8")}
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be carried in a document ({error})", str(path)) from None
+
+
+def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
+    """Return a robot as `carried_robot` does, with the meshes of its URDFs, once each by the hash of their content.
+
+    By default `meshes` that collide, and those that are drawn, are carried if they take no more than `SMALL`
+    characters; a warning says if those that collide do not.
+    """
+    carried = carried_robot(robot)
+    if meshes is False or carried["recipe"] is None:
+        return carried
+    sources = [pair for pair in _sources(robot.spec.resolved(), carried["recipe"]) if "text" in pair[1]]
+    names: dict[Path, str] = {}
+    content: dict[str, str] = {}
+    for tag in ("collision", "visual"):
+        added = {path for urdf, _ in sources for path in urdf.mesh_files(tag).values()} - names.keys()
+        more = {path: packed(path) for path in sorted(added)}
+        if not meshes and sum(map(len, [*content.values(), *more.values()])) > SMALL:
+            level = logging.WARNING if tag == "collision" else logging.INFO
+            _log.log(level, "%s: its %s meshes are too large to be saved with it: --package-dir", robot.name, tag)
+            break
+        for path, data in more.items():
+            names[path] = f"{sha256(data.encode()).hexdigest()[:32]}{path.suffix.lower()}"
+            content[names[path]] = data
+    for urdf, text in sources:
+        meant = {name: path for tag in ("collision", "visual") for name, path in urdf.mesh_files(tag).items()}
+        places = {name: f"package://{_PACKAGE}/{names[path]}" for name, path in meant.items() if path in names}
+        text["text"] = urdf.text(places)
+    return {**carried, "meshes": content} if content else carried
+
+
+def _sources(spec: RobotSpec, recipe: Mapping[str, Any]) -> Iterator[tuple[UrdfFile, dict[str, str]]]:
+    """Yield every URDF of a robot with the place of its text in the recipe."""
+    for prefix, part in recipe.get("robots", {}).items():
+        yield from _sources(spec.robots[prefix].resolved(), part)
+    if not spec.robots:
+        yield spec.urdf_file(), recipe["urdf"]
+
+
+# ---------------------------------------------------------------------------------------------------- reading
+
+
+def _xml(key: str, value: Any) -> str:
+    """Read the text of a URDF or SRDF; what would grow when it is parsed is refused."""
+    content = document.text(key, value)
+    if len(content) > _MOST_CHARACTERS:
+        raise InputError(f"has {len(content)} characters, {_MOST_CHARACTERS} are the most", key)
+    if _DECLARATION.search(content):
+        raise InputError("must not declare entities, or a document type", key)
+    depth = 0
+    try:
+        for event, _ in ElementTree.iterparse(io.BytesIO(content.encode()), events=("start", "end")):
+            depth += 1 if event == "start" else -1
+            if depth > _DEEPEST:
+                raise InputError(f"has tags in tags, more than {_DEEPEST} deep", key)
+    except (ElementTree.ParseError, UnicodeEncodeError):
+        pass  # building the robot reports what is wrong
+    return content
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File(Section):
+    """A URDF or SRDF: its text, or its name in example-robot-data."""
+
+    example_robot_data: str | None = key(document.line, default=None)
+    name: str | None = key(document.line, default=None)
+    text: str | None = key(_xml, default=None)
+
+    def check(self) -> None:
+        if (self.example_robot_data is None) == (self.text is None):
+            raise InputError("must be text, or a file of example-robot-data", "text")
+
+
+def _recipe(key: str, value: Any) -> _Recipe:
+    found: _Recipe = document.section(key, value, _Recipe)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Recipe(Section):
+    """A robot, as `RobotSpec` has it: of a URDF, or of several robots."""
+
+    urdf: _File | None = key(document.section, default=None, kind=_File)
+    srdf: _File | None = key(document.section, default=None, kind=_File)
+    tip: str | None = key(document.line, default=None)
+    locked: Mapping[str, float] | None = key(document.numbers_by_name, default=None)
+    name: str | None = key(document.line, default=None)
+    limits: Mapping[str, tuple[float, ...]] = key(document.by_name, factory=dict, read=document.numbers, count=2)
+    collision: CollisionSource = key(document.one_of, default="required", known=get_args(CollisionSource))
+    group: str | None = key(document.line, default=None)
+    base: Any = key(document.plain, default=None)
+    mobile_base: Any = key(document.plain, default=None)
+    attached: Any = key(document.plain, default=())
+    files: Mapping[str, str] = key(carried_files, factory=dict)
+    robots: Mapping[str, Any] = key(document.by_name, factory=dict, read=_recipe)
+
+    def check(self) -> None:
+        if (self.urdf is None) == (not self.robots):
+            raise InputError("missing: give either urdf or robots", "urdf")
+        check_carried("attached", self.attached, self.files)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotDocument(Section):
+    """A robot as it travels; see `carried_robot` and `packed_robot`."""
+
+    name: str = key(document.line)
+    hash: str = key(document.sha)
+    links_without_collision: tuple[str, ...] = key(document.each, read=document.line)
+    recipe: Any = key(_recipe, default=None)
+    meshes: Mapping[str, str] = key(carried_files, factory=dict)
+
+
+def built_robot(carried: Any, *, urdf: Path | None = None, package_dirs: Sequence[Path] = ()) -> Robot:
+    """Return the robot that a document carries the recipe of; whether it is that of the hash the verification says.
+
+    Meshes are looked for beside a `urdf`, which is read instead of the text that is carried, or else in `package_dirs`,
+    among those that travel, and in example-robot-data, nowhere else. An InputError if it cannot be built.
+    """
+    try:
+        carried = document.section("carried", carried, RobotDocument)
+    except RecursionError:
+        raise InputError("is nested too deeply", "recipe") from None
+    if carried.recipe is None:
+        raise InputError(
+            f"it carries no recipe of its robot {carried.name!r}: give the scenario, or the robot in Python"
+        )
+    with TemporaryDirectory(prefix="safe-ompl-") as folder:
+        try:
+            folders = [Path(path) for path in package_dirs]
+            if carried.meshes:
+                place = Path(folder) / _PACKAGE
+                place.mkdir()
+                unpack(carried.meshes, place)
+                folders.append(Path(folder))
+            numbers = (Path(folder) / str(k) for k in count(1))
+            spec = _spec(carried.recipe, numbers, urdf, folders)
+            robot = _built(spec, carried.name, folder, given=urdf is not None or bool(package_dirs))
+            if carried.meshes:
+                robot.visual_model  # noqa: B018  # read now: the folder goes
+            return robot
+        except (*files.MALFORMED, OSError) as error:
+            if isinstance(error, InputError):
+                raise
+            why = str(error).partition("\n")[0]
+            raise InputError(f"not a recipe of a robot: {why}", "recipe") from None
+
+
+def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
+    """Build a robot; if that fails say what may be missing, unless it was given."""
+    try:
+        return Robot(spec)
+    except InputError as error:
+        if given:
+            raise
+        raise InputError(
+            f"the robot {name!r} cannot be built from what is carried; meshes are not: give its URDF, or the "
+            f"folder above its packages ({re.sub(re.escape(folder) + r'/([0-9]+/)?', '', str(error))})"
+        ) from None
+
+
+def _spec(data: _Recipe, folders: Iterator[Path], urdf: Path | None, package_dirs: Sequence[Path]) -> RobotSpec:
+    """Return what a recipe says of a robot; the files that it carries go to new folders."""
+    if urdf is not None and data.robots:
+        raise InputError("there are several robots: give the folders of their packages instead", "urdf")
+    with document.within("recipe"):
+        options: dict[str, Any] = {name: getattr(data, name) for name in _OPTIONS}
+        options["attached"] = _attached(data, next(folders))
+        if data.robots:
+            robots = {prefix: _spec(part, folders, None, package_dirs) for prefix, part in data.robots.items()}
+            return RobotSpec(robots=robots, **options)
+        assert data.urdf is not None
+        examples = examples_folder()
+        own, places = next(folders), (*package_dirs, *([] if examples is None else [examples.parents[1]]))
+        options["srdf"] = None if data.srdf is None else _file(data.srdf, own / "carried.srdf")
+        if urdf is None:
+            urdf = _file(data.urdf, own / "carried.urdf")
+            if data.urdf.text is not None:
+                place_meshes(urdf, package_dirs)
+        return RobotSpec(urdf=urdf, package_dirs=places, xacro_args=None, **options)
+
+
+def _attached(data: _Recipe, folder: Path) -> tuple[Attachment, ...]:
+    folder.mkdir()
+    unpack(data.files, folder)
+    with document.within("attached"):
+        return tuple(Attachment.from_mapping(item, folder) for item in data.attached)
+
+
+def _file(file: _File, path: Path) -> Path:
+    """Return where a URDF or SRDF can be read: in example-robot-data, or written to a path."""
+    if file.text is None:
+        return _example(str(file.example_robot_data))
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(file.text, encoding="utf-8")
+    return path
+
+
+def _example(name: str) -> Path:
+    path = (robots_folder() / name).resolve()
+    if not (path.is_relative_to(robots_folder()) and path.suffix in (".urdf", ".srdf") and path.is_file()):
+        raise InputError(f"{name!r} is not in example-robot-data", "example_robot_data")
+    return path
+
+
+# ---------------------------------------------------------------------------------------------- scenes, problems
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,13 +327,7 @@ class SceneDocument(Section):
 
 
 def carried_scene(scene: Scene) -> dict[str, Any]:
-    """Return the scene as plain data: its document, its files, its hash.
-
-    Raises
-    ------
-    InputError
-        If a file of the scene is gone, or has changed since it was read.
-    """
+    """Return the scene as plain data; an InputError if a file of it is gone, or has changed since it was read."""
     content = scene.to_mapping()
     carried = {"hash": scene.content_hash(), "content": content, "files": carried_objects(content.get("obstacles", []))}
     try:
@@ -51,15 +341,7 @@ def carried_scene(scene: Scene) -> dict[str, Any]:
 
 
 def built_scene(carried: Any) -> Scene:
-    """Return the scene that a document, a mapping or a SceneDocument, carries.
-
-    Raises
-    ------
-    InputError
-        If it is not one.
-    CertificateError
-        If it is not the scene of its hash.
-    """
+    """Return the scene that a document carries; an InputError if it is none, a CertificateError if its hash differs."""
     carried = document.section("carried", carried, SceneDocument)
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
         unpack(carried.files, Path(folder))

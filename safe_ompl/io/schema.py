@@ -1,23 +1,33 @@
-"""The marks of our JSON files, and of certificates with their digest; plain data."""
+"""What documents of ours have in common: marks, a digest, plain data, and files that travel inside, in base 64."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import re
+import xml.etree.ElementTree as ElementTree
+import zlib
+from base64 import b64decode, b64encode
+from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from numbers import Integral, Real
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.common import InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
+from safe_ompl.robot import PackageFolders, parsed, robots_folder
 
 FORMAT, VERSION = "safe-ompl certificate", 4
 OWN_FORMAT, OWN_VERSION = "safe-ompl", 2  # of all other files
 KINDS = ("result", "path", "scene", "trajectory", "motion")
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
+_FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+_MOST_CHARACTERS = 270_000_000  # of all files that travel in one document
+_MOST_BYTES = 500_000_000  # of these, unpacked
+_PACKAGE = "package://"
 
 
 class NotPlainError(InputError):
@@ -80,3 +90,124 @@ def _without_nan(data: Any) -> Any:
     if isinstance(data, (list, tuple)):
         return [_without_nan(item) for item in data]
     return data
+
+
+# ------------------------------------------------------------------------------------------ files that travel
+
+
+def packed(path: Path) -> str:
+    """Return the content of a file as it travels, or raise InputError."""
+    try:
+        return b64encode(zlib.compress(path.read_bytes())).decode("ascii")
+    except OSError as error:
+        raise InputError(f"cannot be carried in a document ({error.strerror})", str(path)) from None
+
+
+def carried_files(key: str, value: Any) -> dict[str, str]:
+    """Read files by name; no name leads out of a folder."""
+    given = document.mapping(key, value)
+    with document.within(key):
+        for name in given:
+            if not _FILE_NAME.fullmatch(name):
+                raise InputError("is not the name of a file", repr(name))
+        files = {name: document.text(name, data) for name, data in given.items()}
+    total = sum(map(len, files.values()))
+    if total > _MOST_CHARACTERS:
+        raise InputError(f"have {total} characters, {_MOST_CHARACTERS} are the most", key)
+    return files
+
+
+def carried_objects(items: list[dict[str, Any]]) -> dict[str, str]:
+    """Return the files that obstacles or attached objects name, as they travel, and have the items name these."""
+    files: dict[str, str] = {}
+    for item in items:
+        for part, value in item.items():
+            if isinstance(value, dict) and "file" in value:
+                path = Path(value["file"])
+                name = f"{len(files)}{path.suffix}"
+                files[name] = packed(path)
+                item[part] = {**value, "file": name}
+    return files
+
+
+def check_carried(key: str, items: Any, files: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return a list of objects, or raise InputError if one names a file that does not travel with it."""
+    found = [document.mapping(f"{key}[{k}]", item) for k, item in enumerate(document.sequence(key, items))]
+    for k, item in enumerate(found):
+        for part, value in item.items():
+            if isinstance(value, dict) and "file" in value and value["file"] not in files:
+                raise InputError(f"the file {value['file']!r} is not carried", f"{key}[{k}].{part}.file")
+    return found
+
+
+def unpack(files: Mapping[str, str], folder: Path) -> None:
+    """Write files into a folder; names that lead out of it are none, see `carried_files`."""
+    room = _MOST_BYTES
+    for name, data in files.items():
+        try:
+            unpacking = zlib.decompressobj()
+            content = unpacking.decompress(b64decode(data, validate=True), room + 1)
+        except (ValueError, zlib.error) as error:
+            raise InputError(f"is not a compressed file in base 64: {error}", name) from None
+        room -= len(content)
+        if room < 0 or not unpacking.eof:
+            raise InputError(f"is cut, or all files are larger than {_MOST_BYTES} bytes", name)
+        (folder / name).write_bytes(_self_contained(content) if name.lower().endswith(".obj") else content)
+
+
+def _self_contained(obj: bytes) -> bytes:
+    """Return an OBJ file without the names of other files, which would be read."""
+    return re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", obj))
+
+
+# ------------------------------------------------------------------------------------------------ meshes of URDFs
+
+
+def place_meshes(urdf: Path, given: Sequence[Path]) -> None:
+    """Let a carried URDF name its meshes where they are: in folders that are given, or in example-robot-data."""
+    try:
+        root = parsed(urdf)
+    except ElementTree.ParseError:
+        return  # building the robot reports what is wrong
+    meshes = [mesh for mesh in root.iter("mesh") if mesh.get("filename")]
+    for mesh in meshes:
+        name = mesh.get("filename", "")
+        place = next((place for place in _mesh_places(name, given) if place.is_file()), None)
+        # Inside the folder of the URDF, which has no other file.
+        inside = "/".join(_steps(name) or (PurePosixPath(name).name,))
+        mesh.set("filename", inside if place is None else str(place.resolve()))
+    if meshes:
+        urdf.write_bytes(ElementTree.tostring(root, encoding="utf-8"))
+
+
+def _mesh_places(name: str, given: Sequence[Path]) -> Iterator[Path]:
+    """Yield where a mesh may be, all of it in folders that are given, or in example-robot-data."""
+    steps, examples = _steps(name), examples_folder()
+    if steps is None:
+        return
+    plain_name = name.removeprefix("file://")
+    for folder in given:
+        if Path(plain_name).is_absolute() and Path(plain_name).is_relative_to(folder.resolve()):
+            yield Path(plain_name)
+        yield folder.joinpath(*steps)
+    if examples is not None:
+        yield examples.parents[1].joinpath(*steps)
+    if name.startswith(_PACKAGE):
+        found = PackageFolders(Path("/"), [folder.resolve() for folder in given]).find(_PACKAGE + "/".join(steps))
+        if found is not None:
+            yield found
+
+
+def _steps(name: str) -> tuple[str, ...] | None:
+    """Return the folders and the file that a name of a mesh goes through; None where it goes back up."""
+    steps = PurePosixPath(re.sub(r"^[a-z]+://", "", name)).parts
+    steps = tuple(step for step in steps if step != "/")
+    return None if not steps or ".." in steps or "\0" in name else steps
+
+
+def examples_folder() -> Path | None:
+    """Return the folder of the robots of example-robot-data, or None where that is not installed."""
+    try:
+        return robots_folder()
+    except InputError:
+        return None

@@ -42,8 +42,7 @@ from typing import Any, Protocol
 from safe_ompl.common import InputError, files
 from safe_ompl.common import documents as document
 from safe_ompl.io import schema
-from safe_ompl.io.problems import carried_scene
-from safe_ompl.io.robot_document import packed_robot
+from safe_ompl.io.problems import carried_scene, packed_robot
 from safe_ompl.io.schema import strict_json
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -91,13 +90,7 @@ class TicksFile:
 
 
 def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the header and the ticks of a file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or is no such file.
-    """
+    """Return the header and the ticks of a file; an InputError if it is no such file."""
     lines = []
     with document.within(str(file), ": "):
         for number, line in enumerate(files.file_text(Path(file)).splitlines(), 1):

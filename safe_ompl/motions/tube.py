@@ -55,9 +55,8 @@ def measured_tube(
 ) -> MeasuredTube:
     """Return the tube of a log of commanded and measured positions; of samples the lines through them.
 
-    They are compared at the instants of both, as long as both last. Whole turns of `continuous` joints (n,) of the
-    commanded ones are no error. An InputError if one has no times or names, joints differ, or they have no time in
-    common.
+    They are compared at the instants of both. Whole turns of `continuous` joints (n,) of the commanded ones are no
+    error. An InputError if one has no times or names, joints differ, or they have no time in common.
     """
     factor = number("factor", factor, at_least=1.0)
     for name, motion in (("commanded", commanded), ("measured", measured)):

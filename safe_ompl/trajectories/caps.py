@@ -75,21 +75,16 @@ class StandstillError(SafeOmplError):
 def people_caps(
     curve: BlendedCurve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances, loss: float
 ) -> tuple[Cells, FloatArray, float, list[SpeedCap]]:
-    """Return the caps of blends, separation, contact and clamping, in cells as fine as it takes.
-
-    Second are the decelerations along the path (N,) that stops take [rad/s²], third the window over which the plan is
-    averaged [s], 0 without a limit of the jerk.
+    """Return cells as fine as it takes, decelerations (N,) that stops take there, a window [s], and the caps.
 
     A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
-    not brake harder than it began. A stop from any instant on ends before a person who is as fast as `people` says
-    comes nearer than the clearance; or else the robot is slow enough by then that a contact stays below the limits of
-    the body region, or half of it where a limb may be clamped (`safe_ompl.trajectories.contact`). See
-    `safe_ompl.trajectories.kernels`. A cell that bounds the speed is divided if the robot's motion
-    within it costs more than the share `loss` of the time that is left. Where the jerk is limited all this is said of a
-    plan, than which the motion is later by the window at most; see `safe_ompl.trajectories.time_law`.
+    not brake harder than it began. It ends before a person comes nearer than the clearance, or the robot is then so
+    slow that a contact is harmless (`safe_ompl.trajectories.kernels`, `.contact`). A cell that bounds the speed is
+    divided if motion within it costs more than the share `loss` of the time that is left. With a limit of the jerk all
+    this is said of a plan, than which the motion is later by the window at most (`.time_law`).
 
-    An InputError if somebody touches the robot, or is within the clearance, where it starts; a StandstillError if there
-    is a cell in which no speed is allowed.
+    An InputError if somebody is within the clearance where the robot starts; a StandstillError if a cell allows no
+    speed.
     """
     people, window = distances.people, 0.0
     for last in (False, True):

@@ -17,7 +17,7 @@ from safe_ompl import CertificateError, InputError, Scenario, Scene
 from safe_ompl.certificates import certificate, terms_of, verify
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
 from safe_ompl.io import built_robot, built_scene, carried_robot, carried_scene
-from safe_ompl.io.carried_files import unpack
+from safe_ompl.io.schema import unpack
 from safe_ompl.robot import Robot, robot_hash
 
 ROBOTS = Path(__file__).parents[2] / "scenarios" / "robots"
@@ -264,7 +264,7 @@ def test_names_that_are_none_of_files(everything, name):
 
 
 def test_files_that_grow_when_they_are_unpacked(tmp_path, monkeypatch):
-    monkeypatch.setattr("safe_ompl.io.carried_files._MOST_BYTES", 1000)
+    monkeypatch.setattr("safe_ompl.io.schema._MOST_BYTES", 1000)
     unpack({"a.obj": packed(bytes(500)), "b.obj": packed(bytes(500))}, tmp_path)
     with pytest.raises(InputError, match=r"b\.obj: is cut, or all files are larger than 1000 bytes"):
         unpack({"a.obj": packed(bytes(500)), "b.obj": packed(bytes(501))}, tmp_path)

@@ -114,7 +114,7 @@ def test_meshes_travel_with_the_robot(meshed, tmp_path):
 
 
 def test_meshes_that_do_not_travel_are_looked_for(meshed, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr("safe_ompl.io.robot_document.SMALL", 100)
+    monkeypatch.setattr("safe_ompl.io.problems.SMALL", 100)
     save(meshed, tmp_path / "result.json")
     assert "collision meshes are too large to be saved with it: --package-dir" in caplog.text
     (tmp_path / "here").rename(tmp_path / "there")

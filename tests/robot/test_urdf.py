@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from safe_ompl import InputError, Robot
-from safe_ompl.io.robot_document import built_robot, carried_robot
+from safe_ompl.io.problems import built_robot, carried_robot
 from safe_ompl.robot import RobotSpec, robot_hash
 
 XACRO = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'

@@ -274,16 +274,10 @@ class PlainSpeeds:
 def bend_bound(
     robot: Robot, movers: list[int], length: float, steps: FloatArray, bends: FloatArray, slid: FloatArray
 ) -> float:
-    """Return a bound of ‖x″‖ of points, by arc length.
+    """Return a bound of ‖x″‖, by arc length, of points that joints `movers` move, deepest first.
 
-    Parameters
-    ----------
-    movers : list of int
-        The joints that move the points, deepest first.
-    length : float
-        How far the points are from the origin of the first of them at most [m].
-    steps, bends, slid : ndarray, shape (m,)
-        Bounds of |q′| and |q″| of the joints of the model, and how far sliding joints are out at most [m].
+    The points are no farther than `length` [m] from the origin of the first of them. Of the model's joints (m,) `steps`
+    and `bends` bound |q′| and |q″|, and `slid` says how far sliding ones are out [m].
     """
     sliding = robot.joint_prismatic.tolist()
     beneath = float(sum(steps[i] for i in movers if not sliding[i]))

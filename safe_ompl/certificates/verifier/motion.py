@@ -76,27 +76,11 @@ class PlainPiece:
 
 
 class PlainMotion:
-    """A curve and where on it the robot is when, as claimed; checked for being one motion between two ends (n,).
+    """A curve and where on it the robot is when; a CertificateError unless it is one motion between two ends.
 
-    Attributes
-    ----------
-    starts : list of float
-        Arc lengths where the pieces begin.
-    edges, squares : ndarray, shape (C + 1,)
-        Grid points, and ṡ² there; of the plan, if there is a window.
-    window : float
-        w [s]; 0: there is none.
-    of : list of int
-        The piece of each of the C cells.
-    ends : ndarray of int, shape (C,)
-        The grid point at which the robot stops in any case, after each cell.
-    fastest : ndarray, shape (C,)
-        Bounds of ṡ in the cells.
-
-    Raises
-    ------
-    CertificateError
-        If it is none.
+    Its pieces begin at arc lengths `starts`. At `edges`, (C + 1,), ṡ² is `squares`; of the plan, if there is a `window`
+    [s], which is else 0. Of each of the C cells `of` is the piece, `ends` the grid point at which the robot stops in
+    any case, `fastest` a bound of ṡ.
     """
 
     def __init__(self, claim: TimedMotion, robot: Robot, ends: tuple[FloatArray, FloatArray]) -> None:

@@ -35,13 +35,7 @@ _ROUNDING = 1e-13  # relative, of fifty halvings
 
 
 def check_polynomials(claims: Certificate, robot: Robot, scene: Scene, separations: Separations) -> tuple[int, int]:
-    """Return how many parts of the motion were looked at, and how many distances.
-
-    Raises
-    ------
-    CertificateError
-        If it is not one motion, or anything that is claimed of it does not hold.
-    """
+    """Return the number of parts and distances that it took; a CertificateError unless all that is claimed holds."""
     claim = claims.motion
     spans = [Fraction(end) - Fraction(start) for start, end in pairwise(claim.times.tolist())]
     pieces = [derivatives(*piece) for piece in zip(claim.coefficients, spans, strict=True)]

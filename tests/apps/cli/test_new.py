@@ -266,7 +266,7 @@ def test_a_drive_can_be_looked_at_elsewhere(butler, capsys, monkeypatch):
     drive = ["live", "mine.yaml", "--movers", "1", "--seconds", "0.2", "--out", "drive", "--html", "drive.html"]
     assert main(drive) == 2
     assert "palm.obj' not found" in " ".join(capsys.readouterr().err.split())
-    monkeypatch.setattr("safe_ompl.io.robot_document.SMALL", 10)
+    monkeypatch.setattr("safe_ompl.io.problems.SMALL", 10)
     assert main([*drive, *folder]) == 0
     ticks = ["view", "drive/ticks.jsonl", "--html", "ticks.html"]
     capsys.readouterr()
