@@ -182,17 +182,10 @@ def clock() -> float:
 def compile_together(kernels: Sequence[Any], jobs: Sequence[str]) -> None:
     """Do jobs, so that what they call is compiled by this process and another one, and both are busy until the end.
 
-    Each takes the next job that neither has begun. Nothing happens where all of `kernels`, which the jobs should call,
-    are on disk already, or where nothing can be kept, or within a job. Whatever becomes of the other process, only time
-    is lost: what it has not kept is compiled where it is called.
-
-    Parameters
-    ----------
-    kernels : sequence of kernels
-        Some that jobs call.
-    jobs : sequence of str
-        Functions without arguments that call kernels, "module:name", at most 256. Long ones should come first, and no
-        two of them should call the same kernels.
+    Jobs are at most 256 functions without arguments that call kernels, "module:name": long ones first, and no two that
+    call the same kernels. Each process takes the next one that neither has begun. Nothing happens where all of
+    `kernels`, which the jobs call, are on disk already, or nothing can be kept, or within a job. Whatever becomes of
+    the other process, only time is lost: what it has not kept is compiled where it is called.
     """
     kept = [_kept(kernel) for kernel in kernels]
     python = Path(sys.executable or "").name.startswith("python")  # and not a program that Python is part of

@@ -56,33 +56,15 @@ class Changes:
 
 @dataclass
 class Counts:
-    """Numbers of queries, shared by the models of one planning problem.
+    """Numbers of queries of the whole robot, shared by the models of one planning problem."""
 
-    Attributes
-    ----------
-    nodes : int
-        Nodes (vertices) that the planner kept.
-    collision_queries : int
-        Whole-robot boolean collision queries without margin.
-    margin_queries : int
-        Whole-robot boolean collision queries with security margins (proofs of motions).
-    bound_queries : int
-        Places of motions at which lower bounds of distances were looked at (proofs of motions); no query of coal's.
-    distance_queries : int
-        Whole-robot distance queries.
-    field_configurations : int
-        Configurations at which the danger field was evaluated.
-    field_points : int
-        Sum over those configurations of the danger points looked at.
-    """
-
-    nodes: int = 0
-    collision_queries: int = 0
-    margin_queries: int = 0
-    bound_queries: int = 0
+    nodes: int = 0  # That the planner kept
+    collision_queries: int = 0  # Yes or no, without margin
+    margin_queries: int = 0  # Yes or no, with security margins (proofs of motions)
+    bound_queries: int = 0  # Places of motions at which bounds of distances were looked at (proofs); not by coal
     distance_queries: int = 0
-    field_configurations: int = 0
-    field_points: int = 0
+    field_configurations: int = 0  # At which the danger field was evaluated
+    field_points: int = 0  # Sum over these of the danger points that were looked at
 
     @property
     def queries(self) -> int:

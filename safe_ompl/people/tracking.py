@@ -34,26 +34,13 @@ class ReachViolation(NamedTuple):
 
 @dataclass(frozen=True)
 class Tracker:
-    """How a person is tracked.
+    """How a person is tracked."""
 
-    Attributes
-    ----------
-    skeleton : Skeleton
-        The key points that the sensor gives.
-    body : TrackedBody
-        The person's size, and which limbs there are.
-    place : Pose
-        Where the sensor's frame, turned to x forward, y left and z up, is in the world.
-    noise : float
-        Bound of the errors of these places [m].
-    gate : float, optional
-        A key point that would have moved faster since it was last seen is not seen [m/s]; see `Gate`. Default: all are.
-    """
-
-    skeleton: Skeleton
-    body: TrackedBody = field(default_factory=TrackedBody)
-    place: Pose = field(default_factory=Pose)
-    noise: float = 0.0
+    skeleton: Skeleton  # The key points that the sensor gives
+    body: TrackedBody = field(default_factory=TrackedBody)  # The person's size, and which limbs there are
+    place: Pose = field(default_factory=Pose)  # The sensor's frame, turned to x forward, y left, z up, in the world
+    noise: float = 0.0  # Bound of the errors of key points [m]
+    # A key point that would have moved faster since it was last seen is not seen [m/s]; see `Gate`. None: all are
     gate: float | None = None
 
     def __post_init__(self) -> None:
@@ -256,10 +243,8 @@ class Surroundings:
 
     Raises
     ------
-    UnknownNameError
-        If the scene has no obstacle of a name in `objects`.
     InputError
-        If a name is a person and an object; if a reach was calibrated with another skeleton or gate.
+        If an object is no obstacle of the scene, or a person, too; if a reach has another skeleton or gate.
     """
 
     def __init__(

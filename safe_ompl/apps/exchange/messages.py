@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud, Pose, placed
+from safe_ompl.geometry import Obstacle, PointCloud, Pose, placed
 from safe_ompl.motions import Motion
 from safe_ompl.people import Skeleton
 from safe_ompl.robot import Robot
@@ -28,12 +28,11 @@ MARKERS = "visualization_msgs/msg/MarkerArray"
 SECOND = 10**9  # [ns]
 OK, WARN, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
 WORLD = "world"
-SPHERE, _CYLINDER, _TRIANGLES = 2, 3, 11  # types of markers
-DELETE_ALL = 3  # action of a marker
-_DELETIONS = (2, DELETE_ALL)
+_SPHERE, _TRIANGLES = 2, 11  # types of markers
+_DELETE, _DELETE_ALL = 2, 3  # actions of markers
 _KEYPOINT = 0.05  # [m] diameter of the marker of a key point
 _STILL, _DANGEROUS = (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
-_LIMB = (0.83, 0.43, 0.29)
+_SEEN = (0.83, 0.43, 0.29)
 _AROUND = 24  # corners of round shapes
 _NAME, _SEQUENCES = 2, (3, 4)  # kinds of fields in rosbags
 _NUMBERS = {"float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"}
@@ -149,7 +148,7 @@ def people_markers(time: int, people: Mapping[str, Mapping[str, ArrayLike]]) -> 
     """
     found = {}
     for who, points in people.items():
-        look = {"type": SPHERE, "scale": vector([_KEYPOINT] * 3), "color": colour(_LIMB)}
+        look = {"type": _SPHERE, "scale": vector([_KEYPOINT] * 3), "color": colour(_SEEN)}
         seen = {name: np.asarray(place, dtype=float) for name, place in points.items()}
         found[who] = [
             {"id": k, "pose": pose(place), "text": name, **look}
@@ -198,35 +197,10 @@ def obstacle_markers(time: int, obstacles: Iterable[Obstacle]) -> Message:
     return _markers(time, found)
 
 
-def limb_markers(
-    time: int, people: Mapping[str, Mapping[str, Any]], bodies: Mapping[str, Mapping[str, Any]]
-) -> Message:
-    """Return the limbs of people at a time [ns], as cylinders with round ends.
-
-    `people` are key points in the world by name; `bodies` their heights and limbs, as the header of ticks has them.
-    """
-    found: dict[str, list[Message]] = {}
-    for name, points in people.items():
-        known = {point: place for point, place in points.items() if point in STANDING}
-        person = Person(bodies[name]["height"], known, tuple(bodies[name].get("limbs") or ()))
-        solids = found[name] = []
-        for limb in person.limbs():
-            wide, look = 2 * limb.radius, {"color": colour(_LIMB)}
-            for end in sorted({tuple(limb.start.tolist()), tuple(limb.end.tolist())}):
-                solids.append({"type": SPHERE, "pose": pose(end), "scale": vector([wide] * 3), **look})
-            if limb.length > 0:
-                size = vector([wide, wide, limb.length])
-                turn = pin.Quaternion(limb.placement.rotation).coeffs()
-                solids.append(
-                    {"type": _CYLINDER, "pose": pose(limb.placement.translation, turn), "scale": size, **look}
-                )
-    return _markers(time, found)
-
-
 def _markers(time: int, found: Mapping[str, Sequence[Message]]) -> Message:
     """Return markers by name, in the world and in the place of all before."""
     head = header(time, WORLD)
-    markers: list[Message] = [{"header": head, "action": DELETE_ALL}]
+    markers: list[Message] = [{"header": head, "action": _DELETE_ALL}]
     for name, solids in found.items():
         markers += [{"header": head, "ns": name, "id": k, **solid} for k, solid in enumerate(solids)]
     return {"markers": markers}
@@ -274,7 +248,7 @@ def people_of_markers(message: Any, skeleton: Skeleton, frames: Frames) -> tuple
     skeleton's.
     """
     people: dict[str, FloatArray] = {}
-    shown = [marker for marker in message.markers if marker.action not in _DELETIONS]
+    shown = [marker for marker in message.markers if marker.action not in (_DELETE, _DELETE_ALL)]
     if not shown:
         stamps = [stamp_of(marker.header) for marker in message.markers]
         if not stamps:

@@ -80,12 +80,12 @@ class RosNode:
         self, node: Any, controller: LiveController, frames: Frames, scene: Scene, log: TickLog | None = None
     ) -> None:
         self._node, self._controller, self._frames, self._log = node, controller, frames, log
-        self._robot, self._bodies = controller.cell.robot, controller.cell.moving
+        self._robot = controller.cell.robot
         self._said: dict[str, float] = {}
         self._units = 10.0
         self._commands = self._publisher(messages.JOINT_TRAJECTORY, "command")
         self._diagnostics = self._publisher(messages.DIAGNOSTICS, "/diagnostics")
-        self._limbs = self._publisher(messages.MARKERS, "limbs")
+        self._tracked = self._publisher(messages.MARKERS, "tracked")
         self._still = self._publisher(messages.MARKERS, "scene", latched=True)
         self._subscribe_to_all()
         clock = import_module("rclpy.clock")
@@ -177,7 +177,7 @@ class RosNode:
             self._command()
         self._diagnostics(messages.diagnostics(time, self._robot.name, tick))
         if tick["people"]:
-            self._limbs(messages.limb_markers(time, tick["people"], self._bodies["people"]))
+            self._tracked(messages.people_markers(time, tick["people"]))
         if self._log is not None and np.isfinite([tick["q"], tick["qd"]]).all():
             self._log.write(tick)
         begin = perf_counter()

@@ -88,10 +88,7 @@ class Command:
         return State(place.q[0], slope * speed, slope * push + bend * speed * speed)
 
     def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
-        """Return times (K,) from `time` on, `step` apart, the last one when the robot stands; and what holds then [s].
-
-        There is one if it stands already.
-        """
+        """Return times (K,) [s] from one on, a step apart, the last one when the robot stands, and what holds then."""
         steps = np.arange(time, self.standstill - 1e-6, step)
         states = [*(self.at(each) for each in steps.tolist()), self.at(np.inf)]
         return np.append(steps, max(time, self.standstill)), states
@@ -200,23 +197,11 @@ class Guard:
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
     ) -> list[ReachViolation]:
-        """Take what sensors saw, and return who moved farther than promised; while anyone did, the robot stops.
+        """Take what sensors saw at a time [s]; return who moved farther than promised, which makes the robot stop.
 
-        Parameters
-        ----------
-        people : mapping of str to array_like of shape (J, 3)
-            Key points of those that were seen, as their skeletons have them; NaN: not seen.
-        objects : mapping of str to Pose, pin.SE3 or 4×4 matrix
-            Poses of the objects that were seen.
-        time : float
-            When that was measured [s].
-
-        Raises
-        ------
-        InputError
-            If the time goes backwards, or key points or a pose cannot be used.
-        UnknownNameError
-            If a name is not known.
+        `people` are key points (J, 3) of those that were seen, as their skeletons have them, NaN: not seen; `objects`
+        are poses (Pose, pin.SE3 or 4×4). Raises InputError if the time goes backwards, a name is not known, or key
+        points or a pose cannot be used.
         """
         violations = self.surroundings.update(people, objects, time)
         if violations and not self._violated:
@@ -299,13 +284,7 @@ class Guard:
         return ticks_header(self.tick, self.robot, around.scene, around.description())
 
     def log_tick(self) -> dict[str, Any]:
-        """Return the newest command and where all were seen last, as a tick of a log; distances are not measured.
-
-        Raises
-        ------
-        InputError
-            If there was no command yet.
-        """
+        """Return the newest command and where all were seen last, as a tick of a log; distances are not measured."""
         if self._last is None:
             raise InputError("there was no command yet")
         unknown = dict.fromkeys(("distance", "link", "who", "limb"))

@@ -68,13 +68,9 @@ class Replanner(Guard):
         """Take a trajectory to follow, from where the robot stands.
 
         Its curve is proven anew against all still obstacles. Its limits and caps are kept, except those by people; its
-        time law is not: the robot is as fast as limits and people let it.
-
-        Raises
-        ------
-        InputError
-            If the robot moves, or stands elsewhere; if the trajectory is of other joints, or not free; if it has a cap
-            that is proven on its own curve only, such as of danger.
+        time law is not: the robot is as fast as limits and people let it. Raises InputError if the robot moves, or
+        stands elsewhere; if the trajectory is of other joints, or not free; if it has a cap that is proven on its own
+        curve only, such as of danger.
         """
         if trajectory.joint_names != self.robot.joint_names:
             raise InputError(
@@ -101,13 +97,7 @@ class Replanner(Guard):
             self.detours.cover(trajectory.curve)
 
     def command(self, time: float) -> Command:
-        """Return what the robot does from a time [s] on; see `Command`.
-
-        Raises
-        ------
-        InputError
-            If nothing was started, or the time is before the last command or the last measurement.
-        """
+        """Return what the robot does from a time [s] on, which is not before the last command or measurement."""
         path = self._path
         if path is None:
             raise InputError("start a trajectory first")
@@ -130,13 +120,8 @@ class Replanner(Guard):
     def think(self, units: int = 60) -> bool:
         """Search a detour if the path ahead is barred or slow; return whether the next command has one to take.
 
-        Call it after `command`, in the time that is left until the next one. The next command takes the detour if that
-        is proven.
-
-        Parameters
-        ----------
-        units : int
-            How much work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
+        Call it after `command`, in the time that is left until the next one, which takes the detour if that is proven.
+        So many units of work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
         """
         command = self._last
         if command is None or not self.surroundings.known or command.doing is Doing.DONE:

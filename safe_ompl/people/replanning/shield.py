@@ -85,13 +85,7 @@ class Shield(Guard):
     # ----------------------------------------------------------------------------------------------- what is called
 
     def start(self, q: ArrayLike) -> None:
-        """Take where the robot stands (n,) [rad or m]; what was proposed before is forgotten.
-
-        Raises
-        ------
-        InputError
-            If the robot moves, or `q` is no configuration within the joint limits.
-        """
+        """Take where the robot stands (n,) [rad or m], within the joint limits; what was proposed is forgotten."""
         last = self._last
         if last is not None and last.doing not in (Doing.DONE, Doing.STANDING):
             raise InputError("the robot still moves: start when it stands or is done")
@@ -135,28 +129,15 @@ class Shield(Guard):
         return self._take(partial(self._velocity, velocity, of_tip=False))
 
     def propose_twist(self, twist: ArrayLike) -> bool:
-        """Propose a twist of the tip, as `propose_velocity`.
+        """Propose a twist of the tip (6,), linear [m/s], angular [rad/s], in world-aligned axes; as `propose_velocity`.
 
-        Parameters
-        ----------
-        twist : array_like, shape (6,)
-            Linear velocity [m/s], then angular velocity [rad/s], in world-aligned axes.
-
-        Notes
-        -----
         The joints get q̇ = Jᵀ(JJᵀ + λ²)⁻¹v with λ = 0.05: near a singularity the tip is slower than v, and q̇ stays
         below ‖v‖/2λ. Where a joint would be too fast the robot is slower in the same direction.
         """
         return self._take(partial(self._velocity, twist, of_tip=True))
 
     def command(self, time: float) -> ShieldCommand:
-        """Return what the robot does from a time [s] on.
-
-        Raises
-        ------
-        InputError
-            If `start` was not called, or the time is before the last command or the last measurement.
-        """
+        """Return what the robot does from a time [s] on, which is not before the last command or measurement."""
         if self._rest is None:
             raise InputError("start where the robot stands first")
         last = self._last
