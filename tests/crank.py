@@ -20,12 +20,13 @@ def balls(*distances):
 class Field:
     """Stands for a danger field: a function of the joint value of the crank, of which nothing can be proven."""
 
-    points = weights = None
-    revision = 0
     robot = SimpleNamespace(within_limits=lambda q: np.array([False]))  # then nothing is proven
 
     def __init__(self, function):
         self.function = function
+
+    def frozen(self):
+        return self
 
     def values(self, Q):
         return self.function(Q[:, 0])

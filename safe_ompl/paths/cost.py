@@ -187,8 +187,7 @@ class ObstacleCost:
     """Obstacle cost of a radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
 
     d [m] is the distance of the two, D > 0 where obstacles begin to count; d₀ ≤ D what the ends of a path allow, 0 at
-    first: where these are near an obstacle themselves, the path between them shall at least not come nearer. Exact
-    distances cost most: `anchor` keeps their witnesses, which move with the links.
+    first. Exact distances cost most: `anchor` keeps their witnesses, which move with the links.
     """
 
     def __init__(self, checker: CollisionChecker, distance: float) -> None:

@@ -217,9 +217,9 @@ class _Examination:
 
     def __init__(self, path: FloatArray, checker: CollisionChecker, field: DangerField | None) -> None:
         self.curve = Curve(checker.robot, path)
-        self._path, self._checker, self._field = path, checker, field
+        self._path, self._checker = path, checker
+        self._field = None if field is None else field.frozen()
         self._scene, self._revision = checker.scene, checker.revision
-        self._points = None if field is None else (field.points, field.weights, field.revision)
 
     @cached_property
     def _places(self) -> FloatArray:
@@ -230,13 +230,9 @@ class _Examination:
         return self.curve.at(self._places)
 
     def danger(self) -> DangerReport | None:
-        field = self._field
-        if field is None or self._points is None:
+        if self._field is None:
             return None
-        points, weights, revision = self._points
-        if field.revision != revision:
-            field = field.with_points(points, weights)
-        return danger_along(self._path, field, self._places, self._samples)
+        return danger_along(self._path, self._field, self._places, self._samples)
 
     def clearance(self) -> ClearanceReport:
         checker = self._checker

@@ -11,7 +11,7 @@ from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import Campaign, summarize
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.run import Optimisation, optimise
+from safe_ompl.planning.run import optimise
 from safe_ompl.scene import find_scenario
 
 
@@ -135,14 +135,6 @@ def test_interrupted_or_without_a_path(setup):
     found = optimise(lambda start, seconds: None, setup.simplifier, 0.05)
     assert (found.paths, found.first_path) == ([], None)
     assert found.settled(setup.simplifier) == (None, ())
-
-
-def test_the_path_that_is_best_for_all_danger_points_is_returned(setup):
-    paths = [setup.plan("RRTConnect", seed=seed).path for seed in range(2)]
-    cheap, dear = sorted(paths, key=setup.simplifier.cost.of)
-    best, improvements = Optimisation([0.1, 0.2], [cheap, dear]).settled(setup.simplifier)
-    assert best is cheap
-    assert [step.time for step in improvements] == [0.1]
 
 
 # --------------------------------------------------------------------------------------------------- the command line

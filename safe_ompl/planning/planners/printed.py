@@ -145,7 +145,7 @@ class PaperSafePRM(SafePlanner):
         return self._roadmap
 
     def _forget(self) -> None:
-        self._roadmap = Roadmap(self._problem, self._problem.robot)
+        self._roadmap = Roadmap(self._problem)
 
 
 class PaperSafeJTRRT(SafePlanner):

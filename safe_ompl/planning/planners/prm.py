@@ -155,7 +155,8 @@ class SafePRM(SafePlanner):
             tried.append(offer)
             if is_free:
                 best = graph.add_closed(offer)
-                self._count(best)
+                self.counts.nodes += not self._roadmap.connected[best]
+                self._roadmap.connected[best] = True
         graph.remove_open(tried)
         return best
 
@@ -240,10 +241,6 @@ class SafePRM(SafePlanner):
         """Return the lengths (N,) of the straight motions between all milestones and one of them."""
         return np.sqrt(squares(self._roadmap.ways_to(milestone)))
 
-    def _count(self, milestone: int) -> None:
-        self.counts.nodes += not self._roadmap.connected[milestone]
-        self._roadmap.connected[milestone] = True
-
     @property
     def _structure(self) -> Roadmap:
         return self._roadmap
@@ -252,7 +249,7 @@ class SafePRM(SafePlanner):
         self._danger.prepare()
 
     def _forget(self) -> None:
-        self._roadmap = Roadmap(self._problem, self._problem.robot)
+        self._roadmap = Roadmap(self._problem)
         self._detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
         self._margin.reset()
 

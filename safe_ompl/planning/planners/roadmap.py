@@ -9,7 +9,6 @@ import numpy as np
 from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.planning.planners.problem import PlanningProblem
 from safe_ompl.planning.planners.tree import ROOT, PlannerGraph, branch
-from safe_ompl.robot import Robot
 
 _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, but they come
 
@@ -21,8 +20,8 @@ class Roadmap:
     were ever reached from a start or goal, and `edges` which straight motions from one to another are free.
     """
 
-    def __init__(self, problem: PlanningProblem, robot: Robot | None) -> None:
-        self._problem, self._robot = problem, robot
+    def __init__(self, problem: PlanningProblem) -> None:
+        self._problem, self._robot = problem, problem.robot
         self.configurations: FloatArray = np.empty((0, problem.bridge.n))
         self._places: FloatArray = self._placed(self.configurations)
         self._costs: FloatArray = np.empty(0)
@@ -172,9 +171,8 @@ def squares(rows: FloatArray) -> FloatArray:
 class SearchGraph:
     """One of the two graphs of a search on a roadmap: its lists Closed and Open, and the tree of parents.
 
-    Open holds offers: a milestone, the parent that offers an edge to it, and the length g of the way to it through that
-    parent, penalties included, with how often it was penalised. A milestone may have several. Where the roots are the
-    starts, edges are driven away from them, else towards them. `closed: (N,)` says which milestones are in Closed.
+    Open holds offers: a milestone, the parent that offers an edge to it, the length g of the way to it through that
+    parent, and how often it was penalised. A milestone may have several.
     """
 
     def __init__(self, size: int, roots: list[int], *, from_start: bool) -> None:

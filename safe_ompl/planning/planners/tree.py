@@ -24,11 +24,10 @@ def branch(parents: IntArray, node: int) -> list[int]:
 
 
 class Tree:
-    """Configurations as rows of one array, each with the index of its parent.
+    """Configurations as rows of one array, each with the index of its parent; edges are driven from or to the start.
 
-    Costs are evaluated when they are first asked for, all new nodes in one batch. The metric ρ is Euclidean with
-    wrapping. Edges of a tree `from_start` are driven away from the root, else towards it. `trapped` are the nodes whose
-    last step was trapped.
+    Costs are evaluated when they are first asked for, all new nodes in one batch. `trapped` are the nodes whose last
+    step was trapped.
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, *, from_start: bool = True) -> None:

@@ -3,7 +3,6 @@
 import inspect
 import math
 
-import numpy as np
 import pytest
 from ompl import base as ob
 from plane import PlaneProblem
@@ -153,11 +152,6 @@ def test_what_a_planner_of_a_name_does_not_take_is_refused(si, name, given, mess
     with pytest.raises(InputError, match=message) as error:
         make_planner(name, si, given)
     assert isinstance(error.value, UnknownNameError) == ("unknown" in message)
-
-
-def test_what_is_fixed_may_be_said(si):
-    assert make_planner("ClassicRRTConnect", si, {"alpha": 0}).getAlpha() == 0
-    assert make_planner("SafeJTRRT", si, {"transpose": np.True_}).getTranspose() is True
 
 
 @pytest.mark.parametrize(

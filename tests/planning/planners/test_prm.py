@@ -1,31 +1,23 @@
 """SafePRM: the paper's search step by step, and what is kept between queries."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from ompl import base as ob
 from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, SlopedHotSpot, nowhere, wall_with_a_gap, walled_in
 
-from safe_ompl import SafePRM
+from safe_ompl import SafePRM, SafeSetup, Scene
 from safe_ompl.planning.planners import prm
 from safe_ompl.planning.planners.problem import PlanningProblem
 from safe_ompl.planning.planners.roadmap import Roadmap
 
-
-class Watched(SafePRM):
-    """Shows its milestones, those without an edge too."""
-
-    @property
-    def milestones(self):
-        return self._roadmap.configurations
+Problem = partial(PlaneProblem, SafePRM)
 
 
-class Problem(PlaneProblem):
-    def __init__(self, *task, **parameters):
-        super().__init__(Watched, *task, **parameters)
-
-    @property
-    def milestones(self):
-        return self.planner.milestones
+def milestones(task):
+    """Return the milestones, those without an edge too."""
+    return task.planner._roadmap.configurations
 
 
 def test_samples_grow_until_they_suffice():
@@ -34,7 +26,7 @@ def test_samples_grow_until_they_suffice():
 
     task = Problem(maze, samples=3)
     assert task.solve() == EXACT
-    assert len(task.milestones) > 3 + 2
+    assert len(milestones(task)) > 3 + 2
     assert task.path[:, 1].max() > 0.75
     assert task.path[:, 1].min() < -0.75
 
@@ -45,14 +37,14 @@ def test_memory_stays_bounded_and_clear_forgets(monkeypatch):
     sizes = []
 
     def begun_anew():
-        sizes.append(len(task.milestones))
+        sizes.append(len(milestones(task)))
         return bool((np.diff(sizes) < 0).sum() > 1)
 
     assert task.solve(ob.PlannerTerminationCondition(begun_anew)) == TIMEOUT
     assert 120 < max(sizes) <= 150 * 1.25 + 1
     task.walls.forbidden = nowhere
     task.planner.clear()
-    assert task.planner.counts.nodes == len(task.milestones) == 0
+    assert task.planner.counts.nodes == len(milestones(task)) == 0
     assert task.solve() == EXACT
     np.testing.assert_array_equal(task.path[[0, -1]], [START, GOAL])
 
@@ -75,12 +67,12 @@ def test_the_safer_of_two_ways_is_taken_if_danger_counts(monkeypatch, alpha, way
 def test_the_same_query_again_costs_nothing():
     task = Problem(wall_with_a_gap, SlopedHotSpot)
     assert task.solve() == EXACT
-    first, path, milestones = len(task.walls.asked), task.path, len(task.milestones)
+    first, path, number = len(task.walls.asked), task.path, len(milestones(task))
     task.ask_again()
     assert task.solve() == EXACT
     np.testing.assert_array_equal(task.path, path)
     assert len(task.walls.asked) <= 10 < 0.02 * first, "the ends, once more"
-    assert len(task.milestones) == milestones
+    assert len(milestones(task)) == number
 
 
 def test_the_way_back_is_checked_as_it_is_driven():
@@ -107,7 +99,7 @@ def test_the_way_back_is_checked_as_it_is_driven():
 
 def test_a_roadmap_asks_for_each_margin_of_an_edge_once(shelf, monkeypatch):
     problem, asked = PlanningProblem(shelf.getSpaceInformation()), []
-    roadmap, start = Roadmap(problem, shelf.robot), np.array(shelf.problem.start)
+    roadmap, start = Roadmap(problem), np.array(shelf.problem.start)
     roadmap.add(np.array([start, start + 0.01]))
     is_free = problem.motion_is_free
     monkeypatch.setattr(problem, "motion_is_free", lambda *args: asked.append(args) or is_free(*args))
@@ -128,13 +120,12 @@ def test_a_roadmap_asks_for_each_margin_of_an_edge_once(shelf, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "twin_arm", "slider"])
-def test_the_metric_of_the_link_ends_is_equation_11(robot_named, rng, plane, name):
+def test_the_metric_of_the_link_ends_is_equation_11(robot_named, rng, name):
     robot = robot_named(name)
     Q = rng.uniform(robot.lower, robot.upper, (20, robot.n))
     points = [robot.keypoints(q) for q in Q]
     expected = [sum(np.linalg.norm(a - b) ** 2 for a, b in zip(row, points[3], strict=True)) for row in points]
-    plane.bridge.n = robot.n
-    roadmap = Roadmap(plane, robot)
+    roadmap = Roadmap(PlanningProblem(SafeSetup(robot, Scene(), danger=None).getSpaceInformation()))
     roadmap.add(Q)
     roadmap.invalid[5] = True
     nearest = [k for k in np.argsort(expected, kind="stable") if k not in (0, 1, 5)]
