@@ -309,8 +309,6 @@ def test_a_kernel_whose_file_is_damaged_is_compiled_anew(arrays, ending):
 JOBS = """
 import os, signal, time
 from pathlib import Path
-from types import SimpleNamespace
-from safe_ompl.common import compilation
 FOLDER = Path({folder!r})
 HERE = os.environ["PARENT"] == str(os.getpid())
 
@@ -331,7 +329,6 @@ def both(then):
 def killed(): both("os.kill(os.getpid(), 9)")
 def fails(): both("raise ValueError")
 def leaves(): both("os._exit(1)")
-def sleeps(): both("time.sleep(600)")
 
 def interrupted():
     both("time.sleep(600)")
@@ -341,10 +338,6 @@ def dies():
     both("time.sleep(600)")
     os.kill(os.getpid(), signal.SIGKILL)
 
-def nested():
-    kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=SimpleNamespace(_load_index=dict)))
-    compilation.compile_together([kernel], ["jobs:third"])
-    third()
 """
 
 

@@ -220,45 +220,44 @@ class Guard:
 
     def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
-        measured = self.surroundings.time
         if speed == 0 and s >= path.length - _SAME:
             rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
-            return Command(time, measured, path, rest, Doing.DONE, MotionMargin(np.inf))
+            return Command(time, self.surroundings.time, path, rest, Doing.DONE, MotionMargin(np.inf))
         if not self.surroundings.known:
             return None
         trouble = self.surroundings.trouble(time, self.options.lost_after)
-        violated = trouble is not None
-        around = self._around(time)
-
-        def command(push: float, doing: Doing, reason: str) -> Command | None:
-            motion = path.motion_from(s, speed * speed, push, self.tick)
-            margin = path.margin(motion, around)
-            if margin.margin < 0:
-                self._margin = margin
-                return None
-            rule = self._margin.rule if reason and not violated else ""
-            if rule not in ("", SEPARATION) and path.margin(motion, around._replace(contact=None)).margin >= 0:
-                rule = SEPARATION
-            return Command(time, measured, path, motion, doing, margin, reason, rule)
-
-        if trouble is None:
-            fastest = command(1.0, Doing.MOVING, "")
-            if fastest is not None:
-                return fastest
-            trouble = self._margin.description
-            pushes = [-1.0, *_PUSHES]
-        else:
-            pushes = [-1.0]
-        if speed == 0:
-            pushes = [push for push in pushes if push > 0]
+        if trouble is not None:
+            return self._proven(path, s, speed, -1.0, time, trouble) if speed > 0 else None
+        fastest = self._proven(path, s, speed, 1.0, time)
+        if fastest is not None:
+            return fastest
+        pushes = [push for push in (-1.0, *_PUSHES) if speed > 0 or push > 0]
         found, blamed, first, last = None, self._margin, 0, len(pushes)
         while first < last:  # by bisection: a motion that is slower than a proven one most often is proven
             middle, self._margin = (first + last) // 2, blamed
-            push = pushes[middle]
-            slower = command(push, Doing.SLOWED if push > -1 else Doing.BRAKING, trouble)
+            slower = self._proven(path, s, speed, pushes[middle], time, blamed)
             found = slower or found
             first, last = (first, middle) if slower is None else (middle + 1, last)
         return found
+
+    def _proven(
+        self, path: GuardedPath, s: float, speed: float, push: float, time: float, why: MotionMargin | str = ""
+    ) -> Command | None:
+        """Return the motion from (s, ṡ) with s̈ = push · brakes and its stop if both are proven; else note the margin.
+
+        `why` it is not the fastest one is the margin of that, or what is wrong with who is around.
+        """
+        around = self._around(time)
+        motion = path.motion_from(s, speed * speed, push, self.tick)
+        margin = path.margin(motion, around)
+        if margin.margin < 0:
+            self._margin = margin
+            return None
+        doing = Doing.BRAKING if push == -1.0 else Doing.SLOWED if why else Doing.MOVING
+        reason, rule = (why.description, why.rule) if isinstance(why, MotionMargin) else (why, "")
+        if rule not in ("", SEPARATION) and path.margin(motion, around._replace(contact=None)).margin >= 0:
+            rule = SEPARATION
+        return Command(time, self.surroundings.time, path, motion, doing, margin, reason, rule)
 
     def _around(self, time: float) -> Around:
         """Return who is around when a motion begins at a time [s]."""

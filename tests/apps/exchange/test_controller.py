@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 from concurrent.futures import Executor, Future
-from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -17,16 +16,13 @@ import pinocchio as pin
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from safe_ompl.apps import main
-from safe_ompl.apps.cli.program import command_line
 from safe_ompl.apps.cli.ros import cell_of, rehearse, trackers_of
 from safe_ompl.apps.exchange import ControlOptions, LiveController
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import InputError
 from safe_ompl.geometry import STANDING, Pose, Sphere
 from safe_ompl.motions import Motion
-from safe_ompl.people import CalibratedReach, TrackedBody
-from safe_ompl.people.simulation import ContactMonitor, limb_solids, part_solids
+from safe_ompl.people.simulation import ContactMonitor, part_solids
 from safe_ompl.scene import Scenario, find_scenario
 
 GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
@@ -152,21 +148,6 @@ def test_it_drives_to_a_goal_and_back(drive):
         drive.arrives(goal)
     assert {tick["state"] for tick in drive.ticks[first:]} == {"done"}  # it is there already
     assert {"standing", "moving", "done"} <= {tick["state"] for tick in drive.ticks}
-
-
-def test_a_person_who_comes_is_never_touched_by_a_robot_that_moves(drive):
-    monitor, near = ContactMonitor(drive.robot), []
-    drive.go()
-    for k in range(120):
-        drive.person = np.array([0.75 + 1.5 * np.cos(0.04 * k) ** 2, 0.0, -0.75])
-        drive.run(0.05)
-        if np.abs(drive.qd).max() > 1e-9:
-            solids = limb_solids("operator", TrackedBody(), np.vstack([BODY + drive.person, np.zeros(3)]))
-            near.append(monitor.nearest(drive.q, solids).distance)
-    assert min(near) > 0
-    states = {tick["state"] for tick in drive.ticks}
-    assert "moving" in states
-    assert states & {"standing", "slowed", "braking"}
 
 
 # ------------------------------------------------------------------------------------- lost, late, out of order, broken
@@ -314,22 +295,6 @@ def test_points_of_robot_and_person_are_left_out_and_new_ones_stop_the_robot(dri
     drive.arrives()  # round the thing
     solids, monitor = part_solids("", Sphere(0.08), pin.SE3(np.eye(3), place)), ContactMonitor(drive.robot)
     assert min(monitor.nearest(np.array(tick["q"]), solids).distance for tick in drive.ticks[-150:]) > 0
-
-
-def test_a_calibrated_reach_comes_with_its_gate(tmp_path, monkeypatch, capsys):
-    growth = {"torso": (0.5,), "right_hand": (1.0,)}
-    CalibratedReach("recording12", 2.0, 0.9, 20, (0.5,), growth, ("a",), ("b",)).save(tmp_path / "reach.yaml")
-    monkeypatch.setattr("safe_ompl.apps.cli.output.need_extra", lambda extra: None)
-    words = ["ros", "panda_shelf", "--reach", str(tmp_path / "reach.yaml"), "--skeleton"]
-    options = command_line().parse_args([*words, "recording12"])
-    scenario, trackers, control, _ = options.prepare(options).args
-    assert trackers["operator"].gate == 2.0
-    cell_of(scenario, scenario.build_robot(), trackers, options, control)
-    trackers["operator"] = replace(trackers["operator"], gate=None)
-    with pytest.raises(InputError, match="operator: the reach was calibrated with"):
-        cell_of(scenario, scenario.build_robot(), trackers, options, control)
-    assert main([*words[:3], str(tmp_path / "none.yaml")]) == 2
-    assert "--reach: '" in " ".join(capsys.readouterr().err.split())
 
 
 def test_behind_a_shield_proposals_are_followed_as_far_as_they_are_proven():

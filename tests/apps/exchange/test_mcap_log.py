@@ -158,14 +158,12 @@ def test_a_shield_is_logged_and_read_back(panda, tmp_path):
         command = shield.command(0.05 * k + 0.02)
         written.append(shield.log_tick())
         log.write(written[-1])
-        np.testing.assert_allclose(written[-1]["q"], command.at(0.05 * k + 0.02).q)
         np.testing.assert_allclose(written[-1]["stop"]["q"][-1], command.at(np.inf).q)
         assert (written[-1]["follows"], written[-1]["state"]) == (command.follows, command.doing.value)
     log.close()
     header, ticks = read_log(file)
     assert ticks == json.loads(strict_json(written))
     assert header["objects"] == {"ball": 1.6}
-    assert ticks[5]["objects"]["ball"]["position"] == [2.0, 0.25, 0.5]
     assert ticks[5]["people"]["anna"]["left_wrist"] == seen[9].tolist()
     content = read_recording(file, read=read_log)
     np.testing.assert_array_equal(content.motions["live"].configurations[5], written[5]["q"])

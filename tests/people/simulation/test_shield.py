@@ -261,16 +261,6 @@ def test_a_twist_moves_the_tip(shield_for, panda):
     assert not shield.command(1.06).follows
 
 
-def test_whoever_is_unknown_or_near_stops_it(shield_for):
-    shield = shield_for()
-    shield.propose(swing(np.arange(CHUNK) / RATE), RATE)
-    command = shield.command(0.0)
-    assert (command.doing, command.reason) == (Doing.STANDING, "not everybody was seen yet")
-    assert not command.follows
-    _, states = drive(shield_for(), chunks(), lambda t: (0.35, -0.45, 0.6), 1.0)
-    assert np.abs(states[:, 1]).max() < 0.02
-
-
 def test_what_cannot_be_is_refused(shield_for, panda, table):
     shield = shield_for()
     assert shield.command(0.0).reason == "nothing was proposed"
