@@ -7,9 +7,8 @@ import pytest
 from limbs import Limbs, least_left
 from scipy.interpolate import CubicSpline
 
-from safe_ompl import InputError, Motion, Obstacle, People, Person, Pose, RateLimits, Scenario, Scene, time_path
+from safe_ompl import InputError, Motion, Obstacle, People, Person, Pose, RateLimits, Scenario, Scene
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.motions import check
 from safe_ompl.scene import find_scenario
 
@@ -134,25 +133,6 @@ def test_a_motion_that_waits_may_stop_where_it_waits(panda):
     late = [violation for violation in found.violations if violation.kind == "separation"]
     assert late
     assert not any(violation.first < 30.0 and violation.last > 2.0 for violation in late)
-
-
-def test_our_own_trajectories_are_proven_as_motions_of_others(panda, shelf, limits, spline):
-    """As polynomials of time, up to rounding."""
-    path, people = spline(1.0)(np.linspace(0, 1, 4)), People(speed=0.8)
-    timed = time_path(path, panda, limits, motion=MotionProver(CollisionChecker(panda, shelf)), people=people)
-    law, curve, coefficients = timed.law, timed.curve, []
-    of = curve.piece_at((law.edges[1:] + law.edges[:-1]) / 2)
-    for k, h in enumerate(np.diff(law.times)):
-        piece, begin = curve.pieces[of[k]], law.edges[k] - curve.starts[of[k]]
-        s = np.polynomial.Polynomial([begin, np.sqrt(law.squares[k]) * h, law.pushes[k] * h * h / 2])
-        held = np.zeros((7, panda.n))
-        for i, c in enumerate((piece.start, piece.slope, piece.bend / 2, piece.swing / 6)):
-            held[: len((s**i).coef)] += np.outer((s**i).coef, c)
-        coefficients.append(held)
-    held = np.array(coefficients)
-    motion = Motion(law.times, held, rounding=1e-14 * np.abs(held).sum(axis=1))
-    found = check(motion, panda, shelf, limits=limits, people=people)
-    assert found, found
 
 
 def test_what_cannot_be_proven_beside_people_is_refused(panda, shelf, limits, spline):
