@@ -256,11 +256,7 @@ def _people(people: People, scene: Scene) -> dict[str, Any]:
 def moving_danger_claim(
     trajectory: Trajectory, field: KinetostaticField, spacing: float, scene: Scene
 ) -> dict[str, Any] | None:
-    """Return the claim of the danger in motion: the limit that the trajectory was made for, or else its proven peak.
-
-    None where it cannot be kept from a danger point. InputError if the field's danger points are not those of the
-    scene.
-    """
+    """Return the claim of the danger in motion: its limit, or proven peak; None where a danger point may be reached."""
     _check_points(field.field, spacing, scene)
     bound = trajectory.max_danger
     if bound is None:

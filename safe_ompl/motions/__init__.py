@@ -9,7 +9,7 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.motions.checks import TIME, MotionCheck, check, check_with, objection, retime, way_of, widest_tube
     from safe_ompl.motions.motion import Motion
-    from safe_ompl.motions.rates import Violation, extremes, rate_violations
+    from safe_ompl.motions.rates import Violation, rate_violations
     from safe_ompl.motions.repair import Repair, repair_with
     from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
 
@@ -23,7 +23,6 @@ __all__ = [
     "Violation",
     "check",
     "check_with",
-    "extremes",
     "measured_tube",
     "objection",
     "rate_violations",

@@ -6,11 +6,11 @@ import shutil
 
 import numpy as np
 import pytest
+from signing import signed
 
 from safe_ompl import CertificateError, CollisionChecker, InputError, Scene, certificate, verify
 from safe_ompl.geometry import Box, Mesh, Obstacle, Pose
 from safe_ompl.io import built_robot, carried_robot
-from safe_ompl.io.schema import digest
 from safe_ompl.robot import Robot, robot_hash
 
 TURNED = Pose((0.1, -0.2, 1 / 3), (0.0, 0.0, 0.6, 0.8))
@@ -81,7 +81,7 @@ def test_a_certificate_verifies_with_nothing_given(robots, carried, monkeypatch)
     assert verify(content).own == ("robot", "scene")
     del content["robot"]["recipe"]["robots"]["b"]["attached"]
     with pytest.raises(CertificateError, match="robot"):
-        verify({**content, "digest": digest(content)})
+        verify(signed(content))
 
 
 @pytest.mark.parametrize(

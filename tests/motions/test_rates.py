@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from safe_ompl import InputError, Motion, RateLimits
 from safe_ompl.common.polynomials import peaks
-from safe_ompl.motions import extremes, rate_violations
+from safe_ompl.motions import rate_violations
+from safe_ompl.motions.rates import extremes
 
 FINE = np.linspace(0.0, 1.0, 4001)
 

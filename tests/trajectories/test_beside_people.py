@@ -15,7 +15,6 @@ from safe_ompl import (
     Person,
     Pose,
     RateLimits,
-    Scenario,
     Scene,
     StandstillError,
     UnknownNameError,
@@ -25,7 +24,7 @@ from safe_ompl.certificates.issue import trajectory_claim
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.geometry import LIMBS
 from safe_ompl.people import CalibratedReach
-from safe_ompl.scene import BodyRegion, find_scenario
+from safe_ompl.scene import BodyRegion
 from safe_ompl.scene.constraints import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, PeopleDistances
 
@@ -108,17 +107,6 @@ def test_whoever_keeps_to_a_calibrated_reach_is_not_reached(timed, operator, tmp
     assert reached.duration == pytest.approx(timed(People(speed=1.0)).duration, rel=1e-9)
     with pytest.raises(InputError, match=r"people\.reach: a certificate states speeds of people"):
         trajectory_claim(reached, shelf.scene)
-
-
-def test_nobody_is_reached_beside_another_robot(ur5):
-    scenario = Scenario.load(find_scenario("ur5_handover"))
-    motion = MotionProver(CollisionChecker(ur5, scenario.scene))
-    start, goal = scenario.start_configuration(ur5), scenario.goal_configurations(ur5)[0]
-    path = [start, [0.6, -1.9, 2.2, -2.0, -1.57, 0], [-0.8, -1.9, 2.2, -2.0, -1.57, 0], goal]
-    people, limits = People(speed=0.8, reaction_time=0.05), RateLimits.of(ur5, acceleration=8.0)
-    trajectory = time_path(path, ur5, limits, motion=motion, people=people)
-    assert trajectory.duration > time_path(path, ur5, limits, motion=motion).duration
-    assert left_beside(trajectory, Limbs(ur5, scenario.scene["colleague"]), people, 100) > 0
 
 
 def test_cells_are_fine_enough_and_coarser_ones_as_proven(

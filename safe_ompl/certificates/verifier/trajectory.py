@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds, Separati
 from safe_ompl.certificates.verifier.danger import PlainMovingDanger, check_danger_and_tool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.certificates.verifier.polynomials import check_free, check_limits, derivatives, rounded
-from safe_ompl.common import CertificateError, FloatArray, IntArray
+from safe_ompl.common import CertificateError, FloatArray
 from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -58,14 +57,14 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
     if stops is not None:
         if stops.brakes.shape != sizes.shape:
             raise CertificateError(f"trajectory: {len(stops.brakes)} brakes for {len(sizes)} cells")
-        visits = visits_of_stops(motion, stops.brakes)
-        fastest, still = visits.fastest(), np.zeros(len(sizes))
+        fastest, latest = visits_of_stops(motion, stops.brakes)
+        still = np.zeros(len(sizes))
         squares = np.column_stack([squares, still, still, fastest, fastest])
         pushes = np.column_stack([pushes, still, -stops.brakes, still, -stops.brakes])
         failure = motion.exceeded(squares, pushes, *limits)
         if failure is not None:
             raise CertificateError(f"trajectory: in a stop {failure}")
-        required = Required(motion, scene, stops, visits.latest() + motion.window)
+        required = Required(motion, scene, stops, latest + motion.window)
     check_free(stretches, separations, required)
     check_danger_and_tool(claims, robot, scene, stretches, budget)
 
@@ -78,33 +77,15 @@ def _check_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot, budget:
                 raise CertificateError(f"trajectory: {who} is faster than {limit:g} m/s near {at:.6f} rad")
 
 
-class Visits(NamedTuple):
-    """Which cells the stops that begin in one of the C cells get into."""
+def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return for each of the C cells the largest ṡ² with which a stop enters, and the latest instant it moves there.
 
-    number: int  # C
-    cells: IntArray  # (V,) where they get
-    squares: FloatArray  # (V,) the largest ṡ² with which they enter
-    times: FloatArray  # (V,) the latest instant at which they still move there [s]
-
-    def fastest(self) -> FloatArray:
-        """Return the largest ṡ² in each cell (C,)."""
-        found = np.zeros(self.number)
-        np.maximum.at(found, self.cells, self.squares)
-        return found
-
-    def latest(self) -> FloatArray:
-        """Return the latest instants in each cell (C,), −inf if there is none."""
-        found = np.full(self.number, -np.inf)
-        np.maximum.at(found, self.cells, self.times)
-        return found
-
-
-def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> Visits:
-    """Return where stops get, when, and how fast; raise CertificateError if one is no stop or goes too far."""
+    The instant is −inf where none gets to. A CertificateError if one is no stop or goes too far.
+    """
     if not (brakes > 0).all():
         raise CertificateError("trajectory: a stop does not decelerate")
     sizes, squares = np.diff(motion.edges), motion.squares
-    cells, entered, times = [], [], []
+    fastest, latest = np.zeros(len(sizes)), np.full(len(sizes), -np.inf)
     for j in range(len(sizes)):
         end = int(motion.ends[j])
         weakest = np.minimum.accumulate(brakes[j:end])
@@ -120,10 +101,10 @@ def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> Visits:
         whole = _stop_duration(top, weakest[1:], sizes[j + 1 : end], brakes[j])
         ending = _durations(taken[: last + 1], sizes[j : j + last])
         after = max(squares[j] - taken[1], squares[j + 1])  # ṡ² at the end of j, wherever the stop begins
-        cells.append(np.arange(j, j + last))
-        entered.append(np.append(top, after - (taken[1:last] - taken[1])))
-        times.append(np.minimum(whole, ending))
-    return Visits(len(sizes), *(np.concatenate(column) for column in (cells, entered, times)))
+        entered = np.append(top, after - (taken[1:last] - taken[1]))
+        fastest[j : j + last] = np.maximum(fastest[j : j + last], entered)
+        latest[j : j + last] = np.maximum(latest[j : j + last], np.minimum(whole, ending))
+    return fastest, latest
 
 
 def _stop_duration(square: float, brakes: FloatArray, sizes: FloatArray, first: float) -> float:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from safe_ompl import Motion, PlanningError, read_motion, retime, save
-from safe_ompl.motions import extremes
+from safe_ompl.motions.rates import extremes
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import Scenario, find_scenario
 
