@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.paths.constraints import ConfigurationCheck, Constraints, UserCheck, danger_objection
+    from safe_ompl.paths.constraints import ConfigurationCheck, Constraints, UserCheck
     from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
     from safe_ompl.paths.report import PathReport, Validation, claims_of, validate
     from safe_ompl.paths.simplifier import Simplifier, Stop, timed, unrolled
@@ -25,7 +25,6 @@ __all__ = [
     "UserCheck",
     "Validation",
     "claims_of",
-    "danger_objection",
     "forced_danger",
     "timed",
     "unrolled",

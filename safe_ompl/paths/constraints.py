@@ -89,11 +89,6 @@ class Constraints:
         return self if borrows else replace(self, user=proxy(self.user))
 
 
-def danger_objection(limit: DangerLimit, q: FloatArray) -> str | None:
-    """Return why `q: (n,)` is too dangerous, in words that follow the name of a configuration; None if it is not."""
-    return None if limit.allows(q) else f": danger {limit.danger(q):.4g} is above the limit {limit.limit:g}"
-
-
 class ConfigurationCheck:
     """Says of configurations whether constraints allow them; an UnknownNameError if these name no obstacle."""
 
@@ -134,8 +129,8 @@ class ConfigurationCheck:
         if near is not None:
             least = f"{1e3 * at_rest.least.max():g} mm"
             return f" is too near: {near[0]!r} keeps less than {least} from {near[1]!r}"
-        if limit is not None and (dangerous := danger_objection(limit, q)):
-            return dangerous
+        if limit is not None and not limit.allows(q):
+            return f": danger {limit.danger(q):.4g} is above the limit {limit.limit:g}"
         near = self._required.violating_pair(q) if separation.speeds else None
         if near is not None:
             moved = 1e3 * separation.time * separation.speeds.get(near[1], 0.0)

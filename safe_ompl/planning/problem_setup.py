@@ -139,7 +139,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setConstraints(self, constraints: Constraints) -> None:
         """Set all constraints at once; where that fails they stay what they were.
 
-        A CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
+        The solution and what the planner has built are forgotten, as other constraints need not allow them. A
+        CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
         that the scene does not have.
         """
         before = self.getConstraints()
@@ -149,6 +150,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         except BaseException:
             self._put(before)
             raise
+        self.clear()
 
     def _put(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
         """Put constraints in place, and perhaps the checker of another scene; all stays what it was on an error."""

@@ -15,7 +15,6 @@ import numpy as np
 from ompl import base as ob
 
 from safe_ompl.common import Counts, FloatArray, PlanningError, clock, positive, until_ctrl_c
-from safe_ompl.danger import DangerLimit
 from safe_ompl.paths import Simplifier, Stop, timed
 from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
@@ -125,21 +124,6 @@ class PlanningRun:
 
     def __init__(self, setup: Any, planner: Any, name: str, seed: int) -> None:
         self._setup, self._planner, self.name, self._seed = setup, planner, name, seed
-
-    @contextmanager
-    def under_own_limit(self) -> Iterator[None]:
-        """Prove motions within the planner's own danger limit, too: what is made of its path must keep to that."""
-        own = self._planner.getMaxDanger() if isinstance(self._planner, SafePlanner) else 0.0
-        validator, constraints, field = self._setup.validator, self._setup.getConstraints(), self._setup.field
-        limit = constraints.danger
-        if not own or field is None or (limit is not None and limit.limit <= own):
-            yield
-            return
-        validator.setConstraints(replace(constraints, danger=DangerLimit(field, own)))
-        try:
-            yield
-        finally:
-            validator.setConstraints(self._setup.getConstraints())
 
     def planned(self, time: float, simplification: float | None = None) -> PlanResult:
         """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""

@@ -157,15 +157,14 @@ class SafeSetup(ProblemSetup):
         run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
         if simplification is None and optimise is None:
             return run.validated(run.planned(time), begin)
-        with run.under_own_limit():
-            if self.field is not None or optimise is not None:
-                self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
-            with noted_ctrl_c() as interrupts:
-                if optimise is not None:
-                    result = run.optimised(time, lambda: bool(interrupts))
-                else:
-                    result = run.planned(time, simplification)
-            result = run.validated(result, begin)
+        if self.field is not None or optimise is not None:
+            self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
+        with noted_ctrl_c() as interrupts:
+            if optimise is not None:
+                result = run.optimised(time, lambda: bool(interrupts))
+            else:
+                result = run.planned(time, simplification)
+        result = run.validated(result, begin)
         if interrupts and not result:
             raise KeyboardInterrupt
         return replace(result, interrupted=bool(interrupts))

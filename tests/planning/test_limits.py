@@ -2,15 +2,13 @@
 
 import dataclasses
 import json
-import logging
 from pathlib import Path
 
 import numpy as np
 import pytest
 from ball import densely
-from ompl import base as ob
 
-from safe_ompl import CollisionError, InputError, SafeRRTConnect, Scenario, make_planner
+from safe_ompl import CollisionError, InputError, Scenario
 from safe_ompl.apps import main
 from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.scene import find_scenario
@@ -49,19 +47,7 @@ def test_without_limits_paths_are_more_dangerous_and_come_nearer(setup):
 # ------------------------------------------------------------------------------------------------------ danger
 
 
-@pytest.mark.parametrize(
-    ("planner", "options"),
-    [
-        *((planner, {}) for planner in ("SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner")),
-        *(("SafeRRTConnect", options) for options in ({"simplify": True}, {"optimise": 0.3})),
-    ],
-)
-def test_planners_keep_to_their_own_limit(setup, planner, options):
-    result = setup.plan(planner, time=20.0, seed=1, parameters={"max_danger": LIMIT}, **options)
-    assert danger_of(setup, result.path) <= LIMIT
-
-
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "ClassicRRTConnect", "RRTConnect"])
+@pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "RRTConnect"])
 def test_whoever_plans_keeps_to_the_limits_of_the_setup(setup, planner):
     setup.setMaxDanger(LIMIT)
     setup.setMinClearance(CLEARANCE)
@@ -79,61 +65,21 @@ def test_paths_keep_what_a_person_may_walk(setup, planner):
     assert nearest_to_person(setup, result.path) > 0.04 - 1e-4
 
 
-def test_a_start_above_the_limit_of_a_planner(setup, caplog):
-    planner = make_planner("SafeRRTConnect", setup.getSpaceInformation(), {"max_danger": 4.0})
-    planner.setProblemDefinition(setup.getProblemDefinition())
-    setup.setup()
-    planner.setup()
-    with caplog.at_level(logging.WARNING):
-        status = planner.solve(1.0)
-    assert status == ob.PlannerStatus(ob.PlannerStatus.INVALID_START)
-    assert "SafeRRTConnect: start: danger 4.277 is above the limit 4" in caplog.text
-
-
-def test_the_limit_of_a_plan_ends_with_it(setup):
-    path = setup.plan("ClassicRRTConnect", time=20.0, seed=0).path
-    limit = 0.95 * danger_of(setup, path)
-    for options in ({"simplify": True}, {"optimise": 0.3}):
-        setup.plan("SafeRRTConnect", time=20.0, seed=0, parameters={"max_danger": limit}, **options)
-        assert setup.is_free(path)
-    with pytest.raises(ZeroDivisionError):
-        setup.plan(Interrupted(setup, limit), time=20.0, simplify=True)
-    assert setup.is_free(path)
-    setup.setMaxDanger(limit)
-    setup.plan("SafeRRTConnect", time=20.0, seed=0, parameters={"max_danger": LIMIT}, simplify=True)
-    assert not setup.is_free(path), "that of the setup stays"
-
-
-class Interrupted(SafeRRTConnect):
-    """A planner with a limit of its own, and an error."""
-
-    def __init__(self, setup, limit):
-        super().__init__(setup.getSpaceInformation())
-        self.setMaxDanger(limit)
-
-    def _search(self, ptc):
-        raise ZeroDivisionError
-
-
-def test_a_limit_set_later_drops_the_trees(setup):
-    planner = make_planner("SafeRRTConnect", setup.getSpaceInformation())
-    assert setup.plan(planner, time=20.0, seed=0)
-    planner.setMaxDanger(LIMIT)
-    setup.getProblemDefinition().clearSolutionPaths()
-    assert planner.solve(20.0) == ob.PlannerStatus(ob.PlannerStatus.EXACT_SOLUTION)
-    assert danger_of(setup, setup.solution()) <= LIMIT
+@pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafePRM", "RRTConnect"])
+def test_what_was_built_without_a_limit_is_forgotten(setup, planner):
+    setup.prepare(planner, 0)
+    assert setup.solve(20.0)
+    setup.setMaxDanger(LIMIT)
+    with pytest.raises(InputError, match="no solution to simplify"):
+        setup.simplifySolution(0.1)
+    assert setup.solve(20.0)
+    assert setup.is_free(setup.solution())
 
 
 def test_a_limit_needs_a_danger(scenario):
     setup = SafeSetup(scenario.build_robot(), scenario.scene, danger=None)
     with pytest.raises(InputError, match="max danger needs a danger field"):
         setup.setMaxDanger(9.0)
-    setup.setConfigurations(START, GOAL)
-    planner = make_planner("SafeRRTConnect", setup.getSpaceInformation(), {"max_danger": 9.0})
-    setup.setPlanner(planner)
-    for call in (setup.solve, setup.solve, lambda: setup.plan(planner)):
-        with pytest.raises(InputError, match="SafeRRTConnect: max danger 9 needs a DangerObjective"):
-            call()
 
 
 # --------------------------------------------------------------------------------------- what is refused is not set

@@ -17,8 +17,6 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, flag, number, warn_once, whole_number
-from safe_ompl.danger import DangerField, DangerLimit
-from safe_ompl.paths import danger_objection
 from safe_ompl.planning.planners.problem import PlanningProblem
 from safe_ompl.planning.planners.roadmap import Roadmap
 from safe_ompl.planning.planners.tree import PlannerGraph, Trees, TwoTrees
@@ -185,11 +183,6 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         "Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.",
         unit="rad",
     )
-    max_danger = Parameter(
-        0.0,
-        """Danger that no configuration of a path may exceed, proven along whole motions, in the units of the problem's
-        danger objective; 0 for no limit. Trees that were grown under another limit are dropped.""",
-    )
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -201,7 +194,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]))
         self._problem = PlanningProblem(si)
         self._bridge = self._problem.bridge
-        self._read: tuple[Any, float] = _UNREAD, 0.0  # the objective and the limit on danger that are in use
+        self._read: Any = _UNREAD  # the objective that is in use
         self._make_parts()
         for key, parameter in parameters_of(type(self)).items():
             setattr(self, key, parameter.default)
@@ -307,15 +300,13 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             state = inputs.nextStart()
             if state is None:
                 return
-            q = self._bridge.read(state)
-            if not self._too_dangerous("start", q):
-                self._structure.add_start(q)
+            self._structure.add_start(self._bridge.read(state))
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the goals that the problem offers: all of them at first, one now and then later."""
         for state in self._later_goals() if self._structure.has_goals else self._first_goals(ptc):
-            if state is not None and not self._too_dangerous("goal", q := self._bridge.read(state)):
-                self._structure.add_goal(q)
+            if state is not None:
+                self._structure.add_goal(self._bridge.read(state))
 
     def _first_goals(self, ptc: Any) -> Iterator[Any]:
         """Yield the goal states that there are, up to a hundred; where there is none yet, wait for the first."""
@@ -333,19 +324,11 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         if 2 * inputs.getSampledGoalsCount() < self.counts.nodes:
             yield inputs.nextGoal()
 
-    def _too_dangerous(self, name: str, q: FloatArray) -> bool:
-        limit = self._problem.limit
-        objection = None if limit is None else danger_objection(limit, q)
-        if objection is not None:
-            _log.warning("%s: %s%s", self.getName(), name, objection)
-        return objection is not None
-
     # -------------------------------------------------------------------------------------------- internals
 
     def _outcome(self, ptc: Any) -> Any:
         problem = self.getProblemDefinition()
-        objective, max_danger = self._read
-        if problem.getOptimizationObjective() is not objective or max_danger != self.max_danger:
+        if problem.getOptimizationObjective() is not self._read:
             self._read_objective()
         if not self.accepts(goal := problem.getGoal()):
             _log.error(
@@ -367,20 +350,14 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def _read_objective(self) -> None:
         """Read the problem's objective; what was built under another one is dropped, as its costs are stale."""
-        self._read = _UNREAD, 0.0  # also where an error ends this half-way
+        self._read = _UNREAD  # also where an error ends this half-way
         objective = self.getProblemDefinition().getOptimizationObjective()
-        limit = None
-        if self.max_danger:
-            field = getattr(objective, "field", None)
-            if not isinstance(field, DangerField):  # there is nothing to prove
-                raise InputError(f"{self.getName()}: max danger {self.max_danger:g} needs a DangerObjective")
-            limit = DangerLimit(field, self.max_danger)
-        self._problem.take(objective, limit)
+        self._problem.take(objective)
         if self._problem.cost.is_zero:
             _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
         self._forget()
         self.getPlannerInputStates().restart()
-        self._read = objective, self.max_danger
+        self._read = objective
 
     def _publish(self, path: FloatArray) -> None:
         solution = og.PathGeometric(self.getSpaceInformation())

@@ -241,7 +241,7 @@ class SafeStep:
     def _proofs(self, margin: float) -> tuple[CollisionChecker, int, tuple[Any, ...]] | None:
         """Return a checker, its changes that are done, and arguments of proofs; None where bounds do not suffice."""
         motion = self.problem.motion_prover
-        if motion is None or motion.limits or self.problem.limit is not None:
+        if motion is None or motion.limits:
             return None
         done, required = motion.checker.changes.done, motion.required_with(margin)
         bounds, known = required.pairs.bounds, self._known.get(margin > 0)

@@ -10,7 +10,6 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver, PairSet
 from safe_ompl.common import FloatArray
-from safe_ompl.danger import DangerLimit
 from safe_ompl.planning.ompl import (
     CertifiedMotionValidator,
     CollisionFreeValidity,
@@ -33,22 +32,18 @@ WORTHWHILE = 0.02  # [m]; where start and goal keep less, penalties cost time an
 
 
 class PlanningProblem:
-    """A space with its validity checker, motion validator and cost, asked with arrays instead of OMPL's states.
-
-    The cost is the danger, and `limit` what a planner requires on top of the validity checker.
-    """
+    """A space with its validity checker, motion validator and cost, asked with arrays instead of OMPL's states."""
 
     def __init__(self, si: Any) -> None:
         self.bridge = StateBridge(si.getStateSpace())
         self._si = si
         self._from, self._to = ScratchState(self.bridge), ScratchState(self.bridge)
         self._limits: tuple[MotionProver, JointLimits] | None = None
-        self.take(None, None)
+        self.take(None)
 
-    def take(self, objective: Any, limit: DangerLimit | None) -> None:
-        """Take another objective, or None, and another limit."""
+    def take(self, objective: Any) -> None:
+        """Take another objective, or None."""
         self.cost = StateCost(objective, self.bridge)
-        self.limit = limit
         self._slope: float | None = None
 
     @property
@@ -59,23 +54,19 @@ class PlanningProblem:
         return self._slope
 
     def is_valid(self, q: FloatArray) -> bool:
-        """Return whether `q: (n,)` is valid, and no more dangerous than the limit."""
-        if not self._si.isValid(self._from.set(q)):
-            return False
-        return self.limit is None or self.limit.allows(q)
+        """Return whether `q: (n,)` is valid."""
+        return bool(self._si.isValid(self._from.set(q)))
 
     def motion_is_free(self, start: FloatArray, end: FloatArray, margin: float = 0.0) -> bool:
-        """Return whether the motion between two configurations (n,) is free, and keeps to the limit.
+        """Return whether the motion between two configurations (n,) is free.
 
         With a margin [m], also whether it keeps that distance from obstacles, where a `MotionProver` can prove it.
         """
         # The detour by OMPL's states would cost a sixth of a check.
         motion = self.motion_prover
         if motion is not None:
-            free = motion.is_free(start, end, margin, self.limits_of(motion))
-        else:
-            free = self._si.checkMotion(self._from.set(start), self._to.set(end))
-        return free and (self.limit is None or self.limit.allows_motion(start, end))
+            return motion.is_free(start, end, margin, self.limits_of(motion))
+        return bool(self._si.checkMotion(self._from.set(start), self._to.set(end)))
 
     def limits_of(self, motion: MotionProver) -> JointLimits:
         """Return the joint limits of the robot that are also within the bounds of the space."""

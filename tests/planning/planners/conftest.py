@@ -50,12 +50,12 @@ def plane():
     """Return a point in an empty plane with a sloped hot spot."""
     si = PlaneProblem(SafeRRTConnect).si
     problem = PlanningProblem(si)
-    problem.take(SlopedHotSpot(si), None)
+    problem.take(SlopedHotSpot(si))
     return problem
 
 
 @pytest.fixture
 def shelf_problem(shelf):
     problem = PlanningProblem(shelf.getSpaceInformation())
-    problem.take(shelf.getProblemDefinition().getOptimizationObjective(), None)
+    problem.take(shelf.getProblemDefinition().getOptimizationObjective())
     return problem

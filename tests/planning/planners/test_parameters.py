@@ -85,7 +85,7 @@ def test_defaults_keywords_setters_attributes_and_parts_are_one_value(point):
         ("works", 1, "works must be true or false, got 1"),
         ("works", "off", "works must be true or false"),
         ("works", None, "works must be true or false"),
-        ("colour", "red", "unknown parameter of Declared 'colour'; known: length, max_danger, range, share"),
+        ("colour", "red", "unknown parameter of Declared 'colour'; known: length, range, share"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_the_same_words_everywhere(point, name, value, message):

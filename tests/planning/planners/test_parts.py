@@ -219,7 +219,7 @@ def test_the_margin_follows_obstacles_that_move():
         movable=("box",),
     )
     problem = PlanningProblem(setup.getSpaceInformation())
-    problem.take(setup.getProblemDefinition().getOptimizationObjective(), None)
+    problem.take(setup.getProblemDefinition().getOptimizationObjective())
     margin, q = Margin(problem, DangerWeight(problem)), np.array([2.0, -1.6, 1.2, -1.2, -1.57, 0.0])
     margin.largest = 0.05
     margin.begin_between([q[None]])
