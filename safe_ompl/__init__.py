@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from safe_ompl.paths import Constraints, PathReport, Simplifier
     from safe_ompl.people import Surroundings, Tracker
     from safe_ompl.people.replanning import Replanner, Shield
-    from safe_ompl.planning import PlanResult, SafeSetup, plan, planner_data, repair
+    from safe_ompl.planning import PlanResult, ProgramResult, SafeSetup, plan, plan_program, planner_data, repair
     from safe_ompl.planning.ompl import (
         CertifiedMotionValidator,
         CollisionFreeValidity,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
         planner_names,
     )
     from safe_ompl.robot import GoalRegion, Robot, inverse_kinematics
-    from safe_ompl.scene import People, Scenario, Scene
+    from safe_ompl.scene import People, Program, Scenario, Scene
     from safe_ompl.tasks import Corridor, ToolMotion, ToolPath, tool_motion
     from safe_ompl.trajectories import PathTimer, RateLimits, StandstillError, Trajectory, time_path
     from safe_ompl.view import view
@@ -82,6 +82,8 @@ __all__ = [
     "PlanningError",
     "PointCloud",
     "Pose",
+    "Program",
+    "ProgramResult",
     "RateLimits",
     "RegionGoal",
     "Replanner",
@@ -114,6 +116,7 @@ __all__ = [
     "load",
     "make_planner",
     "plan",
+    "plan_program",
     "planner_data",
     "planner_names",
     "read_motion",

@@ -58,9 +58,9 @@ class ObstaclePart:
 class SceneGeometry:
     """The bodies of a robot and, after them, the parts of the obstacles of a scene, of which some may move.
 
-    `names` has the link or obstacle of each of the G bodies, and `boxes: (G, 6)` the boxes about the shapes that they
-    have now, as `bounding_box` returns them [m]. Raises InputError if the scene has no movable obstacle of a name, or
-    the names are no list.
+    `names` has the link or obstacle of each of the G bodies, `touched_by` the links that may touch an obstacle, and
+    `boxes: (G, 6)` the boxes about the shapes that they have now, as `bounding_box` returns them [m]. Raises InputError
+    if the scene has no movable obstacle of a name, or the names are no list.
     """
 
     def __init__(self, robot: Robot, scene: Scene, movable: Sequence[str]) -> None:
@@ -71,6 +71,7 @@ class SceneGeometry:
         self._own_pairs = robot.shared.body_pairs
         self._bodies = robot.shared.collision_model.copy()
         self._parts: list[list[ObstaclePart]] = []  # of each obstacle
+        self.touched_by = {obstacle.name: obstacle.touched_by for obstacle in scene if obstacle.touched_by}
         for obstacle in scene.obstacles:
             parts = []
             pose = obstacle.pose.se3

@@ -172,7 +172,12 @@ class PairTable:
         with_parts = np.empty((len(parts), len(reaches), 2), dtype=np.intp)
         with_parts[..., 0] = list(reaches)
         with_parts[..., 1] = np.reshape([part.index for part in parts], (-1, 1))
-        self.bodies: IntArray = np.concatenate([own, with_parts.reshape(-1, 2)])
+        links = [geometry.names[body] for body in reaches]
+        may_touch = [
+            [link in geometry.touched_by.get(geometry.names[part.index], ()) for link in links] for part in parts
+        ]
+        self._checked = ~np.array(may_touch, dtype=bool).reshape(with_parts.shape[:2])
+        self.bodies: IntArray = np.concatenate([own, with_parts[self._checked]])
         self.with_obstacle: IntArray = np.arange(len(own), len(self.bodies))
         self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
         hulls = [part.hull for part in parts]
@@ -214,7 +219,7 @@ class PairTable:
                 found = coal.distance(*cylinders[m], part.shape, place, _REQUEST, coal.DistanceResult())
                 self._lower[k, m] = self._upper[k, m] = found
         nearer = np.ones(len(self.bodies), dtype=bool)
-        nearer[self.with_obstacle] = (self._lower < distance).ravel()
+        nearer[self.with_obstacle] = (self._lower < distance)[self._checked]
         return nearer
 
     def follow(self, parts: Sequence[ObstaclePart]) -> None:

@@ -50,7 +50,8 @@ def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Sc
             obstacles.append(obstacle)
         elif not own.all():
             kept = replace(obstacle.shape, points=points[~own], file=None)
-            obstacles.append(Obstacle(obstacle.name, kept, obstacle.pose, obstacle.weight, obstacle.color))
+            more = obstacle.weight, obstacle.color, obstacle.touched_by
+            obstacles.append(Obstacle(obstacle.name, kept, obstacle.pose, *more))
     return Scene(tuple(obstacles), scene.spacing)
 
 

@@ -26,7 +26,7 @@ SHAPES: dict[str, type[Shape]] = {
 }
 MOST_DANGER_POINTS = 1_000_000  # of a scene; a setup takes seconds for as many
 _POSE_KEYS = ("position", "quaternion_xyzw", "rpy", "yaw")
-_KEYS = ("name", *SHAPES, *_POSE_KEYS, "weight", "color")
+_KEYS = ("name", *SHAPES, *_POSE_KEYS, "weight", "color", "touched_by")
 
 
 @dataclass(frozen=True, init=False)
@@ -45,6 +45,8 @@ class Obstacle:
         How dangerous it is to approach, ≥ 0; 0: not at all. Default: 1 for people, 0 for everything else.
     color : str or sequence of 3 float, optional
         For pictures: "#rrggbb", or red, green and blue from 0 to 1.
+    touched_by : sequence of str, optional
+        Links, and objects that the robot holds, that may touch it: these pairs are not checked. See `Scene.touched`.
 
     Raises
     ------
@@ -57,6 +59,7 @@ class Obstacle:
     pose: Pose
     weight: float
     color: tuple[float, ...] | None
+    touched_by: tuple[str, ...]
 
     def __init__(
         self,
@@ -65,6 +68,7 @@ class Obstacle:
         pose: Pose | pin.SE3 | ArrayLike | None = None,
         weight: float | None = None,
         color: str | Sequence[float] | None = None,
+        touched_by: Sequence[str] = (),
     ) -> None:
         if not isinstance(shape, Shape):
             kinds = ", ".join(kind.__name__ for kind in SHAPES.values())
@@ -75,6 +79,7 @@ class Obstacle:
             "pose": Pose() if pose is None else Pose.of(pose),
             "weight": shape.default_weight if weight is None else document.number("weight", weight, at_least=0.0),
             "color": None if color is None else _rgb(color),
+            "touched_by": document.each("touched_by", touched_by, document.text),
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
@@ -93,11 +98,11 @@ class Obstacle:
             pose = Pose.of(place)
         else:
             shape = shape.measured_anew(place, pose)
-        return Obstacle(self.name, shape, pose, self.weight, self.color)
+        return Obstacle(self.name, shape, pose, self.weight, self.color, self.touched_by)
 
     def same_but_for_place(self, other: Obstacle) -> bool:
         """Return whether another obstacle is this one, here or elsewhere."""
-        mine, its = ((o.name, o.weight, o.color) for o in (self, other))
+        mine, its = ((o.name, o.weight, o.color, o.touched_by) for o in (self, other))
         return mine == its and self.shape.same_body(other.shape)
 
     def __repr__(self) -> str:
@@ -105,6 +110,7 @@ class Obstacle:
         given += [repr(self.pose)] if self.pose != Pose() else []
         given += [f"weight={self.weight:g}"] if self.weight != self.shape.default_weight else []
         given += [f"color={self.color}"] if self.color is not None else []
+        given += [f"touched_by={self.touched_by}"] if self.touched_by else []
         return f"Obstacle({', '.join(given)})"
 
     @classmethod
@@ -120,7 +126,8 @@ class Obstacle:
         fields = document.mapping(kind, data[kind] if data[kind] is not None else {})
         with document.within(kind):
             shape = SHAPES[kind].from_mapping(fields, folder, pose)
-        return cls(document.require(data, "name"), shape, pose, data.get("weight"), data.get("color"))
+        more = data.get("weight"), data.get("color"), data.get("touched_by", ())
+        return cls(document.require(data, "name"), shape, pose, *more)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return what `from_mapping` reads; files are named relative to `folder`, or in full if there is none."""
@@ -132,6 +139,8 @@ class Obstacle:
             data["weight"] = self.weight
         if self.color is not None:
             data["color"] = self.color
+        if self.touched_by:
+            data["touched_by"] = list(self.touched_by)
         return data
 
     def canonical(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -86,6 +86,10 @@ class Shape(ABC):
     def triangles(self, resolution: int) -> Triangles:
         """Return the surface for drawing, with `resolution` corners on every circle."""
 
+    def core(self, depth: float) -> Shape:
+        """Return what is deeper than `depth` [m] under its surface, or InputError if that is not known, or nothing."""
+        raise InputError(f"must be a box, sphere, cylinder or capsule to be touched, got a {self.kind}", "shape")
+
     def measured_anew(self, measured: Any, pose: Pose) -> Shape:
         """Return the same shape as it was measured later, such as a person with other key points, in the world frame.
 
@@ -148,6 +152,9 @@ class Box(Shape):
     def parts(self) -> list[Part]:
         return [Part("", coal.Box(*self.size), pin.SE3.Identity())]
 
+    def core(self, depth: float) -> Box:
+        return Box([size - 2 * depth for size in self.size])
+
     def most_danger_points(self, spacing: float) -> float:
         x, y, z = (size / spacing + 2 for size in self.size)
         return 2 * (x * y + y * z + x * z)
@@ -168,6 +175,9 @@ class _Revolved(Shape):
     def __post_init__(self) -> None:
         for key, value in list(vars(self).items()):  # the radius, and perhaps a length
             self._set(key, document.number(key, value, above=0.0, at_most=LONGEST))
+
+    def core(self, depth: float) -> Shape:
+        return replace(self, radius=self.radius - depth)
 
     @abstractmethod
     def profile(self, arc_step: float, line_step: float) -> FloatArray:
@@ -218,6 +228,9 @@ class Cylinder(_Revolved):
 
     kind: ClassVar[str] = "cylinder"
     length: float
+
+    def core(self, depth: float) -> Shape:
+        return Cylinder(self.radius - depth, self.length - 2 * depth)
 
     def parts(self) -> list[Part]:
         return [Part("", coal.Cylinder(self.radius, self.length), pin.SE3.Identity())]

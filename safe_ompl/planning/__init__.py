@@ -9,6 +9,8 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.planning.planners import planner_data
     from safe_ompl.planning.problem_setup import PLAN_JOBS, small_robot
+    from safe_ompl.planning.program_result import ProgramResult, Stretch
+    from safe_ompl.planning.programs import plan_program
     from safe_ompl.planning.result import Improvement, PlanResult
     from safe_ompl.planning.safe_setup import SafeSetup, path_timer, plan, repair, setup_problem, setup_scenario
 
@@ -16,9 +18,12 @@ __all__ = [
     "PLAN_JOBS",
     "Improvement",
     "PlanResult",
+    "ProgramResult",
     "SafeSetup",
+    "Stretch",
     "path_timer",
     "plan",
+    "plan_program",
     "planner_data",
     "repair",
     "setup_problem",

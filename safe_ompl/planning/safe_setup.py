@@ -336,10 +336,12 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
     """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
     robot = robot or scenario.build_robot()
     start, goal = scenario.start_configuration(robot), scenario.goal
-    goals = scenario.goal_configurations(robot) if goal.configurations else None
+    goals = scenario.goal_configurations(robot) if goal is not None and goal.configurations else None
     with document.within(str(scenario.file or scenario.name), ": "):
         setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
-        if goal.position is not None:
+        if goal is None:
+            pass  # there is a program: its steps say where to go
+        elif goal.position is not None:
             setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
         elif goal.region is not None:
             setup.setGoalRegion(goal.region, goal.tolerance)

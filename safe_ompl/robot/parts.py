@@ -15,9 +15,9 @@ import pinocchio as pin
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, within
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_box, bounding_hull
-from safe_ompl.robot.collision import links_lacking_shapes, warn_of_unchecked
+from safe_ompl.robot.collision import drop_fixed_pairs, links_lacking_shapes, warn_of_unchecked
 from safe_ompl.robot.displacement_bounds import JointChain
-from safe_ompl.robot.joints import Mimic, Skeleton, frame_index, joint_limits
+from safe_ompl.robot.joints import Mimic, Skeleton, frame_index, joint_limits, reduce_model, with_mimics
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)
@@ -148,6 +148,21 @@ class RobotParts:
             if name not in planned:
                 raise UnknownNameError("joint", name, planned, "accelerations")
         return replace(self, accelerations={**self.accelerations, **limits})
+
+    def locking(self, values: Mapping[str, float]) -> RobotParts:
+        """Return the robot with joints locked at values [rad or m], and with them what mimics them."""
+        held = with_mimics(self.model, self.mimics, values, self.source)
+        model, bodies = reduce_model(self.model, self.collision_model, held)
+        drop_fixed_pairs(bodies)
+
+        def visual() -> pin.GeometryModel | None:
+            drawn = self.read_visual()
+            return None if drawn is None else reduce_model(self.model, drawn, held)[1]
+
+        mimics = {name: mimic for name, mimic in self.mimics.items() if name not in held}
+        rates = {name: limit for name, limit in self.accelerations.items() if name not in held}
+        parts = replace(self, model=model, collision_model=bodies, read_visual=visual, mimics=mimics)
+        return replace(parts, held={**self.held, **held}, accelerations=rates)
 
     def holding(self, item: Attachment) -> RobotParts:
         """Return the robot with an object in its gripper; errors as `Robot.with_attached`."""

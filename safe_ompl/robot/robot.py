@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.geometry import Pose, PoseLike, Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
@@ -198,6 +198,20 @@ class Robot(ForwardKinematics):
         """
         spec = replace(self.spec, accelerations={**self.spec.accelerations, **limits})
         return type(self)(spec, self.shared.with_accelerations(spec.accelerations))
+
+    def with_locked(self, values: Mapping[str, float], tip: str | None = None) -> Robot:
+        """Return the robot with joints locked at values [rad or m], which is not written to documents as such.
+
+        In a cell the tip may be another robot's, named by its prefix. Raises UnknownNameError for an unknown joint or
+        prefix, InputError for a value outside the limits.
+        """
+        parts = self.shared.locking(values)
+        if tip is not None:
+            if tip not in self.spec.robots:
+                raise UnknownNameError("robot", tip, self.spec.robots)
+            first = next(name for name in parts.tips if name.startswith(f"{tip}_"))
+            parts = replace(parts, tips=(first, *(name for name in parts.tips if name != first)))
+        return type(self)(self.spec, parts)
 
     @cached_property
     def bounds(self) -> DisplacementBounds:

@@ -50,7 +50,7 @@ Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 
 _ENDINGS = {"urdf": (".urdf", ".xml", ".xacro"), "srdf": (".srdf", ".xml")}
 _OF_FILES = ("srdf", "package_dirs", "xacro_args")
-_OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "group")
+_OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "group", "free")
 _GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
 
 
@@ -169,6 +169,8 @@ class RobotSpec(Section):
     locked : mapping of str to float, optional
         Joints to hold still, with their values [rad or m]. A joint that mimics a locked one is locked with it.
         None: those that the example locks by default.
+    free : sequence of str
+        Joints that move although they are locked, or do not move the tip, such as a gripper's fingers.
     base : Pose, pin.SE3, mapping or position, optional
         Where the robot's base is in the world: in a document `position` [m] and `quaternion_xyzw`, `rpy` or `yaw`.
     mobile_base : pair of (float, float), optional
@@ -208,6 +210,7 @@ class RobotSpec(Section):
     package_dirs: tuple[Path, ...] = key(document.each, read=_path, default=())
     tip: str | None = key(document.text, default=None)
     locked: Mapping[str, float] | None = key(document.numbers_by_name, default=None)
+    free: tuple[str, ...] = key(document.each, read=document.text, default=())
     base: Pose | None = key(_pose, default=None)
     mobile_base: Ranges | None = key(_ranges, default=None)
     attached: tuple[Attachment, ...] = key(document.each, read=_attachment, default=())
@@ -398,6 +401,8 @@ class RobotSpec(Section):
         even through a joint that mimics them: at zero, which a warning says.
         """
         locked = dict(self.locked or {})
+        for name in (*self.free, *(name for name, mimic in mimics.items() if mimic.primary in self.free)):
+            locked.pop(name, None)
         if self.group is not None:
             moving = set(self._groups(source).group_joints(self.group, full))
         elif self.tip is not None:
@@ -405,6 +410,7 @@ class RobotSpec(Section):
             moving = joints_that_move(full, self.tip, loose)
         else:
             return locked
+        moving |= {*self.free}
         names = [name for name in list(full.names)[1:] if name not in mimics]
         idle = {name: resting_value(full, name) for name in names if name not in moving and name not in locked}
         purpose = f"not in the group {self.group!r}" if self.group is not None else f"not moving {self.tip!r}"

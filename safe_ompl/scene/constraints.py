@@ -13,8 +13,15 @@ from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS, Person
 from safe_ompl.scene.scene import Scene
 
+Configuration: TypeAlias = tuple[float, ...] | Mapping[str, float]
+"""Joint values in the robot's order, or by the names of the joints [rad or m]."""
 ByJoint: TypeAlias = float | Mapping[str, float] | tuple[float, ...]
 _UP = (0.0, 0.0, 1.0)
+
+
+def read_configuration(key: str, value: Any) -> Configuration:
+    """Return a configuration of finite numbers from a list, or from a mapping of joint names to values."""
+    return document.numbers_by_name(key, value) if isinstance(value, Mapping) else document.numbers(key, value)
 
 
 def _direction(key: str, value: Any) -> tuple[float, ...]:
@@ -24,7 +31,8 @@ def _direction(key: str, value: Any) -> tuple[float, ...]:
     return numbers
 
 
-def _pairs(key: str, value: Any) -> tuple[tuple[str, str], ...]:
+def pairs_of_names(key: str, value: Any) -> tuple[tuple[str, str], ...]:
+    """Return pairs of a link and an obstacle, by name."""
     pairs = []
     for pair in document.sequence(key, value):
         names = document.sequence(key, pair)
@@ -123,7 +131,7 @@ class PathLimits(Section):
     max_danger: float = key(document.number, default=0.0, at_least=0.0)
     min_clearance: float = key(document.number, default=0.0, at_least=0.0)
     obstacles: tuple[str, ...] | None = key(document.each, default=None, read=document.text)
-    exempt: tuple[tuple[str, str], ...] = key(_pairs, default=())
+    exempt: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
     tool: ToolConstraint | None = key(document.section, default=None, kind=ToolConstraint)
     tip: TipBox | None = key(document.section, default=None, kind=TipBox)
     moving: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -13,19 +13,12 @@ from safe_ompl.common import FloatArray, InputError, Section, UnknownNameError, 
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion, Robot, RobotSpec
-from safe_ompl.scene.constraints import MotionLimits, PathLimits, People
+from safe_ompl.scene.constraints import Configuration, MotionLimits, PathLimits, People, read_configuration
+from safe_ompl.scene.program import Program
 from safe_ompl.scene.scene import Scene
-
-Configuration: TypeAlias = tuple[float, ...] | Mapping[str, float]
-"""Joint values in the robot's order, or by the names of the joints [rad or m]."""
 
 _TOLERANCE, _REGION_TOLERANCE = 0.01, 0.001  # [m]
 _TURNS = ("quaternion_xyzw", "rpy")
-
-
-def read_configuration(key: str, value: Any) -> Configuration:
-    """Return a configuration of finite numbers from a list, or from a mapping of joint names to values."""
-    return document.numbers_by_name(key, value) if isinstance(value, Mapping) else document.numbers(key, value)
 
 
 @dataclass(frozen=True)
@@ -180,8 +173,10 @@ class Scenario(Section):
         Which robot, and the obstacles.
     start : sequence of float, or mapping of str to float
         Start configuration, in the order of the robot's joints or by joint name [rad or m].
-    goal : Goal
-        Where to go.
+    goal : Goal, optional
+        Where to go; needed unless there is a program.
+    program : Program, optional
+        Steps of work instead.
     danger, planners : mapping, optional
         Parameters of the danger field by name, and those of planners by the planner's name.
     limits, motion : PathLimits, MotionLimits, optional
@@ -205,7 +200,8 @@ class Scenario(Section):
     robot: RobotSpec = key(_robot)
     scene: Scene = key(document.section, kind=Scene)
     start: Configuration = key(read_configuration)
-    goal: Goal = key(document.section, kind=Goal)
+    goal: Goal = key(document.section, default=None, kind=Goal)  # None where there is a program only
+    program: Program | None = key(document.section, default=None, kind=Program)
     description: str = key(_description, default="")
     danger: Mapping[str, Any] = key(_parameters, factory=dict)
     planners: Mapping[str, Mapping[str, Any]] = key(document.by_name, factory=dict, read=_parameters)
@@ -215,6 +211,11 @@ class Scenario(Section):
     people: People | None = key(document.section, default=None, kind=People)
     frames: Mapping[str, Pose] = key(document.by_name, factory=dict, read=document.section, kind=Pose)
     file: Path | None = field(default=None, compare=False)
+
+    def check(self) -> None:
+        """Raise InputError if there is nothing to do."""
+        if self.goal is None and self.program is None:
+            raise InputError("missing, but needed", "goal")
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
@@ -253,6 +254,8 @@ class Scenario(Section):
     def goal_configurations(self, robot: Robot) -> FloatArray:
         """Return the goal configurations (G, n) [rad or m]; errors as `Goal.configuration_array`."""
         with document.within(f"{self._source}: goal"):
+            if self.goal is None:
+                raise InputError("missing: it has a program, which `plan` and `plan_program` take")
             return self.goal.configuration_array(robot)
 
     @property
@@ -260,9 +263,13 @@ class Scenario(Section):
         return str(self.file) if self.file else f"scenario {self.name!r}"
 
 
-def list_scenarios() -> dict[str, Path]:
-    """Return the scenario files by name: in ``scenarios`` here, then in the package, then in its checkout."""
-    folders = (Path("scenarios"), _PACKAGE / "scenarios", _PACKAGE.parent / "scenarios")
+def list_scenarios(*, programs: bool = False) -> dict[str, Path]:
+    """Return the scenario files by name: in ``scenarios`` here, then in the package, then in its checkout.
+
+    With `programs` those in ``scenarios/programs`` instead, which have no goal, but steps of work.
+    """
+    within = Path("scenarios", "programs") if programs else Path("scenarios")
+    folders = (within, _PACKAGE / within, _PACKAGE.parent / within)
     found: dict[str, Path] = {}
     for file in (file for folder in folders for file in sorted(folder.glob("*.yaml"))):
         found.setdefault(file.stem, file)
@@ -277,7 +284,7 @@ def find_scenario(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
     if path.is_file():
         return path
-    known = list_scenarios()
+    known = list_scenarios() | list_scenarios(programs=True)
     if str(name_or_path) not in known:
         raise UnknownNameError("scenario file or name", str(name_or_path), known)
     return known[str(name_or_path)]

@@ -147,6 +147,27 @@ class Scene(Section):
         gone = {self[name].name for name in names}
         return Scene(tuple(obstacle for obstacle in self.obstacles if obstacle.name not in gone), self.spacing)
 
+    def touched(self, pairs: Iterable[tuple[str, str]], depth: float) -> Scene:
+        """Return a scene in which links may touch obstacles, but reach no deeper than `depth` [m] into them.
+
+        The pairs are of a link, or an object that the robot holds, and an obstacle. What is deeper within an obstacle
+        is one of its own then, which they must not touch either, called such as "table, 1 mm deep". Raises InputError
+        if it is no box, sphere, cylinder or capsule, or has nothing so deep; UnknownNameError if there is none.
+        """
+        links: dict[str, list[str]] = {}
+        for link, name in pairs:
+            links.setdefault(self[name].name, []).append(link)
+        found = []
+        for obstacle in self.obstacles:
+            given = obstacle.name, obstacle.shape, obstacle.pose, obstacle.weight, obstacle.color
+            if obstacle.name in links:
+                with document.within(repr(obstacle.name)):
+                    core = obstacle.shape.core(document.number("depth", depth, above=0.0))
+                obstacle = Obstacle(*given, touched_by=(*obstacle.touched_by, *links[obstacle.name]))
+                found.append(Obstacle(f"{obstacle.name}, {1e3 * depth:g} mm deep", core, obstacle.pose, weight=0.0))
+            found.append(obstacle)
+        return Scene(tuple(found), self.spacing)
+
     def moved(self, places: Mapping[str, Any]) -> Scene:
         """Return a scene in which some obstacles are elsewhere; it shares all else with this one.
 

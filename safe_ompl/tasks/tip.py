@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.geometry import Hull
@@ -16,7 +17,8 @@ from safe_ompl.tasks.tool_path import Frames, rotation_vectors
 _DAMPING = 1e-8  # [m²/rad²]
 _CAUTION = 0.05  # [1/rad²] damping by squared error, as `robot.ik.cautious_step`
 _LONGEST = 0.5  # [rad or m] of a step
-_FULL_TURN = 6.27  # [rad]
+_SEEDS, _ITERATIONS, _PRECISION = 40, 40, 1e-7  # of `configurations_at`; [m]
+_SAME = 0.2  # [rad or m] configurations that differ by less are one branch
 
 
 class TipState(NamedTuple):
@@ -128,6 +130,20 @@ class Tip:
         """The joints of Pinocchio's model (from 0) that move the tip, from the base on."""
         frame = self.robot.shared.model.frames[self.robot.tip_frame]
         return self.robot.shared.chain.path_to_root(int(frame.parentJoint))[::-1]
+
+
+def configurations_at(robot: Robot, pose: pin.SE3, near: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return configurations (K, n) whose tip is at a pose, different branches, those near a configuration first."""
+    seeds = np.vstack([near, rng.uniform(robot.lower, robot.upper, (_SEEDS, robot.n))])
+    frames = (np.broadcast_to(part, (len(seeds), *part.shape)) for part in (pose.translation, pose.rotation))
+    still = np.zeros((2, len(seeds), 3))
+    Q, arrived = Tip(robot).solved(seeds, Frames(*frames, *still), _PRECISION, _ITERATIONS)
+    Q = robot.difference(np.zeros_like(near), Q[arrived])  # continuous joints between ±π
+    found: list[FloatArray] = []
+    for q in Q[np.abs(robot.difference(near, Q)).max(axis=1).argsort()]:
+        if all(np.abs(robot.difference(q, other)).max() > _SAME for other in found):
+            found.append(q)
+    return np.reshape(found, (-1, robot.n))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -109,7 +109,7 @@ def _printed(table: Callable[[], Table]) -> Callable[[], int]:
 def scenarios_table() -> Table:
     """Return the scenarios by name: robot, obstacles, and what happens in them."""
     table = output.plain_table("scenario", "robot", "obstacles", "description")
-    for name, file in list_scenarios().items():
+    for name, file in (list_scenarios() | list_scenarios(programs=True)).items():
         try:
             scenario = Scenario.load(file)
         except InputError as error:

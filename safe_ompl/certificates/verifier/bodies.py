@@ -81,16 +81,21 @@ class Separations:
         self._points = [corners(link.geometry) for link in self._links]
         self._movers = [joints_below(robot, int(link.parentJoint)) for link in self._links]
         self._obstacles = [
-            (f"{schema.OBSTACLE}{name}", obstacle.name, shape, coal.Transform3s(place.rotation, place.translation))
+            (f"{schema.OBSTACLE}{name}", obstacle, shape, coal.Transform3s(place.rotation, place.translation))
             for obstacle in scene
             for name, shape, place in obstacle.geometries()
         ]
         self._own = [(int(pair.first), int(pair.second)) for pair in robot.shared.collision_model.collisionPairs]
         self._axes = robot.shared.chain.axes
-        self._required = [claims.required(name) for _, name, _, _ in self._obstacles]
+        self._required = [claims.required(obstacle.name) for _, obstacle, _, _ in self._obstacles]
         moving = [link.name for link in self._links if link.parentJoint != 0]
         self.names = [(self._links[a].name, self._links[b].name) for a, b in self._own]
-        self.names += [(link, name) for name, _, _, _ in self._obstacles for link in moving]
+        self.names += [
+            (link, name)
+            for name, obstacle, _, _ in self._obstacles
+            for link in moving
+            if plain_name(link) not in obstacle.touched_by
+        ]
 
     def examined(
         self, q: FloatArray, steps: FloatArray, only: Container[tuple[str, str]] | None = None
@@ -115,8 +120,9 @@ class Separations:
             if link.parentJoint == 0:
                 continue
             approach = float(sum(radii[k][i] * steps[i] for i in self._movers[k]))
-            for (name, _, shape, pose), required in zip(self._obstacles, self._required, strict=True):
-                if only is not None and (link.name, name) not in only:
+            for (name, obstacle, shape, pose), required in zip(self._obstacles, self._required, strict=True):
+                allowed = plain_name(link.name) in obstacle.touched_by
+                if allowed or (only is not None and (link.name, name) not in only):
                     continue
                 apart = self.distance(link.geometry, poses[k], shape, pose)
                 yield (link.name, name), apart, approach, required

@@ -126,6 +126,11 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
     lacking = links_without_collision(robot)
     about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
     not_covered = [f"links without collision geometry: {', '.join(lacking)}"] if lacking else []
+    not_covered += [
+        f"contact of {' and '.join(obstacle.touched_by)} with {obstacle.name}"
+        for obstacle in scene
+        if obstacle.touched_by
+    ]
     not_covered += [] if claims.also_sampled is None else [claims.also_sampled]
     return Verified(
         edges=len(claims.motion.coefficients),

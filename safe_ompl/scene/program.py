@@ -1,0 +1,275 @@
+"""Programs: steps of work of an arm, with choices of grasps and places; plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from safe_ompl.common import InputError, Section, key
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import Pose
+from safe_ompl.robot import GoalRegion
+from safe_ompl.scene.constraints import Configuration, pairs_of_names, read_configuration
+
+_DEPTH = 0.001  # [m]
+_POSE = ("position", "quaternion_xyzw", "rpy", "yaw")
+
+
+@dataclass(frozen=True)
+class Step(Section):
+    """One step of a program, in a document ``{kind: its other keys}``."""
+
+    kind: ClassVar[str]
+
+    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
+        """Return what `read_step` reads."""
+        return {self.kind: super().to_mapping(folder)}
+
+    def __str__(self) -> str:
+        said = {name: value for name, value in super().to_mapping().items() if name not in ("touching", "depth")}
+        return " ".join([self.kind, *(f"{name} {_short(value)}" for name, value in said.items())])
+
+
+@dataclass(frozen=True)
+class _Contact(Step):
+    """A step on which links may touch obstacles.
+
+    Parameters
+    ----------
+    touching : sequence of (str, str), optional
+        Pairs of a link, or an object that is held, and an obstacle that may touch on this step.
+    depth : float
+        How deep they may reach into the obstacle at most [m].
+    """
+
+    touching: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
+    depth: float = key(document.number, default=_DEPTH, above=0.0)
+
+
+@dataclass(frozen=True)
+class _Target(_Contact):
+    """A step to a place of the tip.
+
+    Parameters
+    ----------
+    pose : Pose, optional
+        Where the tip is to be in the world; in a document `position` and `quaternion_xyzw`, `rpy` or `yaw`.
+    grasp : str, optional
+        An object: the tip is to be at one of its grasps.
+    place : str, optional
+        An object that is held: the tip is to be where the object is at one of its places.
+    up, back : float
+        So much higher in the world, and so far behind along the z axis of the tip [m].
+    arm : str, optional
+        Of several robots in a cell the one that moves, by its prefix; default: the one that has the tip.
+    """
+
+    pose: Pose | None = key(document.section, default=None, kind=Pose)
+    grasp: str | None = key(document.text, default=None)
+    place: str | None = key(document.text, default=None)
+    up: float = key(document.number, default=0.0)
+    back: float = key(document.number, default=0.0)
+    arm: str | None = key(document.text, default=None)
+
+    @property
+    def targets(self) -> dict[str, Any]:
+        """What says where to go, by key."""
+        return {name: value for name in ("pose", "grasp", "place") if (value := getattr(self, name)) is not None}
+
+    def check(self) -> None:
+        """Raise InputError unless one thing says where to go."""
+        if len(self.targets) != 1:
+            found = " and ".join(self.targets) or "none"
+            raise InputError(f"give exactly one way to say where to go; found {found}", self.kind)
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> _Target:
+        """Read the step; the keys of a pose are its own."""
+        rest = {name: value for name, value in data.items() if name not in _POSE}
+        if len(rest) < len(data):
+            rest["pose"] = Pose.from_mapping({name: data[name] for name in _POSE if name in data})
+        return super().from_mapping(rest, folder)
+
+    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
+        """Return what `read_step` reads."""
+        ((kind, said),) = super().to_mapping(folder).items()
+        return {kind: {**said.pop("pose", {}), **said}}
+
+
+@dataclass(frozen=True)
+class Move(_Target):
+    """A planned motion, by whatever way is free.
+
+    Parameters
+    ----------
+    configuration : sequence of float, or mapping of str to float, optional
+        Where the joints of the arm are to be [rad or m], instead of a place of the tip.
+    region : GoalRegion, optional
+        Where the tip may be.
+    """
+
+    kind: ClassVar[str] = "move"
+    configuration: Configuration | None = key(read_configuration, default=None)
+    region: GoalRegion | None = key(document.section, default=None, kind=GoalRegion)
+
+    @property
+    def targets(self) -> dict[str, Any]:
+        """What says where to go, by key."""
+        own = {"configuration": self.configuration, "region": self.region}
+        return {**super().targets, **{name: value for name, value in own.items() if value is not None}}
+
+
+@dataclass(frozen=True)
+class _Corridor(_Contact):
+    """A tool motion in a corridor.
+
+    Parameters
+    ----------
+    within, angle : float
+        How near the tip must stay to the curve [m, rad].
+    free_axis : str, optional
+        The axis of the tip, x, y or z, about which it may turn freely.
+    speed : float, optional
+        Of the tip [m/s]; default: as fast as the joints can.
+    """
+
+    within: float = key(document.number, default=0.001, above=0.0)
+    angle: float = key(document.number, default=0.01, above=0.0)
+    free_axis: str | None = key(document.one_of, default=None, known=("x", "y", "z"))
+    speed: float | None = key(document.number, default=None, above=0.0)
+
+
+@dataclass(frozen=True)
+class Line(_Corridor, _Target):
+    """A straight motion of the tip, proven to stay in its corridor.
+
+    Parameters
+    ----------
+    by : sequence of 3 float, optional
+        How far to go in the world [m], instead of a place of the tip.
+    """
+
+    kind: ClassVar[str] = "line"
+    by: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
+
+    @property
+    def targets(self) -> dict[str, Any]:
+        """What says where to go, by key; up and back alone do."""
+        found = super().targets if self.by is None else {**super().targets, "by": self.by}
+        return found or ({"by": (0.0, 0.0, 0.0)} if self.up or self.back else {})
+
+
+@dataclass(frozen=True)
+class Seam(_Corridor):
+    """A motion of the tip along a spline through poses in the world, the first of them where the tip is.
+
+    Parameters
+    ----------
+    poses : sequence of Pose
+        The poses after the first.
+    arm : str, optional
+        As for `Move`.
+    """
+
+    kind: ClassVar[str] = "seam"
+    poses: tuple[Pose, ...] = key(document.each, factory=tuple, read=document.section, kind=Pose, least="pose")
+    arm: str | None = key(document.text, default=None)
+
+
+@dataclass(frozen=True)
+class Gripper(_Contact):
+    """Joints of a gripper that move to values [rad or m], by name; all others stand still."""
+
+    kind: ClassVar[str] = "gripper"
+    joints: Mapping[str, float] = key(document.numbers_by_name, factory=dict, least="joint")
+
+
+@dataclass(frozen=True)
+class Attach(Step):
+    """From here on an obstacle of the scene is held by the tip, where it is now."""
+
+    kind: ClassVar[str] = "attach"
+    object: str = key(document.text)
+    arm: str | None = key(document.text, default=None)
+
+
+@dataclass(frozen=True)
+class Detach(Step):
+    """From here on an object that was held is an obstacle, where it is now."""
+
+    kind: ClassVar[str] = "detach"
+    object: str = key(document.text)
+
+
+@dataclass(frozen=True)
+class Wait(Step):
+    """The robot stands still for a time [s]."""
+
+    kind: ClassVar[str] = "wait"
+    time: float = key(document.number, above=0.0)
+
+
+KINDS: dict[str, type[Step]] = {step.kind: step for step in (Move, Line, Seam, Gripper, Attach, Detach, Wait)}
+_SHORT = {"attach": "object", "detach": "object", "wait": "time"}  # ``{attach: cube}``
+
+
+def read_step(key: str, value: Any) -> Step:
+    """Return a step, given as one or as a document has it."""
+    if isinstance(value, Step):
+        return value
+    given = document.mapping(key, value, KINDS)
+    if len(given) != 1:
+        raise InputError(f"must be one step: one of {', '.join(KINDS)}, and what belongs to it", key)
+    ((kind, content),) = given.items()
+    if kind in _SHORT and not isinstance(content, Mapping):
+        content = {_SHORT[kind]: content}
+    with document.within(key):
+        found: Step = document.section(kind, content, KINDS[kind])
+    return found
+
+
+def _poses(key: str, value: Any) -> tuple[Pose, ...]:
+    found: tuple[Pose, ...] = document.each(key, value, document.section, kind=Pose, least="pose")
+    return found
+
+
+@dataclass(frozen=True)
+class Program(Section):
+    """Steps of work, one after the other, and what may be chosen on the way.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        `Move`, `Line`, `Seam`, `Gripper`, `Attach`, `Detach` and `Wait`.
+    grasps : mapping of str to sequence of Pose
+        By object: where the tip may be to grasp it, in the frame of the object.
+    places : mapping of str to sequence of Pose
+        By object: where it may be put, in the world.
+    """
+
+    steps: tuple[Step, ...] = key(document.each, read=read_step, least="step")
+    grasps: Mapping[str, tuple[Pose, ...]] = key(document.by_name, factory=dict, read=_poses)
+    places: Mapping[str, tuple[Pose, ...]] = key(document.by_name, factory=dict, read=_poses)
+
+    @property
+    def gripper_joints(self) -> tuple[str, ...]:
+        """The joints that steps of grippers move."""
+        return tuple(dict.fromkeys(name for step in self.steps if isinstance(step, Gripper) for name in step.joints))
+
+    def check(self) -> None:
+        """Raise InputError where a step needs grasps or places that are not there."""
+        for k, step in enumerate(self.steps):
+            for kind, known in (("grasp", self.grasps), ("place", self.places)):
+                name = getattr(step, kind, None)
+                if name is not None and name not in known:
+                    raise InputError(f"there are no {kind}s for {name!r}: give program.{kind}s", f"steps[{k}].{kind}")
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_short(item)}" for name, item in value.items())
+    if isinstance(value, (list, tuple)):
+        return "(" + ", ".join(map(_short, value)) + ")"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
