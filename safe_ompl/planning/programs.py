@@ -83,6 +83,10 @@ def plan_program(scenario: Scenario | str | Path, *, time: float = TIME, seed: i
         return _ProgramPlanner(scenario, checked_seed(seed)).run(limit)
 
 
+def _named(robot: Robot, q: FloatArray) -> dict[str, float]:
+    return dict(zip(robot.joint_names, q.tolist(), strict=True))
+
+
 class _ImpossibleError(Exception):
     """A step cannot be done in this way; says why."""
 
@@ -122,7 +126,7 @@ class _ProgramPlanner:
         self._arm = scenario.build_robot()
         start = scenario.start_configuration(self._arm)
         self._robot = self._with_grippers()
-        values = {**self._arm.held_joints, **self._arm.named(start)}
+        values = {**self._arm.held_joints, **_named(self._arm, start)}
         self._begin = self._robot.configuration({name: values[name] for name in self._robot.joint_names})
         motion = scenario.motion
         self._limits = RateLimits.of(self._robot, motion.velocity, motion.acceleration, motion.jerk)
@@ -304,7 +308,7 @@ class _ProgramPlanner:
 
     def _gripper(self, step: Gripper, state: _State) -> Any:
         robot = self._holding(state)
-        q = robot.configuration({**robot.named(state.q), **step.joints})
+        q = robot.configuration({**_named(robot, state.q), **step.joints})
         if (beyond := robot.beyond_limits(q)) is not None:
             raise InputError(beyond, "gripper.joints")
         if np.abs(q - state.q).max() < _STILL:
@@ -355,7 +359,7 @@ class _ProgramPlanner:
         prefix = arm or (robot.spec.tip if robot.spec.robots else None)
         if robot.spec.robots and prefix is None:
             prefix = next(iter(robot.spec.robots))
-        values = robot.named(state.q)
+        values = _named(robot, state.q)
         grippers = self._program.gripper_joints
         others = {
             name: value
