@@ -42,7 +42,7 @@ SMALL = 8_000_000
 _PACKAGE = "carried"  # of the meshes in the URDF that travels
 _FILES = ("urdf", "srdf")
 # Without accelerations: certificates of timed motions claim limits themselves
-_OPTIONS = ("tip", "locked", "name", "limits", "collision", "group", "base", "mobile_base")
+_OPTIONS = ("tip", "locked", "free", "name", "limits", "collision", "group", "base", "mobile_base")
 _MOST_CHARACTERS = 20_000_000  # of a URDF or an SRDF
 _DEEPEST = 100  # tags in tags
 _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
@@ -190,6 +190,7 @@ class _Recipe(Section):
     srdf: _File | None = key(document.section, default=None, kind=_File)
     tip: str | None = key(document.line, default=None)
     locked: Mapping[str, float] | None = key(document.numbers_by_name, default=None)
+    free: tuple[str, ...] = key(document.each, read=document.line, default=())
     name: str | None = key(document.line, default=None)
     limits: Mapping[str, tuple[float, ...]] = key(document.by_name, factory=dict, read=document.numbers, count=2)
     collision: CollisionSource = key(document.one_of, default="required", known=get_args(CollisionSource))

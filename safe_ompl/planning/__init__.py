@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from safe_ompl.planning.planners import planner_data
     from safe_ompl.planning.problem_setup import PLAN_JOBS, small_robot
     from safe_ompl.planning.program_result import ProgramResult, Stretch
-    from safe_ompl.planning.programs import plan_program
+    from safe_ompl.planning.programs import plan_program, program_robot
     from safe_ompl.planning.result import Improvement, PlanResult
     from safe_ompl.planning.safe_setup import SafeSetup, path_timer, plan, repair, setup_problem, setup_scenario
 
@@ -25,6 +25,7 @@ __all__ = [
     "plan",
     "plan_program",
     "planner_data",
+    "program_robot",
     "repair",
     "setup_problem",
     "setup_scenario",

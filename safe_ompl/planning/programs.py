@@ -87,6 +87,12 @@ def _named(robot: Robot, q: FloatArray) -> dict[str, float]:
     return dict(zip(robot.joint_names, q.tolist(), strict=True))
 
 
+def program_robot(scenario: Scenario) -> Robot:
+    """Return the robot with which the program of a scenario begins, joints of grippers among those that move."""
+    planner = _ProgramPlanner(scenario, 0)
+    return planner.holding(planner.begin)
+
+
 class _ImpossibleError(Exception):
     """A step cannot be done in this way; says why."""
 
@@ -134,6 +140,11 @@ class _ProgramPlanner:
         self._end = np.inf
         self._check_names()
 
+    @property
+    def begin(self) -> _State:
+        """Where everything is at first."""
+        return _State(self._begin, self._arm.spec.attached, self._scenario.scene, {})
+
     def _with_grippers(self) -> Robot:
         """Return the robot of the scenario with the joints of its grippers among those that move."""
         joints, spec = self._program.gripper_joints, self._arm.spec
@@ -177,7 +188,7 @@ class _ProgramPlanner:
         """Return the program planned within a time [s]."""
         begin = clock()
         self._end, order = begin + time, count()
-        best = _Node(0, _State(self._begin, self._arm.spec.attached, self._scenario.scene, {}))
+        best = _Node(0, self.begin)
         waiting = [(0.0, next(order), best)]
         why, failed = "", -1
         while waiting and best.step < len(self._steps):
@@ -307,7 +318,7 @@ class _ProgramPlanner:
         return self._driven(state, scene, found.motion)
 
     def _gripper(self, step: Gripper, state: _State) -> Any:
-        robot = self._holding(state)
+        robot = self.holding(state)
         q = robot.configuration({**_named(robot, state.q), **step.joints})
         if (beyond := robot.beyond_limits(q)) is not None:
             raise InputError(beyond, "gripper.joints")
@@ -346,7 +357,7 @@ class _ProgramPlanner:
 
     # --------------------------------------------------------------------------------------- robots and proofs
 
-    def _holding(self, state: _State) -> Robot:
+    def holding(self, state: _State) -> Robot:
         """Return the robot with all of its joints and what it holds."""
         robot = self._robot
         for item in state.held:
@@ -355,7 +366,7 @@ class _ProgramPlanner:
 
     def _arm_at(self, arm: str | None, state: _State) -> tuple[Robot, FloatArray]:
         """Return the robot with the joints of one arm alone, the others locked where they are, and where it is."""
-        robot = self._holding(state)
+        robot = self.holding(state)
         prefix = arm or (robot.spec.tip if robot.spec.robots else None)
         if robot.spec.robots and prefix is None:
             prefix = next(iter(robot.spec.robots))
@@ -383,7 +394,7 @@ class _ProgramPlanner:
 
     def _link(self, link: str, state: _State) -> pin.SE3:
         """Return where a link or frame is."""
-        robot = self._holding(state)
+        robot = self.holding(state)
         model, data = robot.shared.model, robot.shared.model.createData()
         pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(state.q))
         return pin.SE3(data.oMf[model.getFrameId(link)])
@@ -408,7 +419,7 @@ class _ProgramPlanner:
 
     def _driven(self, state: _State, scene: Scene, moving: Motion) -> tuple[_State, tuple[MotionCheck, ...]]:
         """Return the state after a motion of some joints, and the proof of it for all of them."""
-        robot, people = self._holding(state), self._scenario.people
+        robot, people = self.holding(state), self._scenario.people
         rows = [robot.joint_names.index(name) for name in moving.joint_names or ()]
         coefficients = np.zeros((moving.pieces, moving.degree + 1, robot.n))
         coefficients[:, 0] = state.q

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.apps.benchmark import check_named_planner
-from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli import arguments, output, programs
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError, files
@@ -51,6 +51,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     begin = perf_counter()
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
+    if scenario.program is not None:
+        return programs.prepare_plan(options, scenario)
     robot = scenario.build_robot()
     setup = setup_scenario(scenario, robot)
     check_named_planner(scenario, options.planner, setup)

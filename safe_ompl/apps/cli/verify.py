@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.apps.cli import arguments, output
+from safe_ompl.apps.cli import arguments, output, programs
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.certificates import TIME, Verified, certificate, clearance_claim, terms_of, verify
+from safe_ompl.certificates import PROGRAM_FORMAT, TIME, Verified, certificate, clearance_claim, terms_of, verify
 from safe_ompl.collision import TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, files
 from safe_ompl.common import documents as document
@@ -44,6 +44,10 @@ def add_commands(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the certificate and the scenario, and return the job."""
     content = _read_certificate(options.file)
+    if content["format"] == PROGRAM_FORMAT:
+        scenario = None if options.scenario is None else arguments.load_scenario(options.scenario, options.package_dir)
+        about = " and scene are the file's own, compared with no scenario" if scenario is None else " and its scenes"
+        return partial(_verify, options.file, partial(programs.verified, content, scenario, options), about)
     if options.scenario is None:
         carried = partial(verify, content, package_dirs=tuple(options.package_dir), time=options.time)
         own = " and scene are the file's own, compared with no scenario"
@@ -96,7 +100,8 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
         raise InputError(f"cannot be read as a certificate: {error}", file) from None
     with document.within(file, ": "):
         content = files.parse_json(written, finite=True)
-        schema.check_form(content)
+        if not (isinstance(content, Mapping) and content.get("format") == PROGRAM_FORMAT):
+            schema.check_form(content)
     checked: Mapping[str, Any] = content
     return checked
 
