@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import Box, Cylinder, InputError, Obstacle, Person, PointCloud, Pose, Robot, Scene, Sphere
-from safe_ompl.collision import DISTANCE_ERROR, Clearance, CollisionChecker
+from safe_ompl.collision import DISTANCE_ERROR, Clearance, CollisionChecker, MotionProver
 from safe_ompl.common import Counts
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm"]
@@ -351,3 +351,17 @@ def test_queries_are_counted(panda, clutter):
 def test_error_of_distances_covers_the_tolerance_of_coal(panda):
     contacts = pin.GeometryData(panda.collision_model)
     assert all(request.gjk_tolerance < DISTANCE_ERROR / 5 for request in contacts.collisionRequests)
+
+
+@pytest.mark.parametrize(("depth", "touches"), [(0.0004, True), (0.0006, False)])
+def test_pairs_that_may_touch_are_not_checked_but_no_link_gets_deeper(depth, touches):
+    robot = Robot.from_example("panda").with_attached("ball", Sphere(0.05))
+    q = np.array([0, -0.3, 0, -2.2, 0, 2, 0.8])
+    x, y, z = robot.tip_pose(q).translation
+    scene = Scene([Obstacle("table", Box([0.2, 0.2, 0.02]), Pose([x, y, z - 0.05 - 0.01 + 0.0005]))])
+    assert CollisionChecker(robot, scene).colliding_pair(q) == ("ball", "table")
+    checker = CollisionChecker(robot, scene.touched([("ball", "table")], depth))
+    assert ("ball", "table") not in {*checker.pair_names, *checker.distance_names}
+    assert checker.in_collision(q) == touches
+    assert checker.clearance(q).distance == pytest.approx(depth - 0.0005, abs=1e-5)
+    assert MotionProver(checker).is_free(q, q + [0, -0.05, 0, 0, 0, 0, 0]) != touches

@@ -451,3 +451,28 @@ def test_a_mesh_in_millimetres_is_recognised(tmp_path):
     with pytest.raises(InputError, match=r"scale: .*reaches 30000 m.*needs a scale of \[0.001, 0.001, 0.001\]"):
         Mesh(file)
     assert Mesh(file, (0.001, 0.001, 0.001)).surface[0].max() == pytest.approx(30)
+
+
+def test_what_may_touch_has_a_core_that_it_must_not_touch():
+    table, ball = Obstacle("table", Box([1, 1, 0.1]), weight=1.0), Obstacle("ball", Sphere(0.1))
+    scene = Scene([table, ball]).touched([("cube", "table"), ("hand", "table")], 0.002)
+    assert scene.names == ("table, 2 mm deep", "table", "ball")
+    assert scene["table"].touched_by == ("cube", "hand")
+    assert scene["table, 2 mm deep"].shape.size == pytest.approx((0.996, 0.996, 0.096))
+    assert (scene["table"].weight, scene["table, 2 mm deep"].weight) == (1.0, 0.0)
+    assert Scene.from_yaml(scene.to_yaml()) == scene
+    assert scene.content_hash() != Scene([table, ball]).content_hash()
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "depth", "words"),
+    [
+        (Obstacle("it", Sphere(0.001)), 0.001, "'it'.radius: must be a finite number in"),
+        (Obstacle("it", Box([1, 1, 0.001])), 0.001, "'it'.size: must be a finite number in"),
+        (Obstacle("it", Person(1.7)), 0.001, "'it'.shape: must be a box, sphere, cylinder or capsule to be touched"),
+        (Obstacle("it", Sphere(0.1)), -1, "depth: must be"),
+    ],
+)
+def test_what_has_no_core_cannot_be_touched(obstacle, depth, words):
+    with pytest.raises(InputError, match=words):
+        Scene([obstacle]).touched([("hand", "it")], depth)

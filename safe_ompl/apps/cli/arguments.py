@@ -196,9 +196,11 @@ def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
 # ----------------------------------------------------------------------------------------------- scenarios
 
 
-def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scenario:
-    """Load a scenario; the planners that it gives parameters to must exist, too."""
+def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = (), *, goal: bool = False) -> Scenario:
+    """Load a scenario, perhaps one with a `goal`; the planners that it gives parameters to must exist, too."""
     scenario = Scenario.load(find_scenario(name_or_file))
+    if goal and scenario.goal is None:
+        raise InputError("missing: it has a program, which `safe-ompl plan` plans", f"{scenario.file}: goal")
     for planner in scenario.planners:
         if planner not in planner_names():
             raise UnknownNameError("planner", planner, planner_names(), f"{scenario.file}: planners")

@@ -50,7 +50,7 @@ def add_commands(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = arguments.load_scenario(options.scenario, options.package_dir)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
     planners = options.planners or default_planners(scenario)
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)

@@ -112,7 +112,7 @@ def add_mcap(parser: argparse.ArgumentParser) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = arguments.load_scenario(options.scenario, options.package_dir)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
     latency = min(Faults.latency, options.tick)
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()

@@ -73,7 +73,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     output.need_extra("ros")
     output.need_extra("mcap")
-    scenario = arguments.load_scenario(options.scenario, options.package_dir)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
     reach = people_who_move(scenario, options).reach
     gate = None if reach is None else CalibratedReach.load(reach).gate
     trackers = trackers_of(scenario, options, gate)

@@ -1,0 +1,145 @@
+"""The certificate of a program: it holds, and what is changed in it is refused, signed anew or not."""
+
+import copy
+
+import pytest
+from signing import signed
+
+from safe_ompl import CertificateError, InputError, PlanningError, Scenario, Scene, plan_program
+from safe_ompl.certificates import program_certificate, verify_program
+from safe_ompl.io import built_robot
+from safe_ompl.planning import program_robot
+from safe_ompl.robot import robot_hash
+
+TEXT = """
+name: lift
+robot: panda
+start: [0.0, -0.35, 0.0, -2.3, 0.0, 1.95, 0.785]
+scene:
+  obstacles:
+    - {name: table, box: {size: [0.4, 0.4, 0.04]}, position: [0.5, 0, 0.18]}
+    - {name: cube, box: {size: [0.05, 0.05, 0.05]}, position: [0.5, 0, 0.225]}
+program:
+  grasps: {cube: [{rpy: [3.141592653589793, 0, 0]}]}
+  steps:
+    - move: {grasp: cube, back: 0.08}
+    - line: {grasp: cube}
+    - gripper:
+        joints: {panda_finger_joint1: 0.0245}
+        touching: [[panda_leftfinger, cube], [panda_rightfinger, cube]]
+    - attach: cube
+    - line: {up: 0.05, touching: [[cube, table]]}
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
+    file = tmp_path_factory.mktemp("program") / "lift.yaml"
+    file.write_text(TEXT)
+    return Scenario.load(file)
+
+
+@pytest.fixture(scope="module")
+def result(scenario):
+    found = plan_program(scenario)
+    assert found, found
+    return found
+
+
+@pytest.fixture(scope="module")
+def content(result):
+    return program_certificate((stretch.begin, stretch.check) for stretch in result.stretches)
+
+
+def test_it_holds_for_its_scenario_and_says_what_may_touch(content, scenario, result):
+    found = verify_program(content, program_robot(scenario), scenario.scene)
+    assert not found.own
+    assert f"one motion of {result.duration:.3f} s" in str(found)
+    assert "contact of cube with table" in found.not_covered
+    assert "and the scene that the file itself carries" in verify_program(content).claims[0]
+
+
+def begin_later(content):
+    content["stretches"][1]["begin"] += 0.01
+
+
+def take_elsewhere(content):
+    pose = content["robots"][1]["recipe"]["attached"][0]["position"]
+    pose[2] -= 0.002
+
+
+def leave_out_the_core(content):
+    for scene in content["scenes"]:
+        obstacles = scene["content"]["obstacles"]
+        scene["content"]["obstacles"] = [o for o in obstacles if not o["name"].startswith("table, ")]
+
+
+def make_the_core_small(content):
+    for scene in content["scenes"]:
+        for obstacle in scene["content"]["obstacles"]:
+            if obstacle["name"].startswith("table, "):
+                obstacle["box"]["size"] = [0.1, 0.1, 0.01]
+
+
+def forget_the_cube(content):
+    scene = content["scenes"][0]["content"]
+    scene["obstacles"] = [o for o in scene["obstacles"] if o["name"] != "cube"]
+
+
+def skip_a_stretch(content):
+    del content["stretches"][1]
+
+
+def use_another_scene(content):
+    content["stretches"][0]["certificate"]["scene"] = content["stretches"][-1]["certificate"]["scene"]
+
+
+def use_no_scene(content):
+    content["stretches"][0]["certificate"]["scene"] = 17
+
+
+def hold_from_the_beginning(content):
+    content["stretches"][0]["certificate"]["robot"] = 1
+
+
+def resigned(content):
+    """Return the content with all hashes and digests that belong to it: whoever tampers can compute them."""
+    for robot in content["robots"]:
+        robot["hash"] = robot_hash(built_robot(robot))
+    for scene in content["scenes"]:
+        scene["hash"] = Scene.from_mapping(scene["content"]).content_hash()
+    for stretch in content["stretches"]:
+        numbers = {name: stretch["certificate"][name] for name in ("robot", "scene")}
+        if max(numbers.values()) < len(content["scenes"]):
+            whole = {name: content[f"{name}s"][number] for name, number in numbers.items()}
+            stretch["certificate"] = {**signed({**stretch["certificate"], **whole}), **numbers}
+    return signed(content)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (begin_later, "stretch 1: it begins at .* but the one before ends at"),
+        (take_elsewhere, "'cube' is 2 mm or mrad from where it was"),
+        (leave_out_the_core, "cube may touch table, to any depth"),
+        (make_the_core_small, "is not what is so deep in 'table'"),
+        (forget_the_cube, "'cube' is in one of this stretch and the one before"),
+        (skip_a_stretch, "stretch 1: it begins"),
+        (use_another_scene, "'cube' is in one of this stretch and the one before"),
+        (use_no_scene, "stretch 0: scene: must be a number from 0 to"),
+        (hold_from_the_beginning, "'cube' is held, and an obstacle, too"),
+    ],
+)
+def test_what_is_changed_is_refused(content, change, words):
+    forged = copy.deepcopy(content)
+    change(forged)
+    with pytest.raises((CertificateError, InputError)):
+        verify_program(forged)
+    with pytest.raises((CertificateError, InputError), match=words):
+        verify_program(resigned(forged))
+
+
+def test_stretches_that_do_not_follow_each_other_are_not_certified(result):
+    parts = [(stretch.begin, stretch.check) for stretch in result.stretches]
+    with pytest.raises(PlanningError, match="not one program: stretch 1"):
+        program_certificate([parts[0], (parts[1][0], parts[2][1])])
