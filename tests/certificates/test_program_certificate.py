@@ -121,7 +121,7 @@ def resigned(content):
     [
         (begin_later, "stretch 1: it begins at .* but the one before ends at"),
         (take_elsewhere, "'cube' is 2 mm or mrad from where it was"),
-        (leave_out_the_core, "cube may touch table, to any depth"),
+        (leave_out_the_core, "cube may touch 'table', to any depth"),
         (make_the_core_small, "is not what is so deep in 'table'"),
         (forget_the_cube, "'cube' is in one of this stretch and the one before"),
         (skip_a_stretch, "stretch 1: it begins"),

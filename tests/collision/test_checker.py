@@ -364,4 +364,4 @@ def test_pairs_that_may_touch_are_not_checked_but_no_link_gets_deeper(depth, tou
     assert ("ball", "table") not in {*checker.pair_names, *checker.distance_names}
     assert checker.in_collision(q) == touches
     assert checker.clearance(q).distance == pytest.approx(depth - 0.0005, abs=1e-5)
-    assert MotionProver(checker).is_free(q, q + [0, -0.05, 0, 0, 0, 0, 0]) != touches
+    assert MotionProver(checker).is_free(q, q - 0.05 * np.eye(7)[1]) != touches
