@@ -70,7 +70,8 @@ def in_motion(scenario: str, rounds: int) -> tuple[object, ...]:
     danger = DangerField.of_scene(robot, problem.scene)
     Q = rng.uniform(np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5), (MOVING, robot.n))
     Qd = rng.normal(size=Q.shape)
-    moving = [KinetostaticField(danger, gamma=gamma) for gamma in (0.0, 1.0)]
+    fields = (DangerField.of_scene(robot, problem.scene, gamma=gamma) for gamma in (0.0, 1.0))
+    moving = [KinetostaticField(field) for field in fields]
     values = in_turn(
         {"rest": lambda: danger.values(Q)}
         | {str(k): lambda one=one: one.values(Q, Qd) for k, one in enumerate(moving)},

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, IntArray, configuration, configurations, finite_array, number
+from safe_ompl.common import FloatArray, IntArray, configuration, configurations, finite_array
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kernels import kinetostatic as kernel
 from safe_ompl.danger.kernels import kinetostatic_peak as peak_kernel
@@ -59,18 +59,12 @@ class KinetostaticField:
     Parameters
     ----------
     field : DangerField
-        The static field: robot, danger points, weights, aggregate, weighting and k₁.
-    k2 : float, optional
-        k₂ ≥ 0; k₂/k₁ is a time [s]. Default: the field's own.
-    gamma : float, optional
-        γ ≥ 0; default: the field's own. With γ ≥ 1 motion never makes the danger less than at rest; with 0 it is the
-        danger predicted k₂/k₁ ahead.
+        The static field: robot, danger points, weights, aggregate, weighting, k₁, k₂ and γ. With γ ≥ 1 motion never
+        makes the danger less than at rest; with 0 it is the danger predicted k₂/k₁ ahead.
     """
 
-    def __init__(self, field: DangerField, k2: float | None = None, gamma: float | None = None) -> None:
-        self.field = field
-        self.k2 = field.k2 if k2 is None else number("k2", k2, at_least=0.0)
-        self.gamma = field.gamma if gamma is None else number("gamma", gamma, at_least=0.0)
+    def __init__(self, field: DangerField) -> None:
+        self.field, self.k2, self.gamma = field, field.k2, field.gamma
 
     def __repr__(self) -> str:
         return f"KinetostaticField({self.field!r}, k2={self.k2:g}, gamma={self.gamma:g})"

@@ -45,13 +45,19 @@ def cloud_and_person():
 def test_collisions_are_those_of_plain_coal_over_all_pairs(robot_named, plain_check, clutter, rng, name):
     robot = robot_named(name)
     checker, plain = CollisionChecker(robot, clutter), plain_check(robot, clutter)
-    hits = 0
+    hits, named = 0, set()
     for q in configurations(robot, rng, 250):
-        nearest = plain.nearest(q)
+        nearest, pair = plain.nearest(q), checker.colliding_pair(q)
         hits += nearest < 0
+        assert (pair is not None) == checker.in_collision(q)
         if abs(nearest) > TOLERANCE:
-            assert checker.in_collision(q) == (nearest < 0)
+            assert (pair is not None) == (nearest < 0)
+        if pair is not None:
+            found = plain.distances(q)
+            assert min(found[k] for k, other in enumerate(plain.pairs) if other == pair) < TOLERANCE
+            named.add(pair[1])
     assert 25 < hits < 240, "the scene tests both answers"
+    assert named & set(clutter.names)
 
 
 def test_clouds_and_people(panda, plain_check, cloud_and_person, rng):
@@ -72,21 +78,6 @@ def test_deep_overlap_is_never_called_free(ur5, plain_check):
     q = np.append(q, [0.9230572005178308, -2.3352302450355187, -0.6605724885943527])
     assert plain_check(ur5, Scene()).nearest(q) < -0.015
     assert CollisionChecker(ur5, Scene()).in_collision(q)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_the_pair_in_contact_is_named(robot_named, plain_check, clutter, rng, name):
-    robot = robot_named(name)
-    checker, plain = CollisionChecker(robot, clutter), plain_check(robot, clutter)
-    named = set()
-    for q in configurations(robot, rng, 60):
-        pair = checker.colliding_pair(q)
-        assert (pair is not None) == checker.in_collision(q)
-        if pair is not None:
-            distances = plain.distances(q)
-            assert min(distances[k] for k, other in enumerate(plain.pairs) if other == pair) < TOLERANCE
-            named.add(pair[1])
-    assert named & set(clutter.names)
 
 
 def test_the_fixed_base_may_stand_on_an_obstacle(ur5):
@@ -169,15 +160,6 @@ def test_margins_are_exact(robot_named, plain_check, clutter, rng, name):
         if abs(slack) > TOLERANCE:
             assert checker.within_margins(q, margins) == (slack < 0)
     assert 10 < near < 100
-
-
-def test_margins_leave_plain_queries_alone(panda, clutter):
-    checker = CollisionChecker(panda, clutter)
-    q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
-    assert checker.within_margins(q, np.full(len(checker.pair_names), 1.0))
-    assert checker.pair_within_margins(q, 1.0) in checker.pair_names
-    assert not checker.in_collision(q)
-    assert checker.colliding_pair(q) is None
 
 
 def test_margins_are_those_of_the_question(panda, clutter):
@@ -286,25 +268,6 @@ def test_bodies_without_volume_are_not_overlooked(panda, plain_check, rng):
             hits += nearest < 0
             assert checker.in_collision(q) == (nearest < 0)
     assert hits > 20
-
-
-@pytest.mark.parametrize("number", [10, 120])
-def test_the_broad_phase_of_small_and_large_scenes_is_right(ur5, plain_check, rng, number):
-    balls = [
-        Obstacle(f"ball{k}", Sphere(0.02), Pose(tuple(place)))
-        for k, place in enumerate(rng.uniform(-0.7, 0.7, (number, 3)))
-    ]
-    checker = CollisionChecker(ur5, Scene(tuple(balls)))
-    plain = plain_check(ur5, Scene(tuple(balls)))
-    index = pairs_to_check(checker, plain)
-    margins = rng.uniform(0, 0.05, len(index))
-    for q in configurations(ur5, rng, 40):
-        distances = plain.distances(q)
-        if abs(distances.min()) > TOLERANCE:
-            assert checker.in_collision(q) == (distances.min() < 0)
-        slack = (distances[index] - margins).min()
-        if abs(slack) > TOLERANCE:
-            assert checker.within_margins(q, margins) == (slack < 0)
 
 
 def test_queries_outlive_what_they_were_made_from(data_folder, rng):

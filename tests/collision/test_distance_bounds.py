@@ -86,18 +86,6 @@ def test_no_pair_is_nearer_than_its_bound(robot_named, clutter, name, enough):
         assert not checker.pairs.within_margins(q, np.maximum(bound - ALLOWANCE, 0.0))
 
 
-def test_where_it_fails_a_pair_is_near(ur5, clutter):
-    checker = CollisionChecker(ur5, clutter)
-    failed = [
-        (start, delta, found)
-        for start, delta in edges(ur5, 200)
-        if not (found := proof(checker.pairs, start, delta)).proven
-    ]
-    touching = [checker.touches(start + found.at * delta) for start, delta, found in failed if found.at >= 0]
-    assert len(touching) > 0.9 * len(failed) > 50
-    assert np.mean(touching) > 0.95
-
-
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("margin", [0.0, 0.03])
 def test_where_a_motion_is_blocked_coal_finds_a_pair_too_near(robot_named, clutter, name, margin):
@@ -139,20 +127,6 @@ def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, nam
     assert by_bounds.margin_queries + by_bounds.collision_queries < 0.5 * checker.counts.queries
 
 
-def test_free_edges_hardly_need_coal(ur5, clutter):
-    checker = CollisionChecker(ur5, clutter)
-    motion, work, free = MotionProver(checker), Counts(), 0
-    for start, delta in edges(ur5, 300):
-        checker.counts.reset()
-        if motion.is_free(start, start + delta):
-            free += 1
-            work.bound_queries += checker.counts.bound_queries
-            work.margin_queries += checker.counts.margin_queries
-    assert free > 50
-    assert work.margin_queries < 0.1 * free
-    assert work.bound_queries < 6 * free
-
-
 @pytest.mark.parametrize("name", ["panda", "twin_arm"])
 @pytest.mark.parametrize("margin", [0.0, 0.03])
 def test_edges_together_are_proven_as_one_by_one(robot_named, clutter, name, margin):
@@ -191,7 +165,7 @@ def test_without_pairs_everything_is_free(ur5):
 
 
 def test_what_has_no_end_is_left_to_coal(ur5):
-    geometry = ur5.collision_model
+    geometry = ur5.collision_model.copy()  # the robot hands out the same one to every test
     plane = pin.GeometryObject("plane", 0, pin.SE3.Identity(), coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0))
     number = geometry.addGeometryObject(plane)
     bounds = DistanceBounds(
@@ -211,9 +185,3 @@ def test_what_is_not_finite_is_not_proven(ur5, clutter, bad):
         broken[k] = bad
         assert not proof(pairs, broken, delta).proven
         assert not proof(pairs, start, broken - start).proven
-
-
-def test_a_motion_of_no_length_is_proven_where_it_is_free(ur5, clutter):
-    checker = CollisionChecker(ur5, clutter)
-    for start, delta in edges(ur5, 40):
-        assert proof(checker.pairs, start, 0.0 * delta).proven is not checker.touches(start)

@@ -103,17 +103,6 @@ def test_pairs_that_come_within_a_reach_follow_those_that_may_touch(crank, clutt
         assert checker.pairs.names == checker.pair_names == names
 
 
-def test_few_sets_of_pairs_are_made(panda, clutter):
-    checker = CollisionChecker(panda, clutter)
-    assert checker.pairs_within(0.0) is checker.pairs
-    assert checker.pairs_within(0.051) is checker.pairs_within(0.1)
-    sets = [checker.pairs_within(reach) for reach in np.linspace(0, 5, 200)]
-    assert len({id(found) for found in sets}) < 10
-    numbers = [len(found.names) for found in sets]
-    assert numbers == sorted(numbers)
-    assert numbers[-1] > numbers[0]
-
-
 def test_exempt_pairs_and_chosen_obstacles(crank):
     checker = CollisionChecker(crank, balls(far=0.65, near=0.62))
     assert near(checker, 0.04).check(START, END).pair == ("ball", "near")

@@ -81,23 +81,6 @@ def scan():
     return np.concatenate([wall, table])
 
 
-def test_the_part_where_bodies_come_nearer_is_looked_at_first(panda, clutter):
-    """Motions that are blocked late take few places, whichever way they are driven."""
-    checker, rng = CollisionChecker(panda, clutter), np.random.default_rng(0)
-    bounds, required = checker.pairs.bounds, np.zeros(len(checker.pairs.names)) + ERROR
-    places = {True: [], False: []}
-    while len(places[False]) < 60:
-        q, way = rng.uniform(panda.lower, panda.upper), 0.6 * rng.normal(size=panda.n)
-        found = bounds.prove((q, way), required, 5e-6)
-        if checker.touches(q) or not found.blocked or found.at < 0.6:
-            continue
-        for forth in (True, False):
-            before = checker.counts.bound_queries
-            assert bounds.prove((q, way) if forth else (q + way, -way), required, 5e-6).blocked
-            places[forth].append(checker.counts.bound_queries - before)
-    assert max(np.mean(places[True]), np.mean(places[False])) < 4.5
-
-
 def test_a_certificate_beside_a_large_cloud_verifies(panda, scan):
     scene = Scene((Obstacle("scan", PointCloud(RADIUS, points=np.tile(scan, (20, 1)))),))
     path = [[-1.8, -0.9, 0.0, -2.4, 0.0, 1.8, 0.8], [-2.4, -0.7, 0.1, -2.2, 0.1, 1.9, 0.6]]

@@ -69,14 +69,11 @@ def test_a_robot_that_saw_itself_is_free(panda, scan, caplog):
     assert cleared["table"] is table
 
 
-def test_a_cloud_that_is_all_robot_goes(panda):
-    scene = Scene((Obstacle("scan", PointCloud(0.01, points=skin(panda))),))
-    assert without_robot(scene, panda, Q, MARGIN).names == ()
-
-
-def test_a_cloud_without_robot_stays_itself(panda):
-    scene = Scene((Obstacle("scan", PointCloud(0.01, points=[[5, 5, 5]])),))
-    assert without_robot(scene, panda, Q, MARGIN)["scan"] is scene["scan"]
+def test_a_cloud_that_is_all_robot_goes_and_one_without_robot_stays_itself(panda):
+    robot, other = (Obstacle(name, PointCloud(0.01, points=p)) for name, p in (("a", skin(panda)), ("b", [[5, 5, 5]])))
+    cleared = without_robot(Scene((robot, other)), panda, Q, MARGIN)
+    assert cleared.names == ("b",)
+    assert cleared["b"] is other
 
 
 def test_what_cannot_be_is_refused(panda):

@@ -82,15 +82,6 @@ def test_rates_are_bounds(robot_named, name, seed):
     assert (jerk <= rates.jerk + 1e-7).all()
 
 
-def test_rates_of_one_turning_joint_are_exact(robot_named):
-    slider = robot_named("slider")
-    slide = np.zeros((1, slider.n))
-    slide[0, slider.joint_names.index("right_slide")] = 0.3
-    rates = KeypointRates.of(slider, slide)
-    np.testing.assert_allclose(rates.speed[0, -1], 0.3)
-    np.testing.assert_allclose([rates.acceleration, rates.jerk], 0.0)
-
-
 # -------------------------------------------------------------------------------------------------------- chords
 
 
@@ -168,16 +159,6 @@ def test_a_link_that_passes_through_a_danger_point_is_not_bounded(panda):
     assert verdict.at == pytest.approx(0.3, abs=0.01)
 
 
-def test_the_short_way_round(kinova):
-    danger = certified(kinova)
-    start, end = np.full(6, 2.0), np.full(6, 2.0)
-    start[0], end[0] = 3.0, -3.0
-    whole_turns = 2 * np.pi * kinova.continuous
-    assert danger.of_path([start, end]).upper == pytest.approx(danger.of_path([start + whole_turns, end]).upper)
-    dense = danger.field.values(densely(kinova, np.array([start, end])))
-    assert dense.max() <= danger.of_path([start, end]).upper
-
-
 # -------------------------------------------------------------------------------------------------------- limits
 
 
@@ -202,15 +183,6 @@ def test_verdicts_on_limits(robot_named, name, seed, share):
         assert found.pair == ("danger", "its limit")
     else:
         assert share == pytest.approx(1.0, abs=1e-2)
-
-
-def test_a_generous_limit_costs_little(panda):
-    danger = certified(panda)
-    start, end = random_path(panda, 1, 1, 0.5)
-    peak = danger.of_path([start, end]).upper
-    danger.field.counts.reset()
-    assert DangerLimit(danger.field, 3 * peak).allows_motion(start, end)
-    assert danger.field.counts.field_configurations <= 4
 
 
 # -------------------------------------------------------------------------------------------------------- errors

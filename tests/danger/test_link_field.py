@@ -10,7 +10,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
-from scipy.spatial.transform import Rotation
 
 from safe_ompl.common import FloatArray, IntArray, compiled
 from safe_ompl.danger.kernels import field as kernel
@@ -155,14 +154,6 @@ def test_nothing_in_nothing_out(rng):
     assert vectors(keypoints, ARM, points[:0]).shape == (2, 0, 3)
 
 
-@pytest.mark.parametrize("ratio", [1e-300, 1e-17, 1e-9, 1e-3, 0.4, 0.42, 1.0, 1e3, 2.0**20, 1e12])
-def test_the_logarithm_is_that_of_the_library(ratio):
-    """Straight before a link of length ℓ, at the distance x, θ = log(1 + ℓ/x)."""
-    before, place = np.array([[[-ratio / 8, 0, 0], [0, 0, 0]]]), np.array([[0.125, 0, 0]])
-    theta = field(before, ONE, place, "length")[0, 0]
-    assert theta == pytest.approx(np.log1p(ratio), rel=1e-15 if ratio < 1 else 1e-13)
-
-
 # ------------------------------------------------------------------------------------------------- gradients
 
 
@@ -230,27 +221,6 @@ def test_vectors_have_the_length_of_the_field_and_point_to_the_robot(rng):
 
 
 # ------------------------------------------------------------------------------------------------------ laws
-
-
-@repeatable
-@given(skeletons, places, places, places)
-def test_invariant_under_rigid_motion(keypoints, p, rotation, translation):
-    turn = Rotation.from_rotvec(rotation)
-    moved = turn.apply(keypoints[0])[None] + translation, ARM, turn.apply(p)[None] + translation
-    if segment_distances(keypoints, ARM, p[None]).min() > 1e-3:
-        np.testing.assert_allclose(field(*moved), field(keypoints, ARM, p[None]), rtol=1e-10)
-        slope = turn.apply(space_gradient(keypoints, ARM, p[None])[0])
-        np.testing.assert_allclose(space_gradient(*moved)[0], slope, rtol=1e-7, atol=1e-7)
-
-
-@repeatable
-@given(skeletons, places)
-def test_gradients_balance(keypoints, p):
-    """Moving robot and point together changes nothing: Σ_k ∂/∂r_k + ∂/∂p = 0."""
-    at_points = space_gradient(keypoints, ARM, p[None])[0, 0]
-    at_keypoints = keypoint_gradient(keypoints, ARM, p[None], np.ones((1, 1)))[0]
-    scale = max(1.0, np.abs(at_keypoints).max())
-    np.testing.assert_allclose(at_keypoints.sum(axis=0), -at_points, atol=1e-9 * scale)
 
 
 @repeatable

@@ -1,14 +1,12 @@
 """MotionBenchMaker files."""
 
 import json
-import os
 import pickle
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from safe_ompl import InputError, Robot, UnknownNameError
+from safe_ompl import Box, InputError, Robot, UnknownNameError
 from safe_ompl.scene import MbmFile
 
 ROBOTS = Path(__file__).resolve().parents[2] / "scenarios" / "robots"
@@ -19,9 +17,9 @@ def document():
     problem = {
         "start": [0, 0.1],
         "goals": [[1, 0.2], [-1, 0.3]],
-        "box": [{"name": "shelf", "half_extents": [0.1, 0.1, 0.1], **PLACE}],
-        "cylinder": [{"name": "can", "radius": 0.1, "length": 0.2, **PLACE}],
-        "sphere": [],
+        "box": [{"name": "shelf", "half_extents": [0.1, 0.2, 0.3], **PLACE}],
+        "cylinder": [{"name": "shelf", "radius": 0.1, "length": 0.2, **PLACE}],
+        "sphere": [{"radius": 0.1, **PLACE}],
     }
     return {
         "robot": "planar2",
@@ -44,7 +42,9 @@ def test_problems_come_in_order(tmp_path):
     problem = next(iter(file))
     assert problem.joint_names == ("joint2", "joint1")
     assert problem.goals == ((1.0, 0.2), (-1.0, 0.3))
-    assert problem.scene.names == ("shelf", "can")
+    assert problem.scene.names == ("shelf", "shelf#2", "sphere")
+    assert problem.scene["shelf"].shape == Box((0.2, 0.4, 0.6))
+    assert {obstacle.weight for obstacle in problem.scene} == {1.0}
     assert problem.scene.spacing == 0.3
     assert pickle.loads(pickle.dumps(problem)) == problem
 
@@ -114,7 +114,9 @@ def test_a_missing_file_is_refused(tmp_path):
             {"box": [{"name": "a", "half_extents": [0, 1, 1], **PLACE}]},
             "box[0].half_extents: must be a positive number, got 0",
         ),
-        ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not read"),
+        ({"box": [{"name": "a"}]}, "box[0].position: missing"),
+        ({"sphere": 3}, "sphere: must be a list"),
+        ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not read; known: box, cylinder, sphere"),
     ],
 )
 def test_malformed_problems_name_file_and_key(tmp_path, change, message):
@@ -125,13 +127,3 @@ def test_malformed_problems_name_file_and_key(tmp_path, change, message):
         list(MbmFile.load(file))
     assert str(caught.value).startswith(f"{file}: problems.easy[1].")
     assert message in str(caught.value)
-
-
-@pytest.mark.skipif("SAFE_OMPL_MBM" not in os.environ, reason="SAFE_OMPL_MBM names no MotionBenchMaker file")
-def test_a_whole_data_set():
-    file = MbmFile.load(os.environ["SAFE_OMPL_MBM"])
-    problems = list(file)
-    assert len(problems) == sum(file.families.values()) > 0
-    for problem in problems:
-        assert np.isfinite([problem.start, *problem.goals]).all()
-        assert len(problem.scene.danger_points(0.3)[0]) > 0

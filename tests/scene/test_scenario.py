@@ -130,11 +130,8 @@ def test_goals_of_all_kinds():
         (("start:", "strat:"), "strat: unknown key; did you mean 'start'?"),
         (("start: [0, 0, 0]", ""), "start: missing, but needed"),
         (("start: [0, 0, 0]", "start: here"), "start: must be a list, got str 'here'"),
-        (("[0, 0, 0]", "[0, .nan, 0]"), "start: must be a finite number, got nan"),
         (("[0, 0, 0]", "{joint1: fast}"), "start.joint1: must be a finite number, got 'fast'"),
-        (("configuration:", "config:"), "goal.config: unknown key; did you mean 'configuration'?"),
         (("{configuration: [1, 0, 0]}", "{}"), "goal.configuration: missing: give configuration, "),
-        (("{configuration: [1, 0, 0]}", "[1, 0, 0]"), "goal: must be a mapping"),
         (("{configuration: [1, 0, 0]}", "{configuration: [1], configurations: [[1]]}"), "only one of"),
         (("{configuration: [1, 0, 0]}", "{rpy: [0, 0, 0]}"), "goal.position: missing"),
         (("{configuration: [1, 0, 0]}", "{position: [0, 0]}"), "goal.position: must be 3 numbers"),
@@ -143,7 +140,6 @@ def test_goals_of_all_kinds():
             "goal.tolerance: must be a positive number, got 0",
         ),
         (("planar3.urdf", "planar9.urdf"), "robot.urdf: "),
-        (("tip: tip", "tpi: tip"), "robot.tpi: unknown key; did you mean 'tip'?"),
         (("urdf: planar3.urdf,", ""), "robot.example: give either example or urdf"),
         (("tip: tip", "locked: {joint3: stiff}"), "robot.locked.joint3: must be a finite number"),
         (("tip: tip", "group: 7"), "robot.group: must be"),
@@ -151,10 +147,6 @@ def test_goals_of_all_kinds():
         (("start:", "danger: 3\nstart:"), "danger: must be a mapping"),
         (("start:", "danger: {spacing: .nan}\nstart:"), "danger.spacing: must be a finite number"),
         (("start:", "planners: {SafePRM: {alpha: .inf}}\nstart:"), "planners.SafePRM.alpha: must be a finite"),
-        (
-            ("start:", "scene: {obstacles: [{name: a, sphere: {radius: 0}}]}\nstart:"),
-            "scene.obstacles[0] 'a'.sphere.radius: must be a finite number in (0, 10000], got 0",
-        ),
     ],
 )
 def test_errors_name_file_key_and_value(folder, change, message):
