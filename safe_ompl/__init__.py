@@ -27,7 +27,17 @@ if TYPE_CHECKING:
     from safe_ompl.paths import Constraints, PathReport, Simplifier
     from safe_ompl.people import Surroundings, Tracker
     from safe_ompl.people.replanning import Replanner, Shield
-    from safe_ompl.planning import PlanResult, ProgramResult, SafeSetup, plan, plan_program, planner_data, repair
+    from safe_ompl.planning import (
+        PlanResult,
+        ProgramResult,
+        SafeSetup,
+        Tradeoff,
+        plan,
+        plan_program,
+        planner_data,
+        repair,
+        tradeoff,
+    )
     from safe_ompl.planning.ompl import (
         CertifiedMotionValidator,
         CollisionFreeValidity,
@@ -106,6 +116,7 @@ __all__ = [
     "ToolOrientation",
     "ToolPath",
     "Tracker",
+    "Tradeoff",
     "Trajectory",
     "UnknownNameError",
     "Verdict",
@@ -125,6 +136,7 @@ __all__ = [
     "save",
     "time_path",
     "tool_motion",
+    "tradeoff",
     "verify",
     "view",
     "widest_tube",

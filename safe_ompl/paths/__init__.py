@@ -8,6 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.paths.constraints import ConfigurationCheck, Constraints, UserCheck
+    from safe_ompl.paths.cost import PathCost
     from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
     from safe_ompl.paths.report import PathReport, Validation, claims_of, validate
     from safe_ompl.paths.simplifier import Simplifier, Stop, timed, unrolled
@@ -19,6 +20,7 @@ __all__ = [
     "Constraints",
     "Curve",
     "DangerReport",
+    "PathCost",
     "PathReport",
     "Simplifier",
     "Stop",

@@ -88,6 +88,7 @@ class Simplifier:
         self.motion = motion or MotionProver(checker)
         self.spacing, self.precision = _SPACING, _CONVERGED
         self.obstacle_cost = ObstacleCost(checker, clearance) if clearance else None
+        self.most_kept = np.inf  # [m] of a given path's clearance; see `weighing`
         self._field, self._weight = field, weight
         self._revisions: tuple[int, int] | None = None
         self._follow()
@@ -118,6 +119,16 @@ class Simplifier:
         """Return the same simplifier whose edges another `MotionProver` proves."""
         other = copy(self)
         other.motion = motion
+        return other
+
+    def weighing(self, weight: float) -> Simplifier:
+        """Return a simplifier with another weight of danger, whose paths need not stay far from obstacles.
+
+        It keeps no more of a given path's clearance than counts as near: from there all weights reach their minima.
+        """
+        other = copy(self)
+        other._weight, other._revisions = weight, None
+        other.most_kept = 0.0 if self.obstacle_cost is None else self.obstacle_cost.distance
         return other
 
     def refined(self, times: int) -> Simplifier:
@@ -226,7 +237,8 @@ class SimplificationRun:
         if self._obstacles is not None:
             ends, least = self._obstacles.clearances(self.best)
             self._obstacles = self._obstacles.afresh(_ALLOWANCE * ends)
-            self._proofs.keep(max(0.0, least - _SAME) if np.isfinite(least) else 0.0)
+            kept = min(least, self._simplifier.most_kept)
+            self._proofs.keep(max(0.0, kept - _SAME) if np.isfinite(kept) else 0.0)
         self._cost = ActiveSetCost(self._danger, self._obstacles, self.best)
         self._best.ceiling = self._cost.of(self.best)
 

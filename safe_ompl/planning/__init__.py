@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
+    from safe_ompl.planning.front import Tradeoff, tradeoff
     from safe_ompl.planning.planners import planner_data
     from safe_ompl.planning.problem_setup import PLAN_JOBS, small_robot
     from safe_ompl.planning.program_result import ProgramResult, Stretch
@@ -21,6 +22,7 @@ __all__ = [
     "ProgramResult",
     "SafeSetup",
     "Stretch",
+    "Tradeoff",
     "path_timer",
     "plan",
     "plan_program",
@@ -30,6 +32,7 @@ __all__ = [
     "setup_problem",
     "setup_scenario",
     "small_robot",
+    "tradeoff",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

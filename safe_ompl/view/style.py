@@ -104,6 +104,16 @@ def _from_hex(code: str) -> Colour:
     return red, green, blue
 
 
+_SHADES = np.array([_from_hex(code) for code in ("#c8452b", "#e0a030", "#2f9e8f", "#0b62b4")])
+
+
+def shades(count: int) -> list[Colour]:
+    """Return colours of paths from the most to the least dangerous one."""
+    places, stops = np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, len(_SHADES))
+    red, green, blue = (np.interp(places, stops, channel).tolist() for channel in _SHADES.T)
+    return list(zip(red, green, blue, strict=True))
+
+
 def grid_columns(count: int) -> int:
     """Return in how many columns to set so many pictures: three or four from five on, whichever fills the lines."""
     return count if count <= 3 else 2 if count == 4 else min((4, 3), key=lambda columns: -count % columns)

@@ -6,6 +6,14 @@ line above it, `dpi` are pixels per inch, where these can be chosen. Without Mat
 """
 
 from safe_ompl.view.plots.paths import plot_check, plot_motion, plot_plan, plot_speeds
-from safe_ompl.view.plots.planners import plot_clearance_danger, plot_profiles
+from safe_ompl.view.plots.planners import plot_clearance_danger, plot_profiles, plot_tradeoff
 
-__all__ = ["plot_check", "plot_clearance_danger", "plot_motion", "plot_plan", "plot_profiles", "plot_speeds"]
+__all__ = [
+    "plot_check",
+    "plot_clearance_danger",
+    "plot_motion",
+    "plot_plan",
+    "plot_profiles",
+    "plot_speeds",
+    "plot_tradeoff",
+]

@@ -1,4 +1,4 @@
-"""Plots that compare planners: danger profiles, and clearance against danger."""
+"""Plots that compare planners and paths: danger profiles, clearance against danger, length against danger."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.common import FloatArray
-from safe_ompl.view.plots.page import ALONG, DANGER, Page, natural
-from safe_ompl.view.style import planner_styles
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError
+from safe_ompl.planning import Tradeoff
+from safe_ompl.view.plots.page import ALONG, DANGER, GREY, Page, natural
+from safe_ompl.view.style import planner_styles, shades
 
 _MOST_IN_AXES = 5  # planners whose legend finds room among their curves or points
 
@@ -65,6 +68,35 @@ def plot_clearance_danger(
         axes.set_ylim(bottom=0.0)
         axes.set_title("Each run: danger and clearance")
         _add_legend(axes, len(clearances), scatteryoffsets=[0.5])
+    return page.figure
+
+
+def plot_tradeoff(front: Tradeoff, file: str | Path | None, *, title: str = "What safety costs") -> Any:
+    """Draw mean danger over length of the paths of a front, and beside it the danger along each; not if it is empty."""
+    reports = [result.report for result in front.results if result.report is not None]
+    measured = [(report, report.danger) for report in reports if report.danger is not None]
+    if not measured:
+        raise InputError("there is no path to draw")
+    lengths = np.array([report.length for report, _ in measured])
+    means = np.array([danger.mean for _, danger in measured])
+    colours = shades(len(measured))
+    with Page(file, 10.0, 4.4) as page:
+        left, right = page.figure.subplots(1, 2)
+        left.step(lengths, means, where="post", color="0.75", linewidth=1.4, zorder=1)
+        left.scatter(lengths, means, s=80, color=colours, edgecolor="white", linewidth=1.0, zorder=3)
+        for weight, length, mean in zip(front.weights, lengths, means, strict=True):
+            near = {"xytext": (7, 6), "textcoords": "offset points", "fontsize": 9, "color": GREY}
+            left.annotate(f"{weight:g}", (length, mean), **near)
+        left.set(xlabel="length [rad]", ylabel="mean danger")
+        left.margins(0.10, 0.12)
+        left.set_title("Each path, with its weight of danger", fontsize=11, weight="normal")
+        for (report, danger), colour in zip(measured, colours, strict=True):
+            along = report.length * natural(len(danger.profile))
+            right.plot(along, danger.profile, color=colour, linewidth=2.0, marker="o", markevery=[-1], clip_on=False)
+        right.set(xlabel="along the path, from its start [rad]", ylabel=DANGER, xlim=(0.0, 1.03 * lengths[-1]))
+        right.set_ylim(bottom=0.0)
+        right.set_title("Danger along each path", fontsize=11, weight="normal")
+        page.set_title(title)
     return page.figure
 
 

@@ -1,0 +1,199 @@
+"""What safety costs: a front of proven paths between the shortest and the least dangerous one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle, islice
+from typing import Any, NamedTuple
+
+from safe_ompl.common import InputError, instance, number, positive, until_ctrl_c
+from safe_ompl.common import seed as checked_seed
+from safe_ompl.paths import PathCost, timed
+from safe_ompl.planning.planners import check_planner
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.run import noted_ctrl_c
+from safe_ompl.planning.safe_setup import SafeSetup
+
+_WEIGHTS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+_PLANNERS = ("ClassicRRTConnect", "SafeRRTConnect")  # one finds short ways, one ways round what is dangerous
+_LARGEST_WEIGHT = 1e6
+_STARTS = 6
+_WORTHWHILE = 1e-3  # share of some weight's J that a round must save to be followed by another
+_REFINEMENTS = 2
+_SAFER = 0.005  # share by which the mean danger must fall from one path of the front to the next
+
+
+@dataclass(frozen=True, eq=False)
+class Tradeoff:
+    """Proven paths from the shortest to the least dangerous one; false if there is none.
+
+    From each to the next the length grows, and the mean danger falls by 0.5 % at least; ∫ CDF² ds falls, too.
+
+    Attributes
+    ----------
+    results : tuple of PlanResult
+        The paths with their reports; planner and seed are those of the start that they come from.
+    weights : tuple of float
+        Of danger against length, rising: the least one that each path is best for.
+    interrupted : bool
+        Whether Ctrl-C ended the search.
+    """
+
+    results: tuple[PlanResult, ...]
+    weights: tuple[float, ...]
+    interrupted: bool = False
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __str__(self) -> str:
+        """Return a table with one line for each path."""
+        lines = ["weight      length     mean danger      max   clearance"] if self else ["no path"]
+        for weight, result in zip(self.weights, self.results, strict=True):
+            report = result.report
+            assert report is not None
+            assert report.danger is not None
+            near = f"{1e3 * report.clearance.min:.1f} mm" if report.clearance.obstacle is not None else "–"
+            numbers = f"{report.danger.mean:11.3f} {report.danger.max:8.3f}"
+            lines.append(f"{weight:6g} {report.length:7.3f} rad {numbers:>23} {near:>11}")
+        return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return weights and results as plain numbers, lists and strings."""
+        paths = [{"weight": w, **result.as_dict()} for w, result in zip(self.weights, self.results, strict=True)]
+        return {"front": paths, "interrupted": self.interrupted}
+
+
+def tradeoff(
+    setup: SafeSetup,
+    weights: Sequence[float] = _WEIGHTS,
+    *,
+    planners: Sequence[str] = _PLANNERS,
+    time: float = 10.0,
+    seed: int = 0,
+) -> Tradeoff:
+    """Return a front of proven paths between the shortest and the least dangerous one.
+
+    For each weight w it is the path of least J = L + w·D, length and ∫ (CDF/reference)² ds, among all that are found
+    for any of them. Six starts are simplified for the first, the middle and the last weight; then each weight goes on
+    from the path that is best for it, until none gains. This does not depend on the clock, unless the time is up.
+
+    Parameters
+    ----------
+    setup : SafeSetup
+        With start and goals. All paths keep to its constraints, and from obstacles as its simplification says.
+    weights : sequence of float
+        Of danger against length, in [0, 1e6]; see `Simplifier`.
+    planners : sequence of str
+        Names of those that plan the starts, in turns.
+    time : float
+        Limit [s] in all.
+    seed : int
+        Of the first start; each has the next one.
+
+    Raises
+    ------
+    InputError
+        A weight, planner, time or seed that cannot be used; a setup that plans without danger, or lacks start or goal.
+    KeyboardInterrupt
+        On Ctrl-C before there is a path. Later the front is that of the paths so far.
+    """
+    space, seed = instance("setup", setup, SafeSetup).getSpaceInformation(), checked_seed(seed)
+    time = positive(time, "time limit", "number of seconds")
+    for name, given in (("weights", weights), ("planners", planners)):
+        if isinstance(given, str) or not len(given):
+            raise InputError(f"{name} must be a list that is not empty, got {given!r}")
+    ordered = sorted({number("weight", weight, at_least=0.0, at_most=_LARGEST_WEIGHT) for weight in weights})
+    for planner in planners:
+        check_planner(planner, space)
+    search = _Search(setup, ordered, time)
+    with noted_ctrl_c() as interrupts, until_ctrl_c():
+        search.start(planners, time, seed)
+        search.improve()
+    if interrupts and not search.found:
+        raise KeyboardInterrupt
+    front = search.front()
+    return Tradeoff(tuple(path.result for _, path in front), tuple(weight for weight, _ in front), bool(interrupts))
+
+
+class _Found(NamedTuple):
+    """A proven path: its length with the obstacle cost, D, length and mean danger, and all else."""
+
+    way: float
+    danger: float
+    length: float
+    mean: float
+    result: PlanResult
+
+    def cost(self, weight: float) -> float:
+        return self.way + weight * self.danger
+
+
+class _Search:
+    """All paths found; each weight goes on from the one that is best for it."""
+
+    def __init__(self, setup: SafeSetup, weights: Sequence[float], time: float) -> None:
+        self._setup, self._over, self._half_over = setup, timed(time), timed(0.5 * time)
+        self._simplifiers = {weight: setup.simplifier.weighing(weight) for weight in weights}
+        self._danger, near = setup.simplifier.weighing(1.0).cost, setup.simplifier.obstacle_cost
+        self._way = PathCost(setup.robot, [] if near is None else [near])
+        self._tried: set[tuple[float, int, int]] = set()
+        self.found: list[_Found] = []
+
+    def start(self, planners: Sequence[str], time: float, seed: int) -> None:
+        """Plan the starts, until half of the time [s] is over and there is one."""
+        for k, planner in enumerate(islice(cycle(planners), _STARTS)):
+            if self._over() or (self.found and self._half_over()):
+                break
+            self._add(self._setup.plan(planner, time=0.5 * time if self.found else time, seed=(seed + k) % 2**32))
+
+    def improve(self) -> None:
+        """Simplify the starts for some weights, then for each weight the best path, with ever more way points."""
+        weights = list(self._simplifiers)
+        for start in tuple(self.found):
+            for weight in (weights[0], weights[len(weights) // 2], weights[-1]):
+                self._simplify(start, weight, 0)
+        for refinement in range(1 + _REFINEMENTS):
+            gains = self.found
+            while gains and not self._over():
+                before = {weight: self._best(weight) for weight in weights}
+                for weight in weights:
+                    self._simplify(self._best(weight), weight, refinement)
+                weights.reverse()  # a weight goes on from paths for the smaller and the larger one in turns
+                gains = [p for w, p in before.items() if self._best(w).cost(w) < (1.0 - _WORTHWHILE) * p.cost(w)]
+
+    def front(self) -> list[tuple[float, _Found]]:
+        """Return the paths of the front with their weights.
+
+        Of the best paths for two weights, that for the larger one has no larger D and costs no less without it: add
+        W₁ + w₁D₁ ≤ W₂ + w₁D₂ and W₂ + w₂D₂ ≤ W₁ + w₂D₁. Paths that are hardly safer are left out, and those that are
+        longer for their nearness to obstacles alone.
+        """
+        front = list[tuple[float, _Found]]()
+        for weight in sorted(self._simplifiers) if self.found else ():
+            path = self._best(weight)
+            while front and path.length <= front[-1][1].length and path.mean < front[-1][1].mean:
+                front.pop()
+            if not front or (path.danger < front[-1][1].danger and path.mean < (1.0 - _SAFER) * front[-1][1].mean):
+                front.append((weight, path))
+        return front
+
+    def _best(self, weight: float) -> _Found:
+        return min(self.found, key=lambda path: (path.cost(weight), path.danger))
+
+    def _add(self, result: PlanResult) -> None:
+        report = result.report
+        if result.path is not None and report is not None and report.certified and report.danger is not None:
+            way, danger = self._way.of(result.path), self._danger.of(result.path) - report.length
+            self.found.append(_Found(way, danger, report.length, report.danger.mean, result))
+
+    def _simplify(self, found: _Found, weight: float, refinement: int) -> None:
+        """Simplify a path for a weight, unless that was done."""
+        parent, step = found.result, (weight, refinement, id(found.result))
+        if parent.path is None or step in self._tried or self._over():
+            return
+        self._tried.add(step)
+        run = self._simplifiers[weight].refined(refinement).begin(parent.path, self._over, proven=True)
+        run.improve()
+        self._add(replace(parent, path=run.best, report=self._setup.report(run.best), planned_path=parent.path))
