@@ -13,9 +13,10 @@ from crank import CRANK
 from hypothesis import settings
 from ompl import util as ou
 
-from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, Robot, Scene, Sphere
+from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, RateLimits, Robot, Scenario, Scene, Sphere
 from safe_ompl.common import warn_once
 from safe_ompl.geometry import bounding_hull
+from safe_ompl.scene import find_scenario
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -133,6 +134,17 @@ def robot_named():
 @pytest.fixture(scope="session")
 def panda():
     return _robot("panda")
+
+
+@pytest.fixture(scope="session")
+def shelf():
+    """Return the scenario of a Panda between a shelf, a table and a person."""
+    return Scenario.load(find_scenario("panda_shelf"))
+
+
+@pytest.fixture(scope="session")
+def panda_limits(panda):
+    return RateLimits.of(panda, acceleration=[15, 7.5, 10, 12.5, 15, 20, 20])
 
 
 @pytest.fixture(scope="session")

@@ -11,9 +11,8 @@ import pytest
 from bench._plain import SPACING, Judge, samples
 from bench.peers import judged, processes
 from bench.peers.export import export
-from bench.peers.processes import Runner, UnavailableError, python_of
+from bench.peers.processes import Runner
 from bench.peers.systems import SYSTEMS, System
-from bench.peers.table import figure, markdown
 from safe_ompl import CollisionChecker, Motion, Robot, Scene
 from safe_ompl.scene import MbmFile
 
@@ -152,43 +151,6 @@ def test_a_process_that_ends_is_started_anew_but_not_for_ever(comparison, monkey
         assert ("fake" in comparison.unavailable) == (end == processes.STARTS - 1)
     assert "later" not in comparison.unavailable
     assert comparison.ask(order)["later"]["error"] == "no path of fake"
-
-
-def test_a_runner_that_ends_is_reported_with_its_last_words(exported, tmp_path):
-    robot, _ = exported
-    with pytest.raises(UnavailableError, match="ended"):
-        Runner(System("broken", "no_such_runner"), robot, tmp_path)
-
-
-def test_what_pip_did_not_install_is_reported_with_the_reason(tmp_path):
-    environment = tmp_path / "absent"
-    environment.mkdir()
-    (environment / "made").write_text("no")
-    (tmp_path / "absent.log").write_text("error: subprocess-exited\n\nERROR: no matching distribution\n")
-    with pytest.raises(UnavailableError, match="no matching distribution"):
-        python_of(System("absent", "x", "absent", ("absent",)), tmp_path)
-
-
-def test_the_table_tells_contacts_and_what_was_not_run(tmp_path):
-    solved = {
-        "times": {"building": 0.01, "planning": 0.02, "smoothing": 0.03},
-        "solved": True,
-        "error": None,
-        "touching": True,
-        "near": 0.0,
-    }
-    solved |= {"min_clearance": 0.01, "mean_clearance": 0.1, "length": 2.0}
-    solved |= {"mean_danger": 1.0, "peak_danger": 2.0, "integral_danger": 2.0}
-    failed = {"times": {"building": 0.01, "planning": 5.0, "smoothing": 0.0}, "solved": False}
-    failed |= {"error": "ValueError: no goal", "problem": "box 3"}
-    text = markdown({"one": [solved, failed]}, {"other": "no wheel"}, ["box 7"], ["box 8"])
-    assert "Left out, start or goal in collision: box 7." in text
-    assert "Left out, start or goal outside limits of joints: box 8." in text
-    assert "1 errors: **one** (first: box 3: ValueError: no goal)." in text
-    assert "| one | 1/2 | 1 | 10 | 20 (20) | 30 | 60 (60) |" in text
-    assert "Not run: **other** (no wheel)." in text
-    figure({"one": [solved], "two": [failed]}, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 5000
 
 
 # ------------------------------------------------------------------------------------------------ the judge

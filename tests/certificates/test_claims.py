@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from signing import signed
 
-from safe_ompl import CertificateError, DangerField, Obstacle, PlanningError, Pose, SafeSetup, certificate, verify
+from safe_ompl import CertificateError, Obstacle, PlanningError, Pose, SafeSetup, certificate, verify
 from safe_ompl.certificates.claims import Tool
 from safe_ompl.certificates.verifier.bodies import PlainTool, Stretch
 
@@ -104,14 +104,6 @@ def test_wherever_the_obstacle_goes_the_path_is_free(ur5, clutter, least, plain_
         moved = clutter.without("ball").with_obstacles(Obstacle("ball", ball.shape, Pose(tuple(place))))
         plain = plain_check(ur5, moved)
         assert all(plain.nearest(q) > 0 for q in DENSE[::30])
-
-
-def test_the_danger_is_said_to_be_that_of_the_scene(ur5, clutter):
-    ball = clutter["ball"]
-    scene = clutter.without("ball").with_obstacles(Obstacle("ball", ball.shape, ball.pose, weight=1.0))
-    field = DangerField(ur5, *scene.danger_points(0.1)[:2])
-    content = written(ur5, scene, field, moving_obstacles=moving(0.01, 0.1), spacing=0.1)
-    assert "points 0.1 m apart where the scene has them" in verify(content, ur5, scene).claims[1]
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "slider", "twin_arm"])

@@ -59,10 +59,6 @@ def random_places(rng):
     return {str(name): makers[str(name)](rng) for name in chosen}
 
 
-def by_name(names, values):
-    return {(pair, k): value for k, (pair, value) in enumerate(zip(names, values, strict=True))}
-
-
 @pytest.mark.parametrize("name", ["panda", "twin_arm"])
 def test_after_any_moves_answers_are_those_of_a_checker_made_anew(robot_named, scene, rng, name):
     robot = robot_named(name)

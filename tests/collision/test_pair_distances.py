@@ -54,11 +54,6 @@ def test_what_is_near_is_what_coal_calls_near(checker, path):
     np.testing.assert_allclose(found.distances, everything.distances[near], rtol=1e-5)
 
 
-def test_coal_is_not_asked_about_convex_bodies(checker, path, monkeypatch):
-    monkeypatch.setattr(pin, "computeDistance", None)
-    assert len(PairDistances(checker, WITHIN).near(path, WITHIN).rows)
-
-
 def test_what_is_not_convex_is_measured_by_coal(panda, path):
     hollow = coal.BVHModelOBBRSS()
     hollow.beginModel(1, 3)

@@ -1,6 +1,5 @@
 """Distances from point clouds, against coal's own."""
 
-import coal
 import numpy as np
 import pytest
 from oracles.pinocchio_points import body_points
@@ -53,21 +52,6 @@ def test_distances_are_those_of_coal(checker, path, plain_distances):
     assert (~apart).any(), "the path leads into the cloud"
     np.testing.assert_allclose(found[apart], expected[apart], rtol=0, atol=1e-7)
     assert (found[~apart] <= 0).all()
-
-
-def test_every_query_but_the_first_has_a_bound_that_holds(checker, path, plain_distances, monkeypatch):
-    seeds, distance = [], coal.distance
-    monkeypatch.setattr(
-        coal, "distance", lambda *args: seeds.append((args[0], args[-1].min_distance)) or distance(*args)
-    )
-    checker = CollisionChecker(checker.robot, checker.scene)
-    free = [q for q in path if plain_distances(checker, q).min() > 1e-4]
-    for q in free:
-        checker.distances(q)
-    clouds = [seed for shape, seed in seeds if isinstance(shape, coal.OcTree)]
-    pairs = sum(obstacle == "scan" for _, obstacle in checker.distance_names)
-    assert len(clouds) == pairs * len(free), "coal is never asked twice"
-    assert sum(not seed < 1e3 for seed in clouds) == pairs
 
 
 def test_the_nearest_bodies_are_found_whatever_is_left_out(ur5, path, plain_distances, rng):

@@ -78,20 +78,6 @@ def test_nothing_is_near_in_an_empty_scene(panda):
     assert not len(density.expansion(Q).rows)
 
 
-def test_nearness_grows_towards_contact_and_counts_double_below_what_the_ends_allow(near):
-    checker, Q = near
-    density = ObstacleCost(checker, WITHIN)
-    plain = density.values(Q)
-    order = np.argsort([checker.clearance(q).distance for q in Q])
-    assert plain[order[0]] > plain[order[-1]] > 0
-    density = density.afresh(1.0)
-    assert density.allowed == WITHIN
-    assert (density.values(Q) > plain).all()
-    _, gradients = density.values_and_gradients(Q)
-    downhill = Q - 1e-4 * gradients / np.linalg.norm(gradients, axis=1, keepdims=True)
-    assert (density.values(downhill) < density.values(Q)).all()
-
-
 @pytest.mark.parametrize("distance", [0.0, -0.1, np.inf, np.nan])
 def test_bad_distances(panda, distance):
     with pytest.raises(InputError, match="distance"):

@@ -15,17 +15,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numba import njit
 from numba.core import event
 
 import safe_ompl
 from safe_ompl import DangerField
 from safe_ompl.common import compilation as compiled
-from safe_ompl.common import configuration, configurations
 from safe_ompl.danger.kernels import danger, field
-from safe_ompl.paths.cost import gauss_points
 from safe_ompl.robot import kernels as joints
-from safe_ompl.robot import plain
 
 PROGRAM = """
 import logging, sys
@@ -76,19 +72,6 @@ def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
         fields[0].field(Q[0], points.T[:, :3])
     used = (field.link_fields, field.link_distances, danger.dangers, danger.high_levels, joints.keypoints)
     assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
-
-
-def test_constants_cause_no_compilation_of_their_own():
-    @compiled.part
-    def plus(x, n):
-        return x + n
-
-    @njit
-    def three(n):
-        return plus(plus(n, 0), 3)
-
-    assert three(4) == 7
-    assert len(plus.signatures) == 1
 
 
 def test_no_part_calls_one_that_returns_new_arrays():
@@ -282,14 +265,15 @@ def arrays(tmp_path_factory):
     return answer, folder
 
 
-def test_ctrl_c_while_a_kernel_is_loaded_waits_until_it_is(arrays):
-    """It was lost within the loader's callback, and the process crashed."""
-    assert arrays[0](True, "_object_getbuffer_hook") == (0, "interrupted\n2 1\n", "")
-
-
-def test_nothing_can_be_raised_where_a_kernel_returns_arrays(arrays):
-    """A Ctrl-C in the function that looks their class up ended in a SystemError."""
-    assert arrays[0](False, "_numba_unpickle") == (0, "2 1\n", "")
+@pytest.mark.parametrize(
+    ("early", "function", "said"),
+    [
+        (True, "_object_getbuffer_hook", "interrupted\n2 1\n"),  # it waits until the kernel is loaded: else it crashed
+        (False, "_numba_unpickle", "2 1\n"),  # where the class of arrays is looked up it was a SystemError
+    ],
+)
+def test_ctrl_c_does_no_harm_while_numba_calls_python(arrays, early, function, said):
+    assert arrays[0](early, function) == (0, said, "")
 
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
@@ -433,12 +417,3 @@ def _runs(number):
         return Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
-
-
-def test_what_kernels_return_is_taken_as_it_is():
-    """Their arrays have a data type that equals NumPy's, but is another object."""
-    made = gauss_points(np.arange(6.0).reshape(3, 2))
-    assert plain(made) is made
-    assert configurations(made, 2) is made
-    row = made[0]
-    assert configuration(row, 2) is row

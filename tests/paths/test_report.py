@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from crank import Field, balls, distance, report
+from crank import balls, distance, report
 
 from safe_ompl import CollisionChecker, DangerField, InputError, MotionProver, PathReport, Scene, Verdict
 from safe_ompl.paths import PROFILE_POINTS
@@ -77,18 +77,6 @@ def test_as_plain_numbers_here_and_in_another_process(crank):
 def test_what_is_no_path(crank, path):
     with pytest.raises(InputError, match="path"):
         PathReport.of(path, CollisionChecker(crank, Scene()))
-
-
-def test_danger_and_clearance_wait_until_they_are_looked_at(crank):
-    checker = CollisionChecker(crank, balls(0.9))
-    found = PathReport.of(np.array([[-1.0], [1.0]]), checker, Field(np.square))
-    assert found.certified
-    assert (checker.counts.distance_queries, found.time) == (0, 0)
-    least, asked = found.clearance, checker.counts.distance_queries
-    assert asked >= PROFILE_POINTS
-    assert found.clearance is least
-    assert checker.counts.distance_queries == asked, "computed once"
-    assert found.time > 0
 
 
 # ------------------------------------------------------------------------------------------------------------ danger

@@ -1,13 +1,10 @@
 """SafeSetup and the command line simplify and optimise; the anytime optimiser keeps the best of what it finds."""
 
-import json
-
 import numpy as np
 import pytest
 from ompl import base as ob
 
 from safe_ompl import InputError, SafeSetup, Scenario
-from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import Campaign, summarize
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning import setup_scenario
@@ -135,19 +132,3 @@ def test_interrupted_or_without_a_path(setup):
     found = optimise(lambda start, seconds: None, setup.simplifier, 0.05)
     assert (found.paths, found.first_path) == ([], None)
     assert found.settled(setup.simplifier) == (None, ())
-
-
-# --------------------------------------------------------------------------------------------------- the command line
-
-
-def test_on_the_command_line(capsys, tmp_path):
-    assert main(["plan", "ur5_handover", "--simplify", "0.5", "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["simplification_time"] > 0
-    file = tmp_path / "result.json"
-    assert main(["plan", "ur5_handover", "--optimise", "0.5", "--json", str(file)]) == 0
-    assert "simplified in" in capsys.readouterr().out
-    told = json.loads(file.read_text())
-    assert told["improvements"][-1]["cost"] < told["improvements"][0]["cost"]
-    for option, value in (("--simplify", "0"), ("--optimise", "never")):
-        assert main(["plan", "ur5_handover", option, value]) == 2
-        assert option in capsys.readouterr().err

@@ -43,12 +43,6 @@ def test_danger_reaches_to_its_far_end(panda, holding, rng):
         np.testing.assert_allclose(points[-1], tip.translation, atol=1e-12)
 
 
-def test_two_objects(holding):
-    both = holding.with_attached("cup", Sphere(0.05), pose=(0.0, 0.1, 0.0))
-    assert [item.name for item in both.attached] == ["rod", "cup"]
-    assert "attached=['rod', 'cup']" in repr(both)
-
-
 def test_meshes(panda, data_folder):
     mesh = Mesh(data_folder / "wedge.obj", (0.1, 0.1, 0.1))
     robot = panda.with_attached("wedge", mesh)
@@ -75,13 +69,6 @@ def test_meshes(panda, data_folder):
 def test_bad_objects(panda, options, message):
     with pytest.raises(InputError, match=message):
         panda.with_attached(**{"name": "rod", "shape": Sphere(0.1), **options})
-
-
-def test_poses_in_all_forms():
-    pose = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
-    for given in (pose.se3, pose.se3.homogeneous, {"position": [1, 2, 3], "rpy": [0.1, 0.2, 0.3]}):
-        np.testing.assert_allclose(Pose.of(given).se3.homogeneous, pose.se3.homogeneous, atol=1e-12)
-    assert Pose.of([1, 2, 3]) == Pose((1.0, 2.0, 3.0)) == Pose.of(np.array([1.0, 2.0, 3.0]))
 
 
 def test_links_that_it_may_touch(robot_named):

@@ -46,15 +46,6 @@ def test_everything_moves_with_the_base(robot_named, body_points, rng, name):
         np.testing.assert_array_equal(getattr(robot.model, limits), getattr(placed.model, limits))
 
 
-def test_base_as_an_argument(data_folder):
-    urdf = data_folder / "twin_arm.urdf"
-    assert robot_hash(Robot.from_urdf(urdf, base=BASE)) == robot_hash(Robot.from_urdf(urdf).with_base(BASE))
-    assert robot_hash(Robot.from_urdf(urdf, base=BASE.se3)) == robot_hash(Robot.from_urdf(urdf, base=BASE))
-    assert robot_hash(Robot.from_urdf(urdf, base=BASE)) != robot_hash(Robot.from_urdf(urdf))
-    with pytest.raises(InputError, match=r"base\.position: must be 3 numbers"):
-        Robot.from_urdf(urdf, base=(1.0, 2.0))
-
-
 def test_the_arm_rides_on_the_base(mobile, ur5, rng):
     assert mobile.joint_names == ("base_x", "base_y", "base_yaw", *ur5.joint_names)
     assert mobile.prismatic.tolist() == [True, True, *[False] * 7]

@@ -112,17 +112,6 @@ def test_what_is_enclosed_is_not_farther_than_it_is(rng, name, other):
         assert bounds(first, second)[0] <= coals(first, second) + ERROR
 
 
-def test_the_search_ends_where_it_is_known_enough():
-    box = coal.Box(0.2, 0.2, 0.2)
-    first = pin.GeometryObject("a", 0, pin.SE3(np.eye(3), np.array([1.0, 0.3, 0.2])), box)
-    second = pin.GeometryObject("b", 0, pin.SE3.Identity(), box)
-    lower, upper = bounds(first, second, enough=0.1)
-    assert 0.1 <= lower <= coals(first, second)
-    assert upper == np.inf
-    _, upper = bounds(first, second, least=2.0)
-    assert upper <= 2.0
-
-
 @njit
 def way_from_box(body, pose, point):
     return from_box(body, pose, point)

@@ -132,35 +132,6 @@ def test_no_body_moves_farther_than_its_radii_allow(robot_named, body_points, na
         assert moved <= at_start[body] + ROUNDING
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "xarm7", "twin_arm"])
-def test_radii_are_not_needlessly_large_and_zero_where_a_joint_does_not_move_a_body(
-    robot_named, body_points, rng, name
-):
-    robot = robot_named(name)
-    bodies, radii = body_points(robot), robot.bounds.displacement_radii
-    farthest = np.zeros_like(radii)
-    for q in rng.uniform(robot.lower, robot.upper, (100, robot.n)):
-        for i, step in enumerate(1e-4 * np.eye(robot.n)):
-            ends = zip(bodies.at(q - step), bodies.at(q + step), strict=True)
-            farthest[:, i] = np.maximum(farthest[:, i], [np.linalg.norm(b - a, axis=1).max() / 2e-4 for a, b in ends])
-    np.testing.assert_array_equal(radii > 0, farthest > 1e-9)
-    np.testing.assert_array_equal(robot.bounds.displacement_radii_at(q) > 0, farthest > 1e-9)
-    ratio = (radii / np.maximum(farthest, 1e-3))[radii > 0.02]
-    assert np.median(ratio) < 1.3
-    assert ratio.max() < 2.0
-
-
-@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
-def test_arm_rates_are_the_usual_ones(robot_named, rng, name):
-    robot = robot_named(name)
-    drawn = rng.uniform(robot.lower, robot.upper, (400, robot.n))
-    usual = np.mean([robot.bounds.displacement_radii_at(q).max(axis=0) for q in drawn], axis=0)
-    np.testing.assert_allclose(robot.bounds.arm_rates, usual, rtol=0.15)
-    assert robot.bounds.arm_rates is robot.bounds.arm_rates, "measured once"
-    with pytest.raises(ValueError, match="read-only"):
-        robot.bounds.arm_rates[0] = 0.0
-
-
 def test_joints_that_carry_both_links_do_not_count(twin_arm):
     checker = CollisionChecker(twin_arm, Scene())
     joints = {joint: k for k, joint in enumerate(twin_arm.joint_names)}

@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from safe_ompl import GoalRegion, Person, Pose, Scene
-from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.geometry.obstacle import _KEYS, SHAPES
 from safe_ompl.scene import ToolConstraint
 from safe_ompl.scene.constraints import PathLimits, TipBox
@@ -59,25 +58,3 @@ def test_the_python_example_runs():
 def test_every_key_is_listed(page, kind):
     assert {field.name for field in fields(kind)} <= listed(page)
     assert set(_KEYS) <= listed("scene")
-
-
-@pytest.mark.parametrize("kind", list(SHAPES))
-def test_every_key_of_a_shape_stands_there_and_no_other(kind):
-    current, found = "", set()
-    for line in PAGES["scene"].split("## Shapes")[1].splitlines():
-        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
-        if not line.startswith("|") or len(cells) < 5:
-            continue
-        current = cells[0].strip("`") or current
-        if current == kind:
-            found.add(cells[1].strip("`"))
-    own = {field.name for field in fields(SHAPES[kind])} | ({"world_keypoints"} if kind == "person" else set())
-    assert found == own
-
-
-def test_every_part_of_a_person_and_the_usual_tolerances_stand_there():
-    people = PAGES["scene"].split("### People")[1]
-    for name in (*STANDING, *LIMBS):
-        assert f"`{name.removeprefix('left_').removeprefix('right_')}`" in people
-    assert f"{Goal(position=(0.0, 0.0, 0.0)).tolerance:g} for a place" in PAGES["goals"]
-    assert f"{Goal(region=GoalRegion()).tolerance:g} for a region" in PAGES["goals"]

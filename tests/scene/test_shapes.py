@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import Box, Capsule, Cylinder, InputError, Mesh, Person, Sphere, UnknownNameError
+from safe_ompl import Box, Capsule, Cylinder, InputError, Mesh, Person, PointCloud, Sphere, UnknownNameError
 from safe_ompl.geometry import LIMBS, placed
 
 LENGTH = st.floats(0.02, 1.0)
@@ -126,6 +126,10 @@ def test_triangles_face_outwards_and_enclose_the_volume(shape, expected):
         (lambda: Sphere(True), "radius: must be a finite number in (0, 10000], got True"),
         (lambda: Cylinder(0.1, float("inf")), "length: must be a finite number in (0, 10000], got inf"),
         (lambda: Capsule("0.1 m", 1), "radius: must be a finite number in (0, 10000], got '0.1 m'"),
+        (lambda: Box((1e12, 1, 1)), "size: must be a finite number in (0, 10000], got 1000000000000.0"),
+        (lambda: Capsule(0.1, 1e5), "length: must be a finite number in (0, 10000], got 100000.0"),
+        (lambda: Person(180), "height: must be a finite number in [0.3, 2.8], got 180"),
+        (lambda: PointCloud(0.01, points=[[1e6, 0, 0]]), "points: point [1000000.0, 0.0, 0.0] is farther than"),
     ],
 )
 def test_impossible_sizes_are_refused(build, message):

@@ -10,7 +10,6 @@ from limbs import Limbs, left_beside
 from safe_ompl import (
     InputError,
     Obstacle,
-    PathTimer,
     People,
     Person,
     Pose,
@@ -107,33 +106,6 @@ def test_whoever_keeps_to_a_calibrated_reach_is_not_reached(timed, operator, tmp
     assert reached.duration == pytest.approx(timed(People(speed=1.0)).duration, rel=1e-9)
     with pytest.raises(InputError, match=r"people\.reach: a certificate states speeds of people"):
         trajectory_claim(reached, shelf.scene)
-
-
-def test_cells_are_fine_enough_and_coarser_ones_as_proven(
-    panda, shelf_path, shelf_motion, panda_limits, operator, monkeypatch
-):
-    people = People(speed=1.0)
-    timer = PathTimer(panda, panda_limits, motion=shelf_motion, people=people)
-    found = timer.time(shelf_path).duration
-    assert timer.time(shelf_path).duration == found
-    for cells in (60, 100):
-        coarse = timer.time(shelf_path, cells=cells)
-        assert len(coarse.law.edges) < 300
-        assert found <= coarse.duration < 1.25 * found
-        assert left_beside(coarse, operator, people, 60) > 0
-    monkeypatch.setattr("safe_ompl.trajectories.timing.CELL_LENGTH", 0.002)
-    assert timer.time(shelf_path).duration * (1 - 1e-6) <= found <= 1.05 * timer.time(shelf_path).duration
-
-
-def test_slower_people_and_contact_mean_faster_motions(timed):
-    apart = timed(People()).duration
-    assert apart > 1.5 * timed(People(speed=0.8)).duration
-    assert timed(People(speed=0)).duration == pytest.approx(timed(People(speed=0.01)).duration, rel=0.05)
-    touching = timed(People(contact=True))
-    assert touching.duration < 0.9 * apart
-    least = {cap.name: cap.least for cap in touching.caps[2:]}
-    assert list(least) == ["separation", "contact", "clamping"]
-    assert np.isfinite(least["clamping"])
 
 
 def test_where_nothing_allows_motion_it_says_where_and_who_and_what(timed, shelf_motion):

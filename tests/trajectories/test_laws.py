@@ -1,6 +1,5 @@
 """Trajectories keep their limits at every instant, with and without jerk, and are as fast as these allow."""
 
-import json
 from dataclasses import replace
 from itertools import pairwise
 
@@ -230,19 +229,6 @@ def test_limits_hold_between_points_at_any_rate(panda, shelf_path, shelf_motion,
         assert np.abs(apart).max() < 0.3 / rate**2
         assert not points["velocities"][[0, -1]].any()
         np.testing.assert_allclose(points["positions"][[0, -1]], shelf_path[[0, -1]], atol=1e-12)
-
-
-def test_exports_have_the_shape_of_a_joint_trajectory(panda, shelf_path, franka):
-    trajectory = time_path(shelf_path, panda, franka)
-    told = json.loads(trajectory.to_json(rate=50))
-    assert told["joint_names"] == list(panda.joint_names)
-    times = [point["time_from_start"] for point in told["points"]]
-    assert (times[0], times[-1]) == (0, told["duration"])
-    assert set(told["points"][3]) == {"time_from_start", "positions", "velocities", "accelerations"}
-    np.testing.assert_allclose(told["points"][0]["positions"], shelf_path[0], atol=1e-12)
-    assert told["limits"]["velocity"]["panda_joint1"] == 2.175
-    assert told["limits"]["jerk"]["panda_joint2"] == 3750.0
-    assert told["caps"][0]["name"] == "joint velocity"
 
 
 @pytest.mark.parametrize(

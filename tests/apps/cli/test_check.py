@@ -164,18 +164,6 @@ def test_bare_samples_are_proven_within_what_may_be_between(call, tmp_path):
     assert err.startswith("safe-ompl: samples.csv: samples: column ")
 
 
-def test_pictures_show_what_is_not_proven(call, tmp_path):
-    pytest.importorskip("matplotlib")
-    image = pytest.importorskip("PIL.Image")
-    shares = []
-    for name, middle in (("free", MIDDLE), ("touching", TOUCHING)):
-        save(motion(middle), f"{name}.json")
-        call("check", f"{name}.json", "--scenario", "own.yaml", "--limits", "--plot", f"{name}.png")
-        pixels = np.asarray(image.open(tmp_path / f"{name}.png").convert("RGB"), dtype=int)
-        shares.append(((pixels[..., 0] - pixels[..., 2] > 15) & (pixels.min(axis=-1) > 200)).mean())
-    assert shares[0] < 0.001 < 0.02 < shares[1]  # pale red
-
-
 def test_a_page_shows_the_motion(call, tmp_path):
     pytest.importorskip("viser")
     save(motion(TOUCHING), "touching.json")
@@ -357,31 +345,17 @@ def _columns(file):
 # --------------------------------------------------------------------------------------------------- bad input
 
 
-def refused(call, folder, file, said, *options):
-    before = set(folder.iterdir())
-    status, out, err = call(
-        "check", file, "--scenario", "own.yaml", "--repair", "out.csv", "--json", "found.json", *options
-    )
-    assert (status, out) == (2, "")
-    assert err.startswith(f"safe-ompl: {file}:")
-    assert err.count("\n") == 1
-    assert said in err
-    assert set(folder.iterdir()) == before
-
-
-def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
-    save(motion(), "jump.json")
-    content = json.loads((tmp_path / "jump.json").read_text())
-    content["coefficients"][1][0][2] += 0.01
-    (tmp_path / "jump.json").write_text(json.dumps(content))
-    (tmp_path / "text.csv").write_text("time,joint1,joint2,joint3\n0,a,b,c\n")
-    (tmp_path / "far.csv").write_text("time,joint1,joint2,joint3\n0,0,0,0\n1,90,0,0\n")
+def test_files_of_another_kind_are_refused_and_nothing_is_written(call, tmp_path, setup):
     save(setup.scene, "scene.json")
-    refused(call, tmp_path, "jump.json", "joint 'joint3' jumps by 0.01 at 2 s")
-    refused(call, tmp_path, "text.csv", "text.csv:2: must be numbers")
-    refused(call, tmp_path, "far.csv", "joint 'joint1' moves to 90 rad")
-    refused(call, tmp_path, "gone.json", "cannot be read")
-    refused(call, tmp_path, "scene.json", "must hold a motion, but it holds a scene")
+    save(Motion.through([START, MIDDLE], names=NAMES), "path.json")
+    for file, words, options in (
+        ("scene.json", "scene.json: kind: must hold a motion, but it holds a scene", ("--repair", "out.csv")),
+        ("path.json", "--limits: path.json: has no times", ("--limits",)),
+    ):
+        status, out, err = call("check", file, "--scenario", "own.yaml", "--json", "found.json", *options)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert err.startswith(f"safe-ompl: {words}")
+    assert {file.name for file in tmp_path.iterdir()} == {"own.yaml", "scene.json", "path.json"}
 
 
 @pytest.mark.parametrize(
@@ -410,12 +384,6 @@ def test_options_that_cannot_be(call, tmp_path, options, said):
     assert said in err
     assert err.count("\n") == 1
     assert {file.name for file in tmp_path.iterdir()} == {"free.json", "own.yaml"}
-
-
-def test_a_path_has_no_rates(call):
-    save(Motion.through([START, MIDDLE], names=NAMES), "path.json")
-    status, _, err = call("check", "path.json", "--scenario", "own.yaml", "--limits")
-    assert (status, err) == (2, "safe-ompl: --limits: path.json: has no times\n")
 
 
 @pytest.mark.parametrize(

@@ -256,25 +256,6 @@ def test_arguments_of_xacro_go_to_the_scenario(tmp_path, capsys, monkeypatch, da
         assert said.startswith("--xacro-arg: ")
 
 
-def test_a_drive_can_be_looked_at_elsewhere(butler, capsys, monkeypatch):
-    """Its ticks carry the robot, and its meshes where these are small."""
-    pytest.importorskip("viser")
-    folder = ["--package-dir", str(butler)]
-    assert main(["new", "butler.urdf", "-o", "mine.yaml", *folder]) == 0
-    text = Path("mine.yaml").read_text()
-    Path("mine.yaml").write_text(re.sub(r"  package_dirs: .*\n", "", text))  # as if made on another machine
-    drive = ["live", "mine.yaml", "--movers", "1", "--seconds", "0.2", "--out", "drive", "--html", "drive.html"]
-    assert main(drive) == 2
-    assert "palm.obj' not found" in " ".join(capsys.readouterr().err.split())
-    monkeypatch.setattr("safe_ompl.io.problems.SMALL", 10)
-    assert main([*drive, *folder]) == 0
-    ticks = ["view", "drive/ticks.jsonl", "--html", "ticks.html"]
-    capsys.readouterr()
-    assert main(ticks) == 2
-    assert "drive/ticks.jsonl: robot: " in capsys.readouterr().err
-    assert main([*ticks, *folder]) == 0
-
-
 def test_a_gripper_without_an_arm_has_no_sides(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     slide = joint("slide", "palm", "finger", "0 0 0.1", "1 0 0", "prismatic", "0 0.004")

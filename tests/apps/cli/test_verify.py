@@ -86,36 +86,6 @@ def test_where_the_file_says_that_it_comes_from_is_not_looked_at(call, written, 
     assert call("verify", changed("proof.json", lambda content: content.update(source={})))[0] == 0
 
 
-def test_what_is_carried_is_checked(call, written):
-    name = changed("proof.json", lambda content: content["scene"]["content"]["obstacles"].pop())
-    status, out, err = call("verify", name)
-    assert (status, out) == (1, "")
-    assert err == f"safe-ompl: {name}: the scene that it carries is not the one that it was written for\n"
-
-
-# ------------------------------------------------------------------------------------------------- the robot
-
-
-@pytest.fixture
-def thinner(call, written):
-    """Return the certificate of a path of a robot that is thinner than the scenario's: as planned, nothing forged."""
-    edited("robots/planar3.urdf", 'radius="0.045"', 'radius="0.001"', "thinner.urdf")
-    edited("planar3.yaml", "planar3.urdf", "thinner.urdf", "thin.yaml")
-    assert call("plan", "thin.yaml", "--certificate", "thin.json")[0] == 0
-
-
-@pytest.mark.usefixtures("thinner")
-def test_the_robot_is_the_scenarios_whatever_the_file_says(call):
-    status, out, err = call("verify", "thin.json", "planar3.yaml")
-    assert (status, out) == (1, "")
-    assert "the robot has changed: 'planar3' is not the one that it was written for" in err
-    assert call("verify", "thin.json", "thin.yaml")[0] == 0
-    assert call("verify", "proof.json", "thin.yaml")[0] == 1
-    named = {"robot": {"urdf": "robots/thinner.urdf", "srdf": "robots/planar3.srdf", "tip": "tip"}}
-    name = changed("thin.json", lambda content: content["source"].update(named))
-    assert call("verify", name, "planar3.yaml")[0] == 1, "a robot that the file names is not taken instead"
-
-
 # --------------------------------------------------------------- people, options of the danger, limits of the motion
 
 
@@ -178,50 +148,3 @@ def test_danger_in_motion_is_compared_even_if_the_path_claims_none(call, beside)
     status, out, err = call("verify", name, "time.yaml")
     assert (status, out) == (1, "")
     assert "danger in motion: k1 is 1e-06 in its claim, 2.0 is asked for" in err
-
-
-# ------------------------------------------------------------------------------------------------- hostile text
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('"danger": ', '"also_sampled": NaN, "danger": ', "NaN is not finite"),
-        ('"danger": ', '"also_sampled": "a\\nproof.json: all is well", "danger": ', "must be text of one line"),
-    ],
-)
-def test_text_that_would_mislead_a_reader(call, written, old, new, message):
-    edited("proof.json", old, new)
-    status, out, err = call("verify", "proof.json")
-    assert (status, out) == (2, "")
-    assert message in err
-    assert err.count("\n") == 1
-
-
-def test_a_robot_of_a_scenario_that_holds_something_travels(call, tmp_path, monkeypatch):
-    """On a base, with a mesh in the gripper: nothing of it is left where it is verified."""
-    here, there = tmp_path / "here", tmp_path / "there"
-    for folder in (here, there):
-        folder.mkdir()
-    shutil.copy(Path(__file__).parents[2] / "data" / "wedge.obj", here / "wedge.obj")
-    (here / "held.yaml").write_text(
-        """
-robot:
-  example: ur5
-  base: {position: [0, 0, 0.5]}
-  attached:
-    - {name: part, link: tool0, position: [0, 0, 0.1], mesh: {file: wedge.obj, scale: [0.05, 0.05, 0.05]}, danger: true}
-scene:
-  obstacles:
-    - {name: post, position: [0.9, 0.9, 0.5], box: {size: [0.1, 0.1, 1]}, weight: 1}
-start: [0, -1.5, 0.5, 0.3, 0.2, 0]
-goal: {configuration: [0.4, -1.5, 0.6, 0.3, 0.2, 0]}
-"""
-    )
-    monkeypatch.chdir(here)
-    assert call("plan", "held.yaml", "--certificate", there / "proof.json")[0] == 0
-    monkeypatch.chdir(there)
-    shutil.rmtree(here)
-    status, out, err = call("verify", "proof.json")
-    assert (status, err) == (0, "")
-    assert "robot ur5 and scene are the file's own, compared with no scenario: post" in out

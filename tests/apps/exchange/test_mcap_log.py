@@ -80,10 +80,6 @@ def stamp(content):
     return inner.header.stamp.sec * 10**9 + inner.header.stamp.nanosec
 
 
-def coordinates(point):
-    return [point.x, point.y, point.z]
-
-
 def test_joints_commands_and_diagnostics_are_those_of_the_ticks(log, recorded):
     header, ticks = recorded
     assert log["/tick"] == ticks

@@ -61,25 +61,6 @@ def test_the_gradient_of_the_discretised_cost(panda, rng):
         assert gradient[k, i] == pytest.approx(rise / 2e-5, rel=1e-5, abs=1e-5)
 
 
-def test_the_curvature_is_that_of_springs_between_way_points():
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]])
-    _, _, blocks, beside, _ = PathCost(Plane(), []).model(path)
-    np.testing.assert_allclose(blocks, [np.eye(2), 1.5 * np.eye(2), 0.5 * np.eye(2)])
-    np.testing.assert_allclose(beside, [-np.eye(2), -0.5 * np.eye(2)])
-
-
-def test_what_densities_add_to_the_curvature_is_that_of_their_nodes():
-    path, v = np.array([[0.0, 0.0], [2.0, 0.0]]), np.array([1.0, 2.0])
-    bent = Density(lambda Q: np.zeros(len(Q)), lambda Q: np.zeros(Q.shape))
-    bent.expansion = lambda Q: Expansion(np.zeros(2), np.zeros((2, 2)), np.array([1]), v[None])
-    _, _, plain, _, _ = PathCost(Plane(), []).model(path)
-    _, _, blocks, beside, shares = PathCost(Plane(), [bent]).model(path)
-    assert shares == (0.0,)
-    t = 0.5 + 0.5 / np.sqrt(3)
-    np.testing.assert_allclose(blocks - plain, np.multiply.outer([(1 - t) ** 2, t**2], np.outer(v, v)))
-    np.testing.assert_allclose(beside[0], t * (1 - t) * np.outer(v, v) - 0.5 * np.eye(2))
-
-
 def test_the_weight_is_in_the_scale_of_robot_and_scene(ur5):
     checker = CollisionChecker(ur5, Scene())
     near, far = (DangerField(ur5, scale * POINTS) for scale in (1.0, 3.0))

@@ -5,8 +5,8 @@ import pytest
 from test_cost import Density, Plane
 
 from safe_ompl.paths.cost import PathCost, factored, solved
-from safe_ompl.paths.descent import BestPath, Descent
-from safe_ompl.paths.measures import Curve, divided, refined, with_way_points
+from safe_ompl.paths.descent import Descent
+from safe_ompl.paths.measures import Curve, divided
 
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
 # between two points is arcosh(1 + distance²/(2 y₁ y₂)) (Poincaré).
@@ -38,41 +38,6 @@ def test_the_cheapest_path_of_the_half_plane():
     np.testing.assert_array_equal(descent.path[[0, -1]], path[[0, -1]])
 
 
-def test_no_step_is_longer_than_allowed_nor_taken_where_there_is_nothing_to_gain():
-    path = divided(np.array([[-2.0, 0.5], [2.0, 0.5]]), 0.2)
-    descent = Descent(PathCost(Plane(), [HYPERBOLIC]), path, anywhere)
-    assert descent.step(0.03)
-    assert np.abs(descent.path - path).max() <= 0.03 + 1e-12
-    straight = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    assert not Descent(PathCost(Plane(), []), straight, anywhere).step()
-
-
-# ---------------------------------------------------------------------------------------------------------- division
-
-
-def test_division_keeps_the_path_and_its_way_points():
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.3]])
-    found = divided(path, 0.4)
-    np.testing.assert_allclose(found, [[0, 0], [1 / 3, 0], [2 / 3, 0], [1, 0], [1, 0.3]])
-    assert all((found == q).all(axis=1).any() for q in path)
-
-
-def test_segments_are_short_where_the_path_is_near_something():
-    path = np.array([[0.0, 0.0], [0.4, 0.0], [0.8, 0.0], [1.2, 0.0]])
-    found = refined(path, lambda Q: Q[:, 0] > 1.0)
-    lengths = np.diff(found[:, 0])
-    assert lengths[found[1:, 0] > 1.01].max() <= 0.25
-    assert lengths[0] == 0.4
-    np.testing.assert_array_equal(refined(path, lambda Q: Q[:, 0] > 5), path)
-
-
-def test_way_points_at_given_places_unless_others_are_near():
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    found = with_way_points(path, np.array([0.5, 0.995, 1.75]), 0.01)
-    np.testing.assert_allclose(found, [[0, 0], [0.5, 0], [1, 0], [1, 0.75], [1, 1]])
-    np.testing.assert_array_equal(with_way_points(path, np.zeros(0), 0.01), path)
-
-
 # ----------------------------------------------------------- cholesky's factor of a chain of blocks against numpy's
 
 
@@ -93,30 +58,7 @@ def test_it_solves_what_the_whole_matrix_solves(rng, count, n):
     np.testing.assert_allclose(solved(factored(blocks, beside), right), np.linalg.solve(whole, right), atol=1e-10)
 
 
-# -------------------------------------------------------------------------------------------- rounds of the descent
-
-
 # ---------------------------------------------------------------------------------------------------- the best path
-
-
-GIVEN, FIRST, SECOND = np.zeros((2, 3)), np.ones((2, 3)), 2 * np.ones((2, 3))
-
-
-def test_paths_are_taken_while_j_is_not_above_that_of_the_given_one():
-    told = []
-    best = BestPath(GIVEN, lambda path, cost: told.append(cost))
-    best.ceiling = 10.0
-    assert not best.take(FIRST, 11.0)
-    assert best.path is GIVEN
-    assert best.take(FIRST, 9.0)
-    assert not best.take(SECOND, np.nan)
-    assert best.path is FIRST
-    assert best.confirm(9.0)
-    assert best.take(SECOND, 9.5)
-    assert told == [9.0, 9.5]
-    assert not best.is_confirmed
-    assert not best.confirm(10.5), "it turns out to be dearer than the given one"
-    assert best.path is FIRST
 
 
 def test_configurations_by_arc_length(panda, rng):

@@ -21,17 +21,13 @@ from safe_ompl import (
     Pose,
     Robot,
     SafeSetup,
-    Scenario,
     Scene,
     Sphere,
 )
 from safe_ompl.common import until_ctrl_c
 from safe_ompl.paths import PathReport, Simplifier, timed, unrolled
-from safe_ompl.paths.cost import ObstacleCost, PathCost
-from safe_ompl.paths.edges import RETREAT_STEP, EdgeProofs, retreat, shortcut, within_limits
-from safe_ompl.paths.simplifier import SimplificationRun
-from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import find_scenario
+from safe_ompl.paths.cost import ObstacleCost
+from safe_ompl.paths.edges import retreat, within_limits
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])
@@ -132,29 +128,9 @@ def test_every_path_on_the_way_is_proven_cheaper_than_the_given_one_and_short_en
             assert known <= cost.of(path)
 
 
-def test_the_better_passage_is_taken(setup, raw):
-    """A detour that visits the far side of the joint range is cut off."""
-    detour = np.vstack([raw[0][:1], raw[0][:1] - [0.0, 0.0, 0.0, 0.0, 0.0, 1.5], raw[0]])
-    cost = setup.simplifier.cost
-    assert cost.of(simplify(setup, detour, time=20.0)) < 1.1 * cost.of(simplify(setup, raw[0], time=20.0))
-
-
 @pytest.mark.parametrize("way_points", [[START, START], [START, START, START], [START, START + 0.01, START]])
 def test_where_start_is_goal_nothing_moves(setup, way_points):
     np.testing.assert_array_equal(np.unique(simplify(setup, np.array(way_points)), axis=0), [START])
-
-
-@pytest.mark.parametrize(("scenario", "seed"), [("panda_shelf", 1), ("xarm7_pillars", 2)])
-def test_shortcuts_after_the_descent_lead_out_of_poor_minima(scenario, seed, monkeypatch):
-    setup = setup_scenario(Scenario.load(find_scenario(scenario)))
-    setup.prepare("SafeRRTConnect", seed)
-    setup.solve(20.0)
-    given, simplifier = setup.solution(), setup.simplifier
-    found = simplifier.simplify(given, never, proven=True)
-    monkeypatch.setattr(SimplificationRun, "_shorten_anew", lambda run: False)
-    once = simplifier.simplify(given, never, proven=True)
-    assert simplifier.cost.of(found) < 0.9 * simplifier.cost.of(once)
-    assert setup.is_free(found)
 
 
 @pytest.mark.parametrize("seed", [73, 357])
@@ -208,64 +184,7 @@ def test_stopped_anywhere_the_path_is_proven_and_no_dearer(setup, raw, asked):
     assert cost.of(found) <= cost.of(raw[1]) * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("at", [1, 2])
-def test_interrupted_the_best_path_so_far_stands(setup, raw, at):
-    steps = []
-
-    def interrupt(path, cost):
-        steps.append(path)
-        if len(steps) == at:
-            raise KeyboardInterrupt
-
-    found = simplify(setup, raw[0], time=20.0, on_better=interrupt)
-    assert len(steps) == at
-    np.testing.assert_array_equal(found, steps[-1])
-
-
 # ------------------------------------------------------------------------------------------------------------- edges
-
-
-class Accepting(EdgeProofs):
-    """Accepts the edges that a function accepts."""
-
-    def __init__(self, setup, function):
-        super().__init__(setup.simplifier.motion)
-        self.accepts = function
-
-
-def test_the_chain_goes_round_what_is_refused_or_there_is_none(setup):
-    path, cost = np.linspace(START, GOAL, 5), PathCost(setup.robot, [])
-    step = np.linalg.norm(path[1] - path[0])
-    neighbours = Accepting(setup, lambda start, end: np.linalg.norm(end - start) < 1.5 * step)
-    np.testing.assert_array_equal(shortcut(path, cost, neighbours, never), path)
-    assert shortcut(path, cost, Accepting(setup, lambda start, end: not np.array_equal(end, GOAL)), never) is None
-    assert shortcut(path, cost, EdgeProofs(setup.simplifier.motion), lambda: True) is None
-
-
-def test_what_is_refused_is_held_back_without_kinks_and_in_the_end_all(setup):
-    known = np.zeros((9, 6))
-    known[:, 1] = np.linspace(0, 1.6, 9)
-    wanted = known.copy()
-    wanted[5:7, 0] = 0.5
-    smooth = Accepting(setup, lambda start, end: abs(start[0] - end[0]) < 0.4)
-    found, back = smooth.held_back(wanted, known)
-    np.testing.assert_array_equal(found[back], known[back])
-    assert back[4:8].all()
-    assert not back.all()
-    assert np.abs(np.diff(found[:, 0])).max() < 0.4
-    found, back = Accepting(setup, lambda start, end: start[0] == end[0] == 0).held_back(known + 0.1, known)
-    np.testing.assert_array_equal(found, known)
-    assert back.all()
-
-
-def test_parts_of_a_proven_edge_are_proven_when_they_are_asked_for(setup, raw):
-    proofs = EdgeProofs(setup.simplifier.motion)
-    proofs.accept(raw[0])
-    proofs.keep(10.0)  # no motion has so much
-    parts = np.concatenate([np.linspace(a, b, 3) for a, b in pairwise(raw[0])])
-    assert proofs.refused(parts)
-    proofs.inherit(parts)
-    assert not proofs.refused(parts)
 
 
 @pytest.mark.parametrize("seed", [8, 12])
@@ -333,24 +252,6 @@ def grasp(panda, quiet):
     setup = SafeSetup(panda, Scene((Obstacle("can", Cylinder(0.025, 0.12), pose, weight=1.0),), spacing=0.04))
     setup.setConfigurations(AWAY, GRASP)
     return setup
-
-
-def test_the_way_out_of_a_grasp(grasp, panda):
-    nearness = ObstacleCost(grasp.checker, 0.05).afresh(1.3 * grasp.checker.clearance(GRASP).distance)
-    within = within_limits(panda)
-    way = retreat(GRASP, nearness, grasp.field, within, never)
-    np.testing.assert_array_equal(way[0], GRASP)
-    assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= RETREAT_STEP * (1 + 1e-6)
-    clearance = np.array([grasp.checker.clearance(q).distance for q in way])
-    assert (np.diff(clearance) > 0).all()
-    assert clearance[-1] > 1.3 * clearance[0]
-    assert (np.diff(grasp.field.values(way)) < 0).all()
-    np.testing.assert_array_equal(retreat(AWAY, nearness, grasp.field, within, never), [AWAY])
-    nowhere = retreat(GRASP, nearness, grasp.field, lambda Q: np.broadcast_to(GRASP, np.shape(Q)), never)
-    np.testing.assert_array_equal(nowhere, [GRASP])
-    hand = DangerField(panda, panda.keypoints(GRASP)[panda.segments[-1]].mean(axis=0)[None])
-    assert hand.value(GRASP) > 1e6, "on a danger point"
-    assert len(retreat(GRASP, nearness, hand, within, never)) > 1, "only obstacles count"
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -12,7 +12,6 @@ from safe_ompl.people.replanning import Doing, PathLimits
 from safe_ompl.people.replanning.detours import Detours
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, RobotBodies, line
 
-FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
 BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}
 
 
@@ -47,13 +46,6 @@ def test_where_the_way_is_barred_another_one_is_taken_under_the_same_limits(
         assert fastest_tip(panda, commands) > 1.2
     else:
         assert 0.5 < fastest_tip(panda, commands) <= 1.001 * cap
-
-
-def test_a_slow_robot_finds_detours_that_take_long(replanner_for, to_and_fro, drive):
-    replanner = replanner_for("ball", ball=0.0)
-    way = to_and_fro(replanner, tool_speed=0.04)[0]
-    assert way.duration > 30.0
-    assert paths(drive(replanner, way, lambda t: BARRED, 6.0)) > 1
 
 
 def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro, drive):

@@ -188,39 +188,11 @@ def setup():
     return setup_scenario(Scenario.load(find_scenario("planar3")))
 
 
-@pytest.fixture
-def batches(monkeypatch):
-    """Return the sizes of the batches for which gradients of the danger are asked."""
-    sizes = []
-    original = DangerField.values_and_gradients
-
-    def counted(self, Q):
-        sizes.append(len(Q))
-        return original(self, Q)
-
-    monkeypatch.setattr(DangerField, "values_and_gradients", counted)
-    return sizes
-
-
 def prepared(setup, name, **parameters):
     planner = make_planner(name, setup.getSpaceInformation(), parameters)
     planner.setProblemDefinition(setup.getProblemDefinition())
     planner.setup()
     return planner
-
-
-def test_it_is_measured_once_for_all_planners_that_weigh_danger(setup, batches):
-    for name in ("ClassicRRTConnect", "ClassicPRM", "ClassicBubble"):
-        result = setup.plan(name, time=20.0)
-        assert result
-        assert result.counts.field_configurations == 0
-    assert 50 not in batches
-    prepared(setup, "SafeRRTConnect")
-    assert max(batches) == 50
-    batches.clear()
-    for other in ("SafeRRTConnect", "SafePRM", "BubblePlanner"):
-        prepared(setup, other)
-    assert not batches
 
 
 def test_alpha_that_is_set_later_finds_its_scale(setup):

@@ -52,10 +52,3 @@ def plane():
     problem = PlanningProblem(si)
     problem.take(SlopedHotSpot(si))
     return problem
-
-
-@pytest.fixture
-def shelf_problem(shelf):
-    problem = PlanningProblem(shelf.getSpaceInformation())
-    problem.take(shelf.getProblemDefinition().getOptimizationObjective())
-    return problem

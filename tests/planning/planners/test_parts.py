@@ -8,11 +8,10 @@ import pytest
 from safe_ompl import Box, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
 from safe_ompl.common import Counts
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import CertifiedMotionValidator, StateBridge, joint_space
+from safe_ompl.planning.ompl import CertifiedMotionValidator
 from safe_ompl.planning.planners import extend
 from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import Trees
-from safe_ompl.robot import kernels
 from safe_ompl.scene import find_scenario
 
 PLANNERS = ["SafeRRTConnect", "ClassicRRTConnect"]
@@ -81,28 +80,6 @@ def test_paths_are_those_of_a_validator_of_ones_own(problem, kinova, clutter, ta
         assert asked.asked > before
         assert np.array_equal(path, composed)
     assert not taken, "no kernel is asked"
-
-
-@pytest.mark.parametrize("name", ["panda", "kinova", "slider", "twin_arm"])
-def test_steps_and_descents_are_those_of_numpy(robot_named, name):
-    robot = robot_named(name)
-    bridge = StateBridge(joint_space(robot))
-    rng = np.random.default_rng(0)
-    for reach in rng.uniform(0.0, 0.5, 200):
-        q, target = bridge.between_bounds(rng.random((2, robot.n)))
-        delta, step = bridge.difference(q, target), np.empty((2, robot.n))
-        length = kernels.steer(q, target, bridge.circular, reach, step)
-        assert length == pytest.approx(np.linalg.norm(delta), rel=1e-14)
-        there = target if length <= reach else q + (reach / length) * delta
-        assert np.array_equal(step, [there, delta / length])
-        slope = rng.normal(size=robot.n) * 10.0 ** rng.uniform(-2, 2)
-        sideways = slope - (slope @ step[1]) * step[1]
-        steepness = np.linalg.norm(sideways)
-        moved = bridge.inside(step[0] - reach * min(1.0, steepness) / steepness * sideways)
-        assert kernels.descend(step, slope, reach, bridge.lower, bridge.upper, bridge.circular)
-        np.testing.assert_allclose(step[1], moved, rtol=0, atol=1e-13)
-    along = np.array([q, delta / length])
-    assert not kernels.descend(along, np.zeros(robot.n), 0.1, bridge.lower, bridge.upper, bridge.circular)
 
 
 def test_motions_are_free_that_the_motion_validator_calls_free(ur5):
@@ -175,43 +152,6 @@ def test_the_threshold_begins_with_the_danger_of_the_ends_and_rises_after_eight_
 # ------------------------------------------------------------------------------------------------------- margin
 
 
-@pytest.fixture
-def ends(shelf):
-    return [np.array(shelf.problem.start)[None], np.array(shelf.problem.goals[:1])]
-
-
-@pytest.fixture
-def shelf_danger(shelf_problem):
-    return DangerWeight(shelf_problem)
-
-
-@pytest.fixture
-def margin(shelf_problem, shelf_danger):
-    return Margin(shelf_problem, shelf_danger)
-
-
-def test_the_margin_begins_with_what_start_and_goal_keep(shelf, margin, shelf_danger, ends):
-    margin.begin_between(ends)
-    assert margin.level is None, "its largest value is 0"
-    kept = min(shelf.checker.clearance(q).distance for Q in ends for q in Q)
-    margin.largest = 1.0
-    margin.begin_between(ends)
-    level = margin.level
-    assert 0.8 < level / (0.8 * kept) <= 1.0 + 1e-3
-    margin.largest = 0.01
-    margin.begin_between(ends)
-    assert margin.level == level, "once"
-    margin.reset()
-    before = shelf.counts.copy()
-    margin.begin_between(ends)
-    assert margin.level == 0.01
-    assert (shelf.counts - before).queries == 0, "clearances are known"
-    margin.reset()
-    shelf_danger.alpha = 0.0
-    margin.begin_between(ends)
-    assert margin.level is None, "danger does not count"
-
-
 def test_the_margin_follows_obstacles_that_move():
     setup = SafeSetup(
         Robot.from_example("ur5"),
@@ -229,21 +169,3 @@ def test_the_margin_follows_obstacles_that_move():
     margin.reset()
     margin.begin_between([q[None]])
     assert margin.level == 0.0
-
-
-def test_the_margin_falls_with_the_refusals_while_danger_has_weight(margin, shelf_danger, ends):
-    q = ends[0][0]
-    outside = q + 10.0  # no motion there is free
-    margin.level = 0.02
-    levels = [margin.level]
-    for _ in range(200):
-        assert not margin.motion_is_free(q, outside)
-        levels.append(margin.level)
-    assert levels[11] == 0.02
-    assert levels[12] == pytest.approx(0.012)
-    assert levels[-1] == 0.0
-    assert min(level for level in levels if level) >= 5e-4
-    margin.level = 10.0  # nothing keeps that
-    assert not margin.motion_is_free(q, q + 1e-6)
-    shelf_danger.scale = 0.0
-    assert margin.motion_is_free(q, q + 1e-6)

@@ -64,16 +64,6 @@ def test_the_best_node_weighs_distance_and_danger(tree, height):
     assert tree.best(q, 0.2) == 1  # 1 + 1.8 > √5
 
 
-def test_costs_are_evaluated_once_in_batches_or_with_a_gradient(tree, height):
-    for _ in range(2):
-        np.testing.assert_array_equal(tree.gradient(2), [0, 6])
-        np.testing.assert_array_equal(tree.costs, [0, 0, 9])
-    tree.add(np.array([0.0, 2.0]), 0)
-    tree.add(np.array([0.0, 4.0]), 0)
-    np.testing.assert_array_equal(tree.costs, [0, 0, 9, 4, 16])
-    assert height.batches == [1, 2, 2]
-
-
 def test_two_trees_that_meet_share_a_vertex(bridge):
     trees = TwoTrees(*(Tree(bridge, StateCost(None, bridge)) for _ in range(2)))
     for tree, places in ((trees.start, (0.0, 1.0)), (trees.goal, (3.0, 2.0, 1.0))):

@@ -12,7 +12,6 @@ from safe_ompl.apps import main
 from safe_ompl.geometry import STANDING
 from safe_ompl.io import TimedMotion, carried_robot, carried_scene, marked, strict_json
 from safe_ompl.view import ViewerContent, read_recording, save_animation
-from safe_ompl.view.pictures.surface import SHIRT
 from safe_ompl.view.plots import plot_speeds
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
@@ -189,24 +188,3 @@ def test_an_animation_moves(motion, tmp_path, ending, monkeypatch):
     assert np.abs(frames[0] - frames[2])[60:].max() > 40
     with pytest.raises(InputError, match=r"\.webp or \.gif"):
         save_animation(ViewerContent.of_motions([motion]), tmp_path / "animation.mp4")
-
-
-def test_in_the_animation_of_a_recording_people_and_things_move(recording, tmp_path, monkeypatch):
-    pytest.importorskip("PIL.Image")
-    drawn = []
-
-    def render(_, things):
-        people = [t for t in things if t.colour == SHIRT]
-        drawn.append((np.vstack([t.surface.vertices for t in people]).mean(axis=0) if people else None, things))
-        return np.zeros((8, 8, 3))
-
-    monkeypatch.setattr("safe_ompl.view.pictures.rasteriser.Renderer.render", render)
-    monkeypatch.setattr("safe_ompl.view.pictures.path.FEWEST_FRAMES", 10)
-    content = read_recording(recording)
-    save_animation(content, tmp_path / "drive.webp", rate=10.0)
-    places = [place for place, _ in drawn]
-    np.testing.assert_allclose(places[4] - places[0], [0.4, 0.0, 0.0], atol=1e-6)
-    assert places[9] is None, "the person is not seen any more, and stands nowhere"
-    assert len({len(things) for _, things in drawn[:9]}) == 1, "nobody is drawn twice"
-    boxes = [box.pose.position[2] for t in (0.0, 0.4) for box in content.movers.obstacles_at(t, content.scene)[1:]]
-    np.testing.assert_allclose(boxes, [0.0, 0.4], atol=1e-9)

@@ -11,7 +11,6 @@ import safe_ompl
 from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene
 from safe_ompl.view import ViewerContent
 from safe_ompl.view.content import Nearest
-from safe_ompl.view.style import level_colours
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 
@@ -79,12 +78,6 @@ def test_results_are_shown_from_the_package_and_still_by_themselves(result, monk
     safe_ompl.view([result, dataclasses.replace(result, planner="PRM")], port=8081)
     safe_ompl.view(result, browser=False)
     assert shown == [(["SafeRRTConnect", "PRM"], 8081), True, (["SafeRRTConnect"], 8080), False]
-
-
-def test_colours_darken_with_danger():
-    brightness = level_colours(np.linspace(0.0, 2.0, 5), 1.0).sum(axis=1)
-    assert (np.diff(brightness.astype(int)) <= 0).all()
-    assert brightness[2] == brightness[4] < brightness[1]
 
 
 @pytest.fixture

@@ -10,12 +10,12 @@ pytest.importorskip("matplotlib")
 import coal
 from matplotlib.image import imread
 
-from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, Robot, Scene, Sphere
+from safe_ompl import Box, InputError, Obstacle, PlanResult, Pose, Robot, Scene, Sphere
 from safe_ompl.geometry import surfaces
 from safe_ompl.view import render_comparison, render_path
-from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Camera, Renderer, in_picture, nearest_triangles, tone_mapped
+from safe_ompl.view.pictures.rasteriser import Camera, Renderer, in_picture, nearest_triangles, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
-from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces, tessellate
+from safe_ompl.view.pictures.surface import RobotBody, Surface, tessellate
 
 SMALL = (96, 72)
 ARM = """
@@ -33,7 +33,6 @@ ARM = """
   <joint name="wrist" type="fixed"><parent link="lower"/><child link="tip"/><origin xyz="0.3 0 0"/></joint>
 </robot>
 """
-GREY = (0.5, 0.5, 0.5)
 PATH = np.array([[-1.2, 0.3], [-0.4, 1.0], [0.9, 0.5]])
 
 
@@ -50,11 +49,6 @@ def choose_camera(robot, scene, paths):
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory):
     return _arm(tmp_path_factory, "0 0 1")
-
-
-@pytest.fixture(scope="module")
-def upright(tmp_path_factory):
-    return _arm(tmp_path_factory, "0 1 0")
 
 
 def _arm(folders, axis):
@@ -123,17 +117,6 @@ def test_the_camera_holds_all_points_tightly():
     assert np.abs(places / (75.0, 50.0)).max() == pytest.approx(0.9)
 
 
-def test_a_level_arm_is_seen_from_above(planar, scene):
-    camera = choose_camera(planar, scene, {"a": PATH})
-    assert camera.eye[2] - camera.target[2] == pytest.approx(np.linalg.norm(camera.eye - camera.target))
-
-
-def test_the_camera_goes_where_a_wall_does_not_hide_the_arm(upright):
-    wall = Obstacle("wall", Box((2.0, 0.05, 2.0)), Pose((0.3, -0.5, 0.3)))
-    camera = choose_camera(upright, Scene((wall,)), {"a": PATH})
-    assert camera.eye[1] > 0.0
-
-
 # ------------------------------------------------------------------------------------------------ renderer
 
 
@@ -166,38 +149,7 @@ def test_what_is_behind_the_camera_is_not_drawn():
     assert (nearest_triangles(in_picture(camera, behind.vertices, SMALL), behind.faces, *SMALL)[1] == -1).all()
 
 
-def test_a_shadow_falls_on_the_floor_away_from_the_light():
-    ball = ColouredSurface(_ball(0.3, (0, 0, 1.0)), (0.5, 0.5, 0.5))
-    camera = Camera.framing(np.array([(-1.5, -1.5, 0), (1.5, 1.5, 1.5)]), 0.0, 1.2, SMALL)
-    renderer = Renderer(0.0, camera, SMALL)
-    light = camera.key_light()
-    shadow = -light / light[2] + (0.0, 0.0, 1.0)  # of the middle of the ball, on the floor
-    image = renderer.render([ball])
-    for place, dark in ((shadow, True), (-shadow, False)):
-        column, row, _ = np.rint(in_picture(camera, place[None], SMALL)[0]).astype(int)
-        assert bool(image[row, column].mean() < 0.8 * FLOOR_VALUE) is dark
-
-
-def test_the_camera_does_not_stand_behind_the_back_of_a_person(upright):
-    person = Obstacle("person", Person(), Pose((1.1, 0.0, -0.9)), weight=1.0)
-    camera = choose_camera(upright, Scene((person,)), {"a": PATH})
-    assert camera.eye[0] - camera.target[0] < 0.3 * np.linalg.norm(camera.eye - camera.target)
-
-
 # -------------------------------------------------------------------------------------------- robot and scene
-
-
-def test_a_person_wears_the_colour_of_the_obstacle():
-    colours = {thing.colour for thing in obstacle_surfaces(Obstacle("p", Person(), color=(0.1, 0.2, 0.3)))}
-    assert (0.1, 0.2, 0.3) in colours
-    assert len(colours) >= 4  # skin, hair, trousers and shoes besides
-
-
-def test_the_lowest_wide_slab_is_the_floor(planar):
-    slab = Obstacle("ground", Box((9.0, 9.0, 0.02)), Pose((0.0, 0.0, -0.5)))
-    drawn = DrawnScene(planar, Scene((slab,)), [PATH])
-    assert drawn.floor == pytest.approx(-0.49)
-    assert [thing.colour for thing in drawn.surroundings()] == [(0.62, 0.63, 0.65)]  # a pedestal alone
 
 
 def test_a_robot_is_drawn_by_its_visual_shapes_or_as_it_collides_or_by_its_skeleton(tmp_path):
@@ -227,23 +179,6 @@ def test_the_robot_shows_in_the_picture(planar, scene):
     assert 0.03 < changed.mean() < 0.5
     blue = (drawn[..., 2].astype(int) - drawn[..., 0]) > 80
     assert blue.any()  # goal and trace have the accent colour
-
-
-def test_the_planned_path_is_a_thinner_line_than_the_simplified_one(planar):
-    around = np.array([PATH[0], [2.0, -1.0], PATH[-1]])
-    camera = choose_camera(planar, Scene(), {"a": PATH, "b": around})
-    views = [
-        render_path(planar, Scene(), path, size=(240, 180), camera=camera, ghosts=0).astype(int)
-        for path in (planned(PATH), planned(PATH, around), planned(around))
-    ]
-    thin, bold = ((np.abs(view - views[0]).max(axis=2) > 30).sum() for view in views[1:])
-    assert 20 < thin < 0.7 * bold
-
-
-def test_a_ghost_tints_the_picture_the_same_each_time(planar):
-    plain, first, second = (render_path(planar, Scene(), PATH, size=SMALL, ghosts=k) for k in (0, 2, 2))
-    assert 0.01 < (np.abs(plain.astype(int) - first).max(axis=2) > 10).mean() < 0.4
-    assert np.array_equal(first, second)
 
 
 def test_a_comparison_is_saved_with_a_panel_per_planner(planar, scene, tmp_path):

@@ -13,29 +13,12 @@ from matplotlib.image import imread
 from safe_ompl import DangerField, InputError, KinetostaticField, RateLimits, SafeOmplError, time_path
 from safe_ompl.io import ACCELERATION
 from safe_ompl.view.plots import plot_clearance_danger, plot_motion, plot_plan, plot_profiles
-from safe_ompl.view.style import planner_styles
 
 PROFILES = {
     "RRTConnect": np.tile(np.linspace(1.0, 3.0, 11), (4, 1)) + np.arange(4)[:, None],
     "SafeRRTConnect": np.ones((5, 21)),
     "BITstar": np.empty((0, 11)),
 }
-
-
-# ------------------------------------------------------------------------------------------------- palette
-
-
-def test_safe_planners_are_strong_and_solid_and_no_two_look_alike():
-    safe = ["SafeRRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner"]
-    names = [*safe, "RRTConnect", "ClassicRRTConnect", "ClassicPRM", "ClassicJTRRT", "ClassicBubble", "BITstar"]
-    names += ["PaperSafePRM", "PaperPRM"]
-    styles = planner_styles(names)
-    assert [name for name in names if styles[name].strong] == [*safe, "PaperSafePRM"]
-    assert [name for name in names if not styles[name].dashes] == safe
-    assert len({(style.colour, style.dashes) for style in styles.values()}) == len(names)
-    for printed, own in (("PaperSafePRM", "SafePRM"), ("PaperPRM", "ClassicPRM")):
-        assert styles[printed].colour == styles[own].colour
-    assert planner_styles(["SafePRM"])["SafePRM"] == styles["SafePRM"]  # the same among others
 
 
 # ------------------------------------------------------------------------------------------------ pictures
@@ -62,15 +45,6 @@ def test_each_run_is_a_point(tmp_path):
     ).axes[0]
     assert axes.collections[0].get_offsets().tolist() == pytest.approx(np.array([[10.0, 3.0], [20.0, 4.0]]))
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["RRTConnect", "SafeRRTConnect"]
-
-
-def test_the_legend_of_many_planners_hides_no_runs(tmp_path):
-    names = ["RRTConnect", "SafeRRTConnect", "SafePRM", "ClassicPRM", "SafeJTRRT", "BITstar"]
-    many = {name: np.array([0.01 * k, 0.02]) for k, name in enumerate(names, 1)}
-    figure = plot_clearance_danger(many, many, tmp_path / "runs.png")
-    figure.canvas.draw()
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == names
-    assert figure.legends[0].get_window_extent().x0 >= figure.axes[0].get_window_extent().x1
 
 
 def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):
@@ -109,20 +83,6 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
         plot_plan([1.0, 2.0], tmp_path / "a.png")
 
 
-# --------------------------------------------------------------------------------------------- the plot of one plan
-
-
-@pytest.mark.parametrize("danger", [[5.0, 1.0, 5.01], [5.01, 1.0, 5.0], [1.0, 3.0, 5.0]])
-def test_labels_of_start_and_goal_are_beside_the_axes_and_apart(danger, tmp_path):
-    figure = plot_plan(danger, tmp_path / "p.png")
-    axes = figure.axes[0]
-    renderer = figure.canvas.get_renderer()
-    boxes = [text.get_window_extent(renderer) for text in axes.texts]
-    assert len(boxes) == 2
-    assert all(box.x0 >= axes.get_window_extent(renderer).x1 for box in boxes)
-    assert not boxes[0].overlaps(boxes[1])
-
-
 # -------------------------------------------------------------------------------------- the picture of a trajectory
 
 
@@ -153,18 +113,6 @@ def test_speed_and_what_binds_it(trajectory, tmp_path):
     for axes in (velocity, acceleration):
         shares = np.concatenate([line.get_ydata() for line in axes.lines if len(line.get_ydata()) > 2])
         assert 0.3 < abs(shares).max() <= 1 + 1e-9
-
-
-def test_nothing_is_cut_at_the_edges(trajectory, tmp_path):
-    figure = plot_motion(trajectory, tmp_path / "motion.png")
-    renderer = figure.canvas.get_renderer()
-    width, height = figure.canvas.get_width_height()
-    for axes in figure.axes:
-        box = axes.get_tightbbox(renderer)
-        assert 0.005 * width < box.x0 < box.x1 < 0.99 * width
-        assert 0 < box.y0 < box.y1 <= height
-        frame = axes.get_window_extent(renderer)
-        assert frame.x1 < 0.985 * width, "a line at the end of the axes is drawn in full"
 
 
 def test_danger_and_its_proven_peak(trajectory, panda, tmp_path):
