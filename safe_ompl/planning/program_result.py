@@ -11,6 +11,7 @@ from safe_ompl.common import InputError
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario, Scene
+from safe_ompl.trajectories import BlendedCurve
 
 
 @dataclass(frozen=True)
@@ -25,11 +26,14 @@ class Stretch:
         When it begins [s].
     check : MotionCheck
         Its motion, from its own time 0 on, and what is proven of it: `check.proof.checker` has robot and scene.
+    curve : BlendedCurve or None
+        Where all joints go, for who drives it in another time; None where it waits.
     """
 
     step: int
     begin: float
     check: MotionCheck
+    curve: BlendedCurve | None = None
 
     @property
     def motion(self) -> Motion:

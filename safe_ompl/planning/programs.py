@@ -42,7 +42,7 @@ from safe_ompl.scene import (
     find_scenario,
 )
 from safe_ompl.tasks import Corridor, ToolPath, configurations_at
-from safe_ompl.trajectories import PathTimer, RateLimits
+from safe_ompl.trajectories import BlendedCurve, PathTimer, RateLimits, Trajectory
 
 TIME = 20.0  # [s]
 _STEP_DONE = 2.0  # [s] that a planned step counts less
@@ -97,6 +97,20 @@ class _ImpossibleError(Exception):
     """A step cannot be done in this way; says why."""
 
 
+class _Driven(NamedTuple):
+    """What is proven of a motion, and its curve."""
+
+    check: MotionCheck
+    curve: BlendedCurve | None
+
+
+def _points(trajectory: Trajectory, robot: Robot) -> tuple[Motion, BlendedCurve]:
+    """Return the motion through the points of a trajectory, and its curve."""
+    times, points = trajectory.points(_RATE)
+    rates = points["velocities"], points.get("accelerations")
+    return Motion.hermite(times, points["positions"], *rates, robot.joint_names), trajectory.curve
+
+
 class _State(NamedTuple):
     """Where everything is: all joints (n,), what is held, the obstacles, and which grasp and place were chosen."""
 
@@ -114,7 +128,7 @@ class _Node:
     state: _State
     stretches: tuple[Stretch, ...] = ()
     choices: tuple[str, ...] = ()
-    todo: Callable[[], tuple[_State, tuple[MotionCheck, ...]]] | None = None
+    todo: Callable[[], tuple[_State, tuple[_Driven, ...]]] | None = None
     duration: float = field(default=0.0)
 
 
@@ -221,10 +235,10 @@ class _ProgramPlanner:
     def _done(self, node: _Node) -> _Node:
         """Return the node after its step was planned."""
         assert node.todo is not None
-        state, checks = node.todo()
+        state, driven = node.todo()
         stretches, duration = list(node.stretches), node.duration
-        for check in checks:
-            stretches.append(Stretch(node.step, duration, check))
+        for check, curve in driven:
+            stretches.append(Stretch(node.step, duration, check, curve))
             duration += check.motion.duration
         return _Node(node.step + 1, state, tuple(stretches), node.choices, None, duration)
 
@@ -299,9 +313,7 @@ class _ProgramPlanner:
             raise _ImpossibleError(f"no path is found in {left:.2g} s")
         caps = {key: getattr(self._scenario.motion, key) for key in ("tool_speed", "link_speed")}
         timer = PathTimer(arm, self._limits_of(arm), motion=setup.motion_prover, **caps)
-        times, points = timer.time(result.path).points(_RATE)
-        rates = points["velocities"], points.get("accelerations")
-        return self._driven(state, scene, Motion.hermite(times, points["positions"], *rates, arm.joint_names))
+        return self._driven(state, scene, *_points(timer.time(result.path), arm))
 
     def _line(self, step: Line | Seam, state: _State, targets: list[pin.SE3]) -> Any:
         arm, q = self._arm_at(step.arm, state)
@@ -315,7 +327,11 @@ class _ProgramPlanner:
         found = setup.planTool(path, corridor, start=q, speed=step.speed, limits=self._limits_of(arm), seed=self._seed)
         if found.motion is None:
             raise _ImpossibleError(f"{100 * found.fraction:.0f} % of it can be followed; {found.why}")
-        return self._driven(state, scene, found.motion)
+        assert found.along is not None
+        stops = np.searchsorted(found.along.times, path.corners - _STILL).tolist()
+        return self._driven(
+            state, scene, found.motion, BlendedCurve.of(found.along.times, found.along.coefficients, stops)
+        )
 
     def _gripper(self, step: Gripper, state: _State) -> Any:
         robot = self.holding(state)
@@ -325,9 +341,7 @@ class _ProgramPlanner:
         if np.abs(q - state.q).max() < _STILL:
             return state, ()
         scene = state.scene.touched(step.touching, step.depth) if step.touching else state.scene
-        times, points = PathTimer(robot, self._limits).time([state.q, q]).points(_RATE)
-        rates = points["velocities"], points.get("accelerations")
-        return self._driven(state, scene, Motion.hermite(times, points["positions"], *rates, robot.joint_names))
+        return self._driven(state, scene, *_points(PathTimer(robot, self._limits).time([state.q, q]), robot))
 
     def _wait(self, step: Wait, state: _State) -> Any:
         still = np.array([[state.q, np.zeros_like(state.q)]])
@@ -417,8 +431,10 @@ class _ProgramPlanner:
         given = replace(self._scenario, scene=scene, start=tuple(q.tolist()), goal=goal, people=None)  # type: ignore[arg-type]
         return setup_scenario(given, robot)
 
-    def _driven(self, state: _State, scene: Scene, moving: Motion) -> tuple[_State, tuple[MotionCheck, ...]]:
-        """Return the state after a motion of some joints, and the proof of it for all of them."""
+    def _driven(
+        self, state: _State, scene: Scene, moving: Motion, curve: BlendedCurve | None = None
+    ) -> tuple[_State, tuple[_Driven, ...]]:
+        """Return the state after a motion of some joints, the proof of it for all of them, and the curve of all."""
         robot, people = self.holding(state), self._scenario.people
         rows = [robot.joint_names.index(name) for name in moving.joint_names or ()]
         coefficients = np.zeros((moving.pieces, moving.degree + 1, robot.n))
@@ -437,4 +453,7 @@ class _ProgramPlanner:
             motion = replace(motion, times=motion.times * _SLOWER)
         if not check:
             raise _ImpossibleError(str(check.violations[0]))
-        return state._replace(q=motion.knots[-1]), (check,)
+        if curve is not None:
+            shift = 2 * np.pi * turns
+            curve = curve.among(state.q, rows, shift)
+        return state._replace(q=motion.knots[-1]), (_Driven(check, curve),)

@@ -148,6 +148,29 @@ class BlendedCurve:
         self.starts: FloatArray = np.concatenate([[0.0], ends[:-1]])
         self.length = float(ends[-1])
 
+    @classmethod
+    def of(cls, parameters: FloatArray, coefficients: FloatArray, stops: list[int]) -> BlendedCurve:
+        """Return cubics of powers (K, 4, n) of (s − s_k)/(s_{k+1} − s_k), one between each two of the parameters."""
+        sizes = np.diff(parameters)
+        parts = coefficients * np.array([1.0, 1.0, 2.0, 6.0])[:, None] / sizes[:, None, None] ** np.arange(4)[:, None]
+        rows = zip(*(parts[:, k] for k in range(4)), sizes.tolist(), strict=True)
+        return cls([Piece(*row) for row in rows], stops)
+
+    def among(self, q: FloatArray, rows: list[int], shift: FloatArray) -> BlendedCurve:
+        """Return the curve of more joints (n,): those in `rows` move as here, but for a shift, the others stay at q."""
+        pieces = []
+        for piece in self.pieces:
+            start, slope, bend, swing = (np.zeros_like(q) for _ in range(4))
+            start[:] = q
+            start[rows], slope[rows], bend[rows], swing[rows] = (
+                piece.start + shift,
+                piece.slope,
+                piece.bend,
+                piece.swing,
+            )
+            pieces.append(Piece(start, slope, bend, swing, piece.length))
+        return BlendedCurve(pieces, list(self.stops))
+
     def rest(self, s: float) -> BlendedCurve:
         """Return the curve from an arc length 0 ≤ s < length on."""
         k = int(self.piece_at(np.array([s]))[0])

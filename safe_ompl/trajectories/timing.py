@@ -12,7 +12,7 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import InputError, finite_array, instance, number
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories.caps import MotionCaps, Standstill, StandstillError, bending_cap, people_caps, speed_caps
-from safe_ompl.trajectories.curve import BodySpeeds, blended
+from safe_ompl.trajectories.curve import BlendedCurve, BodySpeeds, blended
 from safe_ompl.trajectories.danger import danger_cap
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances
@@ -125,7 +125,10 @@ class PathTimer:
         for k, q in enumerate(points):
             if (beyond := self.robot.beyond_limits(q)) is not None:
                 raise InputError(f"way point {k}: {beyond}")
-        curve = blended(points, self.robot, self.tolerance, self.motion, self.limits)
+        return self.along(blended(points, self.robot, self.tolerance, self.motion, self.limits), cells=cells)
+
+    def along(self, curve: BlendedCurve, *, cells: int = CELLS) -> Trajectory:
+        """Return the fastest trajectory along a curve that is there already; see `time`."""
         limits, brakes, window, caps = self.limits, None, 0.0, list[SpeedCap]()
         speeds = self.caps.tool_speed, self.caps.link_speed
         coarse, step = cells < CELLS, curve.length / cells

@@ -28,17 +28,19 @@ from safe_ompl.people.simulation import (
     ContactMonitor,
     Drifting,
     Faults,
+    Leg,
     PersonMover,
     Playback,
+    ProgramSimulation,
     Simulation,
     Summary,
     Walker,
     part_solids,
 )
-from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.planning import SafeSetup, plan_program, program_robot, setup_scenario
 from safe_ompl.robot import Robot
-from safe_ompl.scene import People, Scenario, Scene
-from safe_ompl.trajectories import RateLimits, Trajectory, time_path
+from safe_ompl.scene import Move, People, Scenario, Scene
+from safe_ompl.trajectories import PathTimer, RateLimits, Trajectory, time_path
 from safe_ompl.view import read_recording, save_page
 
 _log = logging.getLogger(__name__)
@@ -112,7 +114,7 @@ def add_mcap(parser: argparse.ArgumentParser) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir)
     latency = min(Faults.latency, options.tick)
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
@@ -122,9 +124,14 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         gate = CalibratedReach.load(people.reach).gate
         for mover in found.people.values():
             mover.tracker = replace(mover.tracker, gate=gate)
-    setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
+    still = limits_of_still(scenario, found.still, beside_people=bool(found.people))
     output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
+    if scenario.program is not None:
+        arguments.refuse(options, ("simplify",), "is for a path to a goal; the scenario has a program")
+        program_robot(still)
+        return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
+    setup = setup_scenario(still, robot)
     around = Surroundings(found.scene, trackers, found.speeds, people)
     replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
     return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
@@ -138,15 +145,54 @@ def _drive(
     faults: Faults,
     options: argparse.Namespace,
 ) -> int:
-    """Plan, simulate, and write ticks and summary."""
-    folder = Path(options.out)
+    """Plan there and back, and drive that again and again."""
     result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
     if result.path is None:
         output.error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
         return 1
     ways = [timed_way(way, replanner.robot, replanner.prover, scenario) for way in (result.path, result.path[::-1])]
-    simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)
-    header = replanner.log_header()
+    return _simulate(Simulation(replanner, ways, actors.people, actors.objects, faults=faults), options)
+
+
+def _drive_program(
+    scenario: Scenario, people: People, actors: Actors, faults: Faults, options: argparse.Namespace
+) -> int:
+    """Plan the program of a scenario among what stands still, and drive it once."""
+    given = {} if options.time is None else {"time": options.time}
+    result = plan_program(scenario, seed=options.seed, **given)
+    if not result:
+        output.error_console().print(f"safe-ompl: no motion: {result.why}")
+        return 1
+    assert scenario.program is not None
+    trackers = {name: mover.tracker for name, mover in actors.people.items()}
+    movable = [one for one in actors.scene if one.name not in actors.still.names]
+    legs, pause = list[Leg](), 0.0
+    for stretch in result.stretches:
+        if stretch.curve is None or stretch.check.limits is None:
+            pause += stretch.motion.duration
+            continue
+        bound = isinstance(scenario.program.steps[stretch.step], Move)  # others must stay on their way
+        ways = ReplanningOptions(options.tick, detours=bound, retreats=bound)
+        around = Surroundings(stretch.scene.with_obstacles(*movable), trackers, actors.speeds, people)
+        replanner = Replanner(stretch.robot, around, options=ways, prover=stretch.check.proof)
+        own = scenario.motion
+        timer = PathTimer(stretch.robot, stretch.check.limits, tool_speed=own.tool_speed, link_speed=own.link_speed)
+        legs.append(Leg(replanner, timer.along(stretch.curve), stretch.step, pause))
+        pause = 0.0
+    simulation = ProgramSimulation(legs, actors.people, actors.objects, faults=faults)
+    status = _simulate(simulation, options)
+    steps = len(scenario.program.steps)
+    if not simulation.finished:
+        output.console().print(f"not finished: at step {simulation.leg.step + 1} of {steps}")
+        return status or 1
+    output.console().print(f"all {steps} steps done in {simulation.summary.seconds:.2f} s")
+    return status
+
+
+def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:
+    """Simulate, and write ticks and summary."""
+    folder, robot = Path(options.out), simulation.replanner.robot
+    header = simulation.replanner.log_header()
     with ExitStack() as stack:
         logs: list[TickLog] = [stack.enter_context(closing(TicksFile(folder / "ticks.jsonl", header)))]
         if options.mcap is not None:
@@ -172,7 +218,7 @@ def _drive(
     if options.html is None:
         output.error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
     else:
-        save_page(read_recording(folder / "ticks.jsonl", setup.robot), options.html)
+        save_page(read_recording(folder / "ticks.jsonl", robot), options.html)
         output.error_console().print(f"view in {options.html}")
     return status
 

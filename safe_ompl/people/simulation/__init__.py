@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         limb_solids,
         part_solids,
     )
+    from safe_ompl.people.simulation.program import Leg, ProgramSimulation
     from safe_ompl.people.simulation.simulation import Contact, ContactMonitor, Faults, Nearest, Simulation, Summary
 
 __all__ = [
@@ -26,9 +27,11 @@ __all__ = [
     "ContactMonitor",
     "Drifting",
     "Faults",
+    "Leg",
     "Nearest",
     "PersonMover",
     "Playback",
+    "ProgramSimulation",
     "Simulation",
     "Solid",
     "Summary",

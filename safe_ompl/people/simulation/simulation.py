@@ -278,14 +278,18 @@ class Simulation:
             return command, None
         reaction = self._measure(now)
         if command is not None and command.doing is Doing.DONE:
-            self.summary.tasks += 1
-            self.replanner.start(self.trajectories[self.summary.tasks % len(self.trajectories)])
+            self._go_on(now)
         begin = perf_counter()
         new = self.replanner.command(now + self.latency)
         reaction += perf_counter() - begin
         self.replanner.think()
         self.reactions.append(reaction)
         return new, reaction
+
+    def _go_on(self, now: float) -> None:
+        """Start what comes after a trajectory that is done."""
+        self.summary.tasks += 1
+        self.replanner.start(self.trajectories[self.summary.tasks % len(self.trajectories)])
 
     def _count(self, old: Command | None, new: Command) -> None:
         """Count detours and stops."""
