@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -238,6 +239,24 @@ def test_the_command_plays_a_person_in_the_place_of_the_scenarios_with_a_reach_a
     assert "--reach: '" in " ".join(capsys.readouterr().err.split())
     with pytest.raises(InputError, match=r"header\.format: must be 'safe-ompl ticks', got None"):
         read_ticks(tmp_path / "out" / "summary.json")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "status", "end"), [(60, 0, "all 11 steps done in"), (1, 1, "not finished: at step 1 of 11")]
+)
+def test_the_command_drives_a_program_and_goes_on_where_it_stopped(tmp_path, capsys, seconds, status, end):
+    words = ["--people", "random:2", "--seed", "3", "--seconds", str(seconds)]
+    assert main(live(tmp_path, *words, scenario="panda_pick_place")) == status
+    said = " ".join(capsys.readouterr().out.split())
+    assert "contacts while moving 0" in said
+    assert end in said
+    _, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
+    done = [tick["task"] for tick in ticks]
+    assert done == sorted(done)
+    stood = [tick["time"] for tick in ticks if tick["state"] == "standing" and tick["reason"]]
+    assert seconds == 1 or stood[0] < ticks[-1]["time"] - 1
+    for before, after in pairwise(ticks):  # also where one replanner takes over from another
+        assert np.abs(np.subtract(after["q"], before["q"])).max() < 0.05 * 2.7
 
 
 @pytest.mark.parametrize(
