@@ -23,7 +23,7 @@ from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningErr
 from safe_ompl.common import documents as document
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.geometry import Obstacle, Pose
-from safe_ompl.motions import Motion, MotionCheck
+from safe_ompl.motions import Motion, MotionCheck, tube_of
 from safe_ompl.planning.program_result import ProgramResult, Stretch
 from safe_ompl.planning.safe_setup import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot
@@ -117,7 +117,7 @@ class _State(NamedTuple):
     q: FloatArray
     held: tuple[Attachment, ...]
     scene: Scene
-    chosen: Mapping[tuple[str, str], int]
+    chosen: Mapping[tuple[str, str, str | None], int]
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,9 @@ class _ProgramPlanner:
         self._begin = self._robot.configuration({name: values[name] for name in self._robot.joint_names})
         motion = scenario.motion
         self._limits = RateLimits.of(self._robot, motion.velocity, motion.acceleration, motion.jerk)
-        self._setups: dict[Any, SafeSetup] = {}
+        with document.within("limits"):
+            tube = scenario.limits.tube
+            self._tube = None if tube is None else np.array(tube_of(tube, self._robot))
         self._end = np.inf
         self._check_names()
 
@@ -181,20 +183,26 @@ class _ProgramPlanner:
     def _check_names(self) -> None:
         """Raise InputError where a step names no link, object or arm."""
         held = {item.name for item in self._arm.spec.attached}
-        things = {*self._scenario.scene.names, *held}
-        links = {*self._robot.shared.body_links, *things}
+        shapes = {item.name: item.shape for item in (*self._scenario.scene, *self._arm.spec.attached)}
+        things, arms = sorted(shapes), self._robot.spec.robots
         for k, step in enumerate(self._steps):
             with document.within(f"program.steps[{k}].{step.kind}"):
-                for name in (getattr(step, key, None) for key in ("object", "grasp", "place")):
+                for key in ("object", "grasp", "place"):
+                    name = getattr(step, key, None)
                     if name is not None and name not in things:
-                        raise UnknownNameError("object", name, sorted(things))
+                        raise UnknownNameError("object", name, things, key)
                 for link, obstacle in getattr(step, "touching", ()):
-                    for name, known in ((link, links), (obstacle, things)):
+                    links, obstacles = {*self._robot.shared.body_links, *held}, {*things} - held
+                    for name, known in ((link, links), (obstacle, obstacles)):
                         if name not in known:
                             raise UnknownNameError("link or object", name, sorted(known), "touching")
-                arm, arms = getattr(step, "arm", None), self._robot.spec.robots
+                    with document.within(f"touching: {obstacle!r}, {1e3 * step.depth:g} mm deep", ": "):
+                        shapes[obstacle].core(step.depth)  # type: ignore[attr-defined]
+                arm = getattr(step, "arm", None)
                 if arm is not None and arm not in arms:
                     raise UnknownNameError("robot", arm, arms, "arm")
+            held = held | {step.object} if isinstance(step, Attach) else held
+            held = held - {step.object} if isinstance(step, Detach) else held
 
     # --------------------------------------------------------------------------------------------------- search
 
@@ -248,6 +256,7 @@ class _ProgramPlanner:
         if isinstance(step, Move) and (step.configuration is not None or step.region is not None):
             yield 0.0, [], partial(self._move, step, state, None)
         elif isinstance(step, (Move, Line)):
+            reached = isinstance(step, Line)
             for chosen, target, said in self._targets(step, state):
                 after = state._replace(chosen=chosen)
                 if isinstance(step, Line):
@@ -255,12 +264,13 @@ class _ProgramPlanner:
                     continue
                 arm, q = self._arm_at(step.arm, state)
                 branches = configurations_at(arm, target, q, np.random.default_rng(self._seed))
-                if not len(branches):
-                    raise _ImpossibleError("no configuration has its tip there")
+                reached |= len(branches) > 0
                 fastest = self._limits_of(arm).velocity
                 for branch in branches[:_BRANCHES]:
                     bound = float((np.abs(arm.difference(q, branch)) / fastest).max())
                     yield bound, said, partial(self._move, step, after, branch)
+            if not reached:
+                raise _ImpossibleError("no configuration has its tip there")
         elif isinstance(step, Seam):
             yield 0.0, [], partial(self._line, step, state, [pose.se3 for pose in step.poses])
         else:
@@ -278,25 +288,31 @@ class _ProgramPlanner:
             yield state.chosen, up * pose * back, []
             return
         held = {item.name: item for item in state.held}
-        if (kind == "place") != (value in held):
-            raise _ImpossibleError(f"{value!r} is {'not held' if kind == 'place' else 'held already'}")
+        item = held.get(value)
+        if kind == "place" and item is None:
+            raise _ImpossibleError(f"{value!r} is not held")
+        if kind == "grasp" and item is not None and item.link == self._arm_at(step.arm, state)[0].tip:
+            raise _ImpossibleError(f"{value!r} is held already")
         options = getattr(self._program, f"{kind}s")[value]
-        known = state.chosen.get((kind, value))
+        key = kind, value, step.arm
+        known = state.chosen.get(key)
         for k, option in enumerate(options):
             if known not in (None, k):
                 continue
-            if kind == "grasp":
-                pose = state.scene[value].pose.se3 * option.se3
-            else:
+            if kind == "place":
                 pose = option.se3 * self._held_pose(held[value], step.arm, state).inverse()
+            elif item is not None:  # of the other arm, which hands it over
+                pose = self._link(item.link, state) * item.pose.se3 * option.se3
+            else:
+                pose = state.scene[value].pose.se3 * option.se3
             said = [] if known is not None or len(options) == 1 else [f"{kind} {k + 1} of {value}"]
-            yield {**state.chosen, (kind, value): k}, up * pose * back, said
+            yield {**state.chosen, key: k}, up * pose * back, said
 
     # ---------------------------------------------------------------------------------------------------- steps
 
     def _move(self, step: Move, state: _State, branch: FloatArray | None) -> Any:
         arm, q = self._arm_at(step.arm, state)
-        scene = state.scene.touched(step.touching, step.depth) if step.touching else state.scene
+        scene = state.scene.touched(step.touching, step.depth)
         goal = Goal(region=step.region) if step.region is not None else None
         setup = self._setup(arm, scene, q, goal)
         if goal is None:
@@ -320,7 +336,7 @@ class _ProgramPlanner:
         poses = [arm.tip_pose(q), *targets]
         if len(poses) == 2 and np.abs(pin.log6(poses[0].inverse() * poses[1]).vector).max() < _STILL:
             return state, ()
-        scene = state.scene.touched(step.touching, step.depth) if step.touching else state.scene
+        scene = state.scene.touched(step.touching, step.depth)
         setup = self._setup(arm, scene, q)
         corridor = Corridor(step.within, step.angle, step.free_axis)
         path = ToolPath.of(poses)
@@ -340,12 +356,13 @@ class _ProgramPlanner:
             raise InputError(beyond, "gripper.joints")
         if np.abs(q - state.q).max() < _STILL:
             return state, ()
-        scene = state.scene.touched(step.touching, step.depth) if step.touching else state.scene
+        scene = state.scene.touched(step.touching, step.depth)
         return self._driven(state, scene, *_points(PathTimer(robot, self._limits).time([state.q, q]), robot))
 
     def _wait(self, step: Wait, state: _State) -> Any:
         still = np.array([[state.q, np.zeros_like(state.q)]])
-        return self._driven(state, state.scene, Motion(np.array([0.0, step.time]), still, self._robot.joint_names))
+        scene = state.scene.touched(step.touching, step.depth)
+        return self._driven(state, scene, Motion(np.array([0.0, step.time]), still, self._robot.joint_names))
 
     def _attach(self, step: Attach, state: _State) -> Any:
         if step.object not in state.scene.names:
@@ -395,9 +412,13 @@ class _ProgramPlanner:
         q = np.array([values[name] for name in moving.joint_names])
         return moving, moving.difference(np.zeros(moving.n), q)
 
+    def _rows(self, arm: Robot) -> list[int]:
+        """Return which of all joints those of an arm are."""
+        return [self._robot.joint_names.index(name) for name in arm.joint_names]
+
     def _limits_of(self, arm: Robot) -> RateLimits:
         """Return the limits of the joints of an arm."""
-        rows = [self._robot.joint_names.index(name) for name in arm.joint_names]
+        rows = self._rows(arm)
         jerk = self._limits.jerk
         most = self._limits.velocity[rows], self._limits.acceleration[rows], None if jerk is None else jerk[rows]
         return RateLimits(arm.joint_names, *most)
@@ -428,7 +449,11 @@ class _ProgramPlanner:
 
     def _setup(self, robot: Robot, scene: Scene, q: FloatArray, goal: Goal | None = None) -> SafeSetup:
         """Return a setup for a robot in a scene at a configuration, under the limits of the scenario."""
-        given = replace(self._scenario, scene=scene, start=tuple(q.tolist()), goal=goal, people=None)  # type: ignore[arg-type]
+        limits = self._scenario.limits
+        if self._tube is not None:
+            limits = replace(limits, tube=tuple(self._tube[self._rows(robot)].tolist()))
+        start = tuple(q.tolist())
+        given = replace(self._scenario, scene=scene, start=start, goal=goal, people=None, limits=limits)  # type: ignore[arg-type]
         return setup_scenario(given, robot)
 
     def _driven(

@@ -32,7 +32,7 @@ class Step(Section):
         return " ".join([self.kind, *(f"{name} {_short(value)}" for name, value in said.items())])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Contact(Step):
     """A step on which links may touch obstacles.
 
@@ -204,7 +204,7 @@ class Detach(Step):
 
 
 @dataclass(frozen=True)
-class Wait(Step):
+class Wait(_Contact):
     """The robot stands still for a time [s]."""
 
     kind: ClassVar[str] = "wait"
