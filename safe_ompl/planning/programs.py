@@ -186,6 +186,7 @@ class _ProgramPlanner:
         shapes = {item.name: item.shape for item in (*self._scenario.scene, *self._arm.spec.attached)}
         things, arms = sorted(shapes), self._robot.spec.robots
         for k, step in enumerate(self._steps):
+            depth = getattr(step, "depth", 0.0)
             with document.within(f"program.steps[{k}].{step.kind}"):
                 for key in ("object", "grasp", "place"):
                     name = getattr(step, key, None)
@@ -196,8 +197,8 @@ class _ProgramPlanner:
                     for name, known in ((link, links), (obstacle, obstacles)):
                         if name not in known:
                             raise UnknownNameError("link or object", name, sorted(known), "touching")
-                    with document.within(f"touching: {obstacle!r}, {1e3 * step.depth:g} mm deep", ": "):
-                        shapes[obstacle].core(step.depth)  # type: ignore[attr-defined]
+                    with document.within(f"touching: {obstacle!r}, {1e3 * depth:g} mm deep", ": "):
+                        shapes[obstacle].core(depth)
                 arm = getattr(step, "arm", None)
                 if arm is not None and arm not in arms:
                     raise UnknownNameError("robot", arm, arms, "arm")
