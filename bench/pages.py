@@ -47,12 +47,11 @@ from safe_ompl.io.motions import TimedMotion
 from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import find_scenario
-from safe_ompl.view.browser.view import save_page
 from safe_ompl.view.content import ViewerContent, read_recording
-from safe_ompl.view.pictures.path import render_comparison, render_path, save_picture
-from safe_ompl.view.pictures.scene import DrawnScene, best_view
-from safe_ompl.view.plots.paths import plot_speeds
-from safe_ompl.view.plots.planners import plot_profiles
+from safe_ompl.view.drawn_scene import DrawnScene, best_view
+from safe_ompl.view.pictures import render_comparison, render_path, save_picture
+from safe_ompl.view.plots import plot_profiles, plot_speeds
+from safe_ompl.view.viewer import save_page
 
 CLAIM = "the pictures of the pages"
 ROOT = Path(__file__).parents[1]

@@ -62,8 +62,10 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "test_package.py",
     "test_scripts.py",
     "trajectories/test_beside_people.py",
-    "view/browser/",
-    "view/pictures/",
+    "view/test_motions.py",
+    "view/test_page_in_browser.py",
+    "view/test_render.py",
+    "view/test_viewer.py",
 )
 
 

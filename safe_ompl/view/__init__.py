@@ -14,9 +14,9 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.view import plots
-    from safe_ompl.view.browser.view import BrowserView, save_page, view
     from safe_ompl.view.content import RECORDING_ENDING, ViewerContent, read_recording
-    from safe_ompl.view.pictures.path import (
+    from safe_ompl.view.page import PLOT_ENDINGS
+    from safe_ompl.view.pictures import (
         ANIMATION_ENDINGS,
         draw_plan,
         render_comparison,
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
         save_picture,
         small_picture,
     )
-    from safe_ompl.view.pictures.surface import RobotBody
-    from safe_ompl.view.plots.page import PLOT_ENDINGS
+    from safe_ompl.view.surfaces import RobotBody
+    from safe_ompl.view.viewer import BrowserView, save_page, view
 
 __all__ = [
     "ANIMATION_ENDINGS",

@@ -30,7 +30,7 @@ def add_commands(commands: Any) -> None:
         prepare,
         "compare planners: table, report.json and pictures",
         "Run several planners with several seeds each, and compare them: a table, report.json, "
-        "and pictures of danger, times, and the robot along each planner's typical path. Paths are simplified.",
+        "and pictures of danger and of the robot along each planner's typical path. Paths are simplified.",
     )
     arguments.add_scenario(parser)
     option(parser, "--planners A,B,...", "default: OMPL's RRTConnect and all of ours", arguments.names)
@@ -127,14 +127,9 @@ def _trade_off(title: str, setup: SafeSetup, options: argparse.Namespace) -> int
 
 
 def draw_comparison(setup: SafeSetup, summaries: Sequence[Summary], folder: Path) -> None:
-    """Draw what a campaign found: danger profiles, clearance and danger of each run, and the robot on typical paths."""
+    """Draw what a campaign found: danger profiles, and the robot on typical paths."""
     profiles = {summary.planner: summary.profiles for summary in summaries}
     plots.plot_profiles(profiles, folder / "profiles.png")
-    plots.plot_clearance_danger(
-        {s.planner: s.metrics["clearance_min"] for s in summaries},
-        {s.planner: s.metrics["danger_mean"] for s in summaries},
-        folder / "clearances.png",
-    )
     typical = {summary.planner: summary.typical for summary in summaries if summary.typical}
     if typical:
         render_comparison(setup.robot, setup.scene, typical, folder / "paths.png")

@@ -18,8 +18,7 @@ from safe_ompl import SafeSetup, planner_names
 from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import failure
 from safe_ompl.apps.cli import compare, output
-from safe_ompl.view import render_comparison, render_path
-from safe_ompl.view.pictures import path as pictures
+from safe_ompl.view import pictures, render_comparison, render_path
 
 RECORD = (
     "scenario robot planner seed status solved setup_time planning_time simplification_time report_time joint_names "
@@ -237,7 +236,7 @@ def test_compare_draws_pictures(run, folder):
     status, _, _ = run("compare", "test.yaml", "--planners", "RRTConnect,SafeRRTConnect", "--runs", 3)
     assert status == 0
     drawn = {file.name for file in (folder / "compare-test").glob("*.png")}
-    assert drawn == {"profiles.png", "clearances.png", "paths.png"}
+    assert drawn == {"profiles.png", "paths.png"}
 
 
 # ----------------------------------------------------------------------------------------------------- mbm

@@ -74,7 +74,7 @@ def test_results_are_shown_from_the_package_and_still_by_themselves(result, monk
         def run(self, browser):
             shown.append(browser)
 
-    monkeypatch.setattr("safe_ompl.view.browser.view.BrowserView", Browser)
+    monkeypatch.setattr("safe_ompl.view.viewer.BrowserView", Browser)
     safe_ompl.view([result, dataclasses.replace(result, planner="PRM")], port=8081)
     safe_ompl.view(result, browser=False)
     assert shown == [(["SafeRRTConnect", "PRM"], 8081), True, (["SafeRRTConnect"], 8080), False]
@@ -83,7 +83,7 @@ def test_results_are_shown_from_the_package_and_still_by_themselves(result, monk
 @pytest.fixture
 def view(result):
     pytest.importorskip("viser")
-    from safe_ompl.view.browser.view import BrowserView
+    from safe_ompl.view.viewer import BrowserView
 
     view = BrowserView(ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765)
     yield view
@@ -91,7 +91,7 @@ def view(result):
 
 
 def test_sliders_and_play_bar_move_the_robots(view):
-    from safe_ompl.view.browser.view import Controls
+    from safe_ompl.view.viewer import Controls
 
     places = np.array([path_view.root.position for path_view in view.path_views])
     assert np.linalg.norm(places[0] - places[1]) > 1.0, "paths stand apart"
@@ -109,7 +109,7 @@ def test_sliders_and_play_bar_move_the_robots(view):
 
 
 def test_playing_goes_on_by_itself(view):
-    from safe_ompl.view.browser.view import Controls
+    from safe_ompl.view.viewer import Controls
 
     now = 100.0
     controls = Controls(view, clock=lambda: now)

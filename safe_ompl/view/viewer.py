@@ -18,11 +18,11 @@ from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
-from safe_ompl.view.browser.path_view import BOARD_SHAPE, PathView
 from safe_ompl.view.content import ViewerContent
-from safe_ompl.view.pictures.scene import DrawnScene, best_view
-from safe_ompl.view.pictures.surface import RobotBody
+from safe_ompl.view.drawn_scene import DrawnScene, best_view
+from safe_ompl.view.path_view import BOARD_SHAPE, PathView
 from safe_ompl.view.style import planner_styles
+from safe_ompl.view.surfaces import RobotBody
 
 PORT = 8080
 _SIZE = (1200, 800)  # [px] of the window that cameras are chosen for

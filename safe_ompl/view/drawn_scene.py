@@ -10,9 +10,9 @@ import numpy as np
 from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array
 from safe_ompl.geometry import Person, surfaces
 from safe_ompl.paths import Curve
-from safe_ompl.view.pictures.rasteriser import Camera, in_picture, nearest_triangles
-from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces
+from safe_ompl.view.rasteriser import Camera, in_picture, nearest_triangles
 from safe_ompl.view.style import Colour
+from safe_ompl.view.surfaces import ColouredSurface, RobotBody, Surface, obstacle_surfaces
 
 if TYPE_CHECKING:
     from safe_ompl.robot import Robot

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from safe_ompl import DangerField, InputError, KinetostaticField, RateLimits, SafeOmplError, time_path
 from safe_ompl.io import ACCELERATION
-from safe_ompl.view.plots import plot_clearance_danger, plot_motion, plot_plan, plot_profiles
+from safe_ompl.view.plots import plot_motion, plot_plan, plot_profiles
 
 PROFILES = {
     "RRTConnect": np.tile(np.linspace(1.0, 3.0, 11), (4, 1)) + np.arange(4)[:, None],
@@ -35,16 +35,6 @@ def test_profiles_show_the_mean_of_each_planner(tmp_path):
     assert axes.get_xlabel() == "along the path, from start to goal"
     assert imread(tmp_path / "new" / "profiles.png").shape[:2] == (660, 1050)
     assert dict(matplotlib.rcParams) == before  # the style of others is left alone
-
-
-def test_each_run_is_a_point(tmp_path):
-    axes = plot_clearance_danger(
-        {"RRTConnect": np.array([0.01, 0.02]), "SafeRRTConnect": np.array([0.05])},
-        {"RRTConnect": np.array([3.0, 4.0]), "SafeRRTConnect": np.array([2.0])},
-        tmp_path / "runs.png",
-    ).axes[0]
-    assert axes.collections[0].get_offsets().tolist() == pytest.approx(np.array([[10.0, 3.0], [20.0, 4.0]]))
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["RRTConnect", "SafeRRTConnect"]
 
 
 def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):

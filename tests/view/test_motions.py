@@ -113,7 +113,7 @@ def test_a_view_plays_a_motion_as_it_is_in_time(motion, trajectory):
 
 def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
     pytest.importorskip("viser")
-    from safe_ompl.view.browser.view import BrowserView
+    from safe_ompl.view.viewer import BrowserView
 
     view = BrowserView(ViewerContent.of_motions([motion, motion]), port=8766)
     try:
@@ -132,7 +132,7 @@ def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
 
 def test_robot_people_and_things_move_together(recording):
     pytest.importorskip("viser")
-    from safe_ompl.view.browser.view import BrowserView
+    from safe_ompl.view.viewer import BrowserView
 
     content = read_recording(recording)
     assert content.playing_time == pytest.approx(9 * TICK)
@@ -176,7 +176,7 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
 @pytest.mark.parametrize("ending", [".webp", ".gif"])
 def test_an_animation_moves(motion, tmp_path, ending, monkeypatch):
     image = pytest.importorskip("PIL.Image")
-    monkeypatch.setattr("safe_ompl.view.pictures.path.FEWEST_FRAMES", 3)
+    monkeypatch.setattr("safe_ompl.view.pictures.FEWEST_FRAMES", 3)
     file = tmp_path / f"animation{ending}"
     save_animation(ViewerContent.of_motions([motion]), file, rate=1.0)
     moving = image.open(file)

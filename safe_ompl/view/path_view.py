@@ -16,10 +16,10 @@ from safe_ompl.io import ACCELERATION, TimedMotion
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.view.content import Keypoints, Movers, Nearest, NearestPoints, ViewerContent
-from safe_ompl.view.pictures.scene import DrawnScene
-from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, limb_surfaces, obstacle_surfaces
-from safe_ompl.view.plots.paths import AXES, SIZE, plot_speeds
+from safe_ompl.view.drawn_scene import DrawnScene
+from safe_ompl.view.plots import AXES, SIZE, plot_speeds
 from safe_ompl.view.style import NEUTRAL, START_COLOUR, Colour, as_bytes, cap_colours, level_colours, mixed, rgb
+from safe_ompl.view.surfaces import ColouredSurface, RobotBody, limb_surfaces, obstacle_surfaces
 
 _MOST_POINTS = 4000  # danger points that are shown; of more, evenly chosen ones
 _PEOPLE, _THINGS = (0.80, 0.10, 0.12), (0.10, 0.35, 0.75)

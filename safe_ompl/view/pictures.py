@@ -20,12 +20,12 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
 from safe_ompl.view.content import Nearest, ViewerContent
-from safe_ompl.view.pictures.rasteriser import Camera, Renderer, tone_mapped
-from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
-from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
-from safe_ompl.view.plots.page import plot_kind
-from safe_ompl.view.plots.paths import plot_check, plot_motion, plot_plan
+from safe_ompl.view.drawn_scene import DrawnScene, best_view, resampled
+from safe_ompl.view.page import plot_kind
+from safe_ompl.view.plots import plot_check, plot_motion, plot_plan
+from safe_ompl.view.rasteriser import Camera, Renderer, tone_mapped
 from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
+from safe_ompl.view.surfaces import ColouredSurface, Surface, obstacle_surfaces, tube
 
 if TYPE_CHECKING:
     from safe_ompl.planning import SafeSetup  # who has no OMPL draws all the same

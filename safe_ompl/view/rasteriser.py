@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from safe_ompl.common import FloatArray, InputError, IntArray, compiled
-from safe_ompl.view.pictures.surface import ColouredSurface, Surface
+from safe_ompl.view.surfaces import ColouredSurface, Surface
 
 _NEAR = 0.02  # [m] in front of the camera, where it begins to see
 _MARGIN = 0.05  # share of a picture that is left free at each side

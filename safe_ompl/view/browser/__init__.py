@@ -1,1 +1,0 @@
-"""The view in the browser; the only folder that knows viser."""

@@ -1,1 +1,0 @@
-"""Three-dimensional pictures of robots along paths, drawn without a display."""
