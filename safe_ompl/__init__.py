@@ -8,6 +8,7 @@ from safe_ompl.doors import lazily
 from safe_ompl.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from safe_ompl.apps import assert_proven
     from safe_ompl.apps.benchmark import Benchmark
     from safe_ompl.certificates import certificate, verify
     from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolOrientation, Verdict
@@ -121,6 +122,7 @@ __all__ = [
     "UnknownNameError",
     "Verdict",
     "WorkspaceGoal",
+    "assert_proven",
     "certificate",
     "check",
     "inverse_kinematics",

@@ -1,4 +1,4 @@
-"""Programs: the command line and benchmarks."""
+"""Programs: the command line and benchmarks; proofs as tests."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.apps.cli.program import main
+    from safe_ompl.apps.proven import assert_proven
 
-__all__ = ["main"]
+__all__ = ["assert_proven", "main"]
 
 __getattr__, __dir__ = lazily(__name__, __file__)
