@@ -255,19 +255,6 @@ def names(text: str) -> tuple[str, ...]:
     return found
 
 
-def positions(text: str) -> slice:
-    """Read a range of positions like Python's: ``0:50``, ``:50``, ``50:``; or one position."""
-    first, colon, last = text.partition(":")
-    try:
-        start = int(first) if first else 0
-        stop = (int(last) if last else None) if colon else start + 1
-    except ValueError:
-        start, stop = -1, None
-    if not text or start < 0 or (stop is not None and stop <= start):
-        raise argparse.ArgumentTypeError(f"must be a range such as 0:50, or a position, not {text!r}")
-    return slice(start, stop)
-
-
 def parameter(text: str) -> tuple[str, Any]:
     """Read ``name=value`` with a number, true, yes, on, false, no, off, or else text."""
     name, value = _assignment(text, "name=value")

@@ -1,9 +1,10 @@
-"""`safe-ompl compare`: several planners on one scenario, in a table and in pictures; `tradeoff`: several paths."""
+"""`safe-ompl compare`: several planners on one scenario; `tradeoff`: several paths; `mbm`: a file of problems."""
 
 from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,18 +13,23 @@ from typing import Any, NamedTuple
 from rich.table import Table
 from rich.text import Text
 
-from safe_ompl.apps.benchmark import Campaign, Summary, default_planners, summarize
+from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, run_planner, summarize
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario, tradeoff
+from safe_ompl.common import InputError
+from safe_ompl.io import strict_json as json_line
+from safe_ompl.planning import PlanResult, SafeSetup, setup_problem, setup_scenario, tradeoff
+from safe_ompl.planning.planners import make_planner
+from safe_ompl.robot import EXAMPLES, Robot, RobotSpec
+from safe_ompl.scene import WHERE_FROM, MbmFile, Scene
 from safe_ompl.view import plots, render_comparison
 
 _RUNS = 10
 
 
 def add_commands(commands: Any) -> None:
-    """Add `compare` and `tradeoff` to the commands."""
+    """Add `compare`, `tradeoff` and `mbm` to the commands."""
     parser = arguments.add_parser(
         commands,
         "compare",
@@ -57,6 +63,7 @@ def add_commands(commands: Any) -> None:
     arguments.add_force(parser)
     arguments.add_limit_options(parser)
     arguments.add_package_dirs(parser)
+    _add_mbm(commands)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -189,3 +196,85 @@ def summary_table(name: str, summaries: Sequence[Summary], title: str | None = N
     for summary, cells in zip(summaries, rows, strict=True):
         table.add_row(summary.planner, *cells)
     return table
+
+
+# ------------------------------------------------------------------------------------------------ mbm
+
+USUAL_TIME = 5.0  # [s]
+
+
+def _add_mbm(commands: Any) -> None:
+    parser = arguments.add_parser(
+        commands,
+        "mbm",
+        prepare_mbm,
+        "run a MotionBenchMaker file, one JSON line per problem",
+        "Run the problems of a MotionBenchMaker file (JSON form), one JSON line per problem. "
+        f"Every obstacle is dangerous, with weight 1; {WHERE_FROM}.",
+    )
+    option(parser, "file FILE", "the problems")
+    arguments.add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
+    read = output.output_file(".jsonl", ".json", output.STANDARD_OUTPUT)
+    option(parser, "--json FILE", "a line for each; default: standard output", read, output.STANDARD_OUTPUT)
+    arguments.add_force(parser)
+    option(parser, "--robot ROBOT", "an example robot, or a scenario with the robot; default: the file's")
+    arguments.add_package_dirs(parser)
+
+
+def prepare_mbm(options: argparse.Namespace) -> Callable[[], int]:
+    """Check what the options name, and return the job."""
+    file = MbmFile.load(options.file)
+    if not any(file.families.values()):
+        raise InputError("holds no problem", options.file)
+    robot = _robot(file, options)
+    parameters = arguments.given_parameters(options)
+    empty = SafeSetup(robot, Scene(), danger=None)
+    make_planner(options.planner, empty.getSpaceInformation(), parameters)
+    return partial(_solve_all, file, robot, parameters, options)
+
+
+def _solve_all(file: MbmFile, robot: Robot, parameters: dict[str, Any], options: argparse.Namespace) -> int:
+    """Solve the problems, write a line for each, and show a table by family."""
+    to_terminal = options.json == output.STANDARD_OUTPUT and sys.stdout.isatty()
+    console = output.error_console()
+    results: dict[str, list[PlanResult]] = {}
+    run, time = Run(options.planner, options.seed), options.time or USUAL_TIME
+    problems = [(family, k) for family, count in file.families.items() for k in range(count)]
+    with output.opened(options.json) as stream, output.progress_bar(console, hidden=to_terminal) as progress:
+
+        def solve(at: tuple[str, int]) -> None:
+            family, index = at
+            widened = {}
+            try:
+                problem = file.problem(*at)
+                index, widened = problem.index, problem.widened_limits(robot)
+                setup = setup_problem(problem, robot)
+                result = run_planner(setup, run, time=time, parameters=parameters, simplify=options.simplify)
+            except InputError as error:
+                result = failure(f"Invalid input: {error}", *run, robot.joint_names)
+            told = record(f"{family}/{index}", robot, result)
+            line = {"family": family, "index": index, **told, "widened_limits": widened}
+            print(json_line(line), file=stream, flush=True)
+            results.setdefault(family, []).append(result)
+
+        status = output.each_until_ctrl_c(progress.track(problems, description=file.path.name), solve)
+    console.print(summary_table("family", [Summary.of(*of_family) for of_family in results.items()]))
+    return status or int(not all(result for of_family in results.values() for result in of_family))
+
+
+def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
+    """Return the robot of the options or of the file; its joints must be those of the file."""
+    name = options.robot or file.robot
+    if name in EXAMPLES:
+        robot = Robot(RobotSpec(name))
+    elif options.robot is not None:
+        robot = arguments.load_scenario(name, options.package_dir).build_robot()
+    else:
+        raise InputError(f"{name!r} is not an example robot: give --robot", f"{file.path}: robot")
+    if file.joint_names and set(file.joint_names) != set(robot.joint_names):
+        raise InputError(
+            f"the problems are for the joints {', '.join(file.joint_names)}, "
+            f"but {robot.name} moves {', '.join(robot.joint_names)}; a scenario's robot says what is locked",
+            f"{file.path}: joints",
+        )
+    return robot

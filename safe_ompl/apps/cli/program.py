@@ -1,4 +1,4 @@
-"""The program `safe-ompl`: its commands and exit status, and what it offers: `scenarios`, `robots`."""
+"""The program `safe-ompl`: its commands and exit status, and the small ones: `scenarios`, `robots`, `people`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NoReturn
 
 from rich.table import Table
+from rich.text import Text
 
-from safe_ompl.apps.cli import arguments, check, compare, live, mbm, new, output, people, plan, ros, verify, view
+from safe_ompl.apps.cli import arguments, check, compare, live, new, output, plan, ros, verify, view
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError, ctrl_c_as_such
+from safe_ompl.people import GATE, CalibratedReach, Recording, calibrate, list_clips
 from safe_ompl.robot import EXAMPLES
 from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
@@ -68,7 +71,7 @@ def command_line() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (plan, view, check, new, verify, compare, live, ros, mbm, people):
+    for command in (plan, view, check, new, verify, compare, live, ros):
         command.add_commands(commands)
     add_commands(commands)
     for own in commands.choices.values():
@@ -84,7 +87,8 @@ def _broken_pipe() -> int:
 
 
 def add_commands(commands: Any) -> None:
-    """Add `scenarios`, `robots` and `doctor` to the commands."""
+    """Add `people`, `scenarios`, `robots` and `doctor` to the commands."""
+    _add_people(commands)
     arguments.add_parser(commands, "scenarios", lambda _: _printed(scenarios_table), "list the scenarios")
     arguments.add_parser(commands, "robots", lambda _: _printed(robots_table), "list the example robots")
     arguments.add_parser(
@@ -127,4 +131,56 @@ def robots_table() -> Table:
     for name, example in sorted(EXAMPLES.items()):
         locked = ", ".join(f"{joint} = {value:g}" for joint, value in example.locked.items())
         table.add_row(name, example.tip, locked)
+    return table
+
+
+# ------------------------------------------------------------------------------------------------ people
+
+
+def _add_people(commands: Any) -> None:
+    summary = "how far people go: reach models from recordings"
+    inner = commands.add_parser("people", help=summary, description=f"{summary}.".capitalize()).add_subparsers(
+        metavar="COMMAND", required=True
+    )
+    parser = arguments.add_parser(
+        inner,
+        "calibrate",
+        prepare_people,
+        "write a reach file: how far each limb goes in a time, at a level",
+        "Find how far limbs go from where they were seen last, so that all limbs of a share of the recordings keep to "
+        "it at all times. This holds for recordings that are exchangeable with those given: the same people at the "
+        "same kind of work. On other kinds of work it is measured, not guaranteed.",
+    )
+    option(parser, "recordings RECORDINGS", "files of recordings (.npz); all clips are used", nargs="+")
+    option(parser, "--level SHARE", "share of the units that keep to it", arguments.share, required=True)
+    option(parser, "-o, --out FILE", "the reach file (.yaml)", output.output_file(".yaml", ".yml"), required=True)
+    arguments.add_force(parser)
+    option(parser, "--gate V", "faster key points are glitches [m/s]", arguments.limit, GATE)
+    option(parser, "--block S", "units are blocks of so many seconds; default: recordings", arguments.seconds)
+
+
+def prepare_people(options: argparse.Namespace) -> Callable[[], int]:
+    """Read the recordings, and return the job."""
+    recordings = [Recording.load(file, clip) for file in options.recordings for clip in list_clips(file)]
+    return partial(_calibrate, recordings, options)
+
+
+def _calibrate(recordings: list[Recording], options: argparse.Namespace) -> int:
+    """Write the reach file, and show what is in it."""
+    found = calibrate(recordings, options.level, gate=options.gate, block=options.block)
+    found.save(options.out)
+    output.console().print(reach_table(found))
+    output.error_console().print(f"reach in {options.out}")
+    return 0
+
+
+def reach_table(reach: CalibratedReach) -> Table:
+    """Return how far limbs go by the horizons, and what that says."""
+    table = output.plain_table("limb", *(f"{h:g} s" for h in reach.horizons), title="how far limbs go [m]")
+    for limb in reach.limbs:
+        table.add_row(limb, *(f"{reach.grown(limb, h):.3f}" for h in reach.horizons))
+    table.caption = Text(
+        f"{reach}; a gate of {reach.gate:g} m/s refused {100 * reach.refused:.2g} % of the key points.\n"
+        f"This holds for the same people at the same kind of work. On other work it must be measured."
+    )
     return table
