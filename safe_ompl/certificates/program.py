@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from safe_ompl.certificates.issue import motion_certificate
@@ -15,7 +15,9 @@ _SHARED = ("robot", "scene")
 
 
 def program_certificate(
-    stretches: Iterable[tuple[float, MotionCheck]], source: Mapping[str, Any] | None = None
+    stretches: Iterable[tuple[float, MotionCheck]],
+    source: Mapping[str, Any] | None = None,
+    steps: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """Return the certificate of a program, as plain numbers, lists and strings, verified.
 
@@ -25,6 +27,8 @@ def program_certificate(
         When each begins [s], and what is proven of it, as `ProgramResult.stretches` has them.
     source : mapping, optional
         Where robot and scene come from: kept as it is.
+    steps : sequence of str, optional
+        What each stretch is for, in words: kept as it is.
 
     Raises
     ------
@@ -42,7 +46,7 @@ def program_certificate(
             if whole[name] not in shared[name]:
                 shared[name].append(whole[name])
             whole[name] = shared[name].index(whole[name])
-        said.append({"begin": float(begin), "certificate": whole})
+        said.append({"begin": float(begin), "certificate": whole} | ({"step": steps[k]} if steps else {}))
     content = {"format": PROGRAM_FORMAT, "version": VERSION, "robots": shared["robot"], "scenes": shared["scene"]}
     content["stretches"] = said
     content["digest"] = schema.digest(content)

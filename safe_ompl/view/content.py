@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -19,7 +20,7 @@ from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.paths import Curve
-from safe_ompl.planning import PlanResult
+from safe_ompl.planning import PlanResult, ProgramResult, program_robot
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -27,6 +28,8 @@ CERTIFIED = "certified path"
 _SAMPLES = 200  # of a motion of polynomials
 _PLAYING_TIME = 8.0  # [s] to play a path once that has no times
 _CHECK_SAMPLES = 400
+_PROGRAM_RATE = 50.0  # [Hz] of the samples of a program
+_WORDS = 40  # letters of a step that are shown
 RECORDING_ENDING = ".jsonl"
 
 
@@ -136,6 +139,37 @@ class ViewerContent:
         )
         return cls.of_motions([moved], title=title)
 
+    @classmethod
+    def of_program(cls, result: ProgramResult) -> ViewerContent:
+        """Return a program as one motion: things move with the tip while it holds them. InputError if there is none."""
+        program, scenario = result.scenario.program, result.scenario
+        steps = () if program is None else program.steps
+        stages = [
+            _Stage(f"step {s.step + 1} of {len(steps)}", str(steps[s.step]), s.begin, s.motion, s.robot, s.scene)
+            for s in result.stretches
+        ]
+        bare = Robot(replace(program_robot(scenario).spec, attached=()))
+        return _of_stages(bare, stages, scenario.name, scenario.danger)
+
+    @classmethod
+    def of_program_certificate(
+        cls, content: Mapping[str, Any], title: str, package_dirs: Sequence[Path] = ()
+    ) -> ViewerContent:
+        """Return what the certificate of a program is about; it is shown, not verified. Errors as `of_certificate`."""
+        carried = content["robots"]
+        recipe = {**(carried[0]["recipe"] or {}), "attached": [], "files": {}}
+        bare = built_robot({**carried[0], "recipe": recipe}, package_dirs=package_dirs)
+        robots = [built_robot(one, package_dirs=package_dirs) for one in carried]
+        scenes = [built_scene(one) for one in content["scenes"]]
+        stages = []
+        for k, stretch in enumerate(content["stretches"], 1):
+            proof = stretch["certificate"]
+            number = f"stretch {k} of {len(content['stretches'])}"
+            motion = Motion.from_mapping({**proof["motion"], "joint_names": proof["joint_names"]})
+            among = robots[proof["robot"]], scenes[proof["scene"]]
+            stages.append(_Stage(number, stretch.get("step") or "motion", stretch["begin"], motion, *among))
+        return _of_stages(bare, stages, title, None)
+
     @cached_property
     def still(self) -> Scene:
         """The scene without what moves."""
@@ -198,7 +232,7 @@ Keypoints = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True, eq=False)
 class Movers:
-    """Where people and things are at some instants; between two of them they stay where they were."""
+    """Where people and things are at some instants; between two of them people stay where they were."""
 
     times: FloatArray  # (T,), instants [s]
     heights: Mapping[str, float]  # Name of a person → height [m]
@@ -215,6 +249,17 @@ class Movers:
         """Return the number of the instant at a time [s], or before it."""
         return int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 1))
 
+    def places_at(self, time: float) -> dict[str, Pose]:
+        """Return where the things that are there are at a time [s]; between two instants they move evenly."""
+        sample = self.sample(time)
+        after = min(sample + 1, len(self.times) - 1)
+        share = np.interp(time, self.times[[sample, after]], [0.0, 1.0]) if after > sample else 0.0
+        ahead = self.places[after]
+        return {
+            name: Pose.of(pin.SE3.Interpolate(pose.se3, ahead.get(name, pose).se3, float(share)))
+            for name, pose in self.places[sample].items()
+        }
+
     def people_at(self, time: float) -> list[Obstacle]:
         """Return the people who are there at a time [s], as obstacles."""
         there = self.people[self.sample(time)]
@@ -224,9 +269,65 @@ class Movers:
 
     def obstacles_at(self, time: float, scene: Scene) -> list[Obstacle]:
         """Return all that move, as they are at a time [s]: people, and obstacles of the scene at their places."""
-        places = self.places[self.sample(time)]
+        places = self.places_at(time)
         things = [replace(o, pose=places[o.name]) for o in scene if o.name in places]
         return [*self.people_at(time), *things]
+
+
+class _Stage(NamedTuple):
+    """A part of a program: which one, for which step, when it begins [s], what moves how, and among what."""
+
+    number: str
+    step: str
+    begin: float
+    motion: Motion
+    robot: Robot
+    scene: Scene
+
+    @property
+    def remark(self) -> str:
+        """What it is, what is held, and what may touch."""
+        held = ", ".join(item.name for item in self.robot.attached)
+        told = [f"holding {held}"] if held else []
+        told += [f"{' and '.join(o.touched_by)} may touch {o.name}" for o in self.scene if o.touched_by]
+        said = f"{self.number}: {shorten(self.step, _WORDS, placeholder=' …')}"
+        return f"{said}; {', '.join(told)}" if told else said
+
+
+def _of_stages(robot: Robot, stages: Sequence[_Stage], title: str, danger: Mapping[str, Any] | None) -> ViewerContent:
+    """Return a program of a robot that holds nothing: what it is to hold is among the things that move."""
+    if not stages:
+        raise InputError("there is nothing to show: nothing was planned")
+    known = {o.name: o for stage in reversed(stages) for o in stage.scene if not o.name.endswith(" mm deep")}
+    shapes = {item.name: item.shape for stage in stages for item in stage.robot.attached}
+    for name in shapes:
+        known.setdefault(name, Obstacle(name, shapes[name]))
+    model, data = robot.shared.model, robot.shared.model.createData()
+    times, rows, speeds, kinds, remarks, places = [], [], [], [], [], []
+    for stage in stages:
+        motion, last = stage.motion, stage is stages[-1]
+        count = int(np.ceil(_PROGRAM_RATE * motion.duration)) + 1
+        even = np.linspace(motion.times[0], motion.times[-1], count + last, endpoint=last)
+        times.append(stage.begin + even - motion.times[0])
+        rows.append(motion.at(even))
+        speeds.append(np.linalg.norm(motion.derivative(even), axis=1))
+        kinds += [stage.step.partition(" ")[0]] * len(even)
+        remarks += [stage.remark] * len(even)
+        there = {o.name: o.pose for o in stage.scene if o.name in shapes}
+        for q in rows[-1]:
+            pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(q))
+            held = {
+                item.name: Pose.of(data.oMf[model.getFrameId(item.link)] * item.pose.se3)
+                for item in stage.robot.attached
+            }
+            places.append({**there, **held})
+    first = {name: obstacle.moved(places[0].get(name, obstacle.pose)) for name, obstacle in known.items()}
+    scene = Scene(tuple(first.values()), stages[0].scene.spacing)
+    steps = np.concatenate(times) - stages[0].begin
+    arrays = steps, np.vstack(rows), np.concatenate(speeds)
+    shown = TimedMotion(robot, scene, *arrays, {}, tuple(kinds), danger, title, tuple(remarks))
+    movers = Movers(steps, {}, [{}] * len(steps), places) if shapes else None
+    return ViewerContent(robot, scene, danger=danger, motions={title: shown}, movers=movers, title=title)
 
 
 class NearestPoints(NamedTuple):

@@ -226,7 +226,7 @@ class MoverFigures:
     def at(self, time: float) -> None:
         """Show where all are at a time [s]."""
         sample = self._movers.sample(time)
-        people, places = self._movers.people[sample], self._movers.places[sample]
+        people, places = self._movers.people[sample], self._movers.places_at(time)
         for name, limbs in self.limbs.items():
             there = people.get(name)
             if there is not None:
@@ -276,7 +276,7 @@ class PathView:
         add_scenery(view, f"{node}/scene", content.still)
         paint = NEUTRAL if colour is None else mixed(NEUTRAL, colour, _TINT)
         self._robot = RobotFigure(view, f"{node}/robot", body, paint)
-        self.lines = ClearanceLines(view, f"{node}/clearance", content.robot, content.scene)
+        self.lines = ClearanceLines(view, f"{node}/clearance", content.robot, content.still)
         self._layers: list[RobotFigure | ClearanceLines | DangerPoints] = [self._robot, self.lines]
         if (field := content.danger_field) is not None:
             ways = [self.samples, *(content.along(other, _EVENLY) for other in content.paths)]

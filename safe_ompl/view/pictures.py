@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -171,6 +172,7 @@ def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
 _CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
 _PLANNED = ", thin: before it was simplified"
 _GUTTER, _HEADING, _FOOT = 14, 52, 30  # [px] between panels, above each row, and below all
+_LETTER = 7  # [px], how wide one of a subtitle is
 _DARK, _GREY = (77, 77, 77), (102, 102, 102)  # of subtitles, and of the line below all
 
 
@@ -242,7 +244,8 @@ def _panels(images: Sequence[Image], titles: Sequence[str], subtitles: Sequence[
         top = (k // columns) * (height + _HEADING) + _HEADING
         page.paste(Picture.fromarray(image), (left, top))
         pen.text((left + 2, top - 28), title, "black", _font(18, "-Bold"), "ls")
-        pen.text((left + 2, top - 9), subtitle, _DARK, _font(14), "ls")
+        fitting = shorten(subtitle, width // _LETTER, placeholder=" …")
+        pen.text((left + 2, top - 9), fitting, _DARK, _font(14), "ls")
     pen.text((_GUTTER + 2, size[1] - 10), caption, _GREY, _font(13), "ls")
     return page
 

@@ -82,6 +82,11 @@ _CAPS = {
     "done": "#8b96a1",
     "proven": "#0b62b4",  # and what was found of a motion that something else made
     "not proven": "#c8452b",
+    "move": "#0b62b4",  # and steps of programs
+    "line": "#00876a",
+    "seam": "#7d2f91",
+    "gripper": "#d98a1f",
+    "wait": "#3a444f",
 }
 _OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
 

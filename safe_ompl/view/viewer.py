@@ -14,7 +14,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.io import TimedMotion
-from safe_ompl.planning import PlanResult
+from safe_ompl.planning import PlanResult, ProgramResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
@@ -28,12 +28,13 @@ PORT = 8080
 _SIZE = (1200, 800)  # [px] of the window that cameras are chosen for
 _APART = 1.15  # widths of a path_view from one to the next
 _BOARD = 1.25  # sizes of the robot's motion; width of a board
+_WORDS = 1.7  # half heights of a board above its middle, up to where there are words
 _FIELD_OF_VIEW = 0.6  # [rad]
 _BACKGROUND = 245
 
 
 def view(
-    shown: ViewerContent | PlanResult | TimedMotion | Trajectory | Sequence[PlanResult],
+    shown: ViewerContent | PlanResult | ProgramResult | TimedMotion | Trajectory | Sequence[PlanResult],
     *,
     robot: Robot | None = None,
     scene: Scene | None = None,
@@ -44,7 +45,7 @@ def view(
 
     Parameters
     ----------
-    shown : PlanResult, sequence of PlanResult, Trajectory, TimedMotion or ViewerContent
+    shown : PlanResult, sequence of PlanResult, ProgramResult, Trajectory, TimedMotion or ViewerContent
         What is shown; several results stand side by side.
     robot, scene : Robot and Scene
         Of a `Trajectory`, which does not know them; the scene may be left out.
@@ -67,6 +68,8 @@ def view(
         shown = TimedMotion.of(shown, robot, Scene() if scene is None else scene)
     if isinstance(shown, TimedMotion):
         shown = ViewerContent.of_motions([shown])
+    elif isinstance(shown, ProgramResult):
+        shown = ViewerContent.of_program(shown)
     elif not isinstance(shown, ViewerContent):
         shown = ViewerContent.of_results([shown] if isinstance(shown, PlanResult) else shown)
     BrowserView(shown, port=port).run(browser=browser)
@@ -164,7 +167,8 @@ class BrowserView:
             centre[2] = landmarks[:, 2].max() + 0.65 * width * BOARD_SHAPE
             for path_view in self.path_views:
                 path_view.add_board(centre, width, np.array([back[0], back[1], 0.0]))
-            corners = [centre + 0.5 * width * (x * right + z * BOARD_SHAPE * up) for x in (-1, 1) for z in (-1, 1)]
+            ends = (-1, _WORDS)
+            corners = [centre + 0.5 * width * (x * right + z * BOARD_SHAPE * up) for x in (-1, 1) for z in ends]
             landmarks = np.vstack([landmarks, *corners])
         step = _APART * float(np.ptp(landmarks @ right)) * right
         places = [step * (k - 0.5 * (len(paths) - 1)) for k in range(len(paths))]

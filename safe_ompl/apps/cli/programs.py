@@ -43,7 +43,9 @@ def _plan(options: argparse.Namespace, scenario: Scenario) -> int:
         assert scenario.file is not None
         source = {"scenario": document.file_name(scenario.file.resolve(), Path(options.certificate).parent)}
         stretches = ((stretch.begin, stretch.check) for stretch in result.stretches)
-        output.write_json(options.certificate, program_certificate(stretches, source))
+        steps = _record(result)["steps"]
+        names = [steps[stretch.step] for stretch in result.stretches]
+        output.write_json(options.certificate, program_certificate(stretches, source, names))
     return 0
 
 

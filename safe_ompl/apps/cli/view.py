@@ -10,9 +10,10 @@ from typing import Any
 from safe_ompl.apps.benchmark import check_named_planner
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
+from safe_ompl.certificates import PROGRAM_FORMAT
 from safe_ompl.common import InputError, files
 from safe_ompl.io import TimedMotion, built_robot, load, read_ticks, schema
-from safe_ompl.planning import PlanResult, setup_scenario
+from safe_ompl.planning import PlanResult, plan_program, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.view import (
     ANIMATION_ENDINGS,
@@ -115,6 +116,12 @@ def _show(content: ViewerContent, options: argparse.Namespace) -> int:
 
 
 def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
+    if scenario.program is not None and options.planners != _NONE:
+        given = {} if options.time is None else {"time": options.time}
+        found = plan_program(scenario, seed=options.seed, **given)
+        if not found:
+            output.error_console().print(f"safe-ompl: {found.why}")
+        return ViewerContent.of_program(found)
     robot = scenario.build_robot()
     start = scenario.start_configuration(robot)
     if options.planners == _NONE:  # also a start in collision can be looked at
@@ -137,6 +144,10 @@ def _loaded(given: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent
                 raise InputError(f"one certificate at a time, not {', '.join(given)}")
             schema.check_form(content)
             return ViewerContent.of_certificate(content, built_robot(content["robot"], package_dirs=package_dirs))
+        if isinstance(content, dict) and content.get("format") == PROGRAM_FORMAT:
+            if len(given) > 1:
+                raise InputError(f"one certificate at a time, not {', '.join(given)}")
+            return ViewerContent.of_program_certificate(content, Path(given[0]).stem, package_dirs)
     loaded = [load(file, package_dirs=package_dirs) for file in given]
     title = Path(given[0]).stem
     motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]

@@ -38,6 +38,7 @@ def _certificate(key: str, value: Any) -> dict[str, Any]:
 @dataclass(frozen=True, kw_only=True)
 class _Stretch(Section):
     begin: float = key(document.number, at_least=0.0)
+    step: str = key(document.line, default="")
     certificate: Mapping[str, Any] = key(_certificate)
 
 

@@ -1,0 +1,68 @@
+"""A program in a view: one motion with its gripper; things go with the tip while it holds them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import safe_ompl
+from safe_ompl import InputError
+from safe_ompl.apps import main
+from safe_ompl.certificates import program_certificate
+from safe_ompl.view import ViewerContent
+
+
+@pytest.fixture(scope="module")
+def result():
+    found = safe_ompl.plan_program("panda_pick_place")
+    assert found
+    return found
+
+
+@pytest.fixture(scope="module")
+def certified(result):
+    stretches = ((stretch.begin, stretch.check) for stretch in result.stretches)
+    steps = [str(result.scenario.program.steps[stretch.step]) for stretch in result.stretches]
+    return ViewerContent.of_program_certificate(program_certificate(stretches, steps=steps), "panda_pick_place")
+
+
+@pytest.mark.parametrize("source", ["result", "certificate"])
+def test_the_cube_goes_with_the_tip_while_it_is_held(source, result, certified):
+    content = ViewerContent.of_program(result) if source == "result" else certified
+    (shown,) = content.motions.values()
+    assert shown.duration == pytest.approx(result.duration)
+    np.testing.assert_allclose(shown.at(shown.times), result.motion.at(shown.times), atol=1e-9)
+    assert content.movers.objects == {"cube"}
+    held = [s for s in result.stretches if s.robot.attached]
+    begin, end = held[0].begin, held[-1].begin + held[-1].motion.duration
+    grasps = []
+    for time in np.linspace(0.0, shown.duration, 77):
+        cube = content.movers.places_at(time)["cube"].se3
+        tip = content.robot.tip_pose(shown.at(np.array([time]))[0])
+        if time <= begin:
+            np.testing.assert_allclose(cube.translation, (0.45, 0.32, 0.025), atol=1e-9)
+        elif time >= end:
+            np.testing.assert_allclose(cube.translation[2], 0.335, atol=1e-3)
+        else:
+            grasps.append((tip.inverse() * cube).homogeneous)
+            assert "holding cube" in shown.remark(time)
+    np.testing.assert_allclose(grasps, np.broadcast_to(grasps[0], (len(grasps), 4, 4)), atol=1e-3)
+    assert "line grasp cube" in shown.remark(1.2)
+    assert {"move", "line", "gripper"} == set(shown.binding)
+
+
+def test_nothing_planned_is_nothing_to_show(result):
+    with pytest.raises(InputError, match="nothing was planned"):
+        ViewerContent.of_program(dataclasses.replace(result, stretches=(), why="step 1: no"))
+
+
+def test_a_certificate_is_shown_on_a_page(result, tmp_path):
+    pytest.importorskip("viser")
+    first = [(stretch.begin, stretch.check) for stretch in result.stretches[:1]]
+    file, page = tmp_path / "proof.json", tmp_path / "proof.html"
+    file.write_text(json.dumps(program_certificate(first)))
+    assert main(["view", str(file), "--html", str(page)]) == 0
+    assert page.stat().st_size > 100_000
