@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array
-from safe_ompl.geometry import Person, surfaces
+from safe_ompl.geometry import surfaces
 from safe_ompl.paths import Curve
 from safe_ompl.view.rasteriser import Camera, in_picture, nearest_triangles
 from safe_ompl.view.style import Colour
-from safe_ompl.view.surfaces import ColouredSurface, RobotBody, Surface, obstacle_surfaces
+from safe_ompl.view.surfaces import ColouredSurface, RobotBody, Surface, scene_surfaces
 
 if TYPE_CHECKING:
     from safe_ompl.robot import Robot
@@ -71,13 +71,10 @@ class DrawnScene:
 
     def _set_scene(self, scene: Scene) -> None:
         """Sort the scene into what is dangerous, what is not, and the ground, on which all else stands."""
-        marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in scene.obstacles)
-        drawn = {obstacle.name: obstacle_surfaces(obstacle, marked) for obstacle in scene.obstacles}
+        drawn, self.hazards = scene_surfaces(scene)
         lows = [_lowest(thing) for group in drawn.values() for thing in group]
         self.floor = lowest = min([float(self._actors[:, 2].min()), *lows])  # [m]
-        # What is drawn of each obstacle but the ground, and which of them are dangerous to approach
-        self.groups: dict[str, list[ColouredSurface]] = {}
-        self.hazards = [o.name for o in scene.obstacles if marked and o.weight > 0]
+        self.groups: dict[str, list[ColouredSurface]] = {}  # what is drawn of each obstacle but the ground
         for name, group in drawn.items():
             if _lowest(group[0]) == lowest and self._is_slab(group[0]):
                 self.floor = float(group[0].surface.vertices[:, 2].max())

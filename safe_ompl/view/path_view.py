@@ -19,7 +19,7 @@ from safe_ompl.view.content import Keypoints, Movers, Nearest, NearestPoints, Vi
 from safe_ompl.view.drawn_scene import DrawnScene
 from safe_ompl.view.plots import AXES, SIZE, plot_speeds
 from safe_ompl.view.style import NEUTRAL, START_COLOUR, Colour, as_bytes, cap_colours, level_colours, mixed, rgb
-from safe_ompl.view.surfaces import ColouredSurface, RobotBody, limb_surfaces, obstacle_surfaces
+from safe_ompl.view.surfaces import ColouredSurface, RobotBody, limb_surfaces, obstacle_surfaces, scene_surfaces
 
 _MOST_POINTS = 4000  # danger points that are shown; of more, evenly chosen ones
 _PEOPLE, _THINGS = (0.80, 0.10, 0.12), (0.10, 0.35, 0.75)
@@ -185,10 +185,9 @@ class RobotFigure:
 
 def add_scenery(view: Any, name: str, scene: Scene) -> None:
     """Add the obstacles of a scene, people in skin and clothes, dangerous things in red."""
-    marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in scene)
     view.add_frame(name, show_axes=False)
-    for obstacle in scene:
-        _add_meshes(view, f"{name}/{node_name(obstacle.name)}/", obstacle_surfaces(obstacle, marked))
+    for obstacle, surfaces in scene_surfaces(scene)[0].items():
+        _add_meshes(view, f"{name}/{node_name(obstacle)}/", surfaces)
 
 
 def _add_meshes(view: Any, name: str, things: Sequence[ColouredSurface]) -> list[Any]:

@@ -280,6 +280,14 @@ def _bone(ends: FloatArray, radius: float) -> Surface:
     return Surface.merged(Surface.from_triangles(*part) for part in parts)
 
 
+def scene_surfaces(obstacles: Iterable[Obstacle]) -> tuple[dict[str, list[ColouredSurface]], list[str]]:
+    """Return the surfaces of each obstacle, and which are dangerous to approach; none if all are alike, things only."""
+    obstacles = tuple(obstacles)
+    marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in obstacles)
+    drawn = {obstacle.name: obstacle_surfaces(obstacle, marked) for obstacle in obstacles}
+    return drawn, [o.name for o in obstacles if marked and o.weight > 0]
+
+
 def obstacle_surfaces(obstacle: Obstacle, marked: bool = True) -> list[ColouredSurface]:
     """Return the surfaces of an obstacle: people by limb, in skin and clothes, all else in one colour.
 

@@ -35,7 +35,6 @@ def files(tmp_path_factory):
 
 SMALL = {
     "certify": "--edges 14 --hard 14 --paths 1 --only verdicts hard danger",
-    "compilation": None,  # minutes: kernels are compiled anew
     "field": "--rounds 2",
     "hard": "--problems 0:1 --time 1 --families RRTConnect",
     "live": "{files} --sample 1 --places 1 --seconds 0.5 --policies ours,half-speed,alone",
