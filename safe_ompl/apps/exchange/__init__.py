@@ -1,6 +1,6 @@
-"""What other programs read and write: logs that Foxglove opens, recordings of ROS 2, and a node of ROS 2.
+"""What other programs read and write: logs that Foxglove opens, recordings and a node of ROS 2, worlds of planners.
 
-It needs the extra `safe-ompl[mcap]`. Only what starts a node needs ROS, too (`safe-ompl[ros]`).
+Logs and recordings need the extra `safe-ompl[mcap]`, what starts a node ROS, too (`safe-ompl[ros]`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.apps.exchange import messages
     from safe_ompl.apps.exchange.controller import Cell, ControlOptions, LiveController
+    from safe_ompl.apps.exchange.curobo import robot_from_curobo, scene_from_curobo
     from safe_ompl.apps.exchange.logs import McapLog, read_joint_log, read_log
     from safe_ompl.apps.exchange.messages import Frames, in_metres
+    from safe_ompl.apps.exchange.moveit import scene_from_moveit, scene_from_octomap
     from safe_ompl.apps.exchange.ros_node import RosNode, ros_context
 
 __all__ = [
@@ -27,7 +29,11 @@ __all__ = [
     "messages",
     "read_joint_log",
     "read_log",
+    "robot_from_curobo",
     "ros_context",
+    "scene_from_curobo",
+    "scene_from_moveit",
+    "scene_from_octomap",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)
