@@ -2,8 +2,7 @@
 
 FOLDER has recordings (.npz, see `safe_ompl.people.Recording`). Every clip is placed beside the arm at so many places
 drawn from a seed, and played while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A contact monitor looks
-for contacts. Stop-and-go drives at full, half and a quarter of the speed: a slower robot stops sooner. `--memory
-MINUTES` measures memory instead.
+for contacts. Stop-and-go drives at full, half and a quarter of the speed: a slower robot stops sooner.
 
 All clips at 20 places with all policies are about 13 hours of simulated time; one idle core simulates 6 s in a
 second (`--jobs` for more cores; `--sample N` for N of all clips and places, drawn evenly).
@@ -12,9 +11,7 @@ second (`--jobs` for more cores; `--sample N` for N of all clips and places, dra
 from __future__ import annotations
 
 import argparse
-import gc
 import logging
-import resource
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -34,7 +31,6 @@ from safe_ompl.people import CalibratedReach, Recording, TrackedBody, list_clips
 from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Faults, Simulation
-from safe_ompl.people.skeletons import facing
 from safe_ompl.scene import find_scenario
 from safe_ompl.trajectories.contact import CONTACT_RULES
 
@@ -53,7 +49,6 @@ TICK = 0.05  # [s]
 OURS = ("ours", "contact", "staying")
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
 _HIP = 0.15  # [m] above the base
-_ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
 _SHARES = ("model_obeyed", "model_obeyed_raw", "refused", "moving")
 _CONTACTS = ("while_moving", "after_violations", "at_rest", "retreating")
 _LATENCY = 0.4  # of a tick, from a measurement to the command that answers it
@@ -63,18 +58,18 @@ GLITCH = 6.0  # [m/s] no key point of these people is so fast
 Situation = tuple[Path, str, int]  # file, clip and place
 
 
-def situations(folder: Path, clips: int, places: int, sample: int, seed: int) -> list[Situation]:
-    """Return all clips (so many of each file, 0: all) at all places, or so many of them (0: all), drawn evenly."""
+def situations(folder: Path, places: int, sample: int) -> list[Situation]:
+    """Return all clips at all places, or so many of them (0: all), drawn evenly."""
     found = [
         (file, clip, place)
         for file in sorted(folder.glob("*.npz"))
-        for clip in list_clips(file)[: clips or None]
+        for clip in list_clips(file)
         for place in range(places)
     ]
     if not found:
         raise SystemExit(f"no recordings (.npz) in {folder}")
     if 0 < sample < len(found):
-        chosen = np.random.default_rng(seed).choice(len(found), sample, replace=False)
+        chosen = np.random.default_rng(0).choice(len(found), sample, replace=False)
         found = [found[k] for k in sorted(chosen.tolist())]
     return found
 
@@ -86,19 +81,13 @@ def to_and_fro(scenario: Scenario, robot: Robot, limits: RateLimits, prover: Mot
     return [time_path(way, robot, limits, motion=prover) for way in (path, path[::-1])]
 
 
-def places(recording: Recording, count: int, seed: int, *, near: bool = False) -> list[Pose]:
-    """Return places of a recording at which the hip of its first frame is beside the arm, not behind it.
-
-    People who are `near` face it, within arm's reach.
-    """
+def places(recording: Recording, count: int, seed: int) -> list[Pose]:
+    """Return places of a recording at which the hip of its first frame is beside the arm, not behind it."""
     rng = np.random.default_rng(seed)
-    points, _ = TrackedBody().completed(recording.skeleton.keypoints(recording.frames[0]))
-    ahead, hip = facing(points)[:, 0], recording.skeleton.keypoints(recording.frames[0])[-1]
+    hip = recording.skeleton.keypoints(recording.frames[0])[-1]
     found = []
     for _ in range(count):
         angle, far, yaw = rng.uniform(-1.2, 1.2), rng.uniform(_NEAR, _FAR), rng.uniform(-np.pi, np.pi)
-        if near:
-            far, yaw = _ARMS_REACH, np.pi + angle - np.arctan2(ahead[1], ahead[0])
         c, s = np.cos(yaw), np.sin(yaw)
         turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ hip
         at = np.array([far * np.cos(angle), far * np.sin(angle), _HIP]) - turned
@@ -114,7 +103,6 @@ def simulation(
     *,
     count: int = 20,
     reach: str | None = None,
-    near: bool = False,
     gate: float | None = None,
     tick: float = TICK,
 ) -> Simulation:
@@ -126,7 +114,7 @@ def simulation(
     scenario = Scenario.load(find_scenario("panda_shelf"))
     robot = scenario.build_robot()
     recording = Recording.load(file, clip)
-    pose = places(recording, count, seed=sum(map(ord, file.stem + clip)), near=near)[place]
+    pose = places(recording, count, seed=sum(map(ord, file.stem + clip)))[place]
     tracker = Tracker(recording.skeleton, TrackedBody(), pose, gate=gate)
     if reach is not None:
         calibrated = CalibratedReach.load(reach)
@@ -145,12 +133,12 @@ def simulation(
     return one
 
 
-def run(job: tuple[Path, str, int, str, float, int, str | None, bool, float | None, float]) -> dict[str, Any]:
+def run(job: tuple[Path, str, int, str, float, int, str | None, float | None, float]) -> dict[str, Any]:
     """Run one simulation, and return its summary."""
     file, clip, place, policy, seconds, *how = job
     logging.disable(logging.WARNING)
     begin = process_time()
-    options = dict(zip(("count", "reach", "near", "gate", "tick"), how, strict=True))
+    options = dict(zip(("count", "reach", "gate", "tick"), how, strict=True))
     one = simulation(file, clip, place, policy, **options)
     duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
     ticks = list(one.ticks(duration))
@@ -202,54 +190,26 @@ def show(report: Report, rows: list[dict[str, Any]]) -> None:
         report.figure("time lost against an empty cell", 1 - per_hour["ours"] / per_hour["alone"])
 
 
-def memory(report: Report, file: Path, clip: str, minutes: float) -> None:
-    """Report how memory grows over so many minutes of simulation, after the first one."""
-    one = simulation(file, clip, 0, "ours")
-    one.monitor = None
-    per_minute = round(60 / one.replanner.tick)
-    first = 0.0
-    for k, _ in enumerate(one.ticks(60 * minutes)):
-        if k == per_minute:
-            first = _resident()
-    report.figure(f"memory after {minutes:g} minutes, against one [MB]", _resident() - first)
-
-
-def _resident() -> float:
-    """Return the memory of this process [MB]."""
-    gc.collect()
-    statm = Path("/proc/self/statm")
-    if statm.exists():
-        return int(statm.read_text().split()[1]) * resource.getpagesize() / 1e6
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # the most that it ever was
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     add = parser.add_argument
     add("folder", type=Path)
-    add("--clips", type=int, default=0, metavar="N", help="of each file; default: all")
     add("--places", type=int, default=20, metavar="N")
     add("--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's")
     add("--sample", type=int, default=0, metavar="N", help="of all clips and places, drawn evenly")
     add("--reach", metavar="FILE", help="calibrated reach, with its gate; default: speeds")
-    add("--near", action="store_true", help="people within arm's reach, who face the robot")
     add("--gate", type=float, metavar="V", help="key points above V m/s are glitches")
     add("--tick", type=float, default=TICK, metavar="S", help="between measurements, and between commands")
-    add("--seed", type=int, default=0, metavar="N", help="of the sample")
     add("--policies", default=",".join(POLICIES))
     add("--jobs", type=int, default=1, metavar="N", help="processes")
-    add("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
 
 
 def main(options: argparse.Namespace, report: Report) -> int:
     """Run what the options choose."""
     if options.gate is not None and options.reach is not None:
         raise SystemExit("--gate: a reach has a gate of its own")
-    chosen = situations(options.folder, options.clips, options.places, options.sample, options.seed)
-    if options.memory:
-        memory(report, chosen[0][0], chosen[0][1], options.memory)
-        return 0
-    how = (options.seconds, options.places, options.reach, options.near, options.gate, options.tick)
+    chosen = situations(options.folder, options.places, options.sample)
+    how = (options.seconds, options.places, options.reach, options.gate, options.tick)
     jobs = [(*situation, policy, *how) for situation in chosen for policy in options.policies.split(",")]
     if options.jobs == 1:
         rows = [run(job) for job in jobs]

@@ -38,7 +38,6 @@ down by hand, from an earlier run of the command or of the bench that it replace
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("--out", type=Path, default=PAGE, metavar="FILE")
     parser.add_argument("--check", action="store_true", help="say whether the page is up to date instead")
 
 
@@ -46,11 +45,11 @@ def main(options: argparse.Namespace, report: Report) -> int:
     """Write or check the page."""
     text = page(FOLDER)
     if options.check:
-        if options.out.read_text(encoding="utf-8") != text:
-            print(f"{options.out} is not up to date: python -m bench page", file=sys.stderr)
+        if PAGE.read_text(encoding="utf-8") != text:
+            print(f"{PAGE} is not up to date: python -m bench page", file=sys.stderr)
             return 1
     else:
-        options.out.write_text(text, encoding="utf-8")
+        PAGE.write_text(text, encoding="utf-8")
     return 0
 
 

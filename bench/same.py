@@ -14,13 +14,11 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import logging
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from ompl import base as ob
-from ompl import util as ou
 
 from bench._harness import Report
 from safe_ompl import RateLimits, SafeSetup, Scenario, StandstillError, time_path
@@ -48,8 +46,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace, report: Report) -> int:
     """Record or compare."""
-    logging.disable(logging.WARNING)
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
     found = dict(runs(options.only))
     report.figure("runs", len(found))
     report.figure("with a path", sum("planned" in hashes for hashes in found.values()))

@@ -32,7 +32,6 @@ SIZES = {
     "points": (1, 10, 100, 1000, 10_000, 100_000),
     "joints": (2, 4, 7, 10, 14),
 }
-QUICK = {"nodes": (100, 1000, 10_000), "obstacles": (1, 10, 50), "points": (10, 1000, 100_000), "joints": (2, 7, 14)}
 Row = dict[str, float]
 
 LINK = """<link name="link{k}"><collision><origin xyz="0 0 {middle}"/><geometry><box size="0.04 0.04 {length}"/>
@@ -173,14 +172,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     for kind, sizes in SIZES.items():
         said = f"default: {' '.join(map(str, sizes))}"
         parser.add_argument(f"--{kind}", type=int, nargs="*", metavar="N", help=said)
-    parser.add_argument("--quick", action="store_true", help="fewer sizes, where none are given")
 
 
 def main(options: argparse.Namespace, report: Report) -> None:
     """Report a table for each kind of size."""
     chosen = {kind: getattr(options, kind) for kind in SIZES}
     if all(sizes is None for sizes in chosen.values()):
-        chosen = {kind: list(sizes) for kind, sizes in (QUICK if options.quick else SIZES).items()}
+        chosen = {kind: list(sizes) for kind, sizes in SIZES.items()}
     for kind, sizes in chosen.items():
         if sizes:
             rows = {size: STUDIES[kind](size) for size in sorted(sizes)}

@@ -3,9 +3,6 @@
 Scenes of 12 obstacles and a person. CPU time of each part, in ms and as a ratio to one collision query of the same
 process. Bars: SafeSetup of a known robot 10 ms; moving one obstacle or the person 1 ms, with the checker and the danger
 field; what `plan` does besides planning after such a move 5 ms.
-
-With --moves: random moves in place, each against a checker and a field made anew. Bars: no difference in verdicts,
-radii and danger, distances equal to 1e-12.
 """
 
 from __future__ import annotations
@@ -19,11 +16,11 @@ import numpy as np
 
 from bench._harness import Report
 from bench._scenes import free_configuration, scattered
-from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Person, Pose, Robot, SafeSetup, Scene
+from safe_ompl import CollisionChecker, DangerField, Obstacle, Person, Pose, Robot, SafeSetup, Scene
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import STANDING
 
-CLAIM = "a new scene takes milliseconds, a person who moves less; nothing differs from models made anew"
+CLAIM = "a new scene takes milliseconds, a person who moves less"
 OBSTACLES = 12
 MOVABLE = ("obstacle 3", "obstacle 4", "person")
 
@@ -65,9 +62,8 @@ class Part:
 class Cell:
     """A robot among obstacles, and the next scene that it is to know."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.robot = Robot.from_example(name)
+    def __init__(self) -> None:
+        self.robot = Robot.from_example("panda")
         self.rng = np.random.default_rng(0)
         self.checker = CollisionChecker(self.robot, scene(0), movable=MOVABLE)
         self.field = DangerField.of_scene(self.robot, scene(0))
@@ -88,7 +84,7 @@ class Cell:
     def a_new_robot(self) -> None:
         """Go on to one, which nothing has been made for."""
         self.another_scene()
-        self.stranger = Robot.from_example(self.name)
+        self.stranger = Robot.from_example("panda")
 
     def choose_places(self) -> None:
         """Choose where all that moves goes next."""
@@ -112,7 +108,7 @@ class Cell:
         """Yield all that is measured."""
         robot, known = self.robot, lambda: SafeSetup(self.robot, self.scene)
         yield Part("one collision query", lambda: [self.checker.touches(self.q) for _ in range(100)])
-        yield Part("Robot, from its files", lambda: Robot.from_example(self.name))
+        yield Part("Robot, from its files", lambda: Robot.from_example("panda"))
         yield Part("SafeSetup, new robot", lambda: SafeSetup(self.stranger, self.scene), self.a_new_robot)
         yield Part("SafeSetup, known robot", known, self.another_scene)
         yield Part("  CollisionChecker", lambda: CollisionChecker(robot, self.scene), self.another_scene)
@@ -141,41 +137,11 @@ def costs(cell: Cell, rounds: int) -> list[tuple[object, ...]]:
     ]
 
 
-def differences(cell: Cell, moves: int) -> dict[str, float]:
-    """Return what differs, after random moves, from models made anew."""
-    robot, rng = cell.robot, cell.rng
-    found = {"verdicts": 0.0, "proofs": 0.0, "radii": 0.0, "distances [m]": 0.0, "danger": 0.0}
-    motion = MotionProver(cell.checker)
-    for _ in range(moves):
-        cell.choose_places()
-        for name in rng.choice(MOVABLE, rng.integers(1, 3), replace=False):
-            cell.move(str(name))
-        checker = CollisionChecker(robot, cell.checker.scene, movable=MOVABLE)
-        field, proof = DangerField.of_scene(robot, cell.checker.scene), MotionProver(checker)
-        q, end = rng.uniform(robot.lower, robot.upper, (2, robot.n))
-        end = q + 0.1 * (end - q)
-        found["verdicts"] += cell.checker.in_collision(q) != checker.in_collision(q)
-        found["proofs"] += motion.check(q, end) != proof.check(q, end)
-        found["radii"] += not np.array_equal(cell.checker.pair_radii, checker.pair_radii)
-        apart = np.abs(cell.checker.distances(q) - checker.distances(q)).max()
-        found["distances [m]"] = max(found["distances [m]"], float(apart))
-        found["danger"] += not np.array_equal(cell.field.gradient(q), field.gradient(q))
-    return found
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("--robot", default="panda", metavar="NAME")
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--moves", type=int, default=0)
 
 
-def main(options: argparse.Namespace, report: Report) -> int:
-    """Report costs, and what differs after moves."""
-    cell = Cell(options.robot)
-    report.table(("part", "CPU [ms]", "collision queries"), costs(cell, options.rounds))
-    if not options.moves:
-        return 0
-    found = differences(cell, options.moves)
-    report.table(("after moves in place, against models made anew", "differences"), list(found.items()))
-    return int(any(value > 1e-12 for value in found.values()))
+def main(options: argparse.Namespace, report: Report) -> None:
+    """Report costs."""
+    report.table(("part", "CPU [ms]", "collision queries"), costs(Cell(), options.rounds))

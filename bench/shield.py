@@ -325,7 +325,7 @@ def main(options: argparse.Namespace, report: Report) -> int:
     if options.random:
         people = [(k, walker(k)) for k in range(options.sample)]
     else:
-        chosen = situations(options.folder, 0, PLACES, options.sample, 0)
+        chosen = situations(options.folder, PLACES, options.sample)
         people = [(k, recorded(*situation)) for k, situation in enumerate(chosen)]
     names, rows = [name for name in options.filters.split(",") if name], []
     for k, mover in people:

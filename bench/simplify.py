@@ -1,27 +1,18 @@
-"""Paths on a MotionBenchMaker file, simplified: SafeRRTConnect and ours, RRT-Connect and OMPL's simplifier.
+"""Paths on a MotionBenchMaker file, simplified: SafeRRTConnect and ours, OMPL's RRTConnect and OMPL's simplifier.
 
-    python -m bench simplify FILE [--problems 0:100] [--time 5] [--simplify SECONDS] [--planned] [--seed 0]
-                                  [--baseline NAME|none]
-    python -m bench simplify FILE --save RAW     plan only, and save the paths
-    python -m bench simplify FILE --paths RAW    simplify saved paths: the same ones for two versions of the code
-
-The baseline is OMPL's own RRTConnect, or with --baseline PaperRRTConnect RRT-Connect as printed. Same checker, same
-validator, in turn. Ours end by themselves, or after so many seconds; OMPL's simplifier ends by itself. With --planned
-neither path is simplified. Medians and ratios are over the problems that both solved. No path can be clearer than its
-ends, so the least clearance is compared with that, too; and every path that ours went through is looked at: proven or
-not, and whether its cost J is above that of the path that the planner had found. Then how J falls with CPU time, what a
-simplification asked of the models, and, with --simplify, by how much it overran its time.
+Same checker, same validator, in turn; both end by themselves. With --planned neither path is simplified. Medians and
+ratios are over the problems that both solved. No path can be clearer than its ends, so the least clearance is compared
+with that, too; and every path that ours went through is looked at: proven or not, and whether its cost J is above that
+of the path that the planner had found. Then how J falls with CPU time, and what a simplification asked of the models.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from time import process_time
 
 import numpy as np
@@ -33,7 +24,6 @@ from safe_ompl import PathReport, SafeSetup
 from safe_ompl.common import FloatArray
 
 CLAIM = "simplified paths are shorter, safer and clearer than the planner's and than OMPL's, and always proven"
-OURS, THEIRS = "SafeRRTConnect", ("RRTConnect", "PaperRRTConnect")
 INSTANTS = (0.005, 0.01, 0.02, 0.05, 0.1)  # [s]
 STEEP, NEARLY = 5.0, 0.9  # times their least clearance; share of what the ends have
 
@@ -56,20 +46,17 @@ class Outcome:
         return [cost for cost, at in zip(self.costs, self.times, strict=True) if at <= seconds][-1]
 
 
-def ours(setup: SafeSetup, raw: FloatArray, planning: float, seconds: float | None) -> Outcome:
+def ours(setup: SafeSetup, raw: FloatArray, planning: float) -> Outcome:
     """Simplify a path."""
     simplifier = setup.simplifier  # made before the clock starts
     steps, times, before = [raw], [0.0], _counts(setup)
     begin = process_time()
 
-    def stop() -> bool:
-        return seconds is not None and process_time() - begin >= seconds
-
     def note(better: FloatArray, cost: float) -> None:
         steps.append(better)
         times.append(process_time() - begin)
 
-    run = simplifier.begin(raw, stop, note, proven=True)
+    run = simplifier.begin(raw, lambda: False, note, proven=True)
     run.improve()
     path = run.best
     took, after = process_time() - begin, _counts(setup)
@@ -86,14 +73,13 @@ def _counts(setup: SafeSetup) -> dict[str, int]:
 
 def as_planned(setup: SafeSetup, raw: FloatArray, planning: float) -> Outcome:
     """Return a path that is not simplified."""
-    costs = [setup.simplifier.cost.of(raw)]
-    return Outcome(planning, 0.0, setup.report(raw), raw, [raw], costs, [0.0], {})
+    return Outcome(planning, 0.0, setup.report(raw), raw, [raw], [setup.simplifier.cost.of(raw)], [0.0], {})
 
 
 def theirs(setup: SafeSetup, options: argparse.Namespace) -> Outcome | None:
-    """Plan with a baseline and OMPL's simplifier."""
+    """Plan with OMPL's planner and its simplifier."""
     begin = process_time()
-    raw = _planned(setup, options.baseline, options.time, options.seed)
+    raw = _planned(setup, "RRTConnect", options.time, options.seed)
     if raw is None:
         return None
     middle = process_time()
@@ -120,37 +106,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--problems", type=positions, default="0:", metavar="A:B", help="slice of each family")
     parser.add_argument("--time", type=float, default=5.0, metavar="S", help="CPU time of a plan (default: 5)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--simplify", type=float, metavar="S", help="for ours (default: until it ends)")
     parser.add_argument("--planned", action="store_true", help="compare paths as they are planned")
-    parser.add_argument("--baseline", choices=(*THEIRS, "none"), default=THEIRS[0])
-    parser.add_argument("--save", type=Path, metavar="FILE", help="plan only, and save the paths")
-    parser.add_argument("--paths", type=Path, metavar="FILE", help="simplify these instead of planning")
 
 
 def main(options: argparse.Namespace, report: Report) -> int:
     """Run the bench."""
-    saved: dict[str, list[list[float]]] = json.loads(options.paths.read_text()) if options.paths else {}
     pairs: list[tuple[str, Outcome, Outcome]] = []
     solved, problems, steps, unproven, rising = [0, 0], 0, 0, 0, 0
     caps: list[float] = []
     for problems, (family, setup, _) in enumerate(mbm_problems(options.file, options.problems), 1):
-        key, begin = str(problems), process_time()
-        known = saved.get(key) if options.paths else None
-        raw = np.array(known) if known else _planned(setup, OURS, options.time, options.seed)
-        planning = process_time() - begin
-        if options.save:
-            if raw is not None:
-                saved[key] = raw.tolist()
-            continue
-        own = other = None
-        if raw is not None:
-            simplified = None if options.planned else ours(setup, raw, planning, options.simplify)
-            own = other = simplified or as_planned(setup, raw, planning)
-        if options.baseline != "none":
-            other = theirs(setup, options)
+        begin = process_time()
+        raw = _planned(setup, "SafeRRTConnect", options.time, options.seed)
+        shown = as_planned if options.planned else ours
+        own = None if raw is None else shown(setup, raw, process_time() - begin)
+        other = theirs(setup, options)
         solved = [solved[0] + (own is not None), solved[1] + (other is not None)]
         if own is None or other is None:
-            print(f"unsolved: {family}, problem {key}", own is not None, other is not None, file=sys.stderr)
+            print(f"unsolved: {family}, problem {problems}", own is not None, other is not None, file=sys.stderr)
             continue
         pairs.append((family, own, other))
         caps.append(min(setup.checker.clearance(q).distance for q in own.raw[[0, -1]]))
@@ -158,9 +130,6 @@ def main(options: argparse.Namespace, report: Report) -> int:
         steps += len(own.steps) - 1
         rising += own.costs[-1] > own.costs[0]
         unproven += sum(not all(motion.is_free(a, b) for a, b in pairwise(step)) for step in own.steps[1:])
-    if options.save:
-        options.save.write_text(json.dumps(saved))
-        return 0
     families = dict.fromkeys(family for family, _, _ in pairs)
     for name in (*families, "all"):
         show(report, name, [(own, other) for family, own, other in pairs if name in (family, "all")])
@@ -175,12 +144,12 @@ def main(options: argparse.Namespace, report: Report) -> int:
         report.figure("paths on the way", steps)
         report.figure("of these not proven", unproven)
         report.figure("J above the planner's path", rising)
-        show_course(report, [own for _, own, _ in pairs], options.simplify)
+        show_course(report, [own for _, own, _ in pairs])
     return int(unproven + rising > 0)
 
 
-def show_course(report: Report, outcomes: list[Outcome], limit: float | None) -> None:
-    """Report how J falls with time, what it takes, and by how much a time limit is overrun."""
+def show_course(report: Report, outcomes: list[Outcome]) -> None:
+    """Report how J falls with time, and what it takes."""
     rows = []
     for instant in INSTANTS:
         ratios = [outcome.cost_after(instant) / outcome.costs[-1] for outcome in outcomes]
@@ -191,10 +160,6 @@ def show_course(report: Report, outcomes: list[Outcome], limit: float | None) ->
     names = outcomes[0].counts
     rows = [(name, float(np.median([outcome.counts[name] for outcome in outcomes]))) for name in names]
     report.table(("asked", "median"), rows)
-    if limit is not None:
-        overrun = [1e3 * max(0.0, outcome.simplifying - limit) for outcome in outcomes]
-        median, late, largest = map(float, np.percentile(overrun, [50, 90, 100]))
-        report.table(("overrun [ms CPU], median", "90 %", "largest"), [(median, late, largest)])
 
 
 def _comparison(values: FloatArray) -> str:

@@ -50,7 +50,7 @@ SMALL = {
     "robots": "{files}/arm.urdf",
     "same": None,  # tests/bench/test_bench_same.py
     "scaling": "--nodes 20 --obstacles 1 2 --points 1 --joints 2",
-    "setup": "--rounds 1 --moves 2",
+    "setup": "--rounds 1",
     "shield": "{files} --sample 1 --seconds 0.3 --filters shield,none",
     "simplify": "{files}/problems.json",
     "stops": "--stops 16 --motions 4",
