@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import Box, Obstacle, Pose, Robot, Scene
+from safe_ompl import Box, Obstacle, Pose, Robot, Scene, Sphere, plan_program
 from safe_ompl.people.simulation import ContactMonitor
 from safe_ompl.people.simulation.movers import Solid
 
 mujoco = pytest.importorskip("mujoco", reason="needs mujoco")
+from bench.programs import Replay  # noqa: E402
 from examples.mujoco.servo_robot import STEP, BodyPart, Servo, ServoRobot  # noqa: E402
 
 POST = Obstacle("post", Box((0.1, 0.1, 0.6)), Pose((0.5, 0.3, 0.3)))
@@ -76,3 +79,13 @@ def test_a_part_of_a_body_that_is_hit_feels_what_a_spring_and_a_mass_do():
         body.step(q + rate * k * STEP * turn, rate * turn)
         forces.append(body.force)
     assert max(forces) == pytest.approx(rate * float(np.hypot(*tip[:2])) * np.sqrt(mass * stiffness), rel=0.2)
+
+
+def test_a_program_that_is_driven_meets_only_what_is_put_in_its_way():
+    found = plan_program("xarm7_inspection")
+    assert not Replay(found).run().contacts
+    robot, scenario = found.stretches[0].robot, found.scenario
+    place = robot.tip_pose(found.stretches[0].motion.at(0.9 * found.stretches[0].motion.duration)).translation
+    scene = scenario.scene.with_obstacles(Obstacle("ball", Sphere(0.03), Pose(tuple(place))))
+    hit = Replay(replace(found, scenario=replace(scenario, scene=scene))).run()
+    assert (1, "ball", "link7") in hit.contacts

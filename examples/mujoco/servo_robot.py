@@ -85,7 +85,7 @@ class ServoRobot:
     Parameters
     ----------
     robot : Robot
-        All of its joints turn.
+        Its joints turn or slide.
     scene : Scene
         Obstacles that stand.
     start : ndarray, shape (n,)
@@ -188,9 +188,10 @@ class ServoRobot:
             name, own, most = known.names[k], known.inertias[k], float(known.effortLimit[k - 1])
             body = bodies[known.parents[k]].add_body(name=name, **_pose(known.jointPlacements[k]))
             _weigh(body, own.mass, own.lever, own.inertia)
-            axis = np.ravel(known.joints[k].createData().S)[3:]  # of the motion in the joint's frame
+            slide, turn = np.split(np.ravel(known.joints[k].createData().S), 2)  # of the motion in the joint's frame
+            kind = mujoco.mjtJoint.mjJNT_SLIDE if slide.any() else mujoco.mjtJoint.mjJNT_HINGE
             friction = self.servo.friction * most
-            body.add_joint(name=name, axis=axis, armature=self.servo.armature, frictionloss=friction)
+            body.add_joint(name=name, type=kind, axis=slide + turn, armature=self.servo.armature, frictionloss=friction)
             motor = self._spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             motor.set_to_position(kp=self._stiffness[k - 1], kv=self._damping[k - 1])
             motor.forcelimited, motor.forcerange = True, [-most, most]
