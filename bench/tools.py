@@ -145,17 +145,17 @@ def keeps(found: ToolMotion, robot: Robot) -> bool:
         window = slice(max(0, at - 50), at + 200)
         near = np.linalg.norm(frames.positions[window] - tip.translation, axis=1)
         at = window.start + int(near.argmin())
-        turn = tip.rotation if found.corridor.axis is None else None
-        angle = (
-            np.linalg.norm(pin.log3(frames.rotations[at] @ turn.T))
-            if turn is not None
-            else np.arccos(
-                np.clip((tip.rotation @ found.corridor.axis) @ (frames.rotations[at] @ found.corridor.axis), -1, 1)
-            )
-        )
+        angle = _turned(frames.rotations[at], tip.rotation, found.corridor)
         if near.min() > found.corridor.position + 2e-5 or angle > found.corridor.angle + 1e-4:
             return False
     return True
+
+
+def _turned(wanted: FloatArray, own: FloatArray, corridor: Corridor) -> float:
+    """Return the angle [rad] between two orientations, or between their free axes."""
+    if corridor.axis is None:
+        return float(np.linalg.norm(pin.log3(wanted @ own.T)))
+    return float(np.arccos(np.clip((own @ corridor.axis) @ (wanted @ corridor.axis), -1, 1)))
 
 
 def differential(path: ToolPath, prover: MotionProver, corridor: Corridor) -> FloatArray | None:
@@ -173,7 +173,8 @@ def differential(path: ToolPath, prover: MotionProver, corridor: Corridor) -> Fl
         return None
     model = robot.model
     own = pink.Configuration(model, model.createData(), robot.pinocchio_configuration(q))
-    task = FrameTask(robot.tip, position_cost=1.0, orientation_cost=0.0 if corridor.free_axis else 1.0)
+    axes = [0.0 if axis == corridor.free_axis else 1.0 for axis in "xyz"]
+    task = FrameTask(robot.tip, position_cost=1.0, orientation_cost=axes)
     found, dt = [], 0.01
     for place, turn in zip(frames.positions, frames.rotations, strict=True):
         target = pin.SE3(turn, place)
@@ -187,7 +188,7 @@ def differential(path: ToolPath, prover: MotionProver, corridor: Corridor) -> Fl
         tip = own.get_transform_frame_to_world(robot.tip)
         if np.linalg.norm(tip.translation - place) > corridor.position:
             return None
-        if not corridor.free_axis and np.linalg.norm(pin.log3(turn @ tip.rotation.T)) > corridor.angle:
+        if _turned(turn, tip.rotation, corridor) > corridor.angle:
             return None
         q = _planned(robot, own.q)
         if checker.in_collision(q) or not robot.within_limits(q, 1e-6).all():

@@ -25,10 +25,12 @@ _SEARCH, _FOLLOW = 30, 6  # iterations of Newton's method from anywhere, and fro
 _JUMP = 0.35  # [rad or m] a joint moves at most between rungs
 _NEAR = 1e-9  # [rad or m] of the start
 _SAME = 0.05  # [rad or m] nodes of a rung that differ by less are one
+_DESCENT = 0.2  # [rad or m] a null-space motion at a rung is at most
 _DRIFT = 0.1  # [rad or m] a null-space motion between rungs is at most
+_DESCENTS = 8  # null-space motions away from danger before a strand is followed
 _CLEAR = 0.05  # [m] clearances below count
-_CLEARANCE = 2.0  # cost [rad] of a radian of motion with no clearance
-_DANGER = 3.0  # cost of a radian of motion in danger of its typical size
+_CLEARANCE = 20.0  # cost [rad] of a whole curve with no clearance,
+_DANGER = 30.0  # and of one in danger of its typical size
 
 
 @dataclass
@@ -53,29 +55,40 @@ class Way(NamedTuple):
 
 
 class Costs:
-    """Costs of nodes: danger in its typical size, and clearance below 50 mm."""
+    """Costs of nodes by the length of the curve [rad per curve]: danger in its typical size, clearance below 50 mm."""
 
     def __init__(self, checker: CollisionChecker, field: DangerField | None) -> None:
         self._checker, self._field = checker, field
         self._scale: float | None = None
+        obstacles = {obstacle for _, obstacle in checker.distance_names}
+        self._margins = np.array([_CLEAR if obstacles & {*names} else 0.0 for names in checker.pair_names])
+        self._margins.setflags(write=False)
 
     def of(self, Q: FloatArray) -> FloatArray:
-        """Return the cost (B,) of a radian of motion at configurations (B, n)."""
-        costs = np.ones(len(Q))
+        """Return the costs (B,) of configurations (B, n), infinite in contact."""
+        costs = np.zeros(len(Q))
         if self._field is not None and len(Q):
             dangers = self._field.values(Q)
             if self._scale is None:  # at the first nodes that it is asked of
                 self._scale = float(np.median(dangers)) or 1.0
             costs += self.weight * dangers
-        if len(Q) and len(self._checker.distance_names):
-            near = self._checker.nearest_distances(Q).min(axis=1)
-            costs += _CLEARANCE * np.maximum(0.0, 1 - near / _CLEAR) ** 2
+        near = np.flatnonzero([self._checker.within_margins(q, self._margins) for q in Q])
+        if len(near):
+            costs[near[[self._checker.touches(q) for q in Q[near]]]] = np.inf
+            if len(self._checker.distance_names):
+                clear = self._checker.nearest_distances(Q[near]).min(axis=1)
+                costs[near] += _CLEARANCE * np.maximum(0.0, 1 - clear / _CLEAR) ** 2
         return costs
 
     @property
     def weight(self) -> float:
-        """What a unit of danger costs a radian of motion."""
+        """What a unit of danger costs along the whole curve."""
         return _DANGER / (self._scale or 1.0)
+
+    @property
+    def descends(self) -> bool:
+        """Whether there is danger to leave."""
+        return self._field is not None
 
     def downhill(self, Q: FloatArray) -> FloatArray:
         """Return −∇danger/‖∇danger‖ (B, n), 0 where there is none."""
@@ -107,7 +120,7 @@ class Ladder:
         self._tip, self._checker, self._costs = tip, checker, costs
         self.s, self.frames = s, frames
         self._nodes = np.empty((len(s), 0, tip.robot.n))  # of each rung and strand, NaN where it is not
-        self._removed = np.zeros((len(s), 0), dtype=bool)
+        self._weights = np.empty((len(s), 0))  # of the nodes, infinite where there is none
         self._start: FloatArray | None = None
         self.ends = Ends()
 
@@ -127,17 +140,16 @@ class Ladder:
             best = _off(off[nearest.argmin()])
             why = f"no configuration within the joint limits has its tip there: the nearest found is {best}"
             self.ends.note(self.s[max(0, rung - 1)], why)
-        self._follow(self._distinct(found[arrived], rung), rung)
+        self._follow(self._distinct(self._descended(self._distinct(found[arrived], rung), rung), rung), rung)
 
     def cheapest(self) -> Way:
         """Return the cheapest way along the rungs, as far as there is one."""
         nodes = self._nodes
         rungs, strands, _ = nodes.shape
-        there = np.isfinite(nodes[:, :, 0]) & ~self._removed
+        weights, shares = self._weights, np.diff(self.s) / (self.s[-1] - self.s[0])
+        there = np.isfinite(weights)
         if self._start is not None:
             there[0] &= np.abs(nodes[0] - self._start).max(axis=1) < _NEAR
-        weights = np.full((rungs, strands), np.inf)
-        weights[there] = self._costs.of(nodes[there])
         best, before = np.where(there[0], 0.0, np.inf), np.zeros((rungs, strands), dtype=np.intp)
         if not there[0].any():
             return Way(0)
@@ -146,7 +158,9 @@ class Ladder:
             steps = self._tip.robot.difference(nodes[k - 1, old][:, None], nodes[k, new])
             lengths = np.linalg.norm(steps, axis=2)
             middle = (weights[k - 1, old][:, None] + weights[k, new]) / 2
-            costs = np.where(np.abs(steps).max(axis=2) < _JUMP, best[old][:, None] + lengths * middle, np.inf)
+            costs = np.where(
+                np.abs(steps).max(axis=2) < _JUMP, best[old][:, None] + lengths + shares[k - 1] * middle, np.inf
+            )
             best = np.full(strands, np.inf)
             if len(new):
                 best[new], before[k, new] = costs.min(axis=0), old[costs.argmin(axis=0)]
@@ -160,7 +174,7 @@ class Ladder:
 
     def remove(self, rung: int, strand: int) -> None:
         """Take a node away, as proofs refuse it."""
-        self._removed[rung, strand] = True
+        self._weights[rung, strand] = np.inf
 
     def _at(self, rung: int, count: int) -> Frames:
         return Frames(*(np.repeat(part[rung : rung + 1], count, axis=0) for part in self.frames))
@@ -177,6 +191,22 @@ class Ladder:
                 kept.append(q)
         return np.array(kept).reshape(-1, Q.shape[1])
 
+    def _descended(self, Q: FloatArray, rung: int) -> FloatArray:
+        """Return configurations (B, n) at a rung moved in the null space of the task, each to less danger if it can."""
+        if not self._costs.descends:
+            return Q
+        frames, costs = self._at(rung, len(Q)), self._costs.of(Q)
+        for _ in range(_DESCENTS):
+            _, jacobians = self._tip.task(self._tip.at(Q), frames)
+            drift = self._tip.null_motion(jacobians, _DESCENT * self._costs.downhill(Q))
+            moved, arrived = self._tip.solved(np.clip(Q + drift, *self._tip.limits), frames, PRECISION, _FOLLOW)
+            new = self._costs.of(moved)
+            better = arrived & (new < costs)
+            if not better.any():
+                break
+            Q, costs = np.where(better[:, None], moved, Q), np.where(better, new, costs)
+        return Q
+
     def _follow(self, Q: FloatArray, rung: int) -> None:
         """Follow configurations (B, n) at a rung in both directions, and keep the strands."""
         if not len(Q):
@@ -191,8 +221,10 @@ class Ladder:
                 if not len(alive):
                     break
                 strands[k, alive] = now
+        weights, there = np.full(strands.shape[:2], np.inf), np.isfinite(strands[:, :, 0])
+        weights[there] = self._costs.of(strands[there])
         self._nodes = np.concatenate([self._nodes, strands], axis=1)
-        self._removed = np.concatenate([self._removed, np.zeros(strands.shape[:2], dtype=bool)], axis=1)
+        self._weights = np.concatenate([self._weights, weights], axis=1)
 
     def _step(self, Q: FloatArray, last: int, rung: int) -> tuple[FloatArray, BoolArray]:
         """Return configurations (B, n) at the next rung, and which are (B,)."""

@@ -27,9 +27,11 @@ _STEP, _TURN = 0.03, 0.15  # [m] and [rad] between rungs at most
 _FEWEST = 6  # rungs
 _DOUBLINGS = 5  # of the nodes, until the corridor is proven
 _REFINEMENTS = 12  # steps of the descent in the null space
-_DESCENT = 0.1  # [rad or m] first step of it
-_SMOOTH = 2.0  # weight of ‖q_{k+1} − q_k‖² against danger
-_SEEDS, _TRIES = 12, 3  # of the inverse kinematics where the ladder ends, twice as many with each try
+_DESCENT = 0.4  # [rad or m] longest step of it
+_SMOOTH = 1.0  # weight [1/rad] of ‖dq/dσ‖², σ the share of the curve, against the costs of nodes
+_CURVATURE = 20.0  # [1/rad] of the costs of nodes: a guess for Newton's method
+_INSIDE = 0.1  # [rad or m] from joint limits: nearer counts
+_SEEDS, _TRIES = 32, 3  # of the inverse kinematics where the ladder ends, twice as many with each try
 _REFUSED = 12  # ways that are not proven, before it is given up
 _SHARE = 0.45  # of the acceleration limits that a ramp, or the curve, may take up
 _MARGIN = 0.999  # share of a rate limit that is used
@@ -277,51 +279,46 @@ class _Search:
 
     def _refined(self, nodes: FloatArray, s: FloatArray, *, fixed: bool) -> FloatArray:
         """Return nodes moved in the null space of the task, towards less danger and a smoother way."""
-        frames, step = self.path.at(s), _DESCENT
-        state = self._tip.at(nodes)
-        _, jacobians = self._tip.task(state, frames)
-        if self._robot.n <= np.linalg.matrix_rank(jacobians[len(nodes) // 2], tol=1e-4):
+        frames, rungs = self.path.at(s), len(s)
+        _, jacobians = self._tip.task(self._tip.at(nodes), frames)
+        if self._robot.n <= np.linalg.matrix_rank(jacobians[rungs // 2], tol=1e-4):
             return nodes
-        best, cost = nodes, self._cost(nodes)
+        steps = np.diff(np.eye(rungs), axis=0)
+        smooth = _SMOOTH * rungs * steps.T @ steps
+        weights = np.gradient(s) / self.path.length
+        hessian = 2 * smooth + np.diag(_CURVATURE * weights)
+        if fixed:
+            hessian[0] = hessian[:, 0] = np.eye(rungs)[0]
+
+        def cost(nodes: FloatArray) -> float:
+            inside = np.minimum(nodes - self._tip.limits[0], self._tip.limits[1] - nodes)
+            cramped = _CURVATURE * weights @ (np.maximum(0, 1 - inside / _INSIDE) ** 2).sum(axis=1)
+            return float(np.sum(nodes * (smooth @ nodes)) + weights @ self._costs.of(nodes) + cramped)
+
+        best, least, step = nodes, cost(nodes), 1.0
         for _ in range(_REFINEMENTS):
-            _, jacobians = self._tip.task(self._tip.at(best), frames)
-            pull = self._pull(best)
+            pull = -2 * smooth @ best
+            if self._field is not None:
+                pull -= self._costs.weight * weights[:, None] * self._field.gradients(best)
             if fixed:
                 pull[0] = 0.0
-            wanted = self._tip.null_motion(jacobians, pull)
+            wanted = self._tip.null_motion(jacobians, np.linalg.solve(hessian, pull))
             size = np.abs(wanted).max()
-            if size < 1e-6:
+            if size < 1e-3:
                 break
-            moved = np.clip(best + wanted * min(1.0, step / size), *self._tip.limits)
+            moved = np.clip(best + wanted * min(step, _DESCENT / size), *self._tip.limits)
             moved, arrived = self._tip.solved(moved, frames, PRECISION, 4)
             if fixed:
                 moved[0] = best[0]
-            new = self._cost(moved) if arrived.all() else np.inf
-            if new < cost:
-                best, cost, step = moved, new, step * 1.3
+            new = cost(moved) if arrived.all() else np.inf
+            if new < least:
+                best, least, step = moved, new, min(2.0, step * 1.5)
+                _, jacobians = self._tip.task(self._tip.at(best), frames)
             else:
-                step /= 3
-                if step < 1e-3:
+                step = min(step, _DESCENT / size) / 3
+                if step * size < 1e-3:
                     break
         return best
-
-    def _cost(self, nodes: FloatArray) -> float:
-        """Return Σ danger (in its size at first) and the square of the motion between nodes."""
-        steps = np.diff(nodes, axis=0)
-        free = np.where(np.isfinite(self._tip.limits[0]), 0.0, 1.0)
-        inside = np.minimum(nodes - self._robot.lower, self._robot.upper - nodes) + 10 * free
-        cost = _SMOOTH * len(nodes) * float((steps**2).sum()) + 5.0 * float((np.maximum(0, 0.1 - inside) ** 2).sum())
-        return cost + float(self._costs.of(nodes).sum())
-
-    def _pull(self, nodes: FloatArray) -> FloatArray:
-        """Return a direction (R, n) in which the cost falls: of danger, and of the motion between nodes."""
-        bend = np.zeros_like(nodes)
-        bend[1:-1] = nodes[2:] - 2 * nodes[1:-1] + nodes[:-2]
-        bend[0], bend[-1] = nodes[1] - nodes[0], nodes[-2] - nodes[-1]
-        pull: FloatArray = 2 * _SMOOTH * len(nodes) * bend
-        if self._field is not None:
-            pull -= self._costs.weight * self._field.gradients(nodes)
-        return pull
 
     def _spline(self, nodes: FloatArray, s: FloatArray) -> Motion:
         """Return the cubic splines through nodes (R, n) at s (R,), one between each two stops."""
