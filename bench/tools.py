@@ -1,10 +1,14 @@
-"""Tool motions: lines and seams among obstacles, against differential inverse kinematics, judged by plain Pinocchio.
+"""Tool motions: lines and seams among obstacles, against pink and roboplan, judged by plain Pinocchio.
 
-    python -m bench tools --lines 200 --seams 50
+    python -m bench tools --lines 200 --seams 50 --longer
 
-Problems are drawn from a seed on four arms: a random pose of the tip that a free configuration has, and a line or a
-seam of 5 to 20 way points from there. Differential inverse kinematics is pink's (`pip install pin-pink daqp`), which
-begins at the same configuration as our search is free to choose from: the first free one that is found.
+Problems are drawn from a seed on four arms: a line, or a seam of 5 to 20 way points, that begins where the tip of a
+random free configuration is, such that poses at its beginning, middle and end have free configurations each; whether
+any motion joins these nobody knows. Along every other one the tool may turn about its z axis. `least` is the mean of
+the least danger of many free configurations at nine poses, joined or not: no motion has less. Differential inverse
+kinematics is pink's (`pip install pin-pink daqp`); roboplan's planner (`pip install roboplan-cartesian-planning`) keeps
+the whole orientation always and knows no obstacles. Both begin at the first free configuration that is found. Their
+motions count if samples are free, within joint limits and in the corridor. Dangers are means along the curve.
 """
 
 from __future__ import annotations
@@ -12,8 +16,11 @@ from __future__ import annotations
 import argparse
 import logging
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
 from importlib.util import find_spec
 from time import process_time
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -33,13 +40,16 @@ from safe_ompl import (
     inverse_kinematics,
 )
 from safe_ompl.common import FloatArray
+from safe_ompl.robot import EXAMPLES, robots_folder
 from safe_ompl.tasks import Corridor, ToolMotion, ToolPath, ToolPlanner
+from safe_ompl.tasks.tip import Tip
+from safe_ompl.tasks.tool_path import Frames
 
-CLAIM = "the tool follows lines and seams within a proven corridor, farther from danger than differential IK goes"
+CLAIM = "the tool follows lines and seams within a proven corridor, in less danger than differential IK"
 ROBOTS = ("panda", "ur5", "xarm7", "kinova")
 SAMPLES = 10_000  # of a motion, by the judge
 CORRIDOR = Corridor(0.001, 0.01)
-_STEPS = 200  # of differential IK along a path
+_STEPS = 200  # poses along a path for the others
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -47,74 +57,170 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lines", type=int, default=200, metavar="N")
     parser.add_argument("--seams", type=int, default=50, metavar="N")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--free-axis", choices="xyz", help="the tool may turn about this axis of its own")
     parser.add_argument("--longer", action="store_true", help="search ten times as long where nothing is found")
 
 
 def main(options: argparse.Namespace, report: Report) -> int:
     """Solve all problems, and judge the motions."""
     logging.disable(logging.WARNING)
-    corridor = Corridor(CORRIDOR.position, CORRIDOR.angle, options.free_axis)
-    rows, broken = [], 0
+    rows, broken = list[tuple[object, ...]](), 0
     for kind, number in (("line", options.lines), ("seam", options.seams)):
-        solved, solvable, times, ratios, theirs, both = 0, 0, list[float](), list[float](), 0, 0
-        for path, prover, field in problems(kind, number, options.seed):
-            begin = process_time()
-            found = ToolPlanner(prover, field).plan(path, corridor)
-            times.append(process_time() - begin)
-            longer = found
-            if not found and options.longer:
-                longer = ToolPlanner(prover, field, effort=10).plan(path, corridor)
-            solved, solvable = solved + bool(found), solvable + bool(longer)
-            broken += bool(found) and not keeps(found, prover.checker.robot)
-            other = differential(path, prover, corridor)
-            theirs += other is not None
-            if found and other is not None:
-                both += 1
-                ratios.append(found.danger_mean / float(field.values(other).mean()))
-        rows.append(
-            (kind, number, solved, solvable, theirs, both, 1e3 * np.median(times), 1e3 * np.percentile(times, 90))
-        )
-        rows[-1] += (float(np.mean(ratios)) if ratios else float("nan"),)
-    header = ("kind", "problems", "solved", "solvable", "pink", "both", "median [ms]", "90 % [ms]", "danger ours/pink")
+        results: dict[str, list[_Result]] = {"": [], "z": []}
+        for problem in problems(kind, number, options.seed):
+            found = _solved(problem, longer=options.longer)
+            broken += found.broken
+            results[problem.corridor.free_axis or ""].append(found)
+        rows += [_row(f"{kind}, free {axis}" if axis else kind, each) for axis, each in results.items() if each]
+    header = (
+        "",
+        "problems",
+        "solved",
+        "solvable",
+        "pink",
+        "roboplan",
+        "[ms]",
+        "90 % [ms]",
+        "pink [ms]",
+        "roboplan [ms]",
+    )
+    header += ("danger/pink", "least/pink", "danger/roboplan")
     report.table(header, rows)
     report.figure("corridors broken", broken)
     return int(broken > 0)
 
 
-def problems(kind: str, number: int, seed: int) -> Iterator[tuple[ToolPath, MotionProver, DangerField]]:
-    """Yield paths, and what proves and weighs motions beside them."""
+@dataclass(frozen=True)
+class Problem:
+    """A curve, how near to it the tip must be, and what proves and weighs motions."""
+
+    robot: str
+    path: ToolPath
+    corridor: Corridor
+    prover: MotionProver
+    field: DangerField
+
+
+@dataclass(frozen=True)
+class _Result:
+    """What three planners found: times [s] and mean dangers of each, NaN where it found none."""
+
+    solvable: bool
+    broken: bool
+    times: tuple[float, float, float]
+    dangers: tuple[float, float, float]
+    least: float
+
+
+def _solved(problem: Problem, *, longer: bool) -> _Result:
+    path, corridor, field, robot = problem.path, problem.corridor, problem.field, problem.prover.checker.robot
+    begin = process_time()
+    found = ToolPlanner(problem.prover, field).plan(path, corridor)
+    times, dangers = [process_time() - begin], [found.danger_mean]
+    solvable = bool(found)
+    if not found and longer:
+        solvable = bool(ToolPlanner(problem.prover, field, effort=10).plan(path, corridor))
+    frames = path.at(np.linspace(0.0, path.length, _STEPS))
+    start = _free_at(problem.prover.checker, pin.SE3(frames.rotations[0], frames.positions[0]))
+    for rival in (differential, cartesian):
+        begin, motion = process_time(), None
+        if start is not None:
+            motion = rival(problem, frames, start)
+        times.append(process_time() - begin)
+        dangers.append(float("nan") if motion is None else _danger(motion, robot, field))
+    broken = bool(found) and not keeps(found, robot)
+    least = _least(problem) if found and dangers[1] == dangers[1] else float("nan")
+    return _Result(solvable, broken, (times[0], times[1], times[2]), (dangers[0], dangers[1], dangers[2]), least)
+
+
+def _row(name: str, results: list[_Result]) -> tuple[object, ...]:
+    times, dangers = (np.array([getattr(each, key) for each in results]) for key in ("times", "dangers"))
+    there = np.isfinite(dangers)
+    ratios = dangers[:, :1] / dangers[:, 1:]
+    least = np.array([each.least for each in results]) / dangers[:, 1]
+    solvable = sum(each.solvable for each in results)
+    medians = [1e3 * float(np.median(times[there[:, k], k])) if there[:, k].any() else float("nan") for k in range(3)]
+    slow = 1e3 * float(np.percentile(times[there[:, 0], 0], 90))
+    means = [float(np.nanmean(each)) if np.isfinite(each).any() else float("nan") for each in (*ratios.T, least)]
+    counts = (len(results), int(there[:, 0].sum()), solvable, int(there[:, 1].sum()), int(there[:, 2].sum()))
+    return (name, *counts, medians[0], slow, *medians[1:], means[0], means[2], means[1])
+
+
+def _danger(Q: FloatArray, robot: Robot, field: DangerField) -> float:
+    """Return the mean danger along the tip's way."""
+    places = np.array([robot.tip_pose(q).translation for q in Q])
+    steps, dangers = np.linalg.norm(np.diff(places, axis=0), axis=1), field.values(Q)
+    return float(steps @ (dangers[1:] + dangers[:-1]) / 2 / steps.sum())
+
+
+def _least(problem: Problem, seeds: int = 200, descents: int = 15) -> float:
+    """Return the mean over nine poses of the least danger of free configurations, after descents in the null space."""
+    checker, tip = problem.prover.checker, Tip(problem.prover.checker.robot, problem.corridor.axis)
+    rng, least = np.random.default_rng(0), []
+    for s in np.linspace(0.0, problem.path.length, 9):
+        frames = problem.path.at(np.repeat(s, seeds))
+        Q = rng.uniform(tip.robot.lower, tip.robot.upper, (seeds, tip.robot.n))
+        Q, arrived = tip.solved(Q, frames, 1e-6, 30)
+        Q, frames = Q[arrived], Frames(*(part[: arrived.sum()] for part in frames))
+        for _ in range(descents):
+            dangers, gradients = problem.field.values_and_gradients(Q)
+            _, jacobians = tip.task(tip.at(Q), frames)
+            wanted = tip.null_motion(jacobians, -gradients)
+            size = np.maximum(np.abs(wanted).max(axis=1, keepdims=True), 1e-3)
+            moved, arrived = tip.solved(np.clip(Q + 0.1 * wanted / size, *tip.limits), frames, 1e-6, 4)
+            better = arrived & (problem.field.values(moved) < dangers)
+            better[better] = [not checker.in_collision(q) for q in moved[better]]
+            Q = np.where(better[:, None], moved, Q)
+        free = [not checker.in_collision(q) for q in Q]
+        least.append(problem.field.values(Q[free]).min() if any(free) else np.nan)
+    return float(np.nanmean(least))
+
+
+def problems(kind: str, number: int, seed: int) -> Iterator[Problem]:
+    """Yield curves from free configurations whose middles and ends can be reached, too."""
     for k in range(number):
         rng = np.random.default_rng([seed, k, kind == "seam"])
-        robot = _robot(ROBOTS[k % len(ROBOTS)])
+        name = ROBOTS[k % len(ROBOTS)]
+        robot = _robot(name)
+        corridor = replace(CORRIDOR, free_axis="z" if k // len(ROBOTS) % 2 else None)
         while True:
             scene = _scene(robot, rng)
             checker = CollisionChecker(robot, scene)
             q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi))
-            if not checker.in_collision(q):
+            if checker.in_collision(q):
+                continue
+            path = _curve(kind, robot.tip_pose(q), rng)
+            middle, end = (_pose(path, s) for s in (path.length / 2, path.length))
+            if _free_at(checker, middle) is not None and _free_at(checker, end) is not None:
                 break
-        pose, length = robot.tip_pose(q), rng.uniform(0.3, 0.6)
-        way = rng.normal(size=3)
-        way *= length / np.linalg.norm(way)
-        if kind == "line":
-            path = ToolPath.line(pose, pin.SE3(pose.rotation, pose.translation + way))
-        else:
-            points = np.linspace(0.0, 1.0, int(rng.integers(5, 21)))
-            side = np.cross(way, rng.normal(size=3))
-            side *= rng.uniform(0.02, 0.06) / np.linalg.norm(side)
-            wave = np.sin(2 * np.pi * points * rng.uniform(0.5, 1.5))
-            places = pose.translation + points[:, None] * way + wave[:, None] * side
-            path = ToolPath.spline([pin.SE3(pose.rotation, place) for place in places])
-        yield path, MotionProver(checker), DangerField.of_scene(robot, scene)
+        yield Problem(name, path, corridor, MotionProver(checker), DangerField.of_scene(robot, scene))
 
 
-_known: dict[str, Robot] = {}
+def _curve(kind: str, pose: pin.SE3, rng: np.random.Generator) -> ToolPath:
+    way, length = rng.normal(size=3), rng.uniform(0.3, 0.6)
+    way *= length / np.linalg.norm(way)
+    if kind == "line":
+        return ToolPath.line(pose, pin.SE3(pose.rotation, pose.translation + way))
+    points = np.linspace(0.0, 1.0, int(rng.integers(5, 21)))
+    side = np.cross(way, rng.normal(size=3))
+    side *= rng.uniform(0.02, 0.06) / np.linalg.norm(side)
+    wave = np.sin(2 * np.pi * points * rng.uniform(0.5, 1.5))
+    places = pose.translation + points[:, None] * way + wave[:, None] * side
+    return ToolPath.spline([pin.SE3(pose.rotation, place) for place in places])
 
 
+def _pose(path: ToolPath, s: float) -> pin.SE3:
+    frames = path.at(np.array([s]))
+    return pin.SE3(frames.rotations[0], frames.positions[0])
+
+
+def _free_at(checker: CollisionChecker, pose: pin.SE3) -> FloatArray | None:
+    """Return a free configuration whose tip is at a pose, the first that is found."""
+    return inverse_kinematics(checker.robot, pose, valid=lambda q: not checker.in_collision(q), seeds=50)
+
+
+@cache
 def _robot(name: str) -> Robot:
-    if name not in _known:
-        _known[name] = Robot.from_example(name)
-    return _known[name]
+    return Robot.from_example(name)
 
 
 def _scene(robot: Robot, rng: np.random.Generator) -> Scene:
@@ -158,43 +264,89 @@ def _turned(wanted: FloatArray, own: FloatArray, corridor: Corridor) -> float:
     return float(np.arccos(np.clip((own @ corridor.axis) @ (wanted @ corridor.axis), -1, 1)))
 
 
-def differential(path: ToolPath, prover: MotionProver, corridor: Corridor) -> FloatArray | None:
-    """Return the configurations of pink along a path, or None where it leaves the corridor or touches."""
+def _judged(Q: FloatArray, problem: Problem, frames: Frames) -> bool:
+    """Return whether configurations (B, n) are free, within their limits, and in the corridor about frames (B,)."""
+    checker, robot, corridor = problem.prover.checker, problem.prover.checker.robot, problem.corridor
+    for q, place, turn in zip(Q, frames.positions, frames.rotations, strict=True):
+        tip = robot.tip_pose(q)
+        if np.linalg.norm(tip.translation - place) > corridor.position:
+            return False
+        if _turned(turn, tip.rotation, corridor) > corridor.angle:
+            return False
+        if checker.in_collision(q) or not robot.within_limits(q, 1e-6).all():
+            return False
+    return True
+
+
+def differential(problem: Problem, frames: Frames, start: FloatArray) -> FloatArray | None:
+    """Return the configurations of pink at frames, or None where they do not count."""
     if find_spec("pink") is None:
         return None
     import pink
     from pink.tasks import FrameTask
 
-    robot, checker = prover.checker.robot, prover.checker
-    frames = path.at(np.linspace(0.0, path.length, _STEPS))
-    first = pin.SE3(frames.rotations[0], frames.positions[0])
-    q = inverse_kinematics(robot, first, valid=lambda q: not checker.in_collision(q), seeds=50)
-    if q is None:
-        return None
-    model = robot.model
-    own = pink.Configuration(model, model.createData(), robot.pinocchio_configuration(q))
-    axes = [0.0 if axis == corridor.free_axis else 1.0 for axis in "xyz"]
+    robot = problem.prover.checker.robot
+    own = pink.Configuration(robot.model, robot.model.createData(), robot.pinocchio_configuration(start))
+    axes = [0.0 if axis == problem.corridor.free_axis else 1.0 for axis in "xyz"]
     task = FrameTask(robot.tip, position_cost=1.0, orientation_cost=axes)
     found, dt = [], 0.01
     for place, turn in zip(frames.positions, frames.rotations, strict=True):
-        target = pin.SE3(turn, place)
-        task.set_target(target)
+        task.set_target(pin.SE3(turn, place))
         for _ in range(3):
             try:
                 velocity = pink.solve_ik(own, [task], dt, solver="daqp", safety_break=False)
             except Exception:  # no solution of the QP
                 return None
             own.integrate_inplace(velocity, dt)
-        tip = own.get_transform_frame_to_world(robot.tip)
-        if np.linalg.norm(tip.translation - place) > corridor.position:
+        found.append(_planned(robot, own.q))
+        if not _judged(found[-1][None], problem, Frames(*(part[len(found) - 1 : len(found)] for part in frames))):
             return None
-        if _turned(turn, tip.rotation, corridor) > corridor.angle:
-            return None
-        q = _planned(robot, own.q)
-        if checker.in_collision(q) or not robot.within_limits(q, 1e-6).all():
-            return None
-        found.append(q)
     return np.array(found)
+
+
+def cartesian(problem: Problem, frames: Frames, start: FloatArray) -> FloatArray | None:
+    """Return the configurations of roboplan's Cartesian planner, or None where they do not count."""
+    if find_spec("roboplan") is None or find_spec("roboplan.cartesian_planning") is None:
+        return None
+    from roboplan.cartesian_planning import CartesianPathPlanner, CartesianPlannerOptions, CartesianSpeedMode
+    from roboplan.core import CartesianPath, JointConfiguration
+
+    robot, corridor, scene = problem.prover.checker.robot, problem.corridor, _roboplan_scene(problem.robot)
+    options = CartesianPlannerOptions(
+        group_name="arm",
+        max_position_error=corridor.position,
+        max_orientation_error=corridor.angle,
+        speed_mode=CartesianSpeedMode.TimeOptimal,
+        lm_damping=1e-4,  # of those tried these solve most
+        config_task_weight=1e-3,
+    )
+    poses = [np.eye(4, order="F") for _ in frames.positions]
+    for pose, place, turn in zip(poses, frames.positions, frames.rotations, strict=True):
+        pose[:3, :3], pose[:3, 3] = turn, place
+    fingers = list(EXAMPLES[problem.robot].locked.values())[:1]  # the other one follows
+    full = np.append(robot.pinocchio_configuration(start), fingers)
+    try:
+        found = CartesianPathPlanner(scene, options).plan(
+            CartesianPath(["universe"], [robot.tip], [poses]), JointConfiguration(scene.getJointNames(), full)
+        )
+    except RuntimeError:
+        return None
+    Q = np.array([_planned(robot, np.asarray(q)) for q in found.positions])
+    fine = problem.path.at(np.linspace(0.0, problem.path.length, 5001))
+    places = np.array([robot.tip_pose(q).translation for q in Q])
+    at = [int(np.linalg.norm(fine.positions - place, axis=1).argmin()) for place in places]
+    return Q if _judged(Q, problem, Frames(*(part[at] for part in fine))) else None
+
+
+@cache
+def _roboplan_scene(name: str) -> Any:
+    from roboplan.core import Scene, loadUrdfSceneDescription
+
+    folder = robots_folder()
+    scene = Scene(name, loadUrdfSceneDescription(str(folder / EXAMPLES[name].urdf), [str(folder.parent.parent)]))
+    joints = "".join(f'<joint name="{joint}"/>' for joint in _robot(name).joint_names)
+    scene.importSrdf(f'<robot name="{name}"><group name="arm">{joints}</group></robot>')
+    return scene
 
 
 def _planned(robot: Robot, full: FloatArray) -> FloatArray:
