@@ -5,10 +5,11 @@
 Problems are drawn from a seed on four arms: a line, or a seam of 5 to 20 way points, that begins where the tip of a
 random free configuration is, such that poses at its beginning, middle and end have free configurations each; whether
 any motion joins these nobody knows. Along every other one the tool may turn about its z axis. `least` is the mean of
-the least danger of many free configurations at nine poses, joined or not: no motion has less. Differential inverse
-kinematics is pink's (`pip install pin-pink daqp`); roboplan's planner (`pip install roboplan-cartesian-planning`) keeps
-the whole orientation always and knows no obstacles. Both begin at the first free configuration that is found. Their
-motions count if samples are free, within joint limits and in the corridor. Dangers are means along the curve.
+the least danger of many free configurations at nine poses, joined or not: an estimate of what can be had.
+Differential inverse kinematics is pink's (`pip install pin-pink daqp`); roboplan's planner (`pip install
+roboplan-cartesian-planning`) keeps the whole orientation always and knows no obstacles. Both begin at the first free
+configuration that is found. Their motions count if samples are free, within joint limits and in the corridor. Dangers
+are means along the curve.
 """
 
 from __future__ import annotations

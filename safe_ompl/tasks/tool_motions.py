@@ -302,7 +302,8 @@ class _Search:
                 pull -= self._costs.weight * weights[:, None] * self._field.gradients(best)
             if fixed:
                 pull[0] = 0.0
-            wanted = self._tip.null_motion(jacobians, np.linalg.solve(hessian, pull))
+            newton = np.asarray(np.linalg.solve(hessian, pull), dtype=np.float64)
+            wanted = self._tip.null_motion(jacobians, newton)
             size = np.abs(wanted).max()
             if size < 1e-3:
                 break

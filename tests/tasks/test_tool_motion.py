@@ -7,6 +7,7 @@ import pytest
 import safe_ompl
 from safe_ompl import Box, InputError, Motion, Obstacle, Pose, Robot, Scene, inverse_kinematics
 from safe_ompl.tasks import Corridor, ToolPath, prove_corridor, tool_motion
+from safe_ompl.tasks.tip import Tip
 
 DOWN = pin.utils.rotate("x", np.pi)
 
@@ -139,3 +140,17 @@ def test_what_is_no_corridor_is_refused(wrong):
 def test_what_is_of_another_class_is_refused():
     with pytest.raises(InputError, match="corridor must be a Corridor, got 'wide'"):
         tool_motion(PATHS["line"], Robot.from_example("panda"), Scene(), "wide")
+
+
+@pytest.mark.parametrize("axis", [None, "z"])
+def test_it_is_about_as_safe_as_the_safest_of_many_configurations(axis):
+    """The danger along a line is near to a mean of the least dangers at its poses, which no motion goes below."""
+    robot, path, corridor = Robot.from_example("panda"), PATHS["line"], Corridor(free_axis=axis)
+    checker, tip = safe_ompl.CollisionChecker(robot, SCENE), Tip(robot, corridor.axis)
+    field, rng, least = safe_ompl.DangerField.of_scene(robot, SCENE), np.random.default_rng(0), []
+    for s in np.linspace(0.0, path.length, 9):
+        Q, arrived = tip.solved(
+            rng.uniform(robot.lower, robot.upper, (300, robot.n)), path.at(np.full(300, s)), 1e-6, 30
+        )
+        least.append(min(field.value(q) for q in Q[arrived] if not checker.in_collision(q)))
+    assert tool_motion(path, robot, SCENE, corridor).danger_mean < 1.03 * np.mean(least)
