@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
 import numpy as np
 
-from safe_ompl import Box, Capsule, CollisionChecker, Cylinder, Obstacle, Pose, Scene, Sphere
+from safe_ompl import Box, Capsule, CollisionChecker, Cylinder, Obstacle, Pose, Robot, Scene, Sphere
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import Shape
+from safe_ompl.robot.spec import robots_folder
 
 ACCELERATIONS: dict[str, tuple[float, ...] | float] = {  # [rad/s²], as Franka publishes them, and of a UR5
     "panda": (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0),
@@ -70,3 +75,17 @@ def bookshelf() -> Scene:
         Obstacle("floor", Box((3.0, 3.0, 0.02)), Pose((0.0, 0.0, -0.06))),
     ]
     return Scene((*boards, *sides, *things))
+
+
+def two_arms() -> Robot:
+    """Return a Baxter that moves both arms."""
+    folder = robots_folder() / "baxter_description"
+    tree = ET.parse(folder / "srdf" / "baxter_manipulation.srdf")
+    group = ET.SubElement(tree.getroot(), "group", name="arms")
+    for side in ("left", "right"):
+        for joint in ("s0", "s1", "e0", "e1", "w0", "w1", "w2"):
+            ET.SubElement(group, "joint", name=f"{side}_{joint}")
+    with tempfile.TemporaryDirectory() as kept:
+        tree.write(Path(kept) / "arms.srdf")
+        urdf = folder / "urdf" / "baxter.urdf"
+        return Robot.from_urdf(urdf, Path(kept) / "arms.srdf", (folder.parents[2],), group="arms")

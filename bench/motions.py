@@ -16,13 +16,10 @@ The full run of pieces, --number 100000, takes hours; --first 20000 goes on afte
 from __future__ import annotations
 
 import argparse
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from time import process_time
 from typing import NamedTuple
-from xml.etree import ElementTree as ET
 
 import numpy as np
 from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
@@ -30,14 +27,13 @@ from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
 from bench._harness import Report, positions
 from bench._plain import TOLERANCE, PlainGeometry
 from bench._planning import mbm_problems
-from bench._scenes import free_configuration, scattered
+from bench._scenes import free_configuration, scattered, two_arms
 from safe_ompl import CollisionChecker, Motion, MotionProver, Robot, SafeSetup, Scenario, Scene, Verdict, widest_tube
 from safe_ompl.collision import Separation
 from safe_ompl.common import FloatArray, polynomials
 from safe_ompl.motions import check_with, repair_with
 from safe_ompl.motions.checks import piece_proofs
 from safe_ompl.planning import setup_scenario
-from safe_ompl.robot.spec import robots_folder
 from safe_ompl.scene import find_scenario
 
 CLAIM = "splines that are called free are free, tubes hold, and what touches is repaired"
@@ -62,20 +58,6 @@ def touched(plain: PlainGeometry, Q: FloatArray) -> bool:
 
 
 # ----------------------------------------------------------------------------------------------------- pieces
-
-
-def two_arms() -> Robot:
-    """Return a Baxter that moves both arms."""
-    folder = robots_folder() / "baxter_description"
-    tree = ET.parse(folder / "srdf" / "baxter_manipulation.srdf")
-    group = ET.SubElement(tree.getroot(), "group", name="arms")
-    for side in ("left", "right"):
-        for joint in ("s0", "s1", "e0", "e1", "w0", "w1", "w2"):
-            ET.SubElement(group, "joint", name=f"{side}_{joint}")
-    with tempfile.TemporaryDirectory() as kept:
-        tree.write(Path(kept) / "arms.srdf")
-        urdf = folder / "urdf" / "baxter.urdf"
-        return Robot.from_urdf(urdf, Path(kept) / "arms.srdf", (folder.parents[2],), group="arms")
 
 
 def problems() -> list[tuple[str, Robot, Scene]]:
