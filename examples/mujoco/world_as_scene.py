@@ -1,12 +1,10 @@
 """The collision shapes of a MuJoCo model (MJCF) as a scene, and a plan among them (pip install mujoco)."""
 
-try:
-    import mujoco
-except ModuleNotFoundError:
-    raise SystemExit("mujoco is missing: pip install mujoco") from None
-import pinocchio as pin
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, Robot, SafeSetup, Scene, Sphere
+from safe_ompl import Robot, SafeSetup
+from safe_ompl.apps.exchange import world_from_mjcf
 
 WORLD = """
 <mujoco><worldbody>
@@ -15,28 +13,14 @@ WORLD = """
   <geom name="picture" type="sphere" size="0.1" pos="0 0 3" contype="0" conaffinity="0"/>
 </worldbody></mujoco>
 """
-SHAPES = {
-    mujoco.mjtGeom.mjGEOM_BOX: lambda size: Box(tuple((2.0 * size).tolist())),
-    mujoco.mjtGeom.mjGEOM_SPHERE: lambda size: Sphere(float(size[0])),
-    mujoco.mjtGeom.mjGEOM_CAPSULE: lambda size: Capsule(float(size[0]), 2.0 * float(size[1])),
-    mujoco.mjtGeom.mjGEOM_CYLINDER: lambda size: Cylinder(float(size[0]), 2.0 * float(size[1])),
-}
 
-
-def scene_of(model: mujoco.MjModel, data: mujoco.MjData) -> Scene:
-    """Return what can collide, where it is now; a KeyError names an unknown kind of shape."""
-    mujoco.mj_forward(model, data)
-    obstacles = []
-    for k in range(model.ngeom):
-        if model.geom_contype[k] or model.geom_conaffinity[k]:
-            shape = SHAPES[mujoco.mjtGeom(model.geom_type[k])](model.geom_size[k])
-            pose = Pose.of(pin.SE3(data.geom_xmat[k].reshape(3, 3), data.geom_xpos[k]))
-            obstacles.append(Obstacle(model.geom(k).name or f"geom {k}", shape, pose))
-    return Scene(tuple(obstacles))
-
-
-model = mujoco.MjModel.from_xml_string(WORLD)  # or from_xml_path("world.xml")
-scene = scene_of(model, mujoco.MjData(model))
+with TemporaryDirectory() as folder:
+    file = Path(folder, "world.xml")
+    file.write_text(WORLD, encoding="utf-8")
+    try:
+        _, scene = world_from_mjcf(file)
+    except ModuleNotFoundError as error:
+        raise SystemExit(str(error)) from None
 setup = SafeSetup(Robot.from_example("ur5"), scene)
 setup.setConfigurations([0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [-0.9, -1.2, 1.4, -1.8, -1.57, 0.0])
 result = setup.plan("SafeRRTConnect", time=10.0, seed=0, simplify=True)

@@ -9,7 +9,15 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.geometry import surfaces
     from safe_ompl.geometry.cloud import PointCloud
-    from safe_ompl.geometry.hulls import ConvexBodies, Hull, bounding_box, bounding_hull, convex_hull, hull_planes
+    from safe_ompl.geometry.hulls import (
+        ConvexBodies,
+        Hull,
+        bounding_box,
+        bounding_hull,
+        convex_hull,
+        hull_planes,
+        triangle_tree,
+    )
     from safe_ompl.geometry.obstacle import Obstacle, check_number
     from safe_ompl.geometry.person import LIMBS, STANDING, Limb, Person
     from safe_ompl.geometry.pose import Pose, PoseLike, placed
@@ -42,6 +50,7 @@ __all__ = [
     "hull_planes",
     "placed",
     "surfaces",
+    "triangle_tree",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from safe_ompl.apps.exchange.curobo import robot_from_curobo, scene_from_curobo
     from safe_ompl.apps.exchange.logs import McapLog, read_joint_log, read_log
     from safe_ompl.apps.exchange.messages import Frames, in_metres
+    from safe_ompl.apps.exchange.mjcf import world_from_mjcf
     from safe_ompl.apps.exchange.moveit import scene_from_moveit, scene_from_octomap
     from safe_ompl.apps.exchange.ros_node import RosNode, ros_context
 
@@ -34,6 +35,7 @@ __all__ = [
     "scene_from_curobo",
     "scene_from_moveit",
     "scene_from_octomap",
+    "world_from_mjcf",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

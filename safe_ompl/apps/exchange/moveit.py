@@ -220,10 +220,10 @@ class _Moveit:
         vertices = [(point["x"], point["y"], point["z"]) for point in data["vertices"]]
         faces = [[int(corner) for corner in each["vertex_indices"]] for each in data["triangles"]]
         safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
-        return _written(self.folder / f"{safe}.obj", vertices, faces)
+        return written_mesh(self.folder / f"{safe}.obj", vertices, faces)
 
 
-def _written(file: Path, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]) -> Mesh:
+def written_mesh(file: Path, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]) -> Mesh:
     """Return a mesh (V, 3), (F, 3) that is written to a file."""
     lines = ["v {!r} {!r} {!r}".format(*map(float, point)) for point in vertices]
     files.write(file, "\n".join([*lines, *("f {} {} {}".format(*(k + 1 for k in face)) for face in faces), ""]))
