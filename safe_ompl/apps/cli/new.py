@@ -18,6 +18,7 @@ import yaml
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
+from safe_ompl.apps.cli.pick_and_place import Gripper, block, planned
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, files
 from safe_ompl.common import documents as document
@@ -48,6 +49,9 @@ _PLANNER, _TRIALS, _TIME = "SafeRRTConnect", 6, 5.0  # who tries how many pairs 
 _BESIDE = 0.35  # [m] from where the robot reaches to the middle of the person
 _HEIGHT = 1.75  # [m]
 _SHARE = 0.1  # of the samples at least that are on either side of straight ahead
+_PROGRAM_HEAD = (
+    "# A program for safe-ompl; lengths in metres, angles in radians. What else there is: docs/programs.md\n"
+)
 _WAIST = 0.55  # share of their height that is below the middle of the robot's reach
 
 
@@ -66,6 +70,8 @@ def add_commands(commands: Any) -> None:
     read = output.output_file(".yaml", ".yml")
     option(parser, "-o, --output FILE", "where the scenario goes (.yaml)", read, required=True)
     arguments.add_force(parser)
+    words = "write a program for an arm with a gripper: it takes a cube from a table and puts it elsewhere"
+    option(parser, "--pick-and-place", words)
     option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
     option(parser, "--tip FRAME", "frame at the end of the arm")
     option(parser, "--group NAME", "group of the SRDF whose joints move; the others are held")
@@ -103,7 +109,8 @@ def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
     chosen |= {"package_dirs": list(map(str, options.package_dir)), "xacro_args": arguments.xacro_args(options)}
     with document.within("--", separator=""):
         given = RobotSpec.from_mapping(chosen, Path())
-    return New(*with_arm(given), Path(options.output))
+    new = New(*with_arm(given), Path(options.output))
+    return partial(new.pick_and_place, Gripper(new.spec, new.robot.tip)) if options.pick_and_place else new
 
 
 def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
@@ -186,6 +193,27 @@ class New:
         _say(f"    safe-ompl view {stem}.json --html {stem}.html")
         return 0
 
+    def pick_and_place(self, gripper: Gripper) -> int:
+        """Find a program that can be planned, write the scenario, and say what to do with it."""
+        person, reach = self._person(np.round(self._sampled(), 2))
+        spec = replace(self.spec, locked={**(self.spec.locked or {}), **gripper.open})
+        there = {"position": list(person.pose.position), "yaw": round(_yaw(person), 5)}
+        about = {"name": self.file.stem, "robot": spec.to_mapping(self.file.parent)}
+        about["scene"] = {"obstacles": [{"name": person.name, "person": {"height": _HEIGHT}, **there}]}
+        content, result = planned(spec, gripper, about, self._shoulder, reach, self.file.parent)
+        files.write(self.file, f"{_PROGRAM_HEAD}{block(content)}\n")
+        steps = len(content["program"]["steps"])
+        _say(
+            f"a scenario in {self.file}: {steps} steps in {result.duration:.1f} s, fingers: {', '.join(gripper.joints)}"
+        )
+        _say("look at it, plan, check the proof, and look at it once more:")
+        file, stem = (shlex.quote(str(name)) for name in (self.file, self.file.with_suffix("")))
+        _say(f"    safe-ompl view {file}")
+        _say(f"    safe-ompl plan {file} --certificate {stem}.certificate.json")
+        _say(f"    safe-ompl verify {stem}.certificate.json {file}")
+        _say(f"    safe-ompl view {stem}.certificate.json --html {stem}.html")
+        return 0
+
     def _person(self, samples: FloatArray) -> tuple[Obstacle, float]:
         """Return a person who stands just beyond the reach of the arm, and how far it reaches [m]."""
         points = self.robot.keypoints_batch(samples).reshape(-1, 3)
@@ -260,7 +288,7 @@ class New:
         robot = self.spec.to_mapping(self.file.parent)
         lines = yaml.safe_dump({"robot": robot}, sort_keys=False, default_flow_style=None, width=100)
         x, y, z = person.pose.position
-        yaw = 2 * float(np.arctan2(person.pose.quaternion_xyzw[2], person.pose.quaternion_xyzw[3]))
+        yaw = _yaw(person)
         return f"""\
 # A scenario for safe-ompl; lengths in metres, angles in radians. What else there is: docs/scene.md and docs/goals.md
 name: {self.file.stem}
@@ -279,6 +307,10 @@ scene:
 
 time: 10.0
 """
+
+
+def _yaw(person: Obstacle) -> float:
+    return 2 * float(np.arctan2(person.pose.quaternion_xyzw[2], person.pose.quaternion_xyzw[3]))
 
 
 def _say(line: str) -> None:

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_ompl import Robot, Scenario
+from safe_ompl import Robot, Scenario, plan_program
 from safe_ompl.apps import main
 from safe_ompl.common.errors import warn_once
+from safe_ompl.robot import robots_folder
 
 SCARA = """
 <robot name="scara">
@@ -265,3 +266,32 @@ def test_a_gripper_without_an_arm_has_no_sides(tmp_path, capsys, monkeypatch):
     told = " ".join(capsys.readouterr().err.split())
     assert "hand.urdf: no start and goal on either side of a person" in told
     assert "the tip does not move from one side to the other" in told
+
+
+# ------------------------------------------------------------------------------------------------- pick and place
+
+
+def test_a_gripper_arm_gets_a_program_that_is_solved(tmp_path, capsys):
+    file = tmp_path / "work.yaml"
+    urdf = robots_folder() / "panda_description" / "urdf" / "panda.urdf"
+    assert main(["new", str(urdf), "--pick-and-place", "-o", str(file)]) == 0
+    assert "11 steps" in capsys.readouterr().err
+    scenario = Scenario.load(file)
+    cube, (width, *_) = scenario.scene["cube"], scenario.scene["cube"].shape.size
+    touching = {link for step in scenario.program.steps for link, _ in getattr(step, "touching", ())}
+    assert touching == {"panda_leftfinger", "panda_rightfinger", "cube"}
+    (closed,) = scenario.program.steps[2].joints.values()
+    assert 2 * closed == pytest.approx(width, abs=1e-3)  # both fingers lie on the cube
+    assert cube.pose.position[2] == pytest.approx(scenario.scene["table"].pose.position[2] + 0.02 + width / 2)
+    found = plan_program(scenario)
+    assert found
+    held = [stretch for stretch in found.stretches if stretch.robot.attached]
+    down = held[-1].robot.tip_pose(held[-1].motion.knots[-1]).rotation[:, 2]
+    np.testing.assert_allclose(down, (0.0, 0.0, -1.0), atol=0.02)  # the hand looks down
+
+
+def test_an_arm_without_a_gripper_gets_one_line(urdf, tmp_path, capsys):
+    assert main(["new", str(urdf), "--pick-and-place", "-o", str(tmp_path / "work.yaml")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "the arm with the tip 'quill' has no gripper" in line
+    assert not (tmp_path / "work.yaml").exists()

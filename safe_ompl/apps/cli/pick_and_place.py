@@ -1,0 +1,212 @@
+"""`safe-ompl new --pick-and-place`: a program for an arm with a gripper, planned before it is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import yaml
+
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import FloatArray, InputError, SafeOmplError
+from safe_ompl.geometry import Pose
+from safe_ompl.planning import ProgramResult, plan_program
+from safe_ompl.robot import Robot, RobotSpec, UrdfFile, finger_joints, has_range
+from safe_ompl.scene import Scenario, Scene
+from safe_ompl.tasks import configurations_at
+from safe_ompl.view import RobotBody
+
+_MOST = 4  # joints of a gripper that move on their own
+_PAD = 0.02  # [m], of the end of a finger
+_SMALLEST, _LARGEST, _SHARE = 0.02, 0.05, 0.6  # [m] edges of the cube; of the gripper's opening
+_SQUEEZE = 0.0006  # [m] that the fingers are nearer than the edge
+_RADII, _HEIGHTS = (0.55, 0.45, 0.65), (-0.35, -0.2, -0.5)  # of the table, in reaches from the shoulder
+_PICK, _PLACES = -0.5, (0.35, 0.6)  # [rad] left of straight ahead
+_LINE = 120  # letters
+_UP, _TIME = 0.1, 4.0  # [m] above grasps and places; [s] for each table
+
+
+class Gripper:
+    """The gripper of an arm with a tip: which joints close it on a cube, and where the tip is then.
+
+    InputError if the arm has none, or none with two fingers that close.
+    """
+
+    def __init__(self, spec: RobotSpec, tip: str) -> None:
+        assert spec.urdf is not None
+        self._where = str(spec.urdf)
+        urdf = UrdfFile(spec.urdf, spec.package_dirs, spec.xacro_args)
+        full, mimics, known = urdf.build_model(), urdf.mimics(), finger_joints(urdf.build_model())
+        hand = full.subtrees[next(frame for frame in full.frames if frame.name == tip).parentJoint]
+        fingers = [full.names[joint] for joint in hand if full.names[joint] in known]
+        self.joints = [name for name in fingers if name not in mimics and has_range(full, full.getJointId(name))]
+        if not self.joints:
+            raise InputError(f"the arm with the tip {tip!r} has no gripper: no finger moves behind it", self._where)
+        if len(self.joints) > _MOST:
+            raise InputError(f"it is not known which of {len(self.joints)} joints close the hand", self._where)
+        self._robot = robot = Robot(replace(spec, free=tuple(self.joints)))
+        self._body, model = RobotBody(robot, coarse=True), robot.shared.model
+        moved = {model.getJointId(name) for name in fingers if model.existJointName(name)}
+        # Of each body the first joint that moves it within the hand; 0 if none does
+        bodies = robot.shared.collision_model.geometryObjects
+        self._roots = [next((j for j in model.supports[body.parentJoint] if j in moved), 0) for body in bodies]
+        pairs = zip(robot.shared.body_links, self._roots, strict=True)
+        self.links = list(dict.fromkeys(link for link, root in pairs if root))
+        self._set_fingers(model.parents[min(moved)])
+        self._set_grasp()
+
+    def _set_fingers(self, wrist: int) -> None:
+        """Find the two fingers that reach farthest, where they point, and in which direction they close."""
+        data = self._robot.shared.model.createData()
+        full = self._robot.pinocchio_configuration(self._posture({}))
+        pin.forwardKinematics(self._robot.shared.model, data, full)
+        base = (self._robot.tip_pose(self._posture({})).inverse() * data.oMi[wrist]).translation
+        first = self._corners({})
+        if len(first) < 2:
+            raise InputError("the gripper has no two fingers with collision shapes that move", self._where)
+        self._ahead = _axis(np.mean([corners.mean(axis=0) for corners in first.values()], axis=0) - base)
+        self._pair = sorted(first, key=lambda root: -float((first[root] @ self._ahead).max()))[:2]
+        apart = first[self._pair[1]].mean(axis=0) - first[self._pair[0]].mean(axis=0)
+        self._across = _axis(apart - self._ahead * (apart @ self._ahead))
+
+    def _set_grasp(self) -> None:
+        """Choose the edge of a cube [m], values of the joints around it, and poses of the tip in its frame."""
+        limits = zip(self._robot.joint_names, self._robot.lower.tolist(), self._robot.upper.tolist(), strict=True)
+        ends = {name: (low, high) for name, low, high in limits if name in self.joints}
+        ways = [dict(zip(ends, values, strict=True)) for values in product(*ends.values())]
+        self.open, shut = (choose(ways, key=lambda way: self._gap(way)[0]) for choose in (max, min))
+        self.edge = round(min(_LARGEST, _SHARE * self._gap(self.open)[0]), 3)
+        least, most = 0.0, 1.0  # shares of the way from open to shut
+        for _ in range(30):
+            share = 0.5 * (least + most)
+            self.closed = {n: round(value + share * (shut[n] - value), 5) for n, value in self.open.items()}
+            gap, end = self._gap(self.closed)
+            least, most = (share, most) if gap > self.edge - _SQUEEZE else (least, share)
+        if self.edge < _SMALLEST or abs(gap - self.edge) > 2 * _SQUEEZE:
+            raise InputError("its fingers do not close on a cube of 2 cm or more", self._where)
+        point, down = end - 0.25 * self.edge * self._ahead, np.array([0.0, 0.0, -1.0])
+        own = np.column_stack([self._ahead, self._across, np.cross(self._ahead, self._across)])
+        self.grasps = []
+        for way in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)):
+            turn = np.column_stack([down, way, np.cross(down, way)]) @ own.T
+            self.grasps.append(pin.SE3(turn, -turn @ point))
+
+    def _posture(self, values: Mapping[str, float]) -> FloatArray:
+        """Return all joints near zero, but for values of fingers."""
+        robot = self._robot
+        still = np.clip(np.zeros(robot.n), robot.lower, robot.upper).tolist()
+        return robot.configuration({**dict(zip(robot.joint_names, still, strict=True)), **values})
+
+    def _corners(self, values: Mapping[str, float]) -> dict[int, FloatArray]:
+        """Return the corners of each finger (K, 3), seen from the tip [m]."""
+        q = self._posture(values)
+        to_tip, found = self._robot.tip_pose(q).inverse(), dict[int, list[FloatArray]]()
+        for root, link, place in zip(self._roots, self._body.links, self._body.placements(q), strict=True):
+            if root:
+                there = to_tip * place
+                found.setdefault(root, []).append(link.moved(there.rotation, there.translation).vertices)
+        return {root: np.vstack(parts) for root, parts in found.items()}
+
+    def _gap(self, values: Mapping[str, float]) -> tuple[float, FloatArray]:
+        """Return how far the ends of both fingers are apart [m], and the point between their ends."""
+        corners, ahead, across = self._corners(values), self._ahead, self._across
+        pads = [corners[k][corners[k] @ ahead > (corners[k] @ ahead).max() - _PAD] for k in self._pair]
+        low, high = float((pads[0] @ across).max()), float((pads[1] @ across).min())
+        both = np.vstack(pads)
+        middle = 0.5 * (both.min(axis=0) + both.max(axis=0))
+        end = middle + ((both @ ahead).max() - middle @ ahead) * ahead
+        return high - low, end + (0.5 * (low + high) - middle @ across) * across
+
+
+def _axis(direction: FloatArray) -> FloatArray:
+    """Return the axis of the frame that is nearest to a direction."""
+    k = int(np.abs(direction).argmax())
+    return np.asarray(np.sign(direction[k]) * np.eye(3)[k])
+
+
+def planned(
+    spec: RobotSpec, gripper: Gripper, about: Mapping[str, Any], shoulder: FloatArray, reach: float, folder: Path
+) -> tuple[dict[str, Any], ProgramResult]:
+    """Return a scenario `about` a robot and a person, with a program that is solved; SafeOmplError if none is.
+
+    The person stands straight ahead of the `shoulder: (3,)`.
+    """
+    robot, (person,) = Robot(spec), about["scene"]["obstacles"]
+    ahead = float(np.arctan2(*np.subtract(person["position"], shoulder)[1::-1]))
+    why = ""
+    for height, radius in product(_HEIGHTS, _RADII):
+        top = round(float(shoulder[2]) + height * reach, 2)
+
+        def spot(angle: float, above: float, far: float = radius * reach, top: float = top) -> dict[str, Any]:
+            x, y = shoulder[:2] + far * np.array([np.cos(ahead + angle), np.sin(ahead + angle)])
+            return {"position": [round(float(v), 3) for v in (x, y, top + above)], "yaw": round(ahead + angle, 4)}
+
+        table = {"name": "table", "box": {"size": [0.4, round(1.8 * radius * reach, 2), 0.04]}, **spot(0.0, -0.02)}
+        cube = {"name": "cube", "box": {"size": [gripper.edge] * 3}, **spot(_PICK, 0.5 * gripper.edge)}
+        obstacles = [{**table, "color": "#b99a6b"}, {**cube, "color": "#d9822b"}, person]
+        scene = Scene.from_mapping({"obstacles": obstacles})
+        start = _start(robot, scene, Pose.from_mapping(spot(0.0, 2 * _UP)).se3, gripper)
+        if isinstance(start, str):
+            why = why or start
+            continue
+        content = {**about, "start": start, "scene": {"obstacles": obstacles}}
+        content["program"] = _program(gripper, [spot(angle, 0.5 * gripper.edge) for angle in _PLACES], start)
+        result = plan_program(Scenario.from_mapping(content, folder), time=_TIME)
+        if result:
+            return content, result
+        why = result.why
+    raise SafeOmplError(f"{spec.urdf}: the arm cannot pick and place from above on any table that was tried; {why}")
+
+
+def _start(robot: Robot, scene: Scene, above: pin.SE3, gripper: Gripper) -> dict[str, float] | str:
+    """Return a free configuration with the gripper above a pose, or why there is none."""
+    checker, rng = CollisionChecker(robot, scene), np.random.default_rng(0)
+    middle = 0.5 * (np.maximum(robot.lower, -np.pi) + np.minimum(robot.upper, np.pi))
+    found = np.vstack([configurations_at(robot, above * grasp, middle, rng) for grasp in gripper.grasps])
+    for q in np.round(found[np.abs(found - middle).max(axis=1).argsort()], 3):
+        if robot.within_limits(q).all() and not checker.in_collision(q):
+            return dict(zip(robot.joint_names, q.tolist(), strict=True))
+    touching = [pair for q in found if (pair := checker.colliding_pair(q)) is not None]
+    return f"{' touches '.join(touching[0])}: see `safe-ompl srdf`" if touching else "out of reach"
+
+
+def _program(gripper: Gripper, places: list[dict[str, Any]], start: dict[str, float]) -> dict[str, Any]:
+    touching = [[link, "cube"] for link in gripper.links]
+    grasps = [
+        {"position": _rounded(g.translation), "rpy": _rounded(pin.rpy.matrixToRpy(g.rotation))} for g in gripper.grasps
+    ]
+    steps: list[dict[str, Any]] = [
+        {"move": {"grasp": "cube", "up": _UP}},
+        {"line": {"grasp": "cube"}},
+        {"gripper": {"joints": gripper.closed, "touching": touching}},
+        {"attach": "cube"},
+        {"line": {"up": _UP, "touching": [["cube", "table"]]}},
+        {"move": {"place": "cube", "up": _UP}},
+        {"line": {"place": "cube", "touching": [["cube", "table"]]}},
+        {"detach": "cube"},
+        {"gripper": {"joints": gripper.open, "touching": touching}},
+        {"line": {"up": _UP}},
+        {"move": {"configuration": list(start.values())}},
+    ]
+    return {"grasps": {"cube": grasps}, "places": {"cube": places}, "steps": steps}
+
+
+def _rounded(values: FloatArray) -> Any:
+    return (np.round(values, 5) + 0.0).tolist()  # no -0.0
+
+
+def block(value: Any, indent: str = "") -> str:
+    """Return plain data as YAML: what fits is on one line."""
+    line = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=np.inf).removesuffix("...\n").strip()
+    if not isinstance(value, (dict, list)) or (indent and len(indent) + len(line) < _LINE):
+        return f" {line}"
+    if isinstance(value, list):
+        return "".join(f"\n{indent}- {block(item, indent + '  ').lstrip()}" for item in value)
+    return "".join(f"\n{indent}{key}:{block(item, indent + '  ')}" for key, item in value.items()).lstrip(
+        "\n" * (not indent)
+    )
