@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from safe_ompl.planning.program_result import ProgramResult, Stretch
     from safe_ompl.planning.programs import plan_program, program_robot
     from safe_ompl.planning.result import Improvement, PlanResult
-    from safe_ompl.planning.safe_setup import SafeSetup, path_timer, plan, repair, setup_problem, setup_scenario
+    from safe_ompl.planning.safe_setup import SafeSetup, plan, repair, setup_problem, setup_scenario
 
 __all__ = [
     "PLAN_JOBS",
@@ -23,7 +23,6 @@ __all__ = [
     "SafeSetup",
     "Stretch",
     "Tradeoff",
-    "path_timer",
     "plan",
     "plan_program",
     "planner_data",

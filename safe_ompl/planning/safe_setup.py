@@ -20,7 +20,6 @@ import safe_ompl.trajectories as trajectories
 from safe_ompl.common import FloatArray, InputError, clock, ctrl_c_as_such, positive
 from safe_ompl.common import documents as document
 from safe_ompl.common import seed as checked_seed
-from safe_ompl.danger import KinetostaticField
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning.ompl import DangerObjective
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
@@ -365,16 +364,6 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
             if limits.tube is not None:
                 setup.setTube(limits.tube)
     return setup
-
-
-def path_timer(scenario: Scenario, setup: SafeSetup) -> trajectories.PathTimer:
-    """Return what times paths of a setup within the limits, and beside the people, of its scenario."""
-    limits, field = scenario.motion, setup.field
-    danger = None if limits.max_danger is None or field is None else KinetostaticField(field)
-    rates = trajectories.RateLimits.of(setup.robot, limits.velocity, limits.acceleration, limits.jerk)
-    caps = {key: getattr(limits, key) for key in ("tool_speed", "link_speed", "max_danger")}
-    motion, people = setup.motion_prover, scenario.people
-    return trajectories.PathTimer(setup.robot, rates, motion=motion, people=people, danger=danger, **caps)
 
 
 def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:
