@@ -163,16 +163,6 @@ def panda():
     return Robot.from_example("panda")
 
 
-def test_the_judge_measures_what_the_package_measures(panda):
-    checker, judge = CollisionChecker(panda, SCENE), Judge(panda, SCENE)
-    rng = np.random.default_rng(0)
-    for q in rng.uniform(panda.lower, panda.upper, (20, 7)):
-        verdict = judge.verdict(Motion.through([q, q]))
-        assert verdict.touching == checker.in_collision(q) == judge.plain.touches(q)
-        if not verdict.touching:
-            assert verdict.min_clearance == pytest.approx(checker.clearance(q).distance, abs=1e-5)
-
-
 def test_the_judge_knows_contact_clearance_and_length(panda):
     judge = Judge(panda, SCENE)
     verdict = judge.verdict(Motion.through([LEFT, RIGHT]))

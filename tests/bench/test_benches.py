@@ -39,7 +39,7 @@ SMALL = {
     "hard": "--problems 0:1 --time 1 --families RRTConnect",
     "live": "{files} --sample 1 --places 1 --seconds 0.5 --policies ours,half-speed,alone",
     "motion": "--edges 2 --rounds 2",
-    "motions": "--number 66 --splines 1 --tubes 6 --repairs 1",
+    "motions": "--number 12 --splines 1 --tubes 6 --repairs 1",
     "mutations": "--number 2",
     "page": "--check",
     "pages": "danger free_bubbles architecture",

@@ -103,8 +103,7 @@ def test_limits_are_the_scenarios_and_the_options(call):
     assert "200 mm" in out
 
 
-@pytest.mark.parametrize("degree", [1, 3, 5])
-@pytest.mark.parametrize("out", ["out.json", "out.csv", "out.npz", "out.yaml"])
+@pytest.mark.parametrize(("degree", "out"), [(1, "out.json"), (3, "out.csv"), (5, "out.npz"), (3, "out.yaml")])
 def test_a_repair_is_written_in_the_form_that_is_asked_for_and_proven_as_it_is_read(call, tmp_path, setup, degree, out):
     save(motion(TOUCHING, degree), "touching.json")
     status, _, err = call("check", "touching.json", "--scenario", "own.yaml", "--repair", out)

@@ -227,6 +227,12 @@ def test_wrong_options_are_one_line(words, said, butler, capsys, tmp_path):
         ("<robot/>", "it has no link"),
         ('<robot name="r"><link name="a"/></robot>', "no joint"),
         ('<robot name="r"><xacro:include filename="b"/></robot>', "`pip install xacro`"),
+        (
+            f'<robot name="hand"><link name="palm"/>{link("finger", "0.02 0.02 0.1")}'
+            + joint("slide", "palm", "finger", "0 0 0.1", "1 0 0", "prismatic", "0 0.004")
+            + "</robot>",
+            "person, of 2000 configurations; the tip does not move from one side to the other",
+        ),
     ],
 )
 def test_wrong_urdfs_are_one_line(text, said, tmp_path, capfd, monkeypatch):
@@ -234,7 +240,7 @@ def test_wrong_urdfs_are_one_line(text, said, tmp_path, capfd, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacro", None)
     (tmp_path / "bad.urdf").write_text(text)
     assert main(["new", "bad.urdf", "-o", "mine.yaml"]) == 2
-    told = capfd.readouterr().err
+    told = " ".join(capfd.readouterr().err.split())
     assert said in told
     assert "bad.urdf" in told
 
@@ -255,17 +261,6 @@ def test_arguments_of_xacro_go_to_the_scenario(tmp_path, capsys, monkeypatch, da
         assert main(["new", "arm.urdf.xacro", "-o", "other.yaml", *wrong]) == 2
         said = capsys.readouterr().err.removeprefix("safe-ompl: ").removeprefix("argument ")
         assert said.startswith("--xacro-arg: ")
-
-
-def test_a_gripper_without_an_arm_has_no_sides(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    slide = joint("slide", "palm", "finger", "0 0 0.1", "1 0 0", "prismatic", "0 0.004")
-    text = f'<robot name="hand"><link name="palm"/>{link("finger", "0.02 0.02 0.1")}{slide}</robot>'
-    Path("hand.urdf").write_text(text)
-    assert main(["new", "hand.urdf", "-o", "mine.yaml"]) == 2
-    told = " ".join(capsys.readouterr().err.split())
-    assert "hand.urdf: no start and goal on either side of a person" in told
-    assert "the tip does not move from one side to the other" in told
 
 
 # ------------------------------------------------------------------------------------------------- pick and place
