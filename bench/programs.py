@@ -10,11 +10,11 @@ step does not allow: of a link or of what is held with anything but what may tou
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 
 from bench._harness import Report
 from examples.mujoco.servo_robot import STEP, Servo, ServoRobot, _pose, _weigh
@@ -28,16 +28,7 @@ from safe_ompl.tasks.tip import Tip
 
 CLAIM = "programs of 8 to 15 steps are planned in 2 s in the median, and only what may touch does in physics"
 HEADER = ("program", "steps", "solved", "median [s]", "worst [s]", "duration [s]", "stretches")
-PHYSICS = (
-    "program",
-    "tube [mrad]",
-    "depth [mm]",
-    "again [s]",
-    "duration [s]",
-    "outside it",
-    "contacts",
-    "deepest [mm]",
-)
+PHYSICS = ("program", "tube [mrad]", "depth [mm]", "again [s]", "duration [s]", "outside", "contacts", "deepest")
 MASS = 0.2  # [kg] of an object
 SERVO = Servo(bandwidth=120.0, delay=0.001, payload=0.0)
 LOOKED = 5  # steps between two looks for contacts
@@ -102,26 +93,13 @@ def physics(scenario: Scenario) -> tuple[object, ...]:
     return (*row, within.duration, outside, len(driven.contacts), 1e3 * driven.deepest)
 
 
-@dataclass(frozen=True)
 class _Plain:
     """A robot whose joints are those of Pinocchio's model, those that follow others included."""
 
-    robot: Robot
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.robot, name)
-
-    @property
-    def n(self) -> int:
-        return int(self.robot.shared.model.nv)
-
-    @property
-    def lower(self) -> FloatArray:
-        return self.robot.shared.model.lowerPositionLimit
-
-    @property
-    def upper(self) -> FloatArray:
-        return self.robot.shared.model.upperPositionLimit
+    def __init__(self, robot: Robot) -> None:
+        model = robot.shared.model
+        self.shared, self.tip_frame, self.n = robot.shared, robot.tip_frame, model.nv
+        self.lower, self.upper = model.lowerPositionLimit, model.upperPositionLimit
 
     def pinocchio_configuration(self, q: FloatArray) -> FloatArray:
         return q
@@ -150,43 +128,30 @@ class World(ServoRobot):
 
     def hold(self, name: str, holder: str) -> None:
         """Weld an object to the link of a joint where both are; from then on it touches as the robot does."""
-        model, data = self.model, self.data
-        link, item = model.body(holder).id, model.body(name).id
-        turn, back = np.zeros(9), np.zeros(4)
-        mujoco.mju_negQuat(back, data.xquat[link])
-        relative = np.zeros(4)
-        mujoco.mju_mulQuat(relative, back, data.xquat[item])
-        mujoco.mju_quat2Mat(turn, data.xquat[link])
-        offset = turn.reshape(3, 3).T @ (data.xpos[item] - data.xpos[link])
-        weld = model.equality(f"{holder}: {name}").id
-        model.eq_data[weld, :3], model.eq_data[weld, 3:6], model.eq_data[weld, 6:10] = 0.0, offset, relative
-        data.eq_active[weld] = True
-        self._grouped(item, _ROBOT, _THING)
+        link, item = (self._place(body) for body in (holder, name))
+        relative, weld = _pose(link.inverse() * item), self.model.equality(f"{holder}: {name}").id
+        self.model.eq_data[weld, :10] = [0.0, 0.0, 0.0, *relative["pos"], *relative["quat"]]
+        self.data.eq_active[weld] = True
+        self._grouped(name, _ROBOT, _THING)
+
+    def _place(self, body: str) -> pin.SE3:
+        w, x, y, z = self.data.body(body).xquat
+        return pin.SE3(pin.Quaternion(w, x, y, z), self.data.body(body).xpos)
 
     def release(self, name: str) -> None:
         """Let an object be free."""
         for weld in range(self.model.neq):
             if self.model.equality(weld).name.endswith(f": {name}"):
                 self.data.eq_active[weld] = False
-        self._grouped(self.model.body(name).id, _ROBOT + _THING, _ROBOT + _THING)
+        self._grouped(name, _ROBOT + _THING, _ROBOT + _THING)
 
-    def _grouped(self, body: int, kind: int, touching: int) -> None:
-        own = self.model.geom_bodyid == body
+    def _grouped(self, name: str, kind: int, touching: int) -> None:
+        own = self.model.geom_bodyid == self.model.body(name).id
         self.model.geom_contype[own], self.model.geom_conaffinity[own] = kind, touching
 
 
 class Replay:
-    """A program that is driven.
-
-    Attributes
-    ----------
-    errors : ndarray, shape (n,)
-        The largest ones of the joints [rad or m].
-    contacts : set of (int, str, str)
-        Number of the step, from 1, and the names of two that touched, but may not.
-    deepest : float
-        How deep what may touch was, at most [m].
-    """
+    """A program that is driven: errors (n,) of joints, who touched whom on which step, and how deep, if they may."""
 
     def __init__(self, result: ProgramResult) -> None:
         scene, self._result, self.robot = result.scenario.scene, result, result.stretches[0].robot
@@ -201,7 +166,7 @@ class Replay:
         bodies = [model.geom(f"robot: {body.name}").id for body in shared.collision_model.geometryObjects]
         links = dict(zip(bodies, shared.body_links, strict=True))
         self._names = [links.get(k) or self._thing(k) for k in range(model.ngeom)]
-        self._pairs = [(bodies[a], bodies[b]) for a, b in shared.body_pairs]
+        self._pairs, self._bodies = [(bodies[a], bodies[b]) for a, b in shared.body_pairs], bodies
         self._rows = [list(shared.model.names)[1:].index(name) for name in self.robot.joint_names]
 
     def _thing(self, geom: int) -> str:
@@ -225,14 +190,29 @@ class Replay:
         return self
 
     def _take(self, held: dict[str, Attachment]) -> None:
-        model = self.robot.shared.model
         for name in self._held.keys() - held.keys():
             self._world.release(name)
         for name, item in held.items():
             if self._held.get(name) != item:
                 self._world.release(name)
-                self._world.hold(name, model.names[model.frames[model.getFrameId(item.link)].parentJoint])
+                self._world.hold(name, self._holder(item))
         self._held = held
+        objects = {name: [geom for geom, own in enumerate(self._names) if own == name] for name in held}
+        self._holding = [
+            (link, geom)
+            for name, item in held.items()
+            for link in self._bodies
+            if self._names[link] not in item.touch_links and not self._carries(link, item)
+            for geom in objects[name]
+        ]
+
+    def _carries(self, link: int, item: Attachment) -> bool:
+        """Return whether a shape is of the link that holds an object, or fixed to it."""
+        return self._world.model.body(self._world.model.geom_bodyid[link]).name == self._holder(item)
+
+    def _holder(self, item: Attachment) -> str:
+        model = self.robot.shared.model
+        return str(model.names[model.frames[model.getFrameId(item.link)].parentJoint])
 
     def _drive(self, motion: Motion, step: int, allowed: set[frozenset[str]], before: set[frozenset[str]]) -> None:
         times = np.arange(0.0, motion.duration, STEP)
@@ -248,7 +228,7 @@ class Replay:
         """Note who touches whom: by MuJoCo's contacts, and links each other by its distances."""
         model, data = self._world.model, self._world.data
         touching = [(*contact.geom, contact.dist) for contact in data.contact[: data.ncon]]
-        for a, b in self._pairs:
+        for a, b in (*self._pairs, *self._holding):
             apart = np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b])
             if apart < model.geom_rbound[a] + model.geom_rbound[b]:
                 touching.append((a, b, mujoco.mj_geomDistance(model, data, a, b, 0.01, None)))

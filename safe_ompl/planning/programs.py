@@ -1,14 +1,16 @@
 """Programs of many steps, planned as one motion: choices are resolved together, and all of it is proven.
 
 Steps are data (`scene/program.py`). The search is best-first: of all beginnings of the program that are planned so far
-the one goes on whose time is least, if a step that is done counts as two seconds less. What only may be chosen, a
-grasp, a place or a branch of the inverse kinematics, waits with a bound of its time until it is the best; then it is
-planned. So nothing is executed before all of it can be finished, and what is planned once is kept.
+the one goes on whose time is least, if a step that is done counts as two seconds less, and a choice after which steps
+failed counts more. What only may be chosen, a grasp, a place or a branch of the inverse kinematics, waits with a bound
+of its time until it is the best; then it is planned. So nothing is executed before all of it can be finished, and what
+is planned once is kept.
 """
 
 from __future__ import annotations
 
 import heapq
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -46,6 +48,7 @@ from safe_ompl.trajectories import BlendedCurve, PathTimer, RateLimits, Trajecto
 
 TIME = 20.0  # [s]
 _STEP_DONE = 2.0  # [s] that a planned step counts less
+_REFUSED = 1.0  # [s] that what was chosen counts more for each step after it that failed
 _BRANCHES = 6  # of the inverse kinematics that a move may end in
 _LONGEST = 2.0  # [s] of one plan
 _STILL = 1e-6  # [rad or m] a motion that is shorter is none
@@ -212,29 +215,32 @@ class _ProgramPlanner:
         begin = clock()
         self._end, order = begin + time, count()
         best = _Node(0, self.begin)
-        waiting = [(0.0, next(order), best)]
+        waiting = [(0.0, next(order), 0.0, best)]
+        refused: Counter[tuple[str, ...]] = Counter()  # how often choices, with whatever came after, failed
         why, failed = "", -1
+
+        def wait(cost: float, node: _Node) -> None:
+            heapq.heappush(waiting, (cost + _REFUSED * refused[node.choices], next(order), cost, node))
+
         while waiting and best.step < len(self._steps):
             if clock() > self._end:
                 why = f"{why}; {time:g} s are over" if why else f"{time:g} s are over"
                 break
-            _, _, node = heapq.heappop(waiting)
-            if node.todo is not None:
-                try:
-                    node = self._done(node)
-                except (_ImpossibleError, CollisionError, PlanningError) as error:
-                    if node.step >= failed:
-                        failed, why = node.step, f"step {node.step + 1} ({self._steps[node.step]}): {error}"
-                    continue
-                if node.step > best.step:
-                    best = node
-                heapq.heappush(waiting, (node.duration - _STEP_DONE * node.step, next(order), node))
+            before, _, cost, node = heapq.heappop(waiting)
+            if cost + _REFUSED * refused[node.choices] > before:  # some failed since
+                wait(cost, node)
                 continue
             try:
+                if node.todo is not None:
+                    node = self._done(node)
+                    best = node if node.step > best.step else best
+                    wait(node.duration - _STEP_DONE * node.step, node)
+                    continue
                 for bound, choice, todo in self._ways(node):
                     ahead = replace(node, todo=todo, choices=(*node.choices, *choice))
-                    heapq.heappush(waiting, (node.duration + bound - _STEP_DONE * node.step, next(order), ahead))
-            except _ImpossibleError as error:
+                    wait(node.duration + bound - _STEP_DONE * node.step, ahead)
+            except (_ImpossibleError, CollisionError, PlanningError) as error:
+                refused.update(node.choices[:k] for k in range(len(node.choices) + 1))
                 if node.step >= failed:
                     failed, why = node.step, f"step {node.step + 1} ({self._steps[node.step]}): {error}"
         solved = best.step == len(self._steps)

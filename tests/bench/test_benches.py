@@ -46,6 +46,7 @@ SMALL = {
     "peers": None,  # tests/bench/test_bench_peers.py
     "physics": "--motions 1 --drives 1 --seconds 0.5",
     "planners": "planar2 random {files}/problems.json --problems 0:1 --families RRTConnect --pairs ours crossed",
+    "programs": "--programs xarm7_inspection --seeds 1",
     "reach": "{files} --level 0.5",
     "robots": "{files}/arm.urdf",
     "same": None,  # tests/bench/test_bench_same.py
@@ -78,7 +79,7 @@ SHRUNK = {  # what has no option
 def test_a_bench_in_miniature(name, files, tmp_path, monkeypatch):
     for key, value in {**SHRUNK.get(name, {}), **({"OUT": tmp_path} if name == "pages" else {})}.items():
         monkeypatch.setattr(bench(name), key, value)
-    if name == "physics":
+    if name in ("physics", "programs"):
         pytest.importorskip("mujoco")
     words = SMALL[name].format(files=files).split()
     assert run([name, *words, "--json", str(tmp_path / "found.json")]) == 0
