@@ -1,4 +1,4 @@
-"""Proofs as tests: `assert_proven`, and what pytest loads (entry point `safe_ompl`), the marker `proven`."""
+"""Proofs as tests: `assert_proven`, and what pytest loads where it is installed, the marker `proven`."""
 
 from __future__ import annotations
 
