@@ -52,7 +52,7 @@ def document_of(file: str | Path) -> Iterator[dict[str, Any]]:
 
 
 @contextmanager
-def _planning_scene(file: str | Path) -> Iterator[dict[str, Any]]:
+def _planning_scene(file: str | Path, topic: str | None) -> Iterator[dict[str, Any]]:
     """Yield the message of a document, or the last one of a recording; errors name the file."""
     if not (Path(file).is_dir() or Path(file).suffix in (".mcap", ".db3", ".bag")):
         with document_of(file) as data:
@@ -61,7 +61,7 @@ def _planning_scene(file: str | Path) -> Iterator[dict[str, Any]]:
     from safe_ompl.apps.exchange.logs import Bag
 
     bag = Bag(file)
-    messages = bag.read(bag.topic(None, (_PLANNING_SCENE,), "a recording of one topic"))
+    messages = bag.read(bag.topic(topic, (_PLANNING_SCENE,), "topic"))
     with document.within(str(file), ": "):
         if not messages:
             raise InputError(f"has no message of {_PLANNING_SCENE}")
@@ -77,7 +77,9 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
-def scene_from_moveit(file: str | Path, *, meshes: str | Path | None = None) -> tuple[Scene, tuple[Attachment, ...]]:
+def scene_from_moveit(
+    file: str | Path, *, meshes: str | Path | None = None, topic: str | None = None
+) -> tuple[Scene, tuple[Attachment, ...]]:
     """Read a `moveit_msgs/PlanningScene`.
 
     The scene is in the planning frame. Pairs of a link and an object that its matrix allows to touch become
@@ -89,6 +91,8 @@ def scene_from_moveit(file: str | Path, *, meshes: str | Path | None = None) -> 
         The message as YAML or JSON; or a recording of ROS 2 (.mcap, a folder, .db3), whose last one counts.
     meshes : path-like, optional
         Folder to which meshes are written (.obj), which messages hold as points. Concave ones become their hulls.
+    topic : str, optional
+        Of a recording that has several.
 
     Returns
     -------
@@ -103,7 +107,7 @@ def scene_from_moveit(file: str | Path, *, meshes: str | Path | None = None) -> 
         If the message is a difference, or holds what cannot be represented: cones, prisms, planes, padding or scale of
         links, frames that it does not place, full (not binary) octomaps; names file, key and value.
     """
-    with _planning_scene(file) as data:
+    with _planning_scene(file, topic) as data:
         return _Moveit(data, None if meshes is None else Path(meshes)).read()
 
 

@@ -165,7 +165,7 @@ def test_the_last_scene_of_a_recording_counts(tmp_path):
             message = store.types[kind](world([ball]), False)
             writer.add_message(channel, time, bytes(store.serialize_cdr(message, kind)), time)
         writer.finish()
-    scene, _ = scene_from_moveit(file)
+    scene, _ = scene_from_moveit(file, topic="/planning_scene")
     assert [(o.name, o.shape, o.pose.position) for o in scene] == [("ball", Sphere(0.2), (1, 2, 3))]
 
 
