@@ -26,6 +26,8 @@ DATA = Path(__file__).parent / "data"
 END_TO_END = (  # whole programs, and comparisons that take long: folders, files, and beginnings of tests
     "apps/benchmark/",
     "apps/cli/",
+    "apps/exchange/test_controller.py",
+    "apps/exchange/test_mcap_log.py",
     "bench/",
     "certificates/test_certificate.py::test_another_process",
     "certificates/test_mutations.py",

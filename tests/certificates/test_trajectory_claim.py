@@ -3,6 +3,7 @@
 import copy
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from signing import signed
 from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import TimedMotion, at_most
-from safe_ompl.certificates.verifier.motion import PlainMotion
+from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds
+from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.robot import Robot
@@ -62,7 +64,7 @@ def test_a_timed_motion_is_claimed_and_verified(written, ur5, scene, made):
 
 def test_what_is_not_claimed_is_said(ur5, scene):
     motion = MotionProver(CollisionChecker(ur5, scene))
-    plain = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion)
+    plain = time_path(PATH, ur5, RateLimits.of(ur5, 0.5, 4.0), motion=motion)  # slower than 1 rad of the way a second
     assert "stops" in verify(certificate(PATH, ur5, scene, trajectory=plain), ur5, scene).not_claimed
     assert "stops" not in verify(certificate(PATH, ur5, scene), ur5, scene).not_claimed
 
@@ -268,6 +270,16 @@ def test_jerk_and_speeds_of_tool_and_links_are_claimed(smooth, ur5, scene):
     assert "danger in motion" in found.not_claimed
     without = again(smooth, lambda claim: [claim.pop(key) for key in ("tool_speed", "jerk")])
     assert {"tool speed", "jerk"} <= set(verify(without, ur5, scene).not_claimed)
+
+
+def test_no_place_within_a_long_cell_is_faster_than_claimed(ur5):
+    none, slope = np.zeros(6), np.full(6, 6**-0.5)
+    piece = PlainPiece(PATH[0], slope, none, none, 3.0)
+    motion = SimpleNamespace(fastest=np.ones(1), starts=[0.0], of=[0], pieces=[piece], edges=np.array([0.0, 3.0]))
+    speeds = [np.linalg.norm(ur5.tip_jacobian(piece.at(s))[:3] @ slope) for s in np.linspace(0.0, 3.0, 600)]
+    assert speeds[300] < 0.99 * max(speeds), "what is looked at first is not the fastest"
+    assert PlainSpeeds(ur5, Budget(60.0)).exceeded(motion, 1.001 * max(speeds), tool=True) is None
+    assert PlainSpeeds(ur5, Budget(60.0)).exceeded(motion, 0.999 * max(speeds), tool=True) is not None
 
 
 def again_long(claim):

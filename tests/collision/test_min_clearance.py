@@ -113,6 +113,8 @@ def test_exempt_pairs_and_chosen_obstacles(crank):
     assert chosen.separation.min_clearance.obstacles == ("far",)
     assert near(checker, 0.0).separation == MotionProver(checker).separation == Separation()
     assert not MotionProver(checker).required.any
+    both = Separation(margin=0.04).with_min_clearance(checker, 0.01, ["far"])
+    assert MotionProver(checker, separation=both).check(START, END).pair == ("ball", "near"), "the margin holds beside"
 
 
 def test_people_by_default(crank):

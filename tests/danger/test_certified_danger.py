@@ -80,6 +80,11 @@ def test_rates_are_bounds(robot_named, name, seed):
     assert (np.linalg.norm(velocity, axis=2) <= rates.speed + ROUNDING).all()
     assert (np.linalg.norm(acceleration, axis=2) <= rates.acceleration + ROUNDING).all()
     assert (jerk <= rates.jerk + 1e-7).all()
+    sizes = np.linalg.norm([velocity, acceleration], axis=3)  # (2, Q, K)
+    for number in (10, 50):  # between two configurations whose rates are known, part of the edge or all of it
+        first, last, part = sizes[:, 0], sizes[:, number - 1], np.array([(number - 1) / 49])
+        near = rates.between(np.zeros(1, dtype=int), part, first[None], last[None])
+        assert all((size[:number] <= bound + ROUNDING).all() for size, bound in zip(sizes, near, strict=True))
 
 
 # -------------------------------------------------------------------------------------------------------- chords

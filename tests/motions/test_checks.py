@@ -52,7 +52,7 @@ def test_no_proven_motion_touches_and_what_is_refused_is_there(robot_named, clut
     robot = robot_named(name)
     proof = MotionProver(CollisionChecker(robot, clutter))
     verdicts = set()
-    for seed in range(25):
+    for seed in range(14):
         motion = Motion.of(spline(robot, seed)).for_robot(robot)
         found = check_with(motion, proof)
         touching = [t for t in np.linspace(0, 5, 800) if proof.checker.touches(motion.at(t))]

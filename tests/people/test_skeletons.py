@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl import InputError, People, Tracker
+from safe_ompl import InputError, People, Scene, Surroundings, Tracker
 from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.geometry.person import Body
 from safe_ompl.people import KEYPOINTS, TrackedBody, find_skeleton
@@ -166,3 +166,11 @@ def test_a_track_refuses_what_cannot_be():
     anna.observe(standing(), 1.0)
     with pytest.raises(InputError, match=r"anna: time must not go backwards: 0\.9 s after 1 s"):
         anna.observe(standing(), 0.9)
+
+
+def test_who_is_not_seen_for_longer_than_allowed_is_lost():
+    around = Surroundings(Scene(), {"anna": Tracker(OURS)})
+    assert around.trouble(0.0, 0.5) == "'anna' was not seen yet"
+    around.update({"anna": standing()}, {}, 1.0)
+    assert around.trouble(1.49, 0.5) is None
+    assert around.trouble(1.51, 0.5) == "'anna' was not seen for 0.51 s"

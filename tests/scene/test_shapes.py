@@ -251,6 +251,8 @@ def test_the_arm_follows_a_hand_and_a_hand_may_be_alone():
     limbs = {limb.name: limb for limb in person.limbs()}
     assert limbs["right_hand"].end == pytest.approx((0.6, -0.2, 1.2))
     assert limbs["right_forearm"].start == pytest.approx(limbs["right_upper_arm"].end)
+    upper, fore = limbs["right_upper_arm"], limbs["right_forearm"]
+    assert upper.end[2] < (upper.start[2] + fore.end[2]) / 2 - 0.01, "the elbow hangs"
     (part,) = Person(keypoints=person.keypoints, only=["right_hand"]).parts()
     assert part.name == ""
 

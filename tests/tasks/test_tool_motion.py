@@ -115,6 +115,17 @@ def test_danger_falls_in_the_null_space():
     assert free.danger_mean < held.danger_mean
 
 
+def test_a_curve_that_comes_back_to_where_the_tip_stands_is_not_followed():
+    """The ends agree, and the robot does not move: only the bend of the curve says how far it goes between."""
+    robot = Robot.from_example("panda")
+    path = ToolPath.arc(at(0.4, -0.001, 0.4), [0.5, 0.0, 0.4], at(0.4, 0.001, 0.4))
+    q = inverse_kinematics(robot, at(0.4, 0.0, 0.4))
+    motion = Motion([0.0, path.length], np.array([[q, 0.0 * q]]), timed=False)
+    proof = prove_corridor(motion, robot, path, Corridor(0.01, 0.5))
+    assert proof.outside
+    assert not proof.proven
+
+
 @pytest.mark.parametrize(
     ("end", "obstacle", "words"),
     [

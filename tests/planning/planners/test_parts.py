@@ -164,6 +164,11 @@ def test_the_margin_follows_obstacles_that_move():
     margin.largest = 0.05
     margin.begin_between([q[None]])
     assert margin.level == 0.05
+    margin.largest = 10.0
+    margin.reset()
+    margin.begin_between([q[None]])
+    assert 0.6 < margin.level / setup.checker.clearance(q).distance < 0.801, "it is cut to most of what the ends keep"
+    margin.largest = 0.05
     tip = setup.robot.tip_pose(q).translation
     setup.checker.move(setup.checker.scene.moved({"box": Pose(tuple(tip.tolist()))}))
     margin.reset()
