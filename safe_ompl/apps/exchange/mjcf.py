@@ -56,7 +56,7 @@ def world_from_mjcf(
     try:
         import mujoco
     except ModuleNotFoundError:
-        raise ModuleNotFoundError("MuJoCo is missing: pip install mujoco", name="mujoco") from None
+        raise ModuleNotFoundError("mujoco is missing: pip install mujoco", name="mujoco") from None
     with within(str(file), ": "):
         try:
             model = mujoco.MjModel.from_xml_path(str(file))
