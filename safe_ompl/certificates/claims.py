@@ -398,6 +398,9 @@ class Certificate(Section):
         """Raise InputError, naming key and value, unless the claims have a meaning for robot and scene."""
         if self.clearance is not None:
             _check_known("clearance.obstacles", "obstacle", self.clearance.obstacles, scene.names)
+            _check_untouched("clearance.obstacles", self.clearance.obstacles, scene)
+        if self.margin is not None:
+            _check_untouched("margin", scene.names, scene)
         if self.moving_obstacles is not None:
             _check_known("moving_obstacles.speeds", "obstacle", self.moving_obstacles.speeds, scene.names)
         if self.danger is not None:
@@ -439,6 +442,12 @@ class Certificate(Section):
         names = ("clearance", "danger", "moving_obstacles", "tool", "tube")
         missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
         return (*missing, *self.motion.not_claimed, *([] if self.trajectory is None else self.trajectory.not_claimed))
+
+
+def _check_untouched(place: str, names: Iterable[str], scene: Scene) -> None:
+    for name in names:
+        if scene[name].touched_by:
+            raise InputError(f"{name!r} may be touched: nothing keeps a distance from it", place)
 
 
 def _check_known(place: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:

@@ -300,7 +300,7 @@ def motion_certificate(
     robot, scene = proof.checker.robot, proof.checker.scene
     speeds, limits = dict(separation.speeds), check.limits
     said = {
-        "clearance": clearance_claim(separation.min_clearance),
+        "clearance": clearance_claim(separation.min_clearance, scene),
         "moving_obstacles": {"speeds": speeds, "time": separation.time} if speeds else None,
         **_limits(proof, scene.spacing if spacing is None else spacing),
         "margin": separation.margin or None,
@@ -310,9 +310,10 @@ def motion_certificate(
     return _issued(said, check.motion, robot, scene, source)
 
 
-def clearance_claim(clear: MinClearance | None) -> dict[str, Any] | None:
+def clearance_claim(clear: MinClearance | None, scene: Scene) -> dict[str, Any] | None:
     """Return the claim of a clearance: nothing is claimed of obstacles that some links need not keep it from."""
     exempt = set() if clear is None else {obstacle for _, obstacle in clear.exempt}
+    exempt |= {obstacle.name for obstacle in scene if obstacle.touched_by}
     kept = [] if clear is None else [name for name in clear.obstacles if name not in exempt]
     return {"distance": clear.distance, "obstacles": kept} if clear is not None and kept else None
 

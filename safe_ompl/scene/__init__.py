@@ -11,9 +11,10 @@ if TYPE_CHECKING:
     from safe_ompl.scene.mbm import WHERE_FROM, MbmFile, MbmProblem
     from safe_ompl.scene.program import Attach, Detach, Gripper, Line, Move, Program, Seam, Step, Wait
     from safe_ompl.scene.scenario import Goal, Scenario, configuration_for, find_scenario, list_scenarios
-    from safe_ompl.scene.scene import Scene
+    from safe_ompl.scene.scene import CORE, Scene
 
 __all__ = [
+    "CORE",
     "WHERE_FROM",
     "Attach",
     "BodyRegion",

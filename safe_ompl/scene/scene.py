@@ -16,6 +16,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray, Section, UnknownN
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
+CORE = " mm deep"  # the end of the names of what is so deep in an obstacle that may be touched
 _SPACING = 0.1  # [m]
 _MBM_KINDS = ("box", "cylinder", "sphere", "capsule")
 
@@ -164,7 +165,7 @@ class Scene(Section):
                 with document.within(repr(obstacle.name)):
                     core = obstacle.shape.core(document.number("depth", depth, above=0.0))
                 obstacle = Obstacle(*given, touched_by=(*obstacle.touched_by, *links[obstacle.name]))
-                found.append(Obstacle(f"{obstacle.name}, {1e3 * depth:g} mm deep", core, obstacle.pose, weight=0.0))
+                found.append(Obstacle(f"{obstacle.name}, {1e3 * depth:g}{CORE}", core, obstacle.pose, weight=0.0))
             found.append(obstacle)
         return Scene(tuple(found), self.spacing)
 

@@ -22,7 +22,7 @@ from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.paths import Curve
 from safe_ompl.planning import PlanResult, ProgramResult, program_robot
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Scene
+from safe_ompl.scene import CORE, Scene
 
 CERTIFIED = "certified path"
 _SAMPLES = 200  # of a motion of polynomials
@@ -298,7 +298,7 @@ def _of_stages(robot: Robot, stages: Sequence[_Stage], title: str, danger: Mappi
     """Return a program of a robot that holds nothing: what it is to hold is among the things that move."""
     if not stages:
         raise InputError("there is nothing to show: nothing was planned")
-    known = {o.name: o for stage in reversed(stages) for o in stage.scene if not o.name.endswith(" mm deep")}
+    known = {o.name: o for stage in reversed(stages) for o in stage.scene if not o.name.endswith(CORE)}
     shapes = {item.name: item.shape for stage in stages for item in stage.robot.attached}
     for name in shapes:
         known.setdefault(name, Obstacle(name, shapes[name]))

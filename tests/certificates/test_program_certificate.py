@@ -1,15 +1,18 @@
 """The certificate of a program: it holds, and what is changed in it is refused, signed anew or not."""
 
 import copy
+import dataclasses
 
 import pytest
 from signing import signed
 
 from safe_ompl import CertificateError, InputError, PlanningError, Scenario, Scene, plan_program
-from safe_ompl.certificates import program_certificate, verify_program
+from safe_ompl.certificates import program_certificate, terms_of, verify_program
 from safe_ompl.io import built_robot
 from safe_ompl.planning import program_robot
 from safe_ompl.robot import robot_hash
+from safe_ompl.scene import MotionLimits
+from safe_ompl.scene.constraints import PathLimits
 
 TEXT = """
 name: lift
@@ -19,6 +22,7 @@ scene:
   obstacles:
     - {name: table, box: {size: [0.4, 0.4, 0.04]}, position: [0.5, 0, 0.18]}
     - {name: cube, box: {size: [0.05, 0.05, 0.05]}, position: [0.5, 0, 0.225]}
+    - {name: pole, cylinder: {radius: 0.02, length: 1.0}, position: [0.2, 0.7, 0.5], weight: 1.0}
 program:
   grasps: {cube: [{rpy: [3.141592653589793, 0, 0]}]}
   steps:
@@ -102,6 +106,27 @@ def hold_from_the_beginning(content):
     content["stretches"][0]["certificate"]["robot"] = 1
 
 
+def name_a_core_without_a_depth(content):
+    for scene in content["scenes"]:
+        for obstacle in scene["content"]["obstacles"]:
+            if obstacle["name"].startswith("table, "):
+                obstacle["name"] = "table, some mm deep"
+
+
+def let_the_pole_be_harmless_later(content):
+    for scene in content["scenes"][1:]:
+        for obstacle in scene["content"]["obstacles"]:
+            obstacle.pop("weight", None)
+
+
+def keep_a_distance_from_what_is_touched(content):
+    content["stretches"][-1]["certificate"]["clearance"] = {"distance": 0.0001, "obstacles": ["table"]}
+
+
+def keep_a_margin_from_all(content):
+    content["stretches"][-1]["certificate"]["margin"] = 0.00001
+
+
 def resigned(content):
     """Return the content with all hashes and digests that belong to it: whoever tampers can compute them."""
     for robot in content["robots"]:
@@ -128,6 +153,10 @@ def resigned(content):
         (use_another_scene, "'cube' is in one of this stretch and the one before"),
         (use_no_scene, "stretch 0: scene: must be a number from 0 to"),
         (hold_from_the_beginning, "'cube' is held, and an obstacle, too"),
+        (name_a_core_without_a_depth, "malformed: ValueError"),
+        (let_the_pole_be_harmless_later, "'pole' is not as dangerous as in the stretch before"),
+        (keep_a_distance_from_what_is_touched, "clearance.obstacles: 'table' may be touched"),
+        (keep_a_margin_from_all, "margin: .* may be touched"),
     ],
 )
 def test_what_is_changed_is_refused(content, change, words):
@@ -137,6 +166,45 @@ def test_what_is_changed_is_refused(content, change, words):
         verify_program(forged)
     with pytest.raises((CertificateError, InputError), match=words):
         verify_program(resigned(forged))
+
+
+@pytest.mark.parametrize("name", ["robot", "scene"])
+def test_what_it_must_begin_with_is_that_of_the_first_stretch(content, scenario, name):
+    """Another one that stands first among robots and scenes, where no stretch uses it, is of no use."""
+    forged = copy.deepcopy(content)
+    true = copy.deepcopy(forged[f"{name}s"][0])
+    if name == "scene":
+        for scene in forged["scenes"]:
+            obstacles = scene["content"]["obstacles"]
+            scene["content"]["obstacles"] = [o for o in obstacles if o["name"] != "pole"]
+    else:
+        for robot in forged["robots"]:
+            held = {"name": "rod", "link": "panda_hand_tcp", "sphere": {"radius": 0.001}, "position": [0.15, 0, -0.05]}
+            robot["recipe"]["attached"] = [*robot["recipe"].get("attached", []), held]
+    forged[f"{name}s"].insert(0, true)
+    for stretch in forged["stretches"]:
+        stretch["certificate"][name] += 1
+    forged = resigned(forged)
+    with pytest.raises(CertificateError, match=f"the {name} has changed"):
+        verify_program(forged, program_robot(scenario), scenario.scene)
+
+
+def test_limits_must_be_those_of_the_scenario(content, scenario):
+    slower = dataclasses.replace(scenario, motion=MotionLimits(velocity=0.5))
+    robot = program_robot(slower)
+    assert verify_program(content, robot, scenario.scene, terms=terms_of(scenario, robot))
+    with pytest.raises(CertificateError, match="stretch 0: motion: velocity is"):
+        verify_program(content, robot, scenario.scene, terms=terms_of(slower, robot))
+
+
+def test_no_clearance_is_claimed_of_what_may_be_touched(scenario):
+    limits = PathLimits(min_clearance=0.002, obstacles=("table", "pole"))
+    kept = dataclasses.replace(scenario, limits=limits)
+    found = plan_program(kept)
+    assert found, found
+    stretches = [(stretch.begin, stretch.check) for stretch in found.stretches]
+    last = [stretch["certificate"]["clearance"] for stretch in program_certificate(stretches)["stretches"]][-1]
+    assert last == {"distance": 0.002, "obstacles": ["pole"]}
 
 
 def test_stretches_that_do_not_follow_each_other_are_not_certified(result):

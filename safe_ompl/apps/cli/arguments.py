@@ -18,6 +18,7 @@ from safe_ompl.scene import Scenario, ToolConstraint, find_scenario
 
 _Number = TypeVar("_Number", int, float)
 
+PLANNER = "SafeRRTConnect"  # where none is named
 _BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
@@ -88,7 +89,7 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
 
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
     """Add planner, parameters, time limit, seed and simplification."""
-    option(parser, "--planner NAME", "", default="SafeRRTConnect")
+    option(parser, "--planner NAME", "", default=PLANNER)
     option(parser, "--param KEY=VALUE", "parameter of the planner: alpha=2 (repeatable)", parameter, [])
     add_run_options(parser, usual_time)
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl.apps.cli import arguments, output
-from safe_ompl.certificates import Verified, program_certificate, verify_program
+from safe_ompl.certificates import Verified, program_certificate, terms_of, verify_program
+from safe_ompl.common import InputError, files
 from safe_ompl.common import documents as document
-from safe_ompl.common import files
 from safe_ompl.io import motion_content
 from safe_ompl.planning import ProgramResult, plan_program, program_robot
 from safe_ompl.scene import Scenario
@@ -23,6 +23,8 @@ def prepare_plan(options: argparse.Namespace, scenario: Scenario) -> Callable[[]
     """Check what the options name, and return the job."""
     why = "is for a path to a goal; the scenario has a program, whose motion is in time and proven anyway"
     arguments.refuse(options, _NOT_FOR_PROGRAMS, why)
+    if options.planner != arguments.PLANNER:
+        raise InputError(why, "--planner")
     program_robot(scenario)
     return partial(_plan, options, scenario)
 
@@ -65,4 +67,5 @@ def verified(content: Mapping[str, Any], scenario: Scenario | None, options: arg
     """Return what holds of the certificate of a program, for a scenario or for what the file carries."""
     if scenario is None:
         return verify_program(content, package_dirs=tuple(options.package_dir), time=options.time)
-    return verify_program(content, program_robot(scenario), scenario.scene, time=options.time)
+    robot = program_robot(scenario)
+    return verify_program(content, robot, scenario.scene, terms=terms_of(scenario, robot), time=options.time)

@@ -115,7 +115,7 @@ def certificate_of(
     separation = constraints.separation
     tool = {"orientation": constraints.tool_limit(ToolOrientation), "position": constraints.tool_limit(TipBounds)}
     claims = {
-        "clearance": clearance_claim(separation.min_clearance),
+        "clearance": clearance_claim(separation.min_clearance, setup.scene),
         "moving_obstacles": {"speeds": separation.speeds, "time": separation.time} if separation.speeds else None,
         "tool": {name: limit.as_dict() for name, limit in tool.items() if limit is not None} or None,
         "tube": separation.tube or None,

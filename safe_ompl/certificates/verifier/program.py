@@ -17,18 +17,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates.verifier.verify import TIME, Verified, verify
-from safe_ompl.common import CertificateError, FloatArray, InputError, Section, clock, files, key, positive
+from safe_ompl.certificates.verifier.verify import TIME, Terms, Verified, malformed_refused, verify
+from safe_ompl.common import CertificateError, FloatArray, InputError, Section, clock, key, positive
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Obstacle
 from safe_ompl.io import built_robot, built_scene, schema
 from safe_ompl.robot import Robot, robot_hash
-from safe_ompl.scene import Scene
+from safe_ompl.scene import CORE, Scene
 
 PROGRAM_FORMAT, VERSION = "safe-ompl program certificate", 1
-_SHARED = ("robot", "scene")
 _SAME = 1e-6  # [rad, m and s] that stretches, and things that change hands, may be apart
-_DEEP = " mm deep"  # the end of the names of cores
 
 
 def _certificate(key: str, value: Any) -> dict[str, Any]:
@@ -54,13 +52,15 @@ class _Program(Section):
 
 @dataclass(frozen=True)
 class _Instant:
-    """Where everything is at one end of a stretch: joints, and things by name, with their shapes."""
+    """Where everything is at one end of a stretch, and when: joints, things by name, danger weights of obstacles."""
 
+    time: float
     q: FloatArray
     things: Mapping[str, tuple[Any, pin.SE3]]
+    weights: Mapping[str, float]
 
     @classmethod
-    def of(cls, q: FloatArray, robot: Robot, obstacles: Sequence[Obstacle]) -> _Instant:
+    def of(cls, time: float, q: FloatArray, robot: Robot, obstacles: Sequence[Obstacle]) -> _Instant:
         model, data = robot.shared.model, robot.shared.model.createData()
         pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(q))
         things = {item.name: (item.shape, item.pose.se3) for item in obstacles}
@@ -68,10 +68,12 @@ class _Instant:
             if item.name in things:
                 raise CertificateError(f"{item.name!r} is held, and an obstacle, too")
             things[item.name] = item.shape, pin.SE3(data.oMf[model.getFrameId(item.link)]) * item.pose.se3
-        return cls(q, things)
+        return cls(time, q, things, {item.name: item.weight for item in obstacles})
 
     def check_same(self, other: _Instant) -> None:
-        """Raise CertificateError unless everything is in the same place."""
+        """Raise CertificateError unless everything is in the same place at the same time."""
+        if abs(self.time - other.time) > _SAME:
+            raise CertificateError(f"it begins at {self.time:.6f} s, but the one before ends at {other.time:.6f} s")
         apart = float(np.abs(self.q - other.q).max())
         if apart > _SAME:
             raise CertificateError(f"it begins {apart:.3g} rad or m from where the one before ends")
@@ -84,6 +86,9 @@ class _Instant:
             away = pin.log6(pose.inverse() * there).vector
             if np.abs(away).max() > _SAME:
                 raise CertificateError(f"{name!r} is {1e3 * np.abs(away).max():.3g} mm or mrad from where it was")
+        for name in {*self.weights} & {*other.weights}:
+            if self.weights[name] != other.weights[name]:
+                raise CertificateError(f"{name!r} is not as dangerous as in the stretch before")
 
 
 def verify_program(
@@ -91,6 +96,7 @@ def verify_program(
     robot: Robot | None = None,
     scene: Scene | None = None,
     *,
+    terms: Terms | None = None,
     package_dirs: Sequence[Path] = (),
     time: float = TIME,
     joints_only: bool = False,
@@ -103,7 +109,7 @@ def verify_program(
         The certificate.
     robot, scene : Robot, Scene, optional
         What it must begin with; default: what the file carries, and then it says nothing of any other.
-    package_dirs, time
+    terms, package_dirs, time
         As for `verify`; the time is for all stretches together.
     joints_only : bool
         Look only at how stretches join, not at each on its own.
@@ -115,62 +121,66 @@ def verify_program(
     InputError
         As `verify`.
     """
-    end, work, found = clock() + positive(time, "time", "number of seconds"), np.zeros(3, dtype=int), list[Verified]()
-    schema.check_form(content, PROGRAM_FORMAT, VERSION)
-    program: _Program = document.section("certificate", content, _Program)
-    robots = [built_robot(carried, package_dirs=package_dirs) for carried in program.robots]
-    scenes = [built_scene(carried) for carried in program.scenes]
-    shared = program.robots, program.scenes
-    _check_one_robot(program.robots)
-    if robot is not None and robot_hash(robot) != robot_hash(robots[0]):
+    end = clock() + positive(time, "time", "number of seconds")
+    with malformed_refused():
+        schema.check_form(content, PROGRAM_FORMAT, VERSION)
+        program: _Program = document.section("certificate", content, _Program)
+        _check_one_robot(program.robots)
+        robots = [built_robot(carried, package_dirs=package_dirs) for carried in program.robots]
+        scenes = [built_scene(carried) for carried in program.scenes]
+        bare = [_without_contact(one) for one in scenes]
+        found, last = list[Verified](), None
+        for k, stretch in enumerate(program.stretches):
+            with _naming(k):
+                r, s = (
+                    _number(stretch.certificate, name, len(of)) for name, of in (("robot", robots), ("scene", scenes))
+                )
+                if last is None:
+                    _check_begin(stretch.begin, robots[r], Scene(bare[s], scenes[s].spacing), robot, scene)
+                whole = {**stretch.certificate, "robot": program.robots[r], "scene": program.scenes[s]}
+                if not joints_only:
+                    left = max(end - clock(), 1e-3)
+                    found.append(verify(whole, robots[r], scenes[s], terms=terms, time=left))
+                times, pieces = whole["motion"]["times"], whole["motion"]["coefficients"]
+                first = _Instant.of(stretch.begin, np.array(pieces[0][0], dtype=float), robots[r], bare[s])
+                if last is not None:
+                    first.check_same(last)
+                over = stretch.begin + times[-1] - times[0]
+                last = _Instant.of(over, np.sum(pieces[-1], axis=0), robots[r], bare[s])
+        if program.digest != schema.digest(content):
+            raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
+        assert last is not None
+        own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
+        return _together(found, last.time, own, robots[0].name, scenes)
+
+
+def _check_begin(begin: float, first: Robot, among: Scene, robot: Robot | None, scene: Scene | None) -> None:
+    """Raise CertificateError unless the first stretch begins at 0, with the robot and the scene that are given."""
+    if abs(begin) > _SAME:
+        raise CertificateError(f"it begins at {begin:.6f} s, but must at 0")
+    if robot is not None and robot_hash(robot) != robot_hash(first):
         raise CertificateError(f"the robot has changed: {robot.name!r} is not the one that it was written for")
-    bare = [_without_contact(one) for one in scenes]
-    if scene is not None and Scene(bare[0], scenes[0].spacing).content_hash() != scene.content_hash():
+    if scene is not None and among.content_hash() != scene.content_hash():
         raise CertificateError("the scene has changed since it was written")
-    spans, instants = list[tuple[float, float]](), list[tuple[_Instant, _Instant]]()
-    for k, stretch in enumerate(program.stretches):
-        with _naming(k):
-            numbers = [_number(stretch.certificate, name, len(of)) for name, of in zip(_SHARED, shared, strict=True)]
-            whole = {**stretch.certificate, "robot": program.robots[numbers[0]], "scene": program.scenes[numbers[1]]}
-            one, its = robots[numbers[0]], scenes[numbers[1]]
-            if not joints_only:
-                found.append(verify(whole, one, its, time=max(end - clock(), 1e-3)))
-                work += (found[-1].edges, found[-1].intervals, found[-1].distances)
-            times, pieces = whole["motion"]["times"], whole["motion"]["coefficients"]
-            ends = np.array(pieces[0][0], dtype=float), np.sum(pieces[-1], axis=0)
-            spans.append((stretch.begin, stretch.begin + times[-1] - times[0]))
-            first, last = (_Instant.of(q, one, bare[numbers[1]]) for q in ends)
-            instants.append((first, last))
-            before = spans[k - 1][1] if k else 0.0
-            if abs(stretch.begin - before) > _SAME:
-                raise CertificateError(f"it begins at {stretch.begin:.6f} s, but the one before ends at {before:.6f} s")
-            if k:
-                first.check_same(instants[k - 1][1])
-    if program.digest != schema.digest(content):
-        raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
-    own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
-    return _together(found, work, spans[-1][1], own, robots[0].name, scenes)
 
 
 def _together(
-    found: list[Verified], work: Any, duration: float, own: tuple[str, ...], robot: str, scenes: list[Scene]
+    found: list[Verified], duration: float, own: tuple[str, ...], robot: str, scenes: list[Scene]
 ) -> Verified:
     """Return what holds of all stretches."""
     about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
     first = f"every motion of {len(found)} stretches is free{about}"
     joined = f"they are one motion of {duration:.3f} s, in which all that is taken and put down stays in its place"
     common = [claim for claim in (found[0].claims[1:] if found else ()) if all(claim in one.claims for one in found)]
-    names = tuple(dict.fromkeys(name for scene in scenes for name in scene.names))
-    edges, parts, distances = (int(count) for count in work)
     return Verified(
-        edges=edges,
-        intervals=parts,
-        distances=distances,
+        edges=sum(one.edges for one in found),
+        intervals=sum(one.intervals for one in found),
+        distances=sum(one.distances for one in found),
         claims=(first, joined, *common),
         not_claimed=tuple(dict.fromkeys(claim for one in found for claim in one.not_claimed)),
         not_covered=tuple(dict.fromkeys(claim for one in found for claim in one.not_covered)),
         robot=robot,
-        obstacles=names,
+        obstacles=tuple(dict.fromkeys(name for scene in scenes for name in scene.names)),
         own=own,
     )
 
@@ -179,14 +189,10 @@ def _together(
 def _naming(number: int) -> Iterator[None]:
     """Put the number of a stretch before every error."""
     try:
-        with document.within(f"stretch {number}", ": "):
+        with document.within(f"stretch {number}", ": "), malformed_refused():
             yield
     except CertificateError as error:
         raise CertificateError(f"stretch {number}: {error}") from None
-    except files.MALFORMED as error:
-        if isinstance(error, InputError):
-            raise
-        raise CertificateError(f"stretch {number}: it is malformed: {type(error).__name__}: {error}") from None
 
 
 def _number(said: Mapping[str, Any], name: str, count: int) -> int:
@@ -214,9 +220,9 @@ def _without_contact(scene: Scene) -> list[Obstacle]:
     for obstacle in scene:
         if not obstacle.touched_by:
             continue
-        own = [o for o in scene if o.name.startswith(f"{obstacle.name}, ") and o.name.endswith(_DEEP)]
+        own = [o for o in scene if o.name.startswith(f"{obstacle.name}, ") and o.name.endswith(CORE)]
         for core in own:
-            depth = float(core.name[len(obstacle.name) + 2 : -len(_DEEP)]) / 1e3
+            depth = float(core.name[len(obstacle.name) + 2 : -len(CORE)]) / 1e3
             same = core.shape.kind == obstacle.shape.kind and core.pose == obstacle.pose and not core.touched_by
             wanted = vars(obstacle.shape.core(depth))
             if not same or any(not np.allclose(vars(core.shape)[name], wanted[name], atol=1e-9) for name in wanted):

@@ -6,7 +6,8 @@ queries, no displacement radii, no field kernels. From the models come only robo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isclose
 from pathlib import Path
@@ -92,7 +93,7 @@ def verify(
         If it is no certificate, its robot cannot be built, or the time is not positive.
     """
     budget = Budget(positive(time, "time", "number of seconds"))
-    try:
+    with malformed_refused():
         claims = Certificate.read(content)
         with document.within("scene"):
             carried = built_scene(claims.scene)
@@ -112,6 +113,13 @@ def verify(
         if claims.digest != schema.digest(content):
             raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
         return found
+
+
+@contextmanager
+def malformed_refused() -> Iterator[None]:
+    """Turn whatever else a malformed certificate brings about into CertificateError."""
+    try:
+        yield
     except files.MALFORMED as error:
         if isinstance(error, InputError):
             raise
