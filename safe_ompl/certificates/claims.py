@@ -6,7 +6,7 @@ nothing can be said that was not proven. A number in a sentence is never rounded
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from math import degrees, pi
@@ -47,10 +47,6 @@ def at_least(value: float) -> str:
 def _rounded(value: float, way: str) -> str:
     near = Context(prec=_DIGITS, rounding=way).create_decimal(Decimal(repr(float(value))))
     return f"{float(near):g}"
-
-
-def _listed(said: Callable[[float], str], values: Iterable[float]) -> str:
-    return ", ".join(map(said, values))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,7 +239,7 @@ def _check_rates(claim: Any, robot: Robot) -> None:
 
 def _rates(claim: Any) -> str:
     limits = {said: getattr(claim, name) for name, said in _RATES.items()}
-    within = [f"{name} of ({_listed(at_most, of)})" for name, of in limits.items() if of is not None]
+    within = [f"{name} of ({', '.join(map(at_most, of))})" for name, of in limits.items() if of is not None]
     return f"the joints within {', '.join(within)} [rad or m, s]"
 
 
@@ -352,7 +348,7 @@ class PolynomialMotion(Section):
         kind = "straight edges" if all(len(piece) == 2 for piece in self.coefficients) else "polynomials"
         said = [f"a motion of {count} {kind} in {lasts:.3f} s" if self.timed else f"a path of {count} {kind}"]
         if self.slack is not None:
-            least = _listed(at_least, self.slack.min(axis=0))
+            least = ", ".join(map(at_least, self.slack.min(axis=0)))
             said[0] += f", and whatever is within ({least}) [rad or m] of them"
         said += [] if self.velocity is None else [_rates(self)]
         return said
@@ -398,11 +394,13 @@ class Certificate(Section):
         """Raise InputError, naming key and value, unless the claims have a meaning for robot and scene."""
         if self.clearance is not None:
             _check_known("clearance.obstacles", "obstacle", self.clearance.obstacles, scene.names)
-            _check_untouched("clearance.obstacles", self.clearance.obstacles, scene)
-        if self.margin is not None:
-            _check_untouched("margin", scene.names, scene)
         if self.moving_obstacles is not None:
             _check_known("moving_obstacles.speeds", "obstacle", self.moving_obstacles.speeds, scene.names)
+        touched = {obstacle.name for obstacle in scene if obstacle.touched_by}
+        near = {"clearance.obstacles": () if self.clearance is None else self.clearance.obstacles}
+        near |= {} if self.margin is None else {"margin": scene.names}
+        for place, name in ((place, name) for place, names in near.items() for name in touched & {*names}):
+            raise InputError(f"{name!r} may be touched: nothing keeps a distance from it", place)
         if self.danger is not None:
             self.danger.check_for(scene)
         self.motion.check_for(robot)
@@ -432,7 +430,7 @@ class Certificate(Section):
         said += [] if moving is None else [moving.sentence]
         said += [] if self.tool is None else self.tool.sentences
         if self.tube is not None:
-            said.append(f"the same with joints off by up to ({_listed(at_least, self.tube)}) [rad or m]")
+            said.append(f"the same with joints off by up to ({', '.join(map(at_least, self.tube))}) [rad or m]")
         said += self.motion.sentences
         return (*said, *([] if self.trajectory is None else self.trajectory.sentences))
 
@@ -442,12 +440,6 @@ class Certificate(Section):
         names = ("clearance", "danger", "moving_obstacles", "tool", "tube")
         missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
         return (*missing, *self.motion.not_claimed, *([] if self.trajectory is None else self.trajectory.not_claimed))
-
-
-def _check_untouched(place: str, names: Iterable[str], scene: Scene) -> None:
-    for name in names:
-        if scene[name].touched_by:
-            raise InputError(f"{name!r} may be touched: nothing keeps a distance from it", place)
 
 
 def _check_known(place: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:

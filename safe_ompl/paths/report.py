@@ -95,7 +95,8 @@ def validate(path: ArrayLike, motion: MotionProver) -> Validation:
 
 def claims_of(motion: MotionProver) -> tuple[str, ...]:
     """Return what a proof by this validator is of: not of the user's own checks, which are sampled, or asked."""
-    claims = ["collision"]
+    touched = any(obstacle.touched_by for obstacle in motion.checker.scene)
+    claims = ["collision, but for contact that is allowed" if touched else "collision"]
     separation = motion.separation
     if separation.margin or separation.min_clearance is not None:
         claims.append("min clearance")

@@ -171,8 +171,8 @@ def _drive_program(
         if stretch.curve is None or stretch.check.limits is None:
             pause += stretch.motion.duration
             continue
-        bound = isinstance(scenario.program.steps[stretch.step], Move)  # others must stay on their way
-        ways = ReplanningOptions(options.tick, detours=bound, retreats=bound)
+        may_leave = isinstance(scenario.program.steps[stretch.step], Move)  # others must stay on their curve
+        ways = ReplanningOptions(options.tick, detours=may_leave, retreats=may_leave)
         around = Surroundings(stretch.scene.with_obstacles(*movable), trackers, actors.speeds, people)
         replanner = Replanner(stretch.robot, around, options=ways, prover=stretch.check.proof)
         own = scenario.motion

@@ -185,13 +185,17 @@ class New:
                 f"safe-ompl: {_PLANNER} found no path from this start to this goal, nor between other "
                 "pairs: choose them by the sliders of `safe-ompl view`"
             )
-        _say("look at it, plan, check the proof, and look at the path:")
-        file, stem = (shlex.quote(str(name)) for name in (self.file, self.file.with_suffix("")))
-        _say(f"    safe-ompl view {file}")
-        _say(f"    safe-ompl plan {file} --json {stem}.json --certificate {stem}.certificate.json")
-        _say(f"    safe-ompl verify {stem}.certificate.json {file}")
-        _say(f"    safe-ompl view {stem}.json --html {stem}.html")
+        self._say_what_next("the path", "--json STEM.json --certificate STEM.certificate.json", "STEM.json")
         return 0
+
+    def _say_what_next(self, planned: str, options: str, shown: str) -> None:
+        """Say how to go on: with which options of `plan`, and which file `view` shows; STEM is that of the scenario."""
+        file, stem = (shlex.quote(str(name)) for name in (self.file, self.file.with_suffix("")))
+        _say(f"look at it, plan, check the proof, and look at {planned}:")
+        _say(f"    safe-ompl view {file}")
+        _say(f"    safe-ompl plan {file} {options.replace('STEM', stem)}")
+        _say(f"    safe-ompl verify {stem}.certificate.json {file}")
+        _say(f"    safe-ompl view {shown.replace('STEM', stem)} --html {stem}.html")
 
     def pick_and_place(self, gripper: Gripper) -> int:
         """Find a program that can be planned, write the scenario, and say what to do with it."""
@@ -206,12 +210,7 @@ class New:
         _say(
             f"a scenario in {self.file}: {steps} steps in {result.duration:.1f} s, fingers: {', '.join(gripper.joints)}"
         )
-        _say("look at it, plan, check the proof, and look at it once more:")
-        file, stem = (shlex.quote(str(name)) for name in (self.file, self.file.with_suffix("")))
-        _say(f"    safe-ompl view {file}")
-        _say(f"    safe-ompl plan {file} --certificate {stem}.certificate.json")
-        _say(f"    safe-ompl verify {stem}.certificate.json {file}")
-        _say(f"    safe-ompl view {stem}.certificate.json --html {stem}.html")
+        self._say_what_next("it once more", "--certificate STEM.certificate.json", "STEM.certificate.json")
         return 0
 
     def _person(self, samples: FloatArray) -> tuple[Obstacle, float]:

@@ -7,7 +7,7 @@ import pytest
 from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, wall_with_a_gap
 
 from safe_ompl import Scenario, make_planner
-from safe_ompl.collision import DISTANCE_ERROR
+from safe_ompl.collision import DISTANCE_ERROR, Bubble
 from safe_ompl.collision.bubbles import diamond_meetings, reach_along
 from safe_ompl.danger.link_field import vectors
 from safe_ompl.planning import setup_scenario
@@ -350,3 +350,13 @@ def test_k_max_ends_the_search(planar3):
     result = planar3.plan("PaperSafeBubble", time=30.0, parameters=given)
     assert result.path is None
     assert result.counts.nodes == 4
+
+
+def test_the_radii_of_the_papers_bubble_are_those_of_all_links():
+    """Only an arm in space tells them from those of the pairs."""
+    setup = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
+    checker, q = setup.checker, setup.problem.start
+    radii = checker.robot.bounds.displacement_radii_at(q).max(axis=0)
+    expected = radii / (checker.pair_distances(q).min() - DISTANCE_ERROR)
+    np.testing.assert_allclose(Bubble.around(q, checker, printed=True).weights, expected)
+    assert (radii > checker.pair_radii_at(q).max(axis=0)).any()

@@ -1,0 +1,219 @@
+"""The cell in which a program works: its robot with what it holds, one arm of it alone, proofs of its motions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.motions import Motion, MotionCheck, tube_of
+from safe_ompl.planning.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.robot import Attachment, Robot
+from safe_ompl.scene import Attach, Detach, Goal, Gripper, Scenario, Scene
+from safe_ompl.trajectories import BlendedCurve, RateLimits
+
+_SLOWER, _TRIES = 1.25, 12  # times as long, where stops beside people are too late
+
+
+class ImpossibleError(Exception):
+    """A step cannot be done in this way; says why."""
+
+
+def named(robot: Robot, q: FloatArray) -> dict[str, float]:
+    """Return joint values (n,) by the names of the joints."""
+    return dict(zip(robot.joint_names, q.tolist(), strict=True))
+
+
+class Driven(NamedTuple):
+    """What is proven of a motion, and its curve."""
+
+    check: MotionCheck
+    curve: BlendedCurve | None
+
+
+class State(NamedTuple):
+    """Where everything is: all joints (n,), what is held, the obstacles, and which grasp and place were chosen."""
+
+    q: FloatArray
+    held: tuple[Attachment, ...]
+    scene: Scene
+    chosen: Mapping[tuple[str, str, str | None], int]
+
+
+class Workcell:
+    """What the program of a scenario works with; InputError as `plan_program`.
+
+    Attributes
+    ----------
+    robot : Robot
+        That of the scenario, holding nothing, with the joints of its grippers among those that move.
+    limits : RateLimits
+        Of its joints.
+    begin : State
+        Where everything is at first.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        if scenario.program is None:
+            raise InputError("missing: the scenario has no program", "program")
+        self._scenario, self._program = scenario, scenario.program
+        tool = scenario.limits.tool
+        if tool is not None and tool.axis is None:
+            raise InputError("missing: what points up at the start need not do so later", "limits.tool.axis")
+        self._arm = scenario.build_robot()
+        start = scenario.start_configuration(self._arm)
+        self.robot = self._with_grippers()
+        values = {**self._arm.held_joints, **named(self._arm, start)}
+        q = self.robot.configuration({name: values[name] for name in self.robot.joint_names})
+        self.begin = State(q, self._arm.spec.attached, scenario.scene, {})
+        motion = scenario.motion
+        self.limits = RateLimits.of(self.robot, motion.velocity, motion.acceleration, motion.jerk)
+        with document.within("limits"):
+            tube = scenario.limits.tube
+            self._tube = None if tube is None else np.array(tube_of(tube, self.robot))
+        self._check_names()
+
+    def _with_grippers(self) -> Robot:
+        """Return the robot of the scenario with the joints of its grippers among those that move."""
+        joints, spec = self._program.gripper_joints, self._arm.spec
+        held = self._arm.held_joints
+        for k, step in enumerate(self._program.steps):
+            for name in step.joints if isinstance(step, Gripper) else ():
+                if name not in held:
+                    raise UnknownNameError("joint that is locked", name, held, f"program.steps[{k}].gripper.joints")
+        if not spec.robots:
+            return Robot(replace(spec.resolved(), free=joints, attached=()))
+        robots = {
+            prefix: replace(
+                one.resolved(),
+                free=tuple(name.removeprefix(f"{prefix}_") for name in joints if name.startswith(f"{prefix}_")),
+            )
+            for prefix, one in spec.robots.items()
+        }
+        return Robot(replace(spec, robots=robots, attached=()))
+
+    def _check_names(self) -> None:
+        """Raise InputError where a step names no link, object or arm."""
+        held = {item.name for item in self._arm.spec.attached}
+        shapes = {item.name: item.shape for item in (*self._scenario.scene, *self._arm.spec.attached)}
+        things, arms = sorted(shapes), self.robot.spec.robots
+        for k, step in enumerate(self._program.steps):
+            depth = getattr(step, "depth", 0.0)
+            with document.within(f"program.steps[{k}].{step.kind}"):
+                for key in ("object", "grasp", "place"):
+                    name = getattr(step, key, None)
+                    if name is not None and name not in things:
+                        raise UnknownNameError("object", name, things, key)
+                for link, obstacle in getattr(step, "touching", ()):
+                    links, obstacles = {*self.robot.shared.body_links, *held}, {*things} - held
+                    for name, known in ((link, links), (obstacle, obstacles)):
+                        if name not in known:
+                            raise UnknownNameError("link or object", name, sorted(known), "touching")
+                    with document.within(f"touching: {obstacle!r}, {1e3 * depth:g} mm deep", ": "):
+                        shapes[obstacle].core(depth)
+                arm = getattr(step, "arm", None)
+                if arm is not None and arm not in arms:
+                    raise UnknownNameError("robot", arm, arms, "arm")
+            held = held | {step.object} if isinstance(step, Attach) else held
+            held = held - {step.object} if isinstance(step, Detach) else held
+
+    def holding(self, state: State) -> Robot:
+        """Return the robot with all of its joints and what it holds."""
+        robot = self.robot
+        for item in state.held:
+            robot = robot.with_attached(
+                item.name, item.shape, item.link, item.pose, touch_links=item.touch_links, danger=item.danger
+            )
+        return robot
+
+    def arm_at(self, arm: str | None, state: State) -> tuple[Robot, FloatArray]:
+        """Return the robot with the joints of one arm alone, the others locked where they are, and where it is."""
+        robot = self.holding(state)
+        prefix = (arm or robot.spec.tip or next(iter(robot.spec.robots))) if robot.spec.robots else None
+        values = named(robot, state.q)
+        grippers = self._program.gripper_joints
+        others = {
+            name: value
+            for name, value in values.items()
+            if name in grippers or (prefix is not None and not name.startswith(f"{prefix}_"))
+        }
+        moving = robot.with_locked(others, prefix) if others else robot
+        q = np.array([values[name] for name in moving.joint_names])
+        return moving, moving.difference(np.zeros(moving.n), q)
+
+    def rows(self, names: Sequence[str]) -> list[int]:
+        """Return which of all joints those of some names are."""
+        return [self.robot.joint_names.index(name) for name in names]
+
+    def limits_of(self, arm: Robot) -> RateLimits:
+        """Return the limits of the joints of an arm."""
+        rows = self.rows(arm.joint_names)
+        jerk = self.limits.jerk
+        most = self.limits.velocity[rows], self.limits.acceleration[rows], None if jerk is None else jerk[rows]
+        return RateLimits(arm.joint_names, *most)
+
+    def tip(self, arm: str | None, state: State) -> pin.SE3:
+        moving, q = self.arm_at(arm, state)
+        return moving.tip_pose(q)
+
+    def link(self, link: str, state: State) -> pin.SE3:
+        """Return where a link or frame is."""
+        robot = self.holding(state)
+        model, data = robot.shared.model, robot.shared.model.createData()
+        pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(state.q))
+        return pin.SE3(data.oMf[model.getFrameId(link)])
+
+    def held_pose(self, item: Attachment, arm: str | None, state: State) -> pin.SE3:
+        """Return where an object that is held is, seen from the tip."""
+        return self.tip(arm, state).inverse() * self.link(item.link, state) * item.pose.se3
+
+    @cached_property
+    def finger_links(self) -> tuple[str, ...]:
+        """The links that joints of grippers move: they may touch what they hold."""
+        shared = self.robot.shared
+        followers = {name for name, mimic in shared.mimics.items() if mimic.primary in self._program.gripper_joints}
+        joints = {shared.model.getJointId(name) for name in (*self._program.gripper_joints, *followers)}
+        bodies = zip(shared.body_links, shared.collision_model.geometryObjects, strict=True)
+        moved = (link for link, body in bodies if joints & set(shared.model.supports[body.parentJoint]))
+        return tuple(dict.fromkeys(moved))
+
+    def setup(self, robot: Robot, scene: Scene, q: FloatArray, goal: Goal | None = None) -> SafeSetup:
+        """Return a setup for a robot in a scene at a configuration, under the limits of the scenario."""
+        limits = self._scenario.limits
+        if self._tube is not None:
+            limits = replace(limits, tube=tuple(self._tube[self.rows(robot.joint_names)].tolist()))
+        start = tuple(q.tolist())
+        given = replace(self._scenario, scene=scene, start=start, goal=goal, people=None, limits=limits)  # type: ignore[arg-type]
+        return setup_scenario(given, robot)
+
+    def driven(
+        self, state: State, scene: Scene, moving: Motion, curve: BlendedCurve | None = None
+    ) -> tuple[State, tuple[Driven, ...]]:
+        """Return the state after a motion of some joints, the proof of it for all of them, and the curve of all."""
+        robot, people = self.holding(state), self._scenario.people
+        rows = self.rows(moving.joint_names or ())
+        coefficients = np.zeros((moving.pieces, moving.degree + 1, robot.n))
+        coefficients[:, 0] = state.q
+        turns = np.round((state.q[rows] - moving.coefficients[0, 0]) / (2 * np.pi)) * robot.continuous[rows]
+        coefficients[:, :, rows] = moving.coefficients
+        coefficients[:, 0, rows] += 2 * np.pi * turns
+        rounding = np.zeros((moving.pieces, robot.n))
+        rounding[:, rows] = moving.allowance
+        motion = Motion(moving.times - moving.times[0], coefficients, robot.joint_names, rounding=rounding)
+        setup = self.setup(robot, scene, state.q)
+        for _ in range(_TRIES):
+            check = setup.check(motion, self.limits, people)
+            if {violation.kind for violation in check.violations} != {"separation"}:
+                break
+            motion = replace(motion, times=motion.times * _SLOWER)
+        if not check:
+            raise ImpossibleError(str(check.violations[0]))
+        if curve is not None:
+            curve = curve.among(state.q, rows, 2 * np.pi * turns)
+        return state._replace(q=motion.knots[-1]), (Driven(check, curve),)
