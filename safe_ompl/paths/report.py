@@ -96,7 +96,7 @@ def validate(path: ArrayLike, motion: MotionProver) -> Validation:
 def claims_of(motion: MotionProver) -> tuple[str, ...]:
     """Return what a proof by this validator is of: not of the user's own checks, which are sampled, or asked."""
     touched = any(obstacle.touched_by for obstacle in motion.checker.scene)
-    claims = ["collision, but for contact that is allowed" if touched else "collision"]
+    claims = ["collision but for allowed contact" if touched else "collision"]
     separation = motion.separation
     if separation.margin or separation.min_clearance is not None:
         claims.append("min clearance")

@@ -12,6 +12,7 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
@@ -81,14 +82,20 @@ def plan_program(scenario: Scenario | str | Path, *, time: float = TIME, seed: i
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(find_scenario(scenario))
     limit = positive(time, "time limit", "number of seconds")
-    with document.within(str(scenario.file or scenario.name), ": "):
+    with _naming(scenario):
         return _ProgramPlanner(scenario, checked_seed(seed)).run(limit)
 
 
 def program_robot(scenario: Scenario) -> Robot:
     """Return the robot with which the program of a scenario begins, joints of grippers among those that move."""
-    cell = Workcell(scenario)
-    return cell.holding(cell.begin)
+    with _naming(scenario):
+        cell = Workcell(scenario)
+        return cell.holding(cell.begin)
+
+
+def _naming(scenario: Scenario) -> AbstractContextManager[None]:
+    """Put the file of a scenario, or its name, before every InputError."""
+    return document.within(str(scenario.file or scenario.name), ": ")
 
 
 def _points(trajectory: Trajectory, robot: Robot) -> tuple[Motion, BlendedCurve]:

@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import InputError, plan_program
+from safe_ompl.planning import program_robot
 from safe_ompl.scene import Attach, Detach, Gripper, Scenario, list_scenarios
 
 DOWN = {"rpy": [np.pi, 0.0, 0.0]}
@@ -212,6 +213,14 @@ def test_bad_input_is_one_line(given, said):
         plan_program(scenario(**given))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_robot_of_a_program_names_the_scenario_in_errors():
+    with pytest.raises(InputError, match=r"program\.steps") as planned:
+        plan_program(scenario(**WRONG[0][0]))
+    with pytest.raises(InputError) as built:
+        program_robot(scenario(**WRONG[0][0]))
+    assert str(built.value) == str(planned.value)
 
 
 def test_shipped_programs_are_read_as_they_are_written(tmp_path):
