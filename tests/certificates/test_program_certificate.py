@@ -189,6 +189,13 @@ def test_what_it_must_begin_with_is_that_of_the_first_stretch(content, scenario,
         verify_program(forged, program_robot(scenario), scenario.scene)
 
 
+def test_whatever_may_touch_what_is_held_is_said(content):
+    forged = copy.deepcopy(content)
+    forged["robots"][1]["recipe"]["attached"][0]["touch_links"].append("panda_link5")
+    said = "contact of panda_leftfinger and panda_rightfinger and panda_link5 with cube"
+    assert said in verify_program(resigned(forged)).not_covered
+
+
 def test_limits_must_be_those_of_the_scenario(content, scenario):
     slower = dataclasses.replace(scenario, motion=MotionLimits(velocity=0.5))
     robot = program_robot(slower)

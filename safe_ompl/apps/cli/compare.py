@@ -114,8 +114,8 @@ def _weights(text: str) -> dict[str, Any]:
 
 def prepare_tradeoff(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
-    setup = setup_scenario(scenario)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
+    setup = setup_scenario(arguments.with_limits(scenario, options))
     setup.simplifier  # noqa: B018  # says so where there is no danger
     return partial(_trade_off, f"{scenario.name} · {setup.robot.name}", setup, options)
 

@@ -151,7 +151,7 @@ def verify_program(
             raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
         assert last is not None
         own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
-        return _together(found, last.time, own, robots[0].name, scenes)
+        return _together(found, last.time, own, robots, scenes)
 
 
 def _check_begin(begin: float, first: Robot, among: Scene, robot: Robot | None, scene: Scene | None) -> None:
@@ -165,12 +165,18 @@ def _check_begin(begin: float, first: Robot, among: Scene, robot: Robot | None, 
 
 
 def _together(
-    found: list[Verified], duration: float, own: tuple[str, ...], robot: str, scenes: list[Scene]
+    found: list[Verified], duration: float, own: tuple[str, ...], robots: list[Robot], scenes: list[Scene]
 ) -> Verified:
     """Return what holds of all stretches."""
     about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
     first = f"every motion of {len(found)} stretches is free{about}"
     joined = f"they are one motion of {duration:.3f} s, in which all that is taken and put down stays in its place"
+    touching = [
+        f"contact of {' and '.join(item.touch_links)} with {item.name}"
+        for robot in robots
+        for item in robot.attached
+        if item.touch_links
+    ]
     common = [claim for claim in (found[0].claims[1:] if found else ()) if all(claim in one.claims for one in found)]
     return Verified(
         edges=sum(one.edges for one in found),
@@ -178,8 +184,8 @@ def _together(
         distances=sum(one.distances for one in found),
         claims=(first, joined, *common),
         not_claimed=tuple(dict.fromkeys(claim for one in found for claim in one.not_claimed)),
-        not_covered=tuple(dict.fromkeys(claim for one in found for claim in one.not_covered)),
-        robot=robot,
+        not_covered=tuple(dict.fromkeys([*(claim for one in found for claim in one.not_covered), *touching])),
+        robot=robots[0].name,
         obstacles=tuple(dict.fromkeys(name for scene in scenes for name in scene.names)),
         own=own,
     )
