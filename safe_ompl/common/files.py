@@ -271,10 +271,10 @@ def write(file: str | Path, content: str | bytes) -> None:
         stream.write(content)
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def table(header: Sequence[str], rows: Iterable[Sequence[object]], delimiter: str = ",") -> str:
     """Return a line of names, and rows below it, as text; numbers are read back exactly."""
     stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
+    writer = csv.writer(stream, delimiter=delimiter, lineterminator="\n")
     writer.writerow(header)
     writer.writerows(rows)
     return stream.getvalue()

@@ -9,7 +9,7 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.io import schema
     from safe_ompl.io.files import load, result_to_mapping, save
-    from safe_ompl.io.motion_files import MOTION_ENDINGS, motion_content, motion_of_document, read_log, read_motion
+    from safe_ompl.io.motion_files import WRITABLE, motion_content, motion_of_document, read_log, read_motion
     from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
     from safe_ompl.io.problems import (
         RobotDocument,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCELERATION",
-    "MOTION_ENDINGS",
+    "WRITABLE",
     "JointPath",
     "RobotDocument",
     "SceneDocument",

@@ -82,7 +82,7 @@ def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> No
 
     The ending says in which form. JSON is read back exactly, of a trajectory the motion through its points: a result
     carries its robot and its scene, a scene its meshes and points. All else holds way points, with times and rates
-    where there are any: a table (.csv), arrays (.npz), a message trajectory_msgs/JointTrajectory (.yaml).
+    where there are any: a table (.csv, .tsv, .txt), arrays (.npz), a message trajectory_msgs/JointTrajectory (.yaml).
 
     Parameters
     ----------

@@ -34,14 +34,19 @@ _EXPECTED = (
 
 
 class Form(NamedTuple):
-    """How motions are read from a file, given what to leave out, and written from points."""
+    """How motions are read from a file, given names of columns and those to leave out, and written from points."""
 
-    read: Callable[[Path, Sequence[str]], Motion]
-    write: Callable[[Mapping[str, Any]], str | bytes]
+    read: Callable[[Path, Sequence[str] | None, Sequence[str]], Motion]
+    write: Callable[[Mapping[str, Any]], str | bytes] | None = None
 
 
 def read_motion(
-    file: str | Path, robot: Robot | None = None, *, degrees: bool = False, ignore: Sequence[str] = ()
+    file: str | Path,
+    robot: Robot | None = None,
+    *,
+    degrees: bool = False,
+    joints: Sequence[str] | None = None,
+    ignore: Sequence[str] = (),
 ) -> Motion:
     """Read a motion that something else made; files without times hold paths.
 
@@ -52,13 +57,15 @@ def read_motion(
     file : path-like
         By its ending:
 
-        .csv
-            Columns with commas, semicolons or tabs between them; lines that begin with # are comments. A line with
-            names of columns, then numbers: `time` [s] or none; and a column for each joint, or columns
+        .csv, .tsv, .txt
+            Columns with commas, semicolons, tabs or spaces between them; lines that begin with # are comments. A line
+            with names of columns, or none, then numbers: `time` [s] or none; and a column for each joint, or columns
             `<joint>_position`, `_velocity` and `_acceleration`.
         .npz
             Arrays `positions` (N, n), and `times`, `velocities`, `accelerations`, `joint_names` as far as known; or
             what `Motion.to_mapping` returns.
+        .npy
+            One array: the numbers of a table.
         .json, .yaml, .yml
             A message `trajectory_msgs/JointTrajectory` or `moveit_msgs/RobotTrajectory`; or JSON of `safe_ompl.save`
             and `safe-ompl plan --json` or `--trajectory`.
@@ -66,6 +73,8 @@ def read_motion(
         Put the columns in the order of its joints, as `Motion.for_robot`.
     degrees : bool
         Whether joints that turn are in degrees; which ones do only the robot knows.
+    joints : sequence of str, optional
+        Names of the columns, `time` among them where there is one, of a file that does not name them.
     ignore : sequence of str
         Joints or columns to leave out, such as a gripper's.
 
@@ -79,7 +88,7 @@ def read_motion(
         raise InputError(f"must be a motion, with one of the endings {', '.join(FORMS)}", str(file))
     if degrees and robot is None:
         raise InputError("need the robot, which knows the joints that turn", "degrees")
-    motion = FORMS[path.suffix.lower()].read(path, ignore)
+    motion = FORMS[path.suffix.lower()].read(path, joints, ignore)
     with document.within(str(file), ": "):
         return motion if robot is None else motion.for_robot(robot, degrees)
 
@@ -87,18 +96,18 @@ def read_motion(
 def read_log(file: str | Path) -> tuple[Motion, Motion]:
     """Return the commanded and the measured motion of a log; between samples they are straight.
 
-    A table (.csv) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these names (.npz);
-    other columns are not looked at. An InputError if the file is of another kind, or a column is missing.
+    A table (.csv, .tsv, .txt) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these
+    names (.npz); other columns are not looked at. An InputError if the file is of another kind, or a column is missing.
     """
     path = Path(file)
     kind = path.suffix.lower()
-    if kind == ".csv":
+    if kind in _TABLES:
         header, values = read_table(path)
         columns = {name: values[:, k] for k, name in enumerate(header)}
     elif kind == ".npz":
         columns = files.read_arrays(path)
     else:
-        raise InputError("must be a log, with one of the endings .csv, .npz", str(file))
+        raise InputError(f"must be a log, with one of the endings {', '.join(_TABLES)}, .npz", str(file))
     with document.within(str(file), ": "):
         parts = [found for name in columns if (found := _LOGGED.fullmatch(name))]
         names = tuple(dict.fromkeys(found[1] for found in parts))
@@ -118,8 +127,8 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
     ending is another one, points cannot hold the motion, or its joints have no names.
     """
     ending = Path(file).suffix.lower()
-    if ending not in FORMS:
-        raise InputError(f"must have one of the endings {', '.join(FORMS)}", str(file))
+    if ending not in WRITABLE:
+        raise InputError(f"must have one of the endings {', '.join(WRITABLE)}", str(file))
     if ending == ".json" and not message:
         return strict_json(marked("motion", motion.to_mapping())) + "\n", motion
     times = motion.times
@@ -144,16 +153,18 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
         )
     if motion.joint_names is None:
         raise InputError("needs the names of the joints, which the motion lacks", str(file))
-    return FORMS[ending].write(points), back
+    write = FORMS[ending].write
+    assert write is not None
+    return write(points), back
 
 
-def _as_table(points: Mapping[str, Any]) -> str:
+def _as_table(points: Mapping[str, Any], delimiter: str) -> str:
     names, tables = points["joint_names"], [points[key] for key in _POINTS[2:] if key in points]
     kinds = ("position", "velocity", "acceleration")[: len(tables)]
     header = [f"{name}_{kind}" for kind in kinds for name in names] if len(tables) > 1 else list(names)
     if "times" in points:
         header, tables = ["time", *header], [points["times"][:, None], *tables]
-    return files.table(header, np.hstack(tables).tolist())
+    return files.table(header, np.hstack(tables).tolist(), delimiter)
 
 
 def _as_arrays(arrays: Mapping[str, Any]) -> bytes:
@@ -203,8 +214,8 @@ def _without(motion: Motion, ignored: Sequence[str]) -> Motion:
 # ------------------------------------------------------------------------------------------------------- tables
 
 
-def _from_table(path: Path, ignored: Sequence[str]) -> Motion:
-    header, values = read_table(path, ignored)
+def _from_table(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
+    header, values = read_table(path, names, ignored)
     with document.within(str(path), ": "):
         return _of_columns(header, values)
 
@@ -232,7 +243,7 @@ def _of_columns(header: Sequence[str], values: FloatArray) -> Motion:
 # ------------------------------------------------------------------------------------------------------- arrays
 
 
-def _from_arrays(path: Path, ignored: Sequence[str]) -> Motion:
+def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
     held: dict[str, Any] = files.read_arrays(path)
     with document.within(str(path), ": "):
         document.check_keys(held, dict.fromkeys((*_POINTS, *_MOTION)))
@@ -240,13 +251,39 @@ def _from_arrays(path: Path, ignored: Sequence[str]) -> Motion:
         if own is not None:
             if own.dtype.kind != "U" or own.ndim != 1:
                 raise InputError(f"must be a list of text, got {own.dtype} {own.shape}", "joint_names")
-            held["joint_names"] = tuple(own.tolist())
+            _refuse_names(names)
+            names = own.tolist()
+        held["joint_names"] = None if names is None else tuple(names)
         if "coefficients" not in held:
             return _without(_from_points(held), ignored)
         for key in ("timed", "short_way"):
             if key in held and held[key].shape == ():
                 held[key] = held[key].item()
         return _without(Motion.from_mapping(held), ignored)
+
+
+def _from_array(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
+    try:
+        values = np.load(path, allow_pickle=False)
+        values = values.astype(float) if isinstance(values, np.ndarray) else None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
+    except (EOFError, TypeError, ValueError):
+        values = None
+    with document.within(str(path), ": "):
+        if values is None or values.ndim != 2:
+            raise InputError("must be one array of numbers (N, m)")
+        if names is None:
+            return _without(Motion.through(values), ignored)
+        if len(names) != values.shape[1]:
+            raise InputError(f"must name the {values.shape[1]} columns, got {len(names)}", "joints")
+        kept = kept_columns(names, ignored)
+        return _of_columns([names[k] for k in kept], values[:, kept])
+
+
+def _refuse_names(names: Sequence[str] | None) -> None:
+    if names is not None:
+        raise InputError(f"names its columns itself; leave out {listed(names)}", "joints")
 
 
 # ---------------------------------------------------------------------------------------------------- documents
@@ -258,9 +295,12 @@ def _read_yaml(path: Path) -> Any:
         return files.parse_document(text)
 
 
-def _from_document(path: Path, ignored: Sequence[str], read: Callable[[Path], Any]) -> Motion:
+def _from_document(
+    path: Path, names: Sequence[str] | None, ignored: Sequence[str], read: Callable[[Path], Any]
+) -> Motion:
     content = read(path)
     with document.within(str(path), ": "):
+        _refuse_names(names)
         return _without(motion_of_document(content), ignored)
 
 
@@ -337,11 +377,15 @@ _YAML = Form(
     partial(_as_message, write=lambda content: str(yaml.safe_dump(content, sort_keys=False))),
 )
 FORMS: dict[str, Form] = {
-    ".csv": Form(_from_table, _as_table),
+    ".csv": Form(_from_table, partial(_as_table, delimiter=",")),
+    ".tsv": Form(_from_table, partial(_as_table, delimiter="\t")),
+    ".txt": Form(_from_table, partial(_as_table, delimiter="\t")),
     ".npz": Form(_from_arrays, _as_arrays),
+    ".npy": Form(_from_array),
     ".json": Form(partial(_from_document, read=files.read_json), partial(_as_message, write=strict_json)),
     ".yaml": _YAML,
     ".yml": _YAML,
 }
 """How motions are read and written, by the ending of the file."""
-MOTION_ENDINGS = tuple(FORMS)
+WRITABLE = tuple(ending for ending, form in FORMS.items() if form.write is not None)
+_TABLES = (".csv", ".tsv", ".txt")

@@ -88,11 +88,14 @@ class JointPath:
         return cls(tuple(names), document.require(data, "path"))
 
 
-def read_table(file: str | Path, ignored: Sequence[str] = ()) -> tuple[tuple[str, ...], FloatArray]:
+def read_table(
+    file: str | Path, names: Sequence[str] | None = None, ignored: Sequence[str] = ()
+) -> tuple[tuple[str, ...], FloatArray]:
     """Return the names (m) of the columns of a table, and the numbers below them (N, m).
 
-    Between columns are tabs, semicolons or commas: the first of these that the first line has. Lines that begin with #
-    are comments. Columns are `ignored` by their own name, or that of their joint.
+    Between columns are tabs, semicolons, commas or spaces: the first of these that the first line has. Lines that begin
+    with # are comments. The `names` of columns are needed where the first line has numbers. Columns are `ignored` by
+    their own name, or that of their joint.
 
     Raises InputError if it cannot be read; names the line.
     """
@@ -100,15 +103,24 @@ def read_table(file: str | Path, ignored: Sequence[str] = ()) -> tuple[tuple[str
         content = Path(file).read_text(encoding="utf-8-sig")  # as spreadsheets write it
         lines = [(k, line) for k, line in enumerate(content.splitlines(), start=1) if line.strip()]
         lines = [(k, line) for k, line in lines if not line.lstrip().startswith("#")]
-        delimiter = next((mark for mark in "\t;" if lines and mark in lines[0][1]), ",")
+        delimiter = next((mark for mark in "\t;," if lines and mark in lines[0][1]), None)
         rows = [(k, _cells(line, delimiter)) for k, line in lines]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"cannot be read as a table: {error}", str(file)) from None
     if not rows:
         raise InputError("is empty; the first line must name the joints", str(file))
-    (_, names), *rows = rows
-    if any(_is_number(cell) for cell in names):
-        raise InputError(f"must name the joints, got {listed(names)}", f"{file}: the first line")
+    first = rows[0][1]
+    if not any(_is_number(cell) for cell in first):
+        if names is not None:
+            raise InputError(f"names its columns itself; leave out {listed(names)}", f"{file}: joints")
+        names, rows = first, rows[1:]
+    elif names is None:
+        raise InputError(
+            f"must name the joints, got {listed(first)}; or name the columns with joints=, --joints",
+            f"{file}: the first line",
+        )
+    elif len(names) != len(first):
+        raise InputError(f"must name the {len(first)} columns, got {len(names)}", f"{file}: joints")
     with document.within(str(file), ": "):
         kept = kept_columns(names, ignored)
     values = [_numbers(row, len(names), kept, f"{file}:{k}") for k, row in rows]
@@ -124,7 +136,9 @@ def kept_columns(names: Sequence[str], ignored: Sequence[str]) -> list[int]:
     return [k for k, known in enumerate(both) if not known & set(ignored)]
 
 
-def _cells(line: str, delimiter: str) -> list[str]:
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -81,6 +82,23 @@ class Optimisation:
                 best = path
                 found.append(Improvement(time, cost))
         return best, tuple(found)
+
+
+def told(name: str, seconds: float, stop: Stop) -> Stop:
+    """Return the same `stop`, which in notebooks also says on one line how much of the time [s] is over."""
+    if "ipykernel" not in sys.modules:
+        return stop
+    begin, said = clock(), -1
+
+    def over() -> bool:
+        nonlocal said
+        share = min(100, round(100 * (clock() - begin) / seconds))
+        if share > said:
+            said = share
+            print(f"\r{name}: {share} % of {seconds:g} s", end="", file=sys.stderr, flush=True)
+        return stop()
+
+    return over
 
 
 def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop | None = None) -> Optimisation:

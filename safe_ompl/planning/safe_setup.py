@@ -25,7 +25,7 @@ from safe_ompl.planning.ompl import DangerObjective
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.run import PlanningRun, noted_ctrl_c, stopping
+from safe_ompl.planning.run import PlanningRun, noted_ctrl_c, stopping, told
 from safe_ompl.robot import Robot
 from safe_ompl.scene import MbmProblem, People, Scenario, Scene, find_scenario
 
@@ -160,7 +160,7 @@ class SafeSetup(ProblemSetup):
             self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
         with noted_ctrl_c() as interrupts:
             if optimise is not None:
-                result = run.optimised(time, lambda: bool(interrupts))
+                result = run.optimised(time, told(run.name, time, lambda: bool(interrupts)))
             else:
                 result = run.planned(time, simplification)
         result = run.validated(result, begin)

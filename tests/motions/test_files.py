@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from safe_ompl import InputError, JointPath, Motion, Scene, load, read_motion, save, time_path
-from safe_ompl.io import MOTION_ENDINGS
+from safe_ompl.io import WRITABLE
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.trajectories import RateLimits
 
@@ -97,7 +97,7 @@ SAVED = {
 }
 
 
-@pytest.mark.parametrize("ending", [*MOTION_ENDINGS, ".npy", ""])
+@pytest.mark.parametrize("ending", [*WRITABLE, ".npy", ".stl", ""])
 @pytest.mark.parametrize("thing", [*SAVED, "trajectory", "scene"])
 def test_the_ending_says_the_form_of_all_that_is_saved(tmp_path, ur5, thing, ending):
     file, jerk = tmp_path / f"file{ending}", np.full(6, 50.0)
@@ -107,7 +107,7 @@ def test_the_ending_says_the_form_of_all_that_is_saved(tmp_path, ur5, thing, end
         expected = Motion.of(saved)
     else:
         saved, expected = SAVED.get(thing, (Scene(), None))
-    if ending not in MOTION_ENDINGS or (thing == "scene" and ending != ".json"):
+    if ending not in WRITABLE or (thing == "scene" and ending != ".json"):
         with pytest.raises(InputError, match=r"file.*: must have one of the endings|must end in .json"):
             save(saved, file)
         assert not file.exists()
@@ -140,24 +140,35 @@ WITH_G = [{"positions": [9, 2 * t + 1, 2 * t + 2], "time_from_start": t} for t i
 @pytest.mark.parametrize(
     ("name", "text", "options"),
     [
-        ("m.csv", "time\thip\tknee\n0\t1\t2\n\n1\t3\t4\n", {}),
+        ("m.tsv", "time\thip\tknee\n0\t1\t2\n1\t3\t4\n", {}),
         ("m.csv", "time;hip;knee\n0;1;2\n1;3;4\n", {}),
+        ("m.txt", "  time hip   knee\n0 1 2\n\n1 3 4\n", {}),
         ("m.csv", "# from a robot, 2024\ntime,hip,knee\n0,1,2\n# then\n1,3,4\n", {}),
+        ("m.csv", "0,1,2\n1,3,4\n", {"joints": ("time", "hip", "knee")}),
+        ("m.txt", "# 0.1 Hz\n0 1 2\n1 3 4", {"joints": ("time", "hip", "knee")}),
         ("m.csv", "time,hip,gripper,knee\n0,1,open,2\n1,3,shut,4\n", {"ignore": ("gripper",)}),
         ("m.csv", "time,hip_position,g_position,knee_position\n0,1,x,2\n1,3,x,4\n", {"ignore": ("g",)}),
+        ("m.npy", [[0, 1, 2], [1, 3, 4]], {"joints": ("time", "hip", "knee")}),
+        ("m.npy", [[0, 1, 9, 2], [1, 3, 9, 4]], {"joints": ("time", "hip", "g", "knee"), "ignore": ("g",)}),
+        ("m.npz", {"times": [0, 1], "positions": [[1, 2], [3, 4]]}, {"joints": NAMES}),
         ("m.json", {"joint_names": ["g", *NAMES], "points": WITH_G}, {"ignore": ("g",)}),
     ],
 )
 def test_files_of_others(tmp_path, name, text, options):
     file = tmp_path / name
-    file.write_text(text if isinstance(text, str) else json.dumps(text))
+    if name == "m.npy":
+        np.save(file, text)
+    elif name == "m.npz":
+        np.savez(file, **text)
+    else:
+        file.write_text(text if isinstance(text, str) else json.dumps(text))
     same(read_motion(file, **options), Motion.hermite([0.0, 1.0], [[1.0, 2.0], [3.0, 4.0]], names=NAMES))
 
 
 LONG = "x" * 300_000
 
 
-@pytest.mark.parametrize("name", ["m.csv", "m.json", "m.yaml", "m.npz"])
+@pytest.mark.parametrize("name", ["m.csv", "m.tsv", "m.txt", "m.json", "m.yaml", "m.npz", "m.npy"])
 @pytest.mark.parametrize(
     "content",
     [
@@ -205,9 +216,10 @@ OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory":
 @pytest.mark.parametrize(
     ("name", "content", "error"),
     [
-        ("m.stl", "", r"m.stl: must be a motion, with one of the endings .csv, .npz, .json, "),
+        ("m.stl", "", r"m.stl: must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy, .json, "),
         ("m.csv", "", "m.csv: is empty; the first line must name the joints"),
-        ("m.csv", "0,1\n2,3\n", "m.csv: the first line: must name the joints, got 0, 1"),
+        ("m.csv", "0,1\n2,3\n", "m.csv: the first line: must name the joints, got 0, 1; or .*--joints"),
+        ("m.npy", "text", r"m.npy: must be one array of numbers \(N, m\)"),
         ("m.csv", "a,b\n1,2\n3,x\n", "m.csv:3: must be numbers, got 'x'"),
         ("m.csv", "a,b\n1,2\n3\n", "m.csv:3: must have 2 numbers, one for each column, got 1"),
         ("m.csv", "a,b\n1,2\n3,nan\n", r"m.csv: way points must be finite, got \[.*nan\]"),

@@ -2,7 +2,9 @@
 
 import json
 import math
+import re
 import sys
+from types import ModuleType
 from xml.etree import ElementTree
 
 import numpy as np
@@ -154,3 +156,15 @@ def test_ompl_is_quiet_unless_asked(ur5, level):
     SafeSetup(ur5, Scene())
     wanted = "LOG_WARN" if level == "LOG_DEBUG" else level  # the first is OMPL's default
     assert ou.getLogLevel() == getattr(ou.LogLevel, wanted)
+
+
+@pytest.mark.parametrize("notebook", [True, False])
+def test_an_optimisation_in_a_notebook_says_how_far_it_is(setup, monkeypatch, capsys, notebook):
+    monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    if notebook:
+        monkeypatch.setitem(sys.modules, "ipykernel", ModuleType("ipykernel"))
+    assert setup.plan(optimise=1.0)
+    lines = capsys.readouterr().err.split("\r")  # each over the one before
+    assert any(re.fullmatch(r"SafeRRTConnect: \d+ % of 1 s", line) for line in lines) == notebook
+    assert (len(lines) > 3) == notebook
+    assert "\n" not in "".join(lines)

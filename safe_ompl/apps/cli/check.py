@@ -19,7 +19,7 @@ from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.certificates import motion_certificate
 from safe_ompl.common import FloatArray, InputError, files
 from safe_ompl.common import documents as document
-from safe_ompl.io import MOTION_ENDINGS, TimedMotion, motion_content, read_log, read_motion
+from safe_ompl.io import WRITABLE, TimedMotion, motion_content, read_log, read_motion
 from safe_ompl.motions import (
     FACTOR,
     TIME,
@@ -49,13 +49,15 @@ def add_commands(commands: Any) -> None:
         "prove a motion that something else made, or repair it",
         "Prove a motion that a controller, an optimiser or another planner made: that the robot touches nothing "
         "anywhere on it, and keeps the scenario's limits, and beside the scenario's people stops in time; or say where "
-        "it does not. Files: tables (.csv), arrays "
-        "(.npz), trajectory_msgs/JointTrajectory and moveit_msgs/RobotTrajectory (.json, .yaml), and ours. "
+        "it does not. Files: tables (.csv, .tsv, .txt), arrays "
+        "(.npz, .npy), trajectory_msgs/JointTrajectory and moveit_msgs/RobotTrajectory (.json, .yaml), and ours. "
         "The exit status is 0 if it is proven, or with --repair if what is written is.",
     )
     option(parser, "file FILE", "the motion")
     option(parser, "--scenario SCENARIO", "its robot, scene and limits: a name or YAML file", required=True)
     option(parser, "--degrees", "joints of FILE that turn are in degrees")
+    words = "the columns of FILE, `time` among them if there, where it does not name them"
+    option(parser, "--joints NAME[,…]", words, arguments.names)
     option(parser, "--ignore NAME[,…]", "joints or columns of FILE to leave out", arguments.names)
     option(
         parser,
@@ -83,9 +85,9 @@ def add_commands(commands: Any) -> None:
         parser,
         "--repair OUT",
         "write the motion, proven, with as little changed as that needs: "
-        "our own form (.json; a message if FILE is one), a table (.csv), arrays (.npz), or a "
+        "our own form (.json; a message if FILE is one), a table (.csv, .tsv, .txt), arrays (.npz), or a "
         "JointTrajectory (.yaml)",
-        output.output_file(*MOTION_ENDINGS),
+        output.output_file(*WRITABLE),
     )
     words = "write it with its claims, for `safe-ompl verify` (.json)"
     option(parser, "--certificate FILE", words, output.JSON_FILE)
@@ -137,7 +139,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     source = f"{scenario.file}: limits.tube" if options.tube is None else "--tube"
     tube = () if given is None else tube_of(given, robot, source)
     setup = _without_ends(replace(scenario, limits=replace(scenario.limits, tube=None)), robot, tube)
-    how = {"degrees": options.degrees, "ignore": options.ignore or ()}
+    how = {"degrees": options.degrees, "joints": options.joints, "ignore": options.ignore or ()}
     motion = _sampled(read_motion(options.file, robot, **how), options, robot)
     limits = rate_limits(scenario, robot, options)
     if limits is not None:

@@ -18,7 +18,7 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError, files
 from safe_ompl.danger import KinetostaticField
-from safe_ompl.io import MOTION_ENDINGS, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
+from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
 from safe_ompl.motions import Motion
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
@@ -107,8 +107,8 @@ def add_timed_options(
         group,
         "--trajectory FILE",
         "write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; as a table "
-        f"(.csv), arrays (.npz) or YAML for controllers; implies {switch}",
-        output.output_file(*MOTION_ENDINGS, output.STANDARD_OUTPUT),
+        f"(.csv, .tsv, .txt), arrays (.npz) or YAML for controllers; implies {switch}",
+        output.output_file(*WRITABLE, output.STANDARD_OUTPUT),
     )
     option(
         group,

@@ -237,12 +237,15 @@ WAY = np.array([START, 0.5 * (START + MIDDLE), 0.4 * START + 0.6 * MIDDLE])
 
 
 @pytest.mark.usefixtures("beside_people")
-@pytest.mark.parametrize(("columns", "header"), [(WAY, NAMES), (np.c_[T / 100, WAY], ("time", *NAMES))])
-def test_way_points_are_timed_beside_people_within_limits_and_verified(call, tmp_path, setup, columns, header):
+@pytest.mark.parametrize(
+    ("columns", "header", "options"),
+    [(WAY, NAMES, ()), (np.c_[T / 100, WAY], ("time", *NAMES), ()), (WAY, (), ("--joints", ",".join(NAMES)))],
+)
+def test_way_points_are_timed_beside_people_within_limits_and_verified(call, tmp_path, setup, columns, header, options):
     """What is written stops in time between its points, too, for which it may take a little longer."""
-    lines = [",".join(header)] + [",".join(map(repr, row)) for row in columns.tolist()]
+    lines = [",".join(header)] * bool(header) + [",".join(map(repr, row)) for row in columns.tolist()]
     (tmp_path / "way.csv").write_text("\n".join(lines))
-    command = ("check", "way.csv", "--scenario", "own.yaml", "--retime")
+    command = ("check", "way.csv", "--scenario", "own.yaml", "--retime", *options)
     status, out, _ = call(*command, "--trajectory", "out.csv", "--certificate", "proof.json")
     assert status == 0
     assert "timed: " in out
@@ -360,7 +363,7 @@ def test_files_of_another_kind_are_refused_and_nothing_is_written(call, tmp_path
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--repair", "out.npy"), "--repair: 'out.npy' must end in .csv or .npz or .json or .yaml"),
+        (("--repair", "out.npy"), "--repair: 'out.npy' must end in .csv or .tsv or .txt or .npz or .json or .yaml"),
         (
             ("--repair", "a.json", "--json", "a.json"),
             "--json: 'a.json' is written by --repair already: give another file",
@@ -391,7 +394,7 @@ def test_options_that_cannot_be(call, tmp_path, options, said):
         ("time,joint1_commanded", ("log.csv",), "log.csv: joint1_measured: missing"),
         ("joint1_commanded,joint1_measured", ("log.csv",), "log.csv: time: missing"),
         ("time,joint1", ("log.csv",), "log.csv: columns: must be <joint>_commanded and <joint>_measured, got none"),
-        ("time,joint1", ("log.json",), "log.json: must be a log, with one of the endings .csv, .npz"),
+        ("time,joint1", ("log.json",), "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz"),
         ("time,joint1", (), "give logs, or both --commanded and --measured"),
         ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),
         ("time,joint1_commanded,joint1_measured", ("log.csv", "--factor", "0.5"), "factor must be"),
