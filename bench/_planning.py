@@ -8,8 +8,7 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
+from ompl import base as ob, geometric as og
 
 from bench._harness import Report, positions
 from safe_ompl import PathReport, Robot, SafeSetup

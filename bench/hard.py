@@ -18,8 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from bench._harness import Report
-from bench._planning import Problem, compare
-from bench._planning import add_options as add_planning_options
+from bench._planning import Problem, add_options as add_planning_options, compare
 from safe_ompl import SafeSetup
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import MotionProver

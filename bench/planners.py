@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from bench._harness import Report
-from bench._planning import Problem, compare, mbm_problems
-from bench._planning import add_options as add_planning_options
+from bench._planning import Problem, add_options as add_planning_options, compare, mbm_problems
 from bench._scenes import free_configuration
 from safe_ompl import Box, CollisionChecker, Obstacle, Pose, Scenario, Scene, Sphere
 from safe_ompl.geometry import Shape

@@ -94,8 +94,7 @@ CURVES = 48
 def ruckig_duration(path: FloatArray, limits: RateLimits) -> float | None:
     """Return how long Ruckig takes from rest to rest along each edge in turn; None without it."""
     try:
-        from ruckig import InputParameter, Ruckig, Synchronization
-        from ruckig import Trajectory as Motion
+        from ruckig import InputParameter, Ruckig, Synchronization, Trajectory as Motion
     except ImportError:
         return None
     assert limits.jerk is not None

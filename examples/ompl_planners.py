@@ -1,7 +1,6 @@
 """OMPL's own planners in an ordinary SimpleSetup: with these two lines every path they return is proven."""
 
-from ompl import geometric as og
-from ompl import util as ou
+from ompl import geometric as og, util as ou
 
 import safe_ompl as so
 from safe_ompl.planning.ompl.states import StateBridge, joint_space

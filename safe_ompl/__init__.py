@@ -8,140 +8,88 @@ from safe_ompl.doors import lazily
 from safe_ompl.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from safe_ompl.apps import assert_proven
-    from safe_ompl.apps.benchmark import Benchmark
-    from safe_ompl.certificates import certificate, verify
-    from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolOrientation, Verdict
-    from safe_ompl.common import (
-        CertificateError,
-        CollisionError,
-        InputError,
-        PlanningError,
-        SafeOmplError,
-        StaleSceneError,
-        UnknownNameError,
+    from safe_ompl.apps import assert_proven as assert_proven
+    from safe_ompl.apps.benchmark import Benchmark as Benchmark
+    from safe_ompl.certificates import certificate as certificate, verify as verify
+    from safe_ompl.collision import (
+        CollisionChecker as CollisionChecker,
+        MotionProver as MotionProver,
+        TipBounds as TipBounds,
+        ToolOrientation as ToolOrientation,
+        Verdict as Verdict,
     )
-    from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
-    from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
-    from safe_ompl.io import JointPath, load, read_motion, save
-    from safe_ompl.motions import Motion, check, retime, widest_tube
-    from safe_ompl.paths import Constraints, PathReport, Simplifier
-    from safe_ompl.people import Surroundings, Tracker
-    from safe_ompl.people.replanning import Replanner, Shield
+    from safe_ompl.common import (
+        CertificateError as CertificateError,
+        CollisionError as CollisionError,
+        InputError as InputError,
+        PlanningError as PlanningError,
+        SafeOmplError as SafeOmplError,
+        StaleSceneError as StaleSceneError,
+        UnknownNameError as UnknownNameError,
+    )
+    from safe_ompl.danger import (
+        CertifiedDanger as CertifiedDanger,
+        DangerField as DangerField,
+        DangerLimit as DangerLimit,
+        KinetostaticField as KinetostaticField,
+    )
+    from safe_ompl.geometry import (
+        Box as Box,
+        Capsule as Capsule,
+        Cylinder as Cylinder,
+        Mesh as Mesh,
+        Obstacle as Obstacle,
+        Person as Person,
+        PointCloud as PointCloud,
+        Pose as Pose,
+        Sphere as Sphere,
+    )
+    from safe_ompl.io import JointPath as JointPath, load as load, read_motion as read_motion, save as save
+    from safe_ompl.motions import Motion as Motion, check as check, retime as retime, widest_tube as widest_tube
+    from safe_ompl.paths import Constraints as Constraints, PathReport as PathReport, Simplifier as Simplifier
+    from safe_ompl.people import Surroundings as Surroundings, Tracker as Tracker
+    from safe_ompl.people.replanning import Replanner as Replanner, Shield as Shield
     from safe_ompl.planning import (
-        PlanResult,
-        ProgramResult,
-        SafeSetup,
-        Tradeoff,
-        plan,
-        plan_program,
-        planner_data,
-        repair,
-        tradeoff,
+        PlanResult as PlanResult,
+        ProgramResult as ProgramResult,
+        SafeSetup as SafeSetup,
+        Tradeoff as Tradeoff,
+        plan as plan,
+        plan_program as plan_program,
+        planner_data as planner_data,
+        repair as repair,
+        tradeoff as tradeoff,
     )
     from safe_ompl.planning.ompl import (
-        CertifiedMotionValidator,
-        CollisionFreeValidity,
-        DangerObjective,
-        RegionGoal,
-        WorkspaceGoal,
+        CertifiedMotionValidator as CertifiedMotionValidator,
+        CollisionFreeValidity as CollisionFreeValidity,
+        DangerObjective as DangerObjective,
+        RegionGoal as RegionGoal,
+        WorkspaceGoal as WorkspaceGoal,
     )
     from safe_ompl.planning.planners import (
-        BubblePlanner,
-        SafeJTRRT,
-        SafePRM,
-        SafeRRTConnect,
-        make_planner,
-        planner_names,
+        BubblePlanner as BubblePlanner,
+        SafeJTRRT as SafeJTRRT,
+        SafePRM as SafePRM,
+        SafeRRTConnect as SafeRRTConnect,
+        make_planner as make_planner,
+        planner_names as planner_names,
     )
-    from safe_ompl.robot import GoalRegion, Robot, inverse_kinematics
-    from safe_ompl.scene import People, Program, Scenario, Scene
-    from safe_ompl.tasks import Corridor, ToolMotion, ToolPath, tool_motion
-    from safe_ompl.trajectories import PathTimer, RateLimits, StandstillError, Trajectory, time_path
-    from safe_ompl.view import view
+    from safe_ompl.robot import GoalRegion as GoalRegion, Robot as Robot, inverse_kinematics as inverse_kinematics
+    from safe_ompl.scene import People as People, Program as Program, Scenario as Scenario, Scene as Scene
+    from safe_ompl.tasks import (
+        Corridor as Corridor,
+        ToolMotion as ToolMotion,
+        ToolPath as ToolPath,
+        tool_motion as tool_motion,
+    )
+    from safe_ompl.trajectories import (
+        PathTimer as PathTimer,
+        RateLimits as RateLimits,
+        StandstillError as StandstillError,
+        Trajectory as Trajectory,
+        time_path as time_path,
+    )
+    from safe_ompl.view import view as view
 
-__all__ = [
-    "Benchmark",
-    "Box",
-    "BubblePlanner",
-    "Capsule",
-    "CertificateError",
-    "CertifiedDanger",
-    "CertifiedMotionValidator",
-    "CollisionChecker",
-    "CollisionError",
-    "CollisionFreeValidity",
-    "Constraints",
-    "Corridor",
-    "Cylinder",
-    "DangerField",
-    "DangerLimit",
-    "DangerObjective",
-    "GoalRegion",
-    "InputError",
-    "JointPath",
-    "KinetostaticField",
-    "Mesh",
-    "Motion",
-    "MotionProver",
-    "Obstacle",
-    "PathReport",
-    "PathTimer",
-    "People",
-    "Person",
-    "PlanResult",
-    "PlanningError",
-    "PointCloud",
-    "Pose",
-    "Program",
-    "ProgramResult",
-    "RateLimits",
-    "RegionGoal",
-    "Replanner",
-    "Robot",
-    "SafeJTRRT",
-    "SafeOmplError",
-    "SafePRM",
-    "SafeRRTConnect",
-    "SafeSetup",
-    "Scenario",
-    "Scene",
-    "Shield",
-    "Simplifier",
-    "Sphere",
-    "StaleSceneError",
-    "StandstillError",
-    "Surroundings",
-    "TipBounds",
-    "ToolMotion",
-    "ToolOrientation",
-    "ToolPath",
-    "Tracker",
-    "Tradeoff",
-    "Trajectory",
-    "UnknownNameError",
-    "Verdict",
-    "WorkspaceGoal",
-    "assert_proven",
-    "certificate",
-    "check",
-    "inverse_kinematics",
-    "load",
-    "make_planner",
-    "plan",
-    "plan_program",
-    "planner_data",
-    "planner_names",
-    "read_motion",
-    "repair",
-    "retime",
-    "save",
-    "time_path",
-    "tool_motion",
-    "tradeoff",
-    "verify",
-    "view",
-    "widest_tube",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

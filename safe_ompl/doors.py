@@ -9,14 +9,15 @@ from importlib import import_module
 from pathlib import Path
 from sys import modules
 
-Door = tuple[Callable[[str], object], Callable[[], list[str]]]
+Door = tuple[Callable[[str], object], Callable[[], list[str]], list[str]]
 
 
 def lazily(package: str, file: str) -> Door:
-    """Return `__getattr__` and `__dir__` of a package whose names are imported when they are first asked for (PEP 562).
+    """Return `__getattr__`, `__dir__` (PEP 562) and `__all__` of a package whose names are imported when asked for.
 
-    Where a name comes from is read from the block `if TYPE_CHECKING:` of the package's own source, which type checkers
-    and readers see, so that there is no second list of modules. A name that is a module of the package stays a module.
+    The names and where they come from are read from the block `if TYPE_CHECKING:` of the package's own source. There
+    type checkers, editors and readers see them, too: ``import X as X`` says that X is public (PEP 484). A name that is
+    a module of the package stays a module.
 
     Parameters
     ----------
@@ -26,7 +27,7 @@ def lazily(package: str, file: str) -> Door:
         The package's `__file__`.
     """
     sources = _sources(Path(file).read_text(encoding="utf-8"))
-    return partial(_import, package, sources), partial(_names, package, sources)
+    return partial(_import, package, sources), partial(_names, package, sources), sorted(sources)
 
 
 def _sources(text: str) -> dict[str, str]:

@@ -10,8 +10,7 @@ import pytest
 from ompl import geometric as og
 
 from safe_ompl import Box, CertifiedDanger, DangerField, KinetostaticField, Obstacle, Pose, Scene
-from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, Proximity
-from safe_ompl.collision import pairs as distance_bounds
+from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, Proximity, pairs as distance_bounds
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateBridge, joint_space
 
 THREADS, NUMBER = 3, 60

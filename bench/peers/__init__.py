@@ -30,8 +30,7 @@ from bench._plain import ROUNDING
 from bench.peers.export import Problem, export
 from bench.peers.processes import WARMING, Comparison, Runner
 from bench.peers.systems import REPAIR, REPAIRED, SYSTEMS
-from bench.peers.table import NO_PATH, Run, figure, markdown, repairs
-from bench.peers.table import comparison as compared
+from bench.peers.table import NO_PATH, Run, comparison as compared, figure, markdown, repairs
 from safe_ompl import InputError, Motion
 from safe_ompl.scene.mbm import MbmFile
 

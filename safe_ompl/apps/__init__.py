@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.apps.cli.program import main
-    from safe_ompl.apps.proven import assert_proven
+    from safe_ompl.apps.cli.program import main as main
+    from safe_ompl.apps.proven import assert_proven as assert_proven
 
-__all__ = ["assert_proven", "main"]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

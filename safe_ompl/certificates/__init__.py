@@ -7,23 +7,18 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.certificates.issue import Claims, certificate, clearance_claim, motion_certificate, terms_of
-    from safe_ompl.certificates.program import program_certificate
-    from safe_ompl.certificates.verifier.program import PROGRAM_FORMAT, verify_program
-    from safe_ompl.certificates.verifier.verify import TIME, Verified, verify
+    from safe_ompl.certificates.issue import (
+        Claims as Claims,
+        certificate as certificate,
+        clearance_claim as clearance_claim,
+        motion_certificate as motion_certificate,
+        terms_of as terms_of,
+    )
+    from safe_ompl.certificates.program import program_certificate as program_certificate
+    from safe_ompl.certificates.verifier.program import (
+        PROGRAM_FORMAT as PROGRAM_FORMAT,
+        verify_program as verify_program,
+    )
+    from safe_ompl.certificates.verifier.verify import TIME as TIME, Verified as Verified, verify as verify
 
-__all__ = [
-    "PROGRAM_FORMAT",
-    "TIME",
-    "Claims",
-    "Verified",
-    "certificate",
-    "clearance_claim",
-    "motion_certificate",
-    "program_certificate",
-    "terms_of",
-    "verify",
-    "verify_program",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

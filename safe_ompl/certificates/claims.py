@@ -14,8 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import RATE_BOUNDS, FloatArray, InputError, Section, UnknownNameError, key, shown
-from safe_ompl.common import documents as document
+from safe_ompl.common import (
+    RATE_BOUNDS,
+    FloatArray,
+    InputError,
+    Section,
+    UnknownNameError,
+    documents as document,
+    key,
+    shown,
+)
 from safe_ompl.geometry import PointCloud
 from safe_ompl.io import RobotDocument, SceneDocument, schema
 from safe_ompl.robot import Robot

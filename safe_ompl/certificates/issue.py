@@ -26,8 +26,15 @@ from safe_ompl.collision import (
     ToolOrientation,
     Verdict,
 )
-from safe_ompl.common import CertificateError, FloatArray, InputError, PlanningError, finite_array, key
-from safe_ompl.common import documents as document
+from safe_ompl.common import (
+    CertificateError,
+    FloatArray,
+    InputError,
+    PlanningError,
+    documents as document,
+    finite_array,
+    key,
+)
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
 from safe_ompl.io import carried_robot, carried_scene, schema
 from safe_ompl.motions import Motion, MotionCheck

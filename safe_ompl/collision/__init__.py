@@ -7,47 +7,39 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.collision import bubbles
-    from safe_ompl.collision.bubbles import INSIDE, Bubble
-    from safe_ompl.collision.checker import Clearance, CollisionChecker
-    from safe_ompl.collision.distances import PairDistances, Proximity, Witnesses
-    from safe_ompl.collision.kernels.proofs import prove_curve
-    from safe_ompl.collision.motion import FLOOR, MotionLimit, MotionProver, MotionVerdict, Verdict
-    from safe_ompl.collision.pairs import DistanceBounds, PairSet, edge_memory
-    from safe_ompl.collision.queries import DISTANCE_ERROR, fresh_data
-    from safe_ompl.collision.self_filter import robot_points, without_robot
-    from safe_ompl.collision.separation import TOUCHING_ONLY, MinClearance, RequiredDistances, Separation
-    from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
+    from safe_ompl.collision import bubbles as bubbles
+    from safe_ompl.collision.bubbles import INSIDE as INSIDE, Bubble as Bubble
+    from safe_ompl.collision.checker import Clearance as Clearance, CollisionChecker as CollisionChecker
+    from safe_ompl.collision.distances import (
+        PairDistances as PairDistances,
+        Proximity as Proximity,
+        Witnesses as Witnesses,
+    )
+    from safe_ompl.collision.kernels.proofs import prove_curve as prove_curve
+    from safe_ompl.collision.motion import (
+        FLOOR as FLOOR,
+        MotionLimit as MotionLimit,
+        MotionProver as MotionProver,
+        MotionVerdict as MotionVerdict,
+        Verdict as Verdict,
+    )
+    from safe_ompl.collision.pairs import (
+        DistanceBounds as DistanceBounds,
+        PairSet as PairSet,
+        edge_memory as edge_memory,
+    )
+    from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR, fresh_data as fresh_data
+    from safe_ompl.collision.self_filter import robot_points as robot_points, without_robot as without_robot
+    from safe_ompl.collision.separation import (
+        TOUCHING_ONLY as TOUCHING_ONLY,
+        MinClearance as MinClearance,
+        RequiredDistances as RequiredDistances,
+        Separation as Separation,
+    )
+    from safe_ompl.collision.tool_limits import (
+        TipBounds as TipBounds,
+        ToolLimit as ToolLimit,
+        ToolOrientation as ToolOrientation,
+    )
 
-__all__ = [
-    "DISTANCE_ERROR",
-    "FLOOR",
-    "INSIDE",
-    "TOUCHING_ONLY",
-    "Bubble",
-    "Clearance",
-    "CollisionChecker",
-    "DistanceBounds",
-    "MinClearance",
-    "MotionLimit",
-    "MotionProver",
-    "MotionVerdict",
-    "PairDistances",
-    "PairSet",
-    "Proximity",
-    "RequiredDistances",
-    "Separation",
-    "TipBounds",
-    "ToolLimit",
-    "ToolOrientation",
-    "Verdict",
-    "Witnesses",
-    "bubbles",
-    "edge_memory",
-    "fresh_data",
-    "prove_curve",
-    "robot_points",
-    "without_robot",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

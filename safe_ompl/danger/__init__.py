@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.danger.certified import CertifiedDanger, DangerBounds, DangerLimit
-    from safe_ompl.danger.field import DangerField
-    from safe_ompl.danger.kinetostatic import KinetostaticField
+    from safe_ompl.danger.certified import (
+        CertifiedDanger as CertifiedDanger,
+        DangerBounds as DangerBounds,
+        DangerLimit as DangerLimit,
+    )
+    from safe_ompl.danger.field import DangerField as DangerField
+    from safe_ompl.danger.kinetostatic import KinetostaticField as KinetostaticField
 
-__all__ = ["CertifiedDanger", "DangerBounds", "DangerField", "DangerLimit", "KinetostaticField"]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

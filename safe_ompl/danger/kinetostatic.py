@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, IntArray, configuration, configurations, finite_array
 from safe_ompl.danger.field import DangerField
-from safe_ompl.danger.kernels import kinetostatic as kernel
-from safe_ompl.danger.kernels import kinetostatic_peak as peak_kernel
+from safe_ompl.danger.kernels import kinetostatic as kernel, kinetostatic_peak as peak_kernel
 from safe_ompl.robot import plain
 from safe_ompl.robot.kernels import pull_back_motion
 

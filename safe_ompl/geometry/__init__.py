@@ -7,50 +7,29 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.geometry import surfaces
-    from safe_ompl.geometry.cloud import PointCloud
+    from safe_ompl.geometry import surfaces as surfaces
+    from safe_ompl.geometry.cloud import PointCloud as PointCloud
     from safe_ompl.geometry.hulls import (
-        ConvexBodies,
-        Hull,
-        bounding_box,
-        bounding_hull,
-        convex_hull,
-        hull_planes,
-        triangle_tree,
+        ConvexBodies as ConvexBodies,
+        Hull as Hull,
+        bounding_box as bounding_box,
+        bounding_hull as bounding_hull,
+        convex_hull as convex_hull,
+        hull_planes as hull_planes,
+        triangle_tree as triangle_tree,
     )
-    from safe_ompl.geometry.obstacle import Obstacle, check_number
-    from safe_ompl.geometry.person import LIMBS, STANDING, Limb, Person
-    from safe_ompl.geometry.pose import Pose, PoseLike, placed
-    from safe_ompl.geometry.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
-    from safe_ompl.geometry.surfaces import Triangles
+    from safe_ompl.geometry.obstacle import Obstacle as Obstacle, check_number as check_number
+    from safe_ompl.geometry.person import LIMBS as LIMBS, STANDING as STANDING, Limb as Limb, Person as Person
+    from safe_ompl.geometry.pose import Pose as Pose, PoseLike as PoseLike, placed as placed
+    from safe_ompl.geometry.shapes import (
+        Box as Box,
+        Capsule as Capsule,
+        Cylinder as Cylinder,
+        Mesh as Mesh,
+        Part as Part,
+        Shape as Shape,
+        Sphere as Sphere,
+    )
+    from safe_ompl.geometry.surfaces import Triangles as Triangles
 
-__all__ = [
-    "LIMBS",
-    "STANDING",
-    "Box",
-    "Capsule",
-    "ConvexBodies",
-    "Cylinder",
-    "Hull",
-    "Limb",
-    "Mesh",
-    "Obstacle",
-    "Part",
-    "Person",
-    "PointCloud",
-    "Pose",
-    "PoseLike",
-    "Shape",
-    "Sphere",
-    "Triangles",
-    "bounding_box",
-    "bounding_hull",
-    "check_number",
-    "convex_hull",
-    "hull_planes",
-    "placed",
-    "surfaces",
-    "triangle_tree",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -18,8 +18,7 @@ import pinocchio as pin
 import plyfile
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, float_array, warn_once
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, float_array, warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.shapes import LONGEST, Part, Shape, Sphere, array_digest

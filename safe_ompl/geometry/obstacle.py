@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, shown
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, documents as document, shown
 from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.person import Person
 from safe_ompl.geometry.pose import Pose, placed

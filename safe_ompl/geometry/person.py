@@ -13,8 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.shapes import Capsule, Part, Shape, Sphere

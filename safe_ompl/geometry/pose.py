@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, finite_array, shown, warn_once
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, shown, warn_once
 
 _log = logging.getLogger(__name__)
 

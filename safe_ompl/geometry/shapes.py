@@ -19,8 +19,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, shown, warn_once
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, shown, warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.hulls import convex_hull, triangle_tree
 from safe_ompl.geometry.pose import UNLIKELY, Pose

@@ -8,8 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import Counts, InputError, files, finite_array
-from safe_ompl.common import documents as document
+from safe_ompl.common import Counts, InputError, documents as document, files, finite_array
 from safe_ompl.io.motion_files import motion_content, motion_of_document, read_motion
 from safe_ompl.io.motions import JointPath, TimedMotion
 from safe_ompl.io.problems import Problem, built_scene, carried_scene

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from safe_ompl.common import FloatArray, InputError, files, listed
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, documents as document, files, listed
 from safe_ompl.io.motions import JointPath, kept_columns, read_table
 from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion

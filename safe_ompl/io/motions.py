@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, finite_array, listed, shown
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, listed, shown
 from safe_ompl.io.problems import Problem
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot

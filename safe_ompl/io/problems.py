@@ -20,8 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, get_args
 
-from safe_ompl.common import CertificateError, InputError, Section, files, key
-from safe_ompl.common import documents as document
+from safe_ompl.common import CertificateError, InputError, Section, documents as document, files, key
 from safe_ompl.io import schema
 from safe_ompl.io.schema import (
     carried_files,

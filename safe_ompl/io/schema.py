@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import InputError, UnknownNameError, shown
-from safe_ompl.common import documents as document
+from safe_ompl.common import InputError, UnknownNameError, documents as document, shown
 from safe_ompl.robot import PackageFolders, parsed, robots_folder
 
 FORMAT, VERSION = "safe-ompl certificate", 4

@@ -39,8 +39,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from safe_ompl.common import InputError, files
-from safe_ompl.common import documents as document
+from safe_ompl.common import InputError, documents as document, files
 from safe_ompl.io import schema
 from safe_ompl.io.problems import carried_scene, packed_robot
 from safe_ompl.io.schema import strict_json

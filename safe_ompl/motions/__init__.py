@@ -7,30 +7,24 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.motions.checks import TIME, MotionCheck, check, check_with, objection, retime, way_of, widest_tube
-    from safe_ompl.motions.motion import Motion
-    from safe_ompl.motions.rates import Violation, rate_violations
-    from safe_ompl.motions.repair import Repair, repair_with
-    from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
+    from safe_ompl.motions.checks import (
+        TIME as TIME,
+        MotionCheck as MotionCheck,
+        check as check,
+        check_with as check_with,
+        objection as objection,
+        retime as retime,
+        way_of as way_of,
+        widest_tube as widest_tube,
+    )
+    from safe_ompl.motions.motion import Motion as Motion
+    from safe_ompl.motions.rates import Violation as Violation, rate_violations as rate_violations
+    from safe_ompl.motions.repair import Repair as Repair, repair_with as repair_with
+    from safe_ompl.motions.tube import (
+        FACTOR as FACTOR,
+        MeasuredTube as MeasuredTube,
+        measured_tube as measured_tube,
+        tube_of as tube_of,
+    )
 
-__all__ = [
-    "FACTOR",
-    "TIME",
-    "MeasuredTube",
-    "Motion",
-    "MotionCheck",
-    "Repair",
-    "Violation",
-    "check",
-    "check_with",
-    "measured_tube",
-    "objection",
-    "rate_violations",
-    "repair_with",
-    "retime",
-    "tube_of",
-    "way_of",
-    "widest_tube",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -7,30 +7,25 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.paths.constraints import ConfigurationCheck, Constraints, UserCheck
-    from safe_ompl.paths.cost import PathCost
-    from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
-    from safe_ompl.paths.report import PathReport, Validation, claims_of, validate
-    from safe_ompl.paths.simplifier import Simplifier, Stop, timed, unrolled
+    from safe_ompl.paths.constraints import (
+        ConfigurationCheck as ConfigurationCheck,
+        Constraints as Constraints,
+        UserCheck as UserCheck,
+    )
+    from safe_ompl.paths.cost import PathCost as PathCost
+    from safe_ompl.paths.measures import (
+        PROFILE_POINTS as PROFILE_POINTS,
+        ClearanceReport as ClearanceReport,
+        Curve as Curve,
+        DangerReport as DangerReport,
+        forced_danger as forced_danger,
+    )
+    from safe_ompl.paths.report import (
+        PathReport as PathReport,
+        Validation as Validation,
+        claims_of as claims_of,
+        validate as validate,
+    )
+    from safe_ompl.paths.simplifier import Simplifier as Simplifier, Stop as Stop, timed as timed, unrolled as unrolled
 
-__all__ = [
-    "PROFILE_POINTS",
-    "ClearanceReport",
-    "ConfigurationCheck",
-    "Constraints",
-    "Curve",
-    "DangerReport",
-    "PathCost",
-    "PathReport",
-    "Simplifier",
-    "Stop",
-    "UserCheck",
-    "Validation",
-    "claims_of",
-    "forced_danger",
-    "timed",
-    "unrolled",
-    "validate",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

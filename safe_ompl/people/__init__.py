@@ -7,49 +7,30 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.calibration import GATE, calibrate
-    from safe_ompl.people.reach import CalibratedReach, ReachSets, limb_lines
+    from safe_ompl.people.calibration import GATE as GATE, calibrate as calibrate
+    from safe_ompl.people.reach import (
+        CalibratedReach as CalibratedReach,
+        ReachSets as ReachSets,
+        limb_lines as limb_lines,
+    )
     from safe_ompl.people.skeletons import (
-        HEIGHT,
-        KEYPOINTS,
-        PELVIS,
-        Recording,
-        Skeleton,
-        TrackedBody,
-        facing,
-        find_skeleton,
-        list_clips,
+        HEIGHT as HEIGHT,
+        KEYPOINTS as KEYPOINTS,
+        PELVIS as PELVIS,
+        Recording as Recording,
+        Skeleton as Skeleton,
+        TrackedBody as TrackedBody,
+        facing as facing,
+        find_skeleton as find_skeleton,
+        list_clips as list_clips,
     )
     from safe_ompl.people.tracking import (
-        ReachViolation,
-        Surroundings,
-        Tracker,
-        who_is_where,
-        who_moves,
-        without_glitches,
+        ReachViolation as ReachViolation,
+        Surroundings as Surroundings,
+        Tracker as Tracker,
+        who_is_where as who_is_where,
+        who_moves as who_moves,
+        without_glitches as without_glitches,
     )
 
-__all__ = [
-    "GATE",
-    "HEIGHT",
-    "KEYPOINTS",
-    "PELVIS",
-    "CalibratedReach",
-    "ReachSets",
-    "ReachViolation",
-    "Recording",
-    "Skeleton",
-    "Surroundings",
-    "TrackedBody",
-    "Tracker",
-    "calibrate",
-    "facing",
-    "find_skeleton",
-    "limb_lines",
-    "list_clips",
-    "who_is_where",
-    "who_moves",
-    "without_glitches",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

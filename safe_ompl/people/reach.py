@@ -16,8 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, Section, files, key
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, IntArray, Section, documents as document, files, key
 from safe_ompl.geometry import LIMBS
 from safe_ompl.people.kernels import Sets
 from safe_ompl.people.skeletons import find_skeleton

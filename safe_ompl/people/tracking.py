@@ -10,8 +10,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, float_array, number
-from safe_ompl.common import documents as document
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    IntArray,
+    UnknownNameError,
+    documents as document,
+    float_array,
+    number,
+)
 from safe_ompl.geometry import STANDING, Obstacle, Pose, bounding_hull, placed
 from safe_ompl.people.reach import CalibratedReach, ReachSets, limb_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody

@@ -7,31 +7,18 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.planning.front import Tradeoff, tradeoff
-    from safe_ompl.planning.planners import planner_data
-    from safe_ompl.planning.problem_setup import PLAN_JOBS, small_robot
-    from safe_ompl.planning.program_result import ProgramResult, Stretch
-    from safe_ompl.planning.programs import plan_program, program_robot
-    from safe_ompl.planning.result import Improvement, PlanResult
-    from safe_ompl.planning.safe_setup import SafeSetup, plan, repair, setup_problem, setup_scenario
+    from safe_ompl.planning.front import Tradeoff as Tradeoff, tradeoff as tradeoff
+    from safe_ompl.planning.planners import planner_data as planner_data
+    from safe_ompl.planning.problem_setup import PLAN_JOBS as PLAN_JOBS, small_robot as small_robot
+    from safe_ompl.planning.program_result import ProgramResult as ProgramResult, Stretch as Stretch
+    from safe_ompl.planning.programs import plan_program as plan_program, program_robot as program_robot
+    from safe_ompl.planning.result import Improvement as Improvement, PlanResult as PlanResult
+    from safe_ompl.planning.safe_setup import (
+        SafeSetup as SafeSetup,
+        plan as plan,
+        repair as repair,
+        setup_problem as setup_problem,
+        setup_scenario as setup_scenario,
+    )
 
-__all__ = [
-    "PLAN_JOBS",
-    "Improvement",
-    "PlanResult",
-    "ProgramResult",
-    "SafeSetup",
-    "Stretch",
-    "Tradeoff",
-    "plan",
-    "plan_program",
-    "planner_data",
-    "program_robot",
-    "repair",
-    "setup_problem",
-    "setup_scenario",
-    "small_robot",
-    "tradeoff",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

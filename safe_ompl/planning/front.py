@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import cycle, islice
 from typing import Any, NamedTuple
 
-from safe_ompl.common import InputError, instance, number, positive, until_ctrl_c
-from safe_ompl.common import seed as checked_seed
+from safe_ompl.common import InputError, instance, number, positive, seed as checked_seed, until_ctrl_c
 from safe_ompl.paths import PathCost, timed
 from safe_ompl.planning.planners import check_planner
 from safe_ompl.planning.result import PlanResult

@@ -8,8 +8,7 @@ from typing import Any
 from weakref import proxy
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
+from ompl import base as ob, geometric as og
 
 from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError
 from safe_ompl.planning.ompl import ScratchState, WorkspaceGoal

@@ -11,8 +11,7 @@ from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ompl import geometric as og
-from ompl import util as ou
+from ompl import geometric as og, util as ou
 
 import safe_ompl.motions as motions
 from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolLimit, ToolOrientation

@@ -22,9 +22,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError, clock, positive
-from safe_ompl.common import documents as document
-from safe_ompl.common import seed as checked_seed
+from safe_ompl.common import (
+    CollisionError,
+    FloatArray,
+    InputError,
+    PlanningError,
+    clock,
+    documents as document,
+    positive,
+    seed as checked_seed,
+)
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
 from safe_ompl.planning.program_result import ProgramResult, Stretch

@@ -17,9 +17,15 @@ from ompl import base as ob
 import safe_ompl.motions as motions
 import safe_ompl.tasks as tasks
 import safe_ompl.trajectories as trajectories
-from safe_ompl.common import FloatArray, InputError, clock, ctrl_c_as_such, positive
-from safe_ompl.common import documents as document
-from safe_ompl.common import seed as checked_seed
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    clock,
+    ctrl_c_as_such,
+    documents as document,
+    positive,
+    seed as checked_seed,
+)
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning.ompl import DangerObjective
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document
 from safe_ompl.motions import Motion, MotionCheck, tube_of
 from safe_ompl.planning.safe_setup import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot

@@ -7,76 +7,41 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.collision import CollisionSource
-    from safe_ompl.robot.displacement_bounds import ReachCylinder
-    from safe_ompl.robot.forward_kinematics import JointLimits, plain
+    from safe_ompl.robot.collision import CollisionSource as CollisionSource
+    from safe_ompl.robot.displacement_bounds import ReachCylinder as ReachCylinder
+    from safe_ompl.robot.forward_kinematics import JointLimits as JointLimits, plain as plain
     from safe_ompl.robot.ik import (
-        METRES_PER_RADIAN,
-        Place,
-        StepLimits,
-        approach,
-        inverse_kinematics,
-        limited_step,
-        motion_limits,
-        place_of,
-        pseudoinverse_step,
-        tip_reach,
-        transpose_step,
+        METRES_PER_RADIAN as METRES_PER_RADIAN,
+        Place as Place,
+        StepLimits as StepLimits,
+        approach as approach,
+        inverse_kinematics as inverse_kinematics,
+        limited_step as limited_step,
+        motion_limits as motion_limits,
+        place_of as place_of,
+        pseudoinverse_step as pseudoinverse_step,
+        tip_reach as tip_reach,
+        transpose_step as transpose_step,
     )
     from safe_ompl.robot.joints import (
-        Mimic,
-        arm_joints,
-        default_tip,
-        finger_joints,
-        has_range,
-        joints_without_range,
-        resting_value,
+        Mimic as Mimic,
+        arm_joints as arm_joints,
+        default_tip as default_tip,
+        finger_joints as finger_joints,
+        has_range as has_range,
+        joints_without_range as joints_without_range,
+        resting_value as resting_value,
     )
-    from safe_ompl.robot.parts import Attachment
-    from safe_ompl.robot.region import GoalRegion, RegionPlace
-    from safe_ompl.robot.robot import Robot, robot_hash
-    from safe_ompl.robot.spec import EXAMPLES, RobotSpec, find_example, robots_folder
-    from safe_ompl.robot.srdf import SrdfFile, disabled_links, srdf_text
-    from safe_ompl.robot.urdf import PackageFolders, UrdfFile, parsed
+    from safe_ompl.robot.parts import Attachment as Attachment
+    from safe_ompl.robot.region import GoalRegion as GoalRegion, RegionPlace as RegionPlace
+    from safe_ompl.robot.robot import Robot as Robot, robot_hash as robot_hash
+    from safe_ompl.robot.spec import (
+        EXAMPLES as EXAMPLES,
+        RobotSpec as RobotSpec,
+        find_example as find_example,
+        robots_folder as robots_folder,
+    )
+    from safe_ompl.robot.srdf import SrdfFile as SrdfFile, disabled_links as disabled_links, srdf_text as srdf_text
+    from safe_ompl.robot.urdf import PackageFolders as PackageFolders, UrdfFile as UrdfFile, parsed as parsed
 
-__all__ = [
-    "EXAMPLES",
-    "METRES_PER_RADIAN",
-    "Attachment",
-    "CollisionSource",
-    "GoalRegion",
-    "JointLimits",
-    "Mimic",
-    "PackageFolders",
-    "Place",
-    "ReachCylinder",
-    "RegionPlace",
-    "Robot",
-    "RobotSpec",
-    "SrdfFile",
-    "StepLimits",
-    "UrdfFile",
-    "approach",
-    "arm_joints",
-    "default_tip",
-    "disabled_links",
-    "find_example",
-    "finger_joints",
-    "has_range",
-    "inverse_kinematics",
-    "joints_without_range",
-    "limited_step",
-    "motion_limits",
-    "parsed",
-    "place_of",
-    "plain",
-    "pseudoinverse_step",
-    "resting_value",
-    "robot_hash",
-    "robots_folder",
-    "srdf_text",
-    "tip_reach",
-    "transpose_step",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -12,8 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, within
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, documents as document, within
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_box, bounding_hull
 from safe_ompl.robot.collision import drop_fixed_pairs, links_lacking_shapes, warn_of_unchecked
 from safe_ompl.robot.displacement_bounds import JointChain

@@ -9,8 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, Section, key
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, Section, documents as document, key
 from safe_ompl.geometry import Pose
 from safe_ompl.robot.ik import METRES_PER_RADIAN, Place
 from safe_ompl.robot.robot import Robot

@@ -12,8 +12,7 @@ from typing import Any, TypeAlias, get_args
 
 import pinocchio as pin
 
-from safe_ompl.common import RATE_BOUNDS, InputError, Section, UnknownNameError, key, warn_once
-from safe_ompl.common import documents as document
+from safe_ompl.common import RATE_BOUNDS, InputError, Section, UnknownNameError, documents as document, key, warn_once
 from safe_ompl.geometry import Pose
 from safe_ompl.robot.collision import (
     CollisionSource,

@@ -7,37 +7,32 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.scene.constraints import BodyRegion, MotionLimits, MovingObstacles, People, ToolConstraint
-    from safe_ompl.scene.mbm import WHERE_FROM, MbmFile, MbmProblem
-    from safe_ompl.scene.program import Attach, Detach, Gripper, Line, Move, Program, Seam, Step, Wait
-    from safe_ompl.scene.scenario import Goal, Scenario, configuration_for, find_scenario, list_scenarios
-    from safe_ompl.scene.scene import CORE, Scene
+    from safe_ompl.scene.constraints import (
+        BodyRegion as BodyRegion,
+        MotionLimits as MotionLimits,
+        MovingObstacles as MovingObstacles,
+        People as People,
+        ToolConstraint as ToolConstraint,
+    )
+    from safe_ompl.scene.mbm import WHERE_FROM as WHERE_FROM, MbmFile as MbmFile, MbmProblem as MbmProblem
+    from safe_ompl.scene.program import (
+        Attach as Attach,
+        Detach as Detach,
+        Gripper as Gripper,
+        Line as Line,
+        Move as Move,
+        Program as Program,
+        Seam as Seam,
+        Step as Step,
+        Wait as Wait,
+    )
+    from safe_ompl.scene.scenario import (
+        Goal as Goal,
+        Scenario as Scenario,
+        configuration_for as configuration_for,
+        find_scenario as find_scenario,
+        list_scenarios as list_scenarios,
+    )
+    from safe_ompl.scene.scene import CORE as CORE, Scene as Scene
 
-__all__ = [
-    "CORE",
-    "WHERE_FROM",
-    "Attach",
-    "BodyRegion",
-    "Detach",
-    "Goal",
-    "Gripper",
-    "Line",
-    "MbmFile",
-    "MbmProblem",
-    "MotionLimits",
-    "Move",
-    "MovingObstacles",
-    "People",
-    "Program",
-    "Scenario",
-    "Scene",
-    "Seam",
-    "Step",
-    "ToolConstraint",
-    "Wait",
-    "configuration_for",
-    "find_scenario",
-    "list_scenarios",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

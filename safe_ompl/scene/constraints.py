@@ -8,8 +8,7 @@ from math import inf, pi
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from safe_ompl.common import RATE_BOUNDS, InputError, Section, key
-from safe_ompl.common import documents as document
+from safe_ompl.common import RATE_BOUNDS, InputError, Section, documents as document, key
 from safe_ompl.geometry import LIMBS, Person
 from safe_ompl.scene.scene import Scene
 

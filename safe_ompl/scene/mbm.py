@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, files
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document, files
 from safe_ompl.robot import Robot
 from safe_ompl.scene.scenario import configuration_for
 from safe_ompl.scene.scene import Scene

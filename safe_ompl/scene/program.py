@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from safe_ompl.common import InputError, Section, key
-from safe_ompl.common import documents as document
+from safe_ompl.common import InputError, Section, documents as document, key
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion
 from safe_ompl.scene.constraints import Configuration, pairs_of_names, read_configuration

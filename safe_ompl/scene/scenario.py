@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, Section, UnknownNameError, files, key
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, Section, UnknownNameError, documents as document, files, key
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion, Robot, RobotSpec
 from safe_ompl.scene.constraints import Configuration, MotionLimits, PathLimits, People, read_configuration

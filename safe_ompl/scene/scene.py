@@ -12,8 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, Section, UnknownNameError, files, key, shown
-from safe_ompl.common import documents as document
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    IntArray,
+    Section,
+    UnknownNameError,
+    documents as document,
+    files,
+    key,
+    shown,
+)
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
 CORE = " mm deep"  # the end of the names of what is so deep in an obstacle that may be touched

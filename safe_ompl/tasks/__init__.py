@@ -7,20 +7,17 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.tasks.corridor import Corridor, CorridorProof, prove_corridor
-    from safe_ompl.tasks.tip import configurations_at
-    from safe_ompl.tasks.tool_motions import ToolMotion, ToolPlanner, tool_motion
-    from safe_ompl.tasks.tool_path import ToolPath
+    from safe_ompl.tasks.corridor import (
+        Corridor as Corridor,
+        CorridorProof as CorridorProof,
+        prove_corridor as prove_corridor,
+    )
+    from safe_ompl.tasks.tip import configurations_at as configurations_at
+    from safe_ompl.tasks.tool_motions import (
+        ToolMotion as ToolMotion,
+        ToolPlanner as ToolPlanner,
+        tool_motion as tool_motion,
+    )
+    from safe_ompl.tasks.tool_path import ToolPath as ToolPath
 
-__all__ = [
-    "Corridor",
-    "CorridorProof",
-    "ToolMotion",
-    "ToolPath",
-    "ToolPlanner",
-    "configurations_at",
-    "prove_corridor",
-    "tool_motion",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

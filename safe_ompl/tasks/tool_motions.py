@@ -11,8 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import FloatArray, InputError, clock, finite_array, instance, number, whole_number
-from safe_ompl.common import seed as checked_seed
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    clock,
+    finite_array,
+    instance,
+    number,
+    seed as checked_seed,
+    whole_number,
+)
 from safe_ompl.danger import DangerField
 from safe_ompl.motions import Motion, MotionCheck, check_with, rate_violations
 from safe_ompl.robot import Robot

@@ -8,73 +8,49 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.trajectories.caps import (
-        LINK_SPEED,
-        TOOL_SPEED,
-        MotionCaps,
-        StandstillError,
-        bending_cap,
-        braking,
-        speed_caps,
+        LINK_SPEED as LINK_SPEED,
+        TOOL_SPEED as TOOL_SPEED,
+        MotionCaps as MotionCaps,
+        StandstillError as StandstillError,
+        bending_cap as bending_cap,
+        braking as braking,
+        speed_caps as speed_caps,
     )
     from safe_ompl.trajectories.contact import (
-        CLAMPING,
-        CONTACT,
-        CONTACT_RULES,
-        SEPARATION,
-        ContactLimits,
-        contact_speed,
+        CLAMPING as CLAMPING,
+        CONTACT as CONTACT,
+        CONTACT_RULES as CONTACT_RULES,
+        SEPARATION as SEPARATION,
+        ContactLimits as ContactLimits,
+        contact_speed as contact_speed,
     )
-    from safe_ompl.trajectories.curve import BlendedCurve, BodySpeeds, Cells, CurvePoints, Piece, blended, divided_edges
-    from safe_ompl.trajectories.danger import MotionDanger
-    from safe_ompl.trajectories.kernels import Boxes, ceilings, drive
-    from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits
-    from safe_ompl.trajectories.separation import PeopleDistances
-    from safe_ompl.trajectories.stops import Stops, stops_beside
-    from safe_ompl.trajectories.time_law import SmoothLaw, velocity_cap
-    from safe_ompl.trajectories.timing import CELL_LENGTH, CELLS, PathTimer, time_path, within_tube
-    from safe_ompl.trajectories.trajectory import RATE, SpeedCap, State, Trajectory
+    from safe_ompl.trajectories.curve import (
+        BlendedCurve as BlendedCurve,
+        BodySpeeds as BodySpeeds,
+        Cells as Cells,
+        CurvePoints as CurvePoints,
+        Piece as Piece,
+        blended as blended,
+        divided_edges as divided_edges,
+    )
+    from safe_ompl.trajectories.danger import MotionDanger as MotionDanger
+    from safe_ompl.trajectories.kernels import Boxes as Boxes, ceilings as ceilings, drive as drive
+    from safe_ompl.trajectories.limits import RATE_TOLERANCE as RATE_TOLERANCE, RateLimits as RateLimits
+    from safe_ompl.trajectories.separation import PeopleDistances as PeopleDistances
+    from safe_ompl.trajectories.stops import Stops as Stops, stops_beside as stops_beside
+    from safe_ompl.trajectories.time_law import SmoothLaw as SmoothLaw, velocity_cap as velocity_cap
+    from safe_ompl.trajectories.timing import (
+        CELL_LENGTH as CELL_LENGTH,
+        CELLS as CELLS,
+        PathTimer as PathTimer,
+        time_path as time_path,
+        within_tube as within_tube,
+    )
+    from safe_ompl.trajectories.trajectory import (
+        RATE as RATE,
+        SpeedCap as SpeedCap,
+        State as State,
+        Trajectory as Trajectory,
+    )
 
-__all__ = [
-    "CELLS",
-    "CELL_LENGTH",
-    "CLAMPING",
-    "CONTACT",
-    "CONTACT_RULES",
-    "LINK_SPEED",
-    "RATE",
-    "RATE_TOLERANCE",
-    "SEPARATION",
-    "TOOL_SPEED",
-    "BlendedCurve",
-    "BodySpeeds",
-    "Boxes",
-    "Cells",
-    "ContactLimits",
-    "CurvePoints",
-    "MotionCaps",
-    "MotionDanger",
-    "PathTimer",
-    "PeopleDistances",
-    "Piece",
-    "RateLimits",
-    "SmoothLaw",
-    "SpeedCap",
-    "StandstillError",
-    "State",
-    "Stops",
-    "Trajectory",
-    "bending_cap",
-    "blended",
-    "braking",
-    "ceilings",
-    "contact_speed",
-    "divided_edges",
-    "drive",
-    "speed_caps",
-    "stops_beside",
-    "time_path",
-    "velocity_cap",
-    "within_tube",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -13,41 +13,26 @@ from typing import TYPE_CHECKING, Any
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.view import plots
-    from safe_ompl.view.content import RECORDING_ENDING, ViewerContent, read_recording
-    from safe_ompl.view.page import PLOT_ENDINGS
-    from safe_ompl.view.pictures import (
-        ANIMATION_ENDINGS,
-        draw_plan,
-        render_comparison,
-        render_path,
-        save_animation,
-        save_picture,
-        small_picture,
+    from safe_ompl.view import plots as plots
+    from safe_ompl.view.content import (
+        RECORDING_ENDING as RECORDING_ENDING,
+        ViewerContent as ViewerContent,
+        read_recording as read_recording,
     )
-    from safe_ompl.view.surfaces import RobotBody
-    from safe_ompl.view.viewer import BrowserView, save_page, view
+    from safe_ompl.view.page import PLOT_ENDINGS as PLOT_ENDINGS
+    from safe_ompl.view.pictures import (
+        ANIMATION_ENDINGS as ANIMATION_ENDINGS,
+        draw_plan as draw_plan,
+        render_comparison as render_comparison,
+        render_path as render_path,
+        save_animation as save_animation,
+        save_picture as save_picture,
+        small_picture as small_picture,
+    )
+    from safe_ompl.view.surfaces import RobotBody as RobotBody
+    from safe_ompl.view.viewer import BrowserView as BrowserView, save_page as save_page, view as view
 
-__all__ = [
-    "ANIMATION_ENDINGS",
-    "PLOT_ENDINGS",
-    "RECORDING_ENDING",
-    "BrowserView",
-    "RobotBody",
-    "ViewerContent",
-    "draw_plan",
-    "plots",
-    "read_recording",
-    "render_comparison",
-    "render_path",
-    "save_animation",
-    "save_page",
-    "save_picture",
-    "small_picture",
-    "view",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)
 
 
 class _CallableModule(ModuleType):

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import fresh_data
-from safe_ompl.common import FloatArray, InputError, finite_array
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, documents as document, finite_array
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks

@@ -233,8 +233,7 @@ def _panels(images: Sequence[Image], titles: Sequence[str], subtitles: Sequence[
     foot = _FOOT if caption else 0
     size = columns * (width + _GUTTER) + _GUTTER, rows * (height + _HEADING) + foot
     try:
-        from PIL import Image as Picture
-        from PIL import ImageDraw
+        from PIL import Image as Picture, ImageDraw
     except ImportError as missing:
         raise SafeOmplError("pictures need Pillow: pip install 'safe-ompl[plots]'") from missing
     page = Picture.new("RGB", size, "white")

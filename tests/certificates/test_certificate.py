@@ -10,8 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from signing import signed
 
 from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Scene

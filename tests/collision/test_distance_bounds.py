@@ -7,8 +7,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Scene, Verdict
 from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation

@@ -5,8 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from safe_ompl import InputError, Obstacle, Pose, Scene, Sphere, UnknownNameError
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation, Verdict

@@ -4,8 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, InputError, Obstacle, PointCloud, Pose, Robot, Scene, Sphere, certificate, verify
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Separation, Verdict

@@ -5,8 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CertifiedDanger, DangerField, DangerLimit, InputError, Verdict
 from safe_ompl.danger.certified import Ends, KeypointRates, chords

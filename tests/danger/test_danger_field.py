@@ -5,8 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, CertifiedDanger, DangerField, InputError, Obstacle, Person, Pose, Robot, Scene
 from safe_ompl.common import Counts

@@ -6,8 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from crank import CRANK
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from numpy.polynomial import Chebyshev, Polynomial
 from scipy.interpolate import CubicSpline
 

@@ -8,11 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from numpy.polynomial import Chebyshev, Polynomial
-from ompl import base as ob
-from ompl import geometric as og
+from ompl import base as ob, geometric as og
 from scipy import interpolate
 
 from safe_ompl import InputError, JointPath, Motion

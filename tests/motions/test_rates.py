@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from safe_ompl import InputError, Motion, RateLimits
 from safe_ompl.common.polynomials import peaks

@@ -10,9 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from ball import GOAL, IN_BALL, START, setup_for
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
+from ompl import base as ob, geometric as og, util as ou
 
 from safe_ompl import PlanningError, SafeSetup, Scene
 from safe_ompl.planning.ompl import ScratchState, StateBridge

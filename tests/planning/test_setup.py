@@ -7,8 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from ball import BALL, GOAL, IN_BALL, SCENE, START, setup_for
-from ompl import base as ob
-from ompl import geometric as og
+from ompl import base as ob, geometric as og
 
 from safe_ompl import (
     Box,

@@ -5,8 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from safe_ompl import CollisionError, InputError, Obstacle, Person, Pose, Robot, SafeSetup, Scene, Sphere, tradeoff
 from safe_ompl.apps import main

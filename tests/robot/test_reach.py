@@ -6,8 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CollisionChecker, Scene
 from safe_ompl.geometry import Hull, bounding_hull

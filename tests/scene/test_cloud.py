@@ -10,8 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from safe_ompl import Box, CollisionChecker, InputError, Obstacle, PointCloud, Scene
 from safe_ompl.common import warn_once

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from safe_ompl import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Scene, Sphere
 from safe_ompl.common import InputError, UnknownNameError, warn_once

@@ -6,8 +6,7 @@ import coal
 import numpy as np
 import plyfile
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, Capsule, Cylinder, InputError, Mesh, Person, PointCloud, Sphere, UnknownNameError
 from safe_ompl.geometry import LIMBS, placed

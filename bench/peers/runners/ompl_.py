@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
+from ompl import base as ob, geometric as og, util as ou
 from pinocchio_world import World
 from protocol import Waypoints, serve
 

@@ -11,8 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from protocol import Waypoints, serve
 from scene_urdf import scene_srdf, scene_urdf
-from tesseract_robotics import tesseract_command_language as language
-from tesseract_robotics import tesseract_motion_planners_trajopt as trajopt
+from tesseract_robotics import tesseract_command_language as language, tesseract_motion_planners_trajopt as trajopt
 from tesseract_robotics.tesseract_common import FilesystemPath, GeneralResourceLocator, ManipulatorInfo
 from tesseract_robotics.tesseract_environment import Environment
 from tesseract_robotics.tesseract_motion_planners import PlannerRequest

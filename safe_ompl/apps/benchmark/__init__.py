@@ -7,20 +7,14 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.apps.benchmark.benchmark import Benchmark
-    from safe_ompl.apps.benchmark.campaign import Campaign, Summary, check_named_planner, default_planners, summarize
-    from safe_ompl.apps.benchmark.runs import Run, failure, run_planner
+    from safe_ompl.apps.benchmark.benchmark import Benchmark as Benchmark
+    from safe_ompl.apps.benchmark.campaign import (
+        Campaign as Campaign,
+        Summary as Summary,
+        check_named_planner as check_named_planner,
+        default_planners as default_planners,
+        summarize as summarize,
+    )
+    from safe_ompl.apps.benchmark.runs import Run as Run, failure as failure, run_planner as run_planner
 
-__all__ = [
-    "Benchmark",
-    "Campaign",
-    "Run",
-    "Summary",
-    "check_named_planner",
-    "default_planners",
-    "failure",
-    "run_planner",
-    "summarize",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

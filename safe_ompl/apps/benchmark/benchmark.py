@@ -18,8 +18,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from ompl import base as ob
-from ompl import tools as ot
+from ompl import base as ob, tools as ot
 
 from safe_ompl.apps.benchmark.campaign import Value, run_measures
 from safe_ompl.apps.benchmark.runs import Run, results_of, rounds, run_planner

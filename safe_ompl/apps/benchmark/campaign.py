@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.apps.benchmark.runs import Run, results_of, rounds, run_planner
-from safe_ompl.common import FloatArray, whole_number
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, documents as document, whole_number
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.scene import Scenario

@@ -10,8 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-from safe_ompl.common import InputError, UnknownNameError
-from safe_ompl.common import documents as document
+from safe_ompl.common import InputError, UnknownNameError, documents as document
 from safe_ompl.planning.planners import planner_names
 from safe_ompl.robot import CollisionSource
 from safe_ompl.scene import Scenario, ToolConstraint, find_scenario

@@ -17,8 +17,7 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import add_timed_options, rate_limits, show_timed, timed
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.certificates import motion_certificate
-from safe_ompl.common import FloatArray, InputError, files
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, documents as document, files
 from safe_ompl.io import WRITABLE, TimedMotion, motion_content, read_log, read_motion
 from safe_ompl.motions import (
     FACTOR,

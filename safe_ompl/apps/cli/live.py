@@ -17,8 +17,7 @@ import pinocchio as pin
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
 from safe_ompl.people import HEIGHT, PELVIS, CalibratedReach, Recording, Surroundings, TrackedBody, Tracker, facing

@@ -20,8 +20,7 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.pick_and_place import Gripper, block, planned
 from safe_ompl.collision import CollisionChecker
-from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, files
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, documents as document, files
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.planning import SafeSetup
 from safe_ompl.robot import (

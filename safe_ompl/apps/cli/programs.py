@@ -10,8 +10,7 @@ from typing import Any
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.certificates import Verified, program_certificate, terms_of, verify_program
-from safe_ompl.common import InputError, files
-from safe_ompl.common import documents as document
+from safe_ompl.common import InputError, documents as document, files
 from safe_ompl.io import motion_content
 from safe_ompl.planning import ProgramResult, plan_program, program_robot
 from safe_ompl.scene import Scenario

@@ -12,8 +12,7 @@ from safe_ompl.apps.cli import arguments, output, programs
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.certificates import PROGRAM_FORMAT, TIME, Verified, certificate, clearance_claim, terms_of, verify
 from safe_ompl.collision import TipBounds, ToolOrientation
-from safe_ompl.common import CertificateError, InputError, files
-from safe_ompl.common import documents as document
+from safe_ompl.common import CertificateError, InputError, documents as document, files
 from safe_ompl.io import schema
 from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.scene import Scenario

@@ -14,8 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.apps.exchange.moveit import document_of
-from safe_ompl.common import InputError, UnknownNameError, files
-from safe_ompl.common import documents as document
+from safe_ompl.common import InputError, UnknownNameError, documents as document, files
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere
 from safe_ompl.robot import Robot, UrdfFile
 from safe_ompl.scene import Scene

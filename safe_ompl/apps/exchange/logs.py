@@ -33,8 +33,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from safe_ompl.apps.exchange import messages
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.common import documents as document
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document
 from safe_ompl.io import check_header, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.version import __version__

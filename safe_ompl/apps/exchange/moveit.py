@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import InputError, UnknownNameError, files
-from safe_ompl.common import documents as document
+from safe_ompl.common import InputError, UnknownNameError, documents as document, files
 from safe_ompl.geometry import Box, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere
 from safe_ompl.robot import Attachment
 from safe_ompl.scene import Scene

@@ -18,8 +18,16 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.verifier.verify import TIME, Terms, Verified, malformed_refused, verify
-from safe_ompl.common import CertificateError, FloatArray, InputError, Section, clock, key, positive
-from safe_ompl.common import documents as document
+from safe_ompl.common import (
+    CertificateError,
+    FloatArray,
+    InputError,
+    Section,
+    clock,
+    documents as document,
+    key,
+    positive,
+)
 from safe_ompl.geometry import Obstacle
 from safe_ompl.io import built_robot, built_scene, schema
 from safe_ompl.robot import Robot, robot_hash

@@ -19,8 +19,7 @@ from safe_ompl.certificates.claims import Certificate
 from safe_ompl.certificates.verifier.bodies import Budget, Separations
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
-from safe_ompl.common import CertificateError, InputError, files, notebook_html, positive
-from safe_ompl.common import documents as document
+from safe_ompl.common import CertificateError, InputError, documents as document, files, notebook_html, positive
 from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.scene import Scene

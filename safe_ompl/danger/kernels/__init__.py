@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.danger.kernels.danger import PointDanger, dangers
-    from safe_ompl.danger.kernels.kinetostatic import CellMotions, cell_bounds
+    from safe_ompl.danger.kernels.danger import PointDanger as PointDanger, dangers as dangers
+    from safe_ompl.danger.kernels.kinetostatic import CellMotions as CellMotions, cell_bounds as cell_bounds
 
-__all__ = ["CellMotions", "PointDanger", "cell_bounds", "dangers"]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -7,21 +7,15 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.replanning.guard import Command, Doing, Guard, ReplanningOptions, stop_as_dict
-    from safe_ompl.people.replanning.guarded_path import PathLimits
-    from safe_ompl.people.replanning.replanner import Replanner
-    from safe_ompl.people.replanning.shield import Shield, ShieldCommand
+    from safe_ompl.people.replanning.guard import (
+        Command as Command,
+        Doing as Doing,
+        Guard as Guard,
+        ReplanningOptions as ReplanningOptions,
+        stop_as_dict as stop_as_dict,
+    )
+    from safe_ompl.people.replanning.guarded_path import PathLimits as PathLimits
+    from safe_ompl.people.replanning.replanner import Replanner as Replanner
+    from safe_ompl.people.replanning.shield import Shield as Shield, ShieldCommand as ShieldCommand
 
-__all__ = [
-    "Command",
-    "Doing",
-    "Guard",
-    "PathLimits",
-    "Replanner",
-    "ReplanningOptions",
-    "Shield",
-    "ShieldCommand",
-    "stop_as_dict",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -8,37 +8,24 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.people.simulation.movers import (
-        ALL_KEYPOINTS,
-        Drifting,
-        PersonMover,
-        Playback,
-        Solid,
-        Walker,
-        World,
-        limb_solids,
-        part_solids,
+        ALL_KEYPOINTS as ALL_KEYPOINTS,
+        Drifting as Drifting,
+        PersonMover as PersonMover,
+        Playback as Playback,
+        Solid as Solid,
+        Walker as Walker,
+        World as World,
+        limb_solids as limb_solids,
+        part_solids as part_solids,
     )
-    from safe_ompl.people.simulation.program import Leg, ProgramSimulation
-    from safe_ompl.people.simulation.simulation import Contact, ContactMonitor, Faults, Nearest, Simulation, Summary
+    from safe_ompl.people.simulation.program import Leg as Leg, ProgramSimulation as ProgramSimulation
+    from safe_ompl.people.simulation.simulation import (
+        Contact as Contact,
+        ContactMonitor as ContactMonitor,
+        Faults as Faults,
+        Nearest as Nearest,
+        Simulation as Simulation,
+        Summary as Summary,
+    )
 
-__all__ = [
-    "ALL_KEYPOINTS",
-    "Contact",
-    "ContactMonitor",
-    "Drifting",
-    "Faults",
-    "Leg",
-    "Nearest",
-    "PersonMover",
-    "Playback",
-    "ProgramSimulation",
-    "Simulation",
-    "Solid",
-    "Summary",
-    "Walker",
-    "World",
-    "limb_solids",
-    "part_solids",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

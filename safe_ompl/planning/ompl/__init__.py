@@ -7,30 +7,23 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.planning.ompl.goals import REGION_TOLERANCE, TOLERANCE, RegionGoal, WorkspaceGoal
-    from safe_ompl.planning.ompl.objective import DangerObjective, StateCost
-    from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
+    from safe_ompl.planning.ompl.goals import (
+        REGION_TOLERANCE as REGION_TOLERANCE,
+        TOLERANCE as TOLERANCE,
+        RegionGoal as RegionGoal,
+        WorkspaceGoal as WorkspaceGoal,
+    )
+    from safe_ompl.planning.ompl.objective import DangerObjective as DangerObjective, StateCost as StateCost
+    from safe_ompl.planning.ompl.states import (
+        ScratchState as ScratchState,
+        StateBridge as StateBridge,
+        joint_space as joint_space,
+    )
     from safe_ompl.planning.ompl.validity import (
-        RESOLUTION,
-        CertifiedMotionValidator,
-        CollisionFreeValidity,
-        SampledValidity,
+        RESOLUTION as RESOLUTION,
+        CertifiedMotionValidator as CertifiedMotionValidator,
+        CollisionFreeValidity as CollisionFreeValidity,
+        SampledValidity as SampledValidity,
     )
 
-__all__ = [
-    "REGION_TOLERANCE",
-    "RESOLUTION",
-    "TOLERANCE",
-    "CertifiedMotionValidator",
-    "CollisionFreeValidity",
-    "DangerObjective",
-    "RegionGoal",
-    "SampledValidity",
-    "ScratchState",
-    "StateBridge",
-    "StateCost",
-    "WorkspaceGoal",
-    "joint_space",
-]
-
-__getattr__, __dir__ = lazily(__name__, __file__)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

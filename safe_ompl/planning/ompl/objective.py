@@ -12,8 +12,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
+from ompl import base as ob, geometric as og
 
 from safe_ompl.common import FloatArray, halton_point, positive
 from safe_ompl.danger import DangerField

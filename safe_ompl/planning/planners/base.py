@@ -13,8 +13,7 @@ from operator import attrgetter
 from typing import Any, ClassVar, Generic, TypeVar, cast, overload
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
+from ompl import base as ob, geometric as og
 
 from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, flag, number, warn_once, whole_number
 from safe_ompl.planning.planners.problem import PlanningProblem

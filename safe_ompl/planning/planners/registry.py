@@ -7,9 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
+from ompl import base as ob, geometric as og, util as ou
 
 from safe_ompl.common import InputError, UnknownNameError, clock
 from safe_ompl.planning.ompl import WorkspaceGoal

@@ -10,8 +10,7 @@ import sqlite3
 
 import numpy as np
 import pytest
-from ompl import geometric as og
-from ompl import tools as ot
+from ompl import geometric as og, tools as ot
 
 from safe_ompl import Benchmark, InputError, PlanningError, SafeRRTConnect, SafeSetup, Scenario, UnknownNameError
 from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, summarize

@@ -5,8 +5,7 @@ from itertools import count
 
 import numpy as np
 import pytest
-from ompl import base as ob
-from ompl import geometric as og
+from ompl import base as ob, geometric as og
 from plane import PlaneProblem, SlopedHotSpot
 
 from safe_ompl import DangerField, DangerObjective, InputError, Pose, SafeRRTConnect, Scenario, Scene, make_planner

@@ -6,8 +6,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 import pytest
-from ompl import base as ob
-from ompl import geometric as og
+from ompl import base as ob, geometric as og
 from plane import (
     EXACT,
     GOAL,

@@ -9,9 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
+from ompl import base as ob, geometric as og, util as ou
 
 from safe_ompl import SafeRRTConnect, SafeSetup, Scenario, make_planner, planner_data, planner_names
 from safe_ompl.planning import setup_scenario
