@@ -3,11 +3,14 @@
 The first line is a header:
 
     {"format": "safe-ompl ticks", "version": 2, "tick": 0.05, "joint_names": [...], "robot": {...}, "scene": {...},
-     "people": {"operator": {"height": 1.75, "limbs": ["head", ...]}}, "objects": {"cube": 0.5}}
+     "people": {"operator": {"height": 1.75, "limbs": ["head", ...], "noise": 0.0, "growth": {"head": [[0.0, 1.6]]}}},
+     "objects": {"cube": 0.5}, "rules": {"clearance": 0.0, "contact": false, "assumed": "..."},
+     "made_by": {"safe-ompl": "0.1.0", ...}}
 
 ``robot`` and ``scene`` are as in saved results (`safe_ompl.io.problems`); the scene holds what stands still, and moving
-objects where they are at first, but no tracked people; ``objects`` are bounds of speeds [m/s]. Every other line is a
-tick:
+objects where they are at first, but no tracked people; ``objects`` are bounds of speeds [m/s]. In a time t a limb goes
+no farther than the least of its lines g₀ + g₁·t of ``growth``; ``noise`` bounds the errors of what is seen [m]. Every
+other line is a tick:
 
     {"time": 1.25, "q": [...], "qd": [...], "stop": {"times": [1.25, 1.3, ...], "q": [[...], ...], "qd": [[...], ...]},
      "people": {"operator": {"head": [x, y, z], "left_shoulder": [...], ...}},
@@ -36,6 +39,7 @@ what was seen last, no ``obeyed`` and no ``reaction``; ``follows`` and ``delay``
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -47,6 +51,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 FORMAT, VERSION = "safe-ompl ticks", 2
+_MAKERS = ("safe-ompl", "numpy", "pin", "coal", "numba")
 
 
 def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,6 +63,7 @@ def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, A
         "joint_names": list(robot.joint_names),
         "robot": packed_robot(robot),
         "scene": carried_scene(scene),
+        "made_by": {name: version(name) for name in _MAKERS},
         **moving,
     }
 

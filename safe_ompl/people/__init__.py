@@ -29,7 +29,6 @@ if TYPE_CHECKING:
         Surroundings as Surroundings,
         Tracker as Tracker,
         who_is_where as who_is_where,
-        who_moves as who_moves,
         without_glitches as without_glitches,
     )
 

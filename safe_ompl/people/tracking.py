@@ -114,7 +114,7 @@ class PersonTrack:
                 f"tracker has {own[0]!r} and {'no gate' if own[1] is None else f'one of {own[1]:g} m/s'}",
                 name,
             )
-        self._lines = limb_lines(tracker.body.limbs, people, reach)
+        self.lines = limb_lines(tracker.body.limbs, people, reach)
         self.time = -np.inf
         self.gate = Gate(tracker)
         self._places: FloatArray = np.full((len(KEYPOINTS), 3), np.nan)
@@ -168,8 +168,8 @@ class PersonTrack:
         """Return where the limbs may be from the time of the last measurement on; errors as `measured`."""
         if self._sets is None:
             ends, ages = self.measured()
-            known = self.tracker.noise + self._lines[..., 0] + self._lines[..., 1] * ages[:, None]
-            body, growth = self.tracker.body, np.stack([known, self._lines[..., 1]], axis=-1)
+            known = self.tracker.noise + self.lines[..., 0] + self.lines[..., 1] * ages[:, None]
+            body, growth = self.tracker.body, np.stack([known, self.lines[..., 1]], axis=-1)
             names = tuple((self.name, limb) for limb in body.limbs)
             self._sets = ReachSets.of(names, ends, body.radii(ends), growth)
         return self._sets
@@ -266,8 +266,8 @@ class Surroundings:
         for name in trackers:
             if name in objects:
                 raise InputError(f"{name!r} is a person and an object: give one of both", "objects")
-        reach = None if self.rules.reach is None else CalibratedReach.load(self.rules.reach)
-        self.people = {name: PersonTrack(name, how, self.rules, reach) for name, how in trackers.items()}
+        self.reach = None if self.rules.reach is None else CalibratedReach.load(self.rules.reach)
+        self.people = {name: PersonTrack(name, how, self.rules, self.reach) for name, how in trackers.items()}
         self.objects = {name: _track(scene[name], speed) for name, speed in objects.items()}
         self.shapes = {name: scene[name].shape for name in objects}
         self.scene = scene.without(*(name for name in scene.names if name in trackers))
@@ -290,9 +290,24 @@ class Surroundings:
         return seen and all(np.isfinite(track.seen) for track in self.objects.values())
 
     def description(self) -> dict[str, Any]:
-        """Return heights and limbs of the people and bounds of the objects' speeds, as plain data."""
-        trackers = {name: track.tracker for name, track in self.people.items()}
-        return who_moves(trackers, {name: track.speed for name, track in self.objects.items()})
+        """Return who and what moves, and what is assumed of them, as the header of ticks has it."""
+        people = {}
+        for name, track in self.people.items():
+            body = track.tracker.body
+            growth = dict(zip(body.limbs, track.lines.tolist(), strict=True))
+            people[name] = {
+                "height": body.height,
+                "limbs": list(body.limbs),
+                "noise": track.tracker.noise,
+                "growth": growth,
+            }
+        rules = self.rules
+        assumed = str(self.reach or f"limbs are no faster than {max([rules.speed, *rules.speeds.values()]):g} m/s")
+        return {
+            "people": people,
+            "objects": {name: track.speed for name, track in self.objects.items()},
+            "rules": {"clearance": rules.clearance, "contact": rules.contact, "assumed": assumed},
+        }
 
     def seen(self) -> dict[str, Any]:
         """Return where all were seen last, as plain data, see `who_is_where`; nobody who was never seen."""
@@ -333,13 +348,6 @@ class Surroundings:
             if age > lost_after:
                 return f"{name!r} was not seen " + ("yet" if np.isinf(age) else f"for {age:.2f} s")
         return str(self._violations[0]) if self._violations else None
-
-
-def who_moves(people: Mapping[str, Tracker], objects: Mapping[str, float]) -> dict[str, Any]:
-    """Return who and what moves, as the header of ticks (`safe_ompl.io.ticks`) has it; speeds of objects in m/s."""
-    bodies = {name: tracker.body for name, tracker in people.items()}
-    found = {name: {"height": body.height, "limbs": list(body.limbs)} for name, body in bodies.items()}
-    return {"people": found, "objects": dict(objects)}
 
 
 def who_is_where(people: Mapping[str, FloatArray | None], objects: Mapping[str, pin.SE3]) -> dict[str, dict[str, Any]]:

@@ -136,7 +136,7 @@ def cell_of(
     still = scenario.scene.without(*(n for n in scenario.scene.names if n in trackers or n in moving))
     limited = limits_of_still(scenario, still, beside_people=bool(trackers))
     setup_scenario(limited, robot)  # what cannot be used is said now
-    Surroundings(scenario.scene, trackers, moving, people)
+    described = Surroundings(scenario.scene, trackers, moving, people).description()
 
     def plan(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Replanner | Shield:
         seen, own = () if cloud is None else (cloud,), scenario.motion
@@ -158,7 +158,7 @@ def cell_of(
         replanner.start(timed_way(result.path, robot, setup.motion_prover, scenario))
         return replanner
 
-    return Cell(robot, trackers, moving, plan, shielded=options.shield)
+    return Cell(robot, trackers, moving, plan, options.shield, described)
 
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:

@@ -67,12 +67,11 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     if options.animation is None:
         output.need_extra("viewer")
-    readers = {RECORDING_ENDING: read_ticks, ".mcap": _read_log}
-    recordings = [name for name in options.what if Path(name).suffix.lower() in readers]
+    recordings = [name for name in options.what if Path(name).suffix.lower() in TICK_READERS]
     if recordings:
         if len(options.what) > 1:
             raise InputError(f"one recording at a time, not {', '.join(options.what)}")
-        read = readers[Path(recordings[0]).suffix.lower()]
+        read = TICK_READERS[Path(recordings[0]).suffix.lower()]
         recorded = read_recording(recordings[0], package_dirs=options.package_dir, read=read)
         return lambda: _show(recorded, options)
     files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
@@ -93,6 +92,9 @@ def _read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     from safe_ompl.apps.exchange import read_log  # needs the extra
 
     return read_log(file)
+
+
+TICK_READERS = {RECORDING_ENDING: read_ticks, ".mcap": _read_log}
 
 
 def _show(content: ViewerContent, options: argparse.Namespace) -> int:

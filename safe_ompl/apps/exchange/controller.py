@@ -29,7 +29,7 @@ from safe_ompl.collision import robot_points
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
 from safe_ompl.geometry import Obstacle, PointCloud, Pose
 from safe_ompl.motions import Motion
-from safe_ompl.people import Surroundings, Tracker, who_moves
+from safe_ompl.people import Surroundings, Tracker
 from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions, Shield, stop_as_dict
 from safe_ompl.robot import Robot
 
@@ -57,11 +57,7 @@ class Cell:
     # A shield has no goal: it begins at the start.
     plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner | Shield]
     shielded: bool = False  # Whether proposals are followed, and not goals
-
-    @property
-    def moving(self) -> dict[str, Any]:
-        """Who and what moves, as the header of ticks has it."""
-        return who_moves(self.trackers, self.objects)
+    moving: Mapping[str, Any] = field(default_factory=dict)  # Who and what moves, as the header of ticks has it
 
 
 @dataclass(frozen=True)
