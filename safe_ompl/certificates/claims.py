@@ -267,7 +267,7 @@ class TimedMotion(Section):
     """The path in time: its curve, its time law or the plan that is averaged over a window, and its limits."""
 
     pieces: tuple[Piece, ...] = key(document.each, read=document.section, kind=Piece, least="piece")
-    corners: tuple[int, ...] = key(document.each, read=document.whole)
+    corners: tuple[int, ...] = key(document.each, read=document.whole_number, at_least=0)
     edges: FloatArray = key(document.array)
     squares: FloatArray = key(document.array)
     duration: float = key(document.number, above=0.0)

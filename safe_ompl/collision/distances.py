@@ -11,7 +11,7 @@ import pinocchio as pin
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.kernels.distances import hinge_costs
 from safe_ompl.collision.queries import DISTANCE_ERROR, TreeDistances, fresh_data
-from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread, positive
+from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread, number
 from safe_ompl.robot import Robot, plain
 
 _TINY = 1e-12  # [m]
@@ -186,7 +186,7 @@ class Proximity:
 
     def __init__(self, checker: CollisionChecker, within: float) -> None:
         self.checker = checker
-        self.within = positive(within, "distance to obstacles", "length [m]")
+        self.within = number("distance to obstacles", within, above=0.0, kind="length [m]")
         self.distances = PairDistances(checker, self.within)
 
     def near(self, Q: FloatArray) -> BoolArray:

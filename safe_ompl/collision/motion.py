@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pairs import BoundsProof, Curve
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, positive, shaped_configuration
+from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, number, shaped_configuration
 from safe_ompl.robot import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
@@ -112,7 +112,7 @@ class MotionProver:
         stop: Callable[[], bool] = _never,
     ) -> None:
         self._checker, self._stop = checker, stop
-        self._floor = positive(floor, "floor", "length [m]")
+        self._floor = number("floor", floor, above=0.0, kind="length [m]")
         self._separation = separation
         self._limits = tuple(limits)
         self._required = separation.required(checker)

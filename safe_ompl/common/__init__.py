@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         listed as listed,
         motion_ends as motion_ends,
         number as number,
-        positive as positive,
         seed as seed,
         shaped_configuration as shaped_configuration,
         shown as shown,

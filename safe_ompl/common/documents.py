@@ -19,8 +19,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from safe_ompl.common import inputs
 from safe_ompl.common.errors import InputError, UnknownNameError, cut, did_you_mean
+from safe_ompl.common.inputs import (
+    FloatArray,
+    flag as flag,
+    number as number,
+    shown,
+    text as text,
+    whole_number as whole_number,
+)
 
 _Section = TypeVar("_Section", bound="Section")
 _LONGEST_LINE = 1000  # characters of a name or of a remark
@@ -142,7 +149,7 @@ def mapping(key: str, value: Any, valid: Iterable[str] | None = None) -> dict[st
         raise InputError(f"must be a mapping of keys to values, got {kind_of(value)}", key)
     for name in value:
         if not (isinstance(name, str) and name.isprintable()):
-            raise InputError(f"the key {inputs.shown(name)} must be text that can be printed", key)
+            raise InputError(f"the key {shown(name)} must be text that can be printed", key)
     if valid is not None:
         with within(key):
             check_keys(value, valid)
@@ -186,7 +193,7 @@ def by_name(
 
 
 def numbers_by_name(
-    key: str, value: Any, valid: Iterable[str] | None = None, *, least: str = "", **bounds: float | None
+    key: str, value: Any, valid: Iterable[str] | None = None, *, least: str = "", **bounds: Any
 ) -> dict[str, float]:
     """Return `value` as a mapping of names, among `valid` if given, to finite floats within bounds of `number`."""
     return by_name(key, value, number, valid, least=least, **bounds)
@@ -216,11 +223,11 @@ def each(
     return tuple(read(f"{key}[{k}]", item, **options) for k, item in enumerate(items))
 
 
-def numbers(key: str, value: Any, count: int | None = None, **bounds: float | None) -> tuple[float, ...]:
+def numbers(key: str, value: Any, count: int | None = None, **bounds: Any) -> tuple[float, ...]:
     """Return `value` as `count` finite floats, each within bounds of `number`."""
     items = sequence(key, value)
     if count is not None and len(items) != count:
-        raise InputError(f"must be {count} numbers, got {len(items)}: {inputs.shown(items)}", key)
+        raise InputError(f"must be {count} numbers, got {len(items)}: {shown(items)}", key)
     return tuple(number(key, item, **bounds) for item in items)
 
 
@@ -232,7 +239,7 @@ def interval(key: str, value: Any) -> tuple[float, float]:
     return low, high
 
 
-def array(key: str, value: Any, *, ndim: int = 1) -> inputs.FloatArray:
+def array(key: str, value: Any, *, ndim: int = 1) -> FloatArray:
     """Return lists of finite numbers as an array that cannot be written to, of any lengths in one or two dimensions."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
@@ -258,15 +265,10 @@ def _is_finite(value: Any) -> bool:
 # ------------------------------------------------------------------------------------------------ single values
 
 
-def text(key: str, value: Any) -> str:
-    """Return `value` as text that is not empty."""
-    return inputs.text(f"{key}:", value)
-
-
 def line(key: str, value: Any) -> str:
     """Return one line of text that can be printed: no control characters that would change what a terminal shows."""
     if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > _LONGEST_LINE:
-        raise InputError(f"must be text of one line that can be printed, got {inputs.shown(value)}", key)
+        raise InputError(f"must be text of one line that can be printed, got {shown(value)}", key)
     return value
 
 
@@ -281,25 +283,8 @@ def one_of(key: str, value: Any, known: Iterable[Any]) -> Any:
 def sha(key: str, value: Any) -> str:
     """Return a SHA-256 in hexadecimal digits."""
     if not isinstance(value, str) or len(value) != 64 or not set(value) <= set("0123456789abcdef"):
-        raise InputError(f"must be a SHA-256, got {inputs.shown(value)}", key)
+        raise InputError(f"must be a SHA-256, got {shown(value)}", key)
     return value
-
-
-def flag(key: str, value: Any) -> bool:
-    """Return `value` as a bool."""
-    return inputs.flag(f"{key}:", value)
-
-
-def number(
-    key: str, value: Any, *, above: float | None = None, at_least: float | None = None, at_most: float | None = None
-) -> float:
-    """Return `value` as a finite float within bounds."""
-    return inputs.number(f"{key}:", value, above=above, at_least=at_least, at_most=at_most)
-
-
-def whole(key: str, value: Any, *, at_least: int = 0) -> int:
-    """Return `value` as an int within a bound."""
-    return inputs.whole_number(f"{key}:", value, at_least=at_least)
 
 
 def plain(key: str, value: Any, depth: int = _DEEPEST) -> Any:
@@ -321,7 +306,7 @@ def plain(key: str, value: Any, depth: int = _DEEPEST) -> Any:
 def file(key: str, value: Any, endings: tuple[str, ...]) -> Path:
     """Return `value` as the absolute path of a file that exists and ends in one of `endings`."""
     if not isinstance(value, (str, os.PathLike)):
-        raise InputError(f"must be a file name, got {inputs.shown(value)}", key)
+        raise InputError(f"must be a file name, got {shown(value)}", key)
     path = folder_of_document() / value
     if path.suffix.lower() not in endings:
         raise InputError(f"{str(path)!r} must end in {' or '.join(endings)}", key)
@@ -338,4 +323,4 @@ def file_name(path: Path, folder: Path | None = None) -> str:
 
 def kind_of(value: Any) -> str:
     """Return what `value` is, for messages: its type and how it is written."""
-    return "nothing" if value is None else f"{type(value).__name__} {inputs.shown(value)}"
+    return "nothing" if value is None else f"{type(value).__name__} {shown(value)}"

@@ -1,7 +1,7 @@
 """Types of arrays, and checks of what users give: numbers, flags, text, arrays and configurations.
 
 Every function takes what people have (Python's and NumPy's scalars, lists, arrays), returns it as the plain type that
-it stands for, or raises an `InputError` that reads ``<name> must be <what would be right>, got <what was given>``.
+it stands for, or raises an `InputError` that reads ``<name>: must be <what would be right>, got <what was given>``.
 A bool is never taken for a number, and NaN never for a value.
 """
 
@@ -64,7 +64,7 @@ def number(
         ):
             return result
     right = _bounded("finite", kind, above, at_least, at_most)
-    raise InputError(f"{name} must be {right}, got {shown(value)}")
+    raise InputError(f"must be {right}, got {shown(value)}", name)
 
 
 def whole_number(name: str, value: Any, *, at_least: int | None = None, at_most: int | None = None) -> int:
@@ -75,7 +75,7 @@ def whole_number(name: str, value: Any, *, at_least: int | None = None, at_most:
         if (at_least is None or result >= at_least) and (at_most is None or result <= at_most):
             return result
     right = _bounded("whole", "number", None, at_least, at_most)
-    raise InputError(f"{name} must be {right}, got {shown(value)}")
+    raise InputError(f"must be {right}, got {shown(value)}", name)
 
 
 def fraction(name: str, value: Any) -> float:
@@ -91,14 +91,14 @@ def seed(value: Any, name: str = "seed") -> int:
 def flag(name: str, value: Any) -> bool:
     """Return `value` as a bool, or raise InputError; 0 and 1 are numbers."""
     if not isinstance(value, (bool, np.bool_)):
-        raise InputError(f"{name} must be true or false, got {shown(value)}")
+        raise InputError(f"must be true or false, got {shown(value)}", name)
     return bool(value)
 
 
 def text(name: str, value: Any) -> str:
     """Return `value` as text that is not empty, or raise InputError."""
     if not isinstance(value, str) or not value.strip():
-        raise InputError(f"{name} must be text that is not empty, got {shown(value)}")
+        raise InputError(f"must be text that is not empty, got {shown(value)}", name)
     return str(value)
 
 
@@ -106,7 +106,7 @@ def instance(name: str, value: Any, kind: type[_Kind]) -> _Kind:
     """Return `value` where it is of a class, or raise InputError, which names the class."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        raise InputError(f"{name} must be {article} {kind.__name__}, got {shown(value)}")
+        raise InputError(f"must be {article} {kind.__name__}, got {shown(value)}", name)
     return value
 
 
@@ -118,7 +118,7 @@ def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> 
     """
     array = float_array(value, shape, name)
     if not np.isfinite(array).all():
-        raise InputError(f"{name} must be finite, got {_not_finite(array)}")
+        raise InputError(f"must be finite, got {_not_finite(array)}", name)
     return array
 
 
@@ -130,10 +130,10 @@ def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> F
             raise TypeError
         array = np.array(given, dtype=np.float64)
     except (OverflowError, TypeError, ValueError):
-        raise InputError(f"{name} must be numbers, got {shown(value)}") from None
+        raise InputError(f"must be numbers, got {shown(value)}", name) from None
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise InputError(f"{name} must have shape {wanted}, got {array.shape}")
+        raise InputError(f"must have shape {wanted}, got {array.shape}", name)
     return array
 
 
@@ -162,11 +162,6 @@ def shaped_configuration(q: ArrayLike, n: int, name: str) -> FloatArray:
     if type(q) is np.ndarray and q.dtype == _FLOAT and q.shape == (n,):
         return q
     return finite_array(q, (n,), name)
-
-
-def positive(value: Any, name: str, kind: str = "number") -> float:
-    """Return `value` as a finite float > 0, or raise InputError; the same as ``number(name, value, above=0)``."""
-    return number(name, value, above=0.0, kind=kind)
 
 
 def shown(value: Any) -> str:

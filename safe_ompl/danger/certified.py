@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, IntArray, finite_array, motion_ends, positive
+from safe_ompl.common import FloatArray, InputError, IntArray, finite_array, motion_ends, number
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kernels.danger import Ends, chords
 from safe_ompl.danger.link_field import segment_bounds
@@ -64,8 +64,8 @@ class CertifiedDanger:
 
     def __init__(self, field: DangerField, tolerance: float = 0.05, floor: float = 1e-4) -> None:
         self.field = field
-        self.tolerance = positive(tolerance, "tolerance")
-        self.floor = positive(floor, "floor")
+        self.tolerance = number("tolerance", tolerance, above=0.0)
+        self.floor = number("floor", floor, above=0.0)
 
     def __repr__(self) -> str:
         return f"CertifiedDanger({self.field!r}, tolerance={self.tolerance:g}, floor={self.floor:g})"
@@ -100,9 +100,9 @@ class DangerLimit:
     name = "danger"
 
     def __init__(self, field: DangerField, limit: float, floor: float = 1e-4) -> None:
-        self.limit = positive(limit, "max danger")
+        self.limit = number("max danger", limit, above=0.0)
         self.field = field
-        self._floor = positive(floor, "floor")
+        self._floor = number("floor", floor, above=0.0)
 
     def __repr__(self) -> str:
         return f"DangerLimit({self.field!r}, {self.limit:g})"

@@ -23,7 +23,6 @@ from safe_ompl.common import (
     documents,
     finite_array,
     number,
-    positive,
 )
 from safe_ompl.danger import link_field
 from safe_ompl.danger.kernels import danger as kernel
@@ -53,8 +52,8 @@ class DangerKind:
             raise UnknownNameError("aggregate", self.aggregate, AGGREGATES)
         if self.weighting not in link_field.WEIGHTINGS:
             raise UnknownNameError("weighting", self.weighting, link_field.WEIGHTINGS)
-        positive(self.k1, "k1")
-        positive(self.sharpness, "sharpness")
+        number("k1", self.k1, above=0.0)
+        number("sharpness", self.sharpness, above=0.0)
         if self.k2 is not None:
             number("k2", self.k2, at_least=0.0)
         number("gamma", self.gamma, at_least=0.0)
@@ -247,7 +246,7 @@ class DangerField:
         By Simpson's rule on pieces of at most 1 rad, which are halved, six times at most, until the trapezoidal rule is
         within the relative `tolerance` > 0 of the mean from it. Errors as `value`.
         """
-        positive(tolerance, "tolerance")
+        number("tolerance", tolerance, above=0.0)
         ends, points = np.concatenate([self._single(start), self._single(end)]), self._points
         if not len(points):
             return 0.0

@@ -204,7 +204,7 @@ class PointCloud(Shape):
 def _array(points: ArrayLike) -> FloatArray:
     if isinstance(points, Sized) and not len(points):
         raise InputError("the point cloud is empty", "points")
-    return float_array(points, (None, 3), "points:")
+    return float_array(points, (None, 3), "points")
 
 
 def _finite(points: FloatArray, key: str) -> FloatArray:

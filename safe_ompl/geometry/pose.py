@@ -82,7 +82,7 @@ class Pose:
             with document.within(key):
                 return cls(document.numbers("position", value, 3))
         else:
-            matrix = finite_array(value, (4, 4), f"{key}:")
+            matrix = finite_array(value, (4, 4), key)
         rotation = matrix[:3, :3]
         turned = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _NORM_TOLERANCE
         if not turned or np.linalg.det(rotation) < 0 or (matrix[3] != [0.0, 0.0, 0.0, 1.0]).any():

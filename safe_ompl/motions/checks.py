@@ -18,8 +18,8 @@ from safe_ompl.common import (
     finite_array,
     instance,
     notebook_html,
+    number,
     polynomials,
-    positive,
 )
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
@@ -148,7 +148,7 @@ def check_with(
     motion: Any, proof: MotionProver, limits: RateLimits | None = None, people: People | None = None, time: float = TIME
 ) -> MotionCheck:
     """Return the same as `check` with a `MotionProver` that is there already, within a time [s]."""
-    end = clock() + positive(time, "time", "number of seconds")
+    end = clock() + number("time", time, above=0.0, kind="number of seconds")
     limits = None if limits is None else instance("limits", limits, RateLimits)
     robot = proof.checker.robot
     motion = Motion.of(motion, space=robot).for_robot(robot)

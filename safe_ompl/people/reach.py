@@ -107,7 +107,7 @@ class CalibratedReach(Section):
     gate: float = key(document.number, above=0.0)  # That was used; a tracker must have the same one [m/s]
     # Probability that all of a unit that is exchangeable with the calibrated ones keeps to it; see `calibrate`
     level: float = key(document.number)
-    units: int = key(document.whole, at_least=1)  # Of the calibration
+    units: int = key(document.whole_number, at_least=1)  # Of the calibration
     horizons: tuple[float, ...] = key(document.numbers, above=0.0)  # Times since the limb was seen, ascending [s]
     # By limb how far its ends are from there at the most at each of the horizons, never falling [m]
     growth: Mapping[str, tuple[float, ...]] = key(

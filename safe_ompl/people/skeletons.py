@@ -330,8 +330,8 @@ class Recording:
             skeleton = skeleton_of([str(name) for name in arrays["names"].ravel()])
         except InputError as error:
             raise InputError(str(error), f"{path}: names") from None
-        rate = number(f"{path}: rate:", arrays["rate"].squeeze(), above=0.0)
-        frames = float_array(arrays[clip], (None, len(skeleton.points), 3), f"{path}: {clip}:")
+        rate = number(f"{path}: rate", arrays["rate"].squeeze(), above=0.0)
+        frames = float_array(arrays[clip], (None, len(skeleton.points), 3), f"{path}: {clip}")
         if not len(frames):
             raise InputError("has no frames", f"{path}: {clip}")
         if np.isinf(frames).any():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import cycle, islice
 from typing import Any, NamedTuple
 
-from safe_ompl.common import InputError, instance, number, positive, seed as checked_seed, until_ctrl_c
+from safe_ompl.common import InputError, instance, number, seed as checked_seed, until_ctrl_c
 from safe_ompl.paths import PathCost, timed
 from safe_ompl.planning.planners import check_planner
 from safe_ompl.planning.result import PlanResult
@@ -99,7 +99,7 @@ def tradeoff(
         On Ctrl-C before there is a path. Later the front is that of the paths so far.
     """
     space, seed = instance("setup", setup, SafeSetup).getSpaceInformation(), checked_seed(seed)
-    time = positive(time, "time limit", "number of seconds")
+    time = number("time limit", time, above=0.0, kind="number of seconds")
     for name, given in (("weights", weights), ("planners", planners)):
         if isinstance(given, str) or not len(given):
             raise InputError(f"{name} must be a list that is not empty, got {given!r}")

@@ -29,7 +29,7 @@ from safe_ompl.common import (
     PlanningError,
     clock,
     documents as document,
-    positive,
+    number,
     seed as checked_seed,
 )
 from safe_ompl.geometry import Obstacle, Pose
@@ -88,7 +88,7 @@ def plan_program(scenario: Scenario | str | Path, *, time: float = TIME, seed: i
     """
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(find_scenario(scenario))
-    limit = positive(time, "time limit", "number of seconds")
+    limit = number("time limit", time, above=0.0, kind="number of seconds")
     with _naming(scenario):
         return _ProgramPlanner(scenario, checked_seed(seed)).run(limit)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.common import Counts, FloatArray, PlanningError, clock, positive, until_ctrl_c
+from safe_ompl.common import Counts, FloatArray, PlanningError, clock, number, until_ctrl_c
 from safe_ompl.paths import Simplifier, Stop, timed
 from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
@@ -58,7 +58,7 @@ def stopping(time: Any) -> Stop:
         return lambda: bool(time())
     if not isinstance(time, bool) and isinstance(time, (int, float)) and time == 0:
         return lambda: False
-    return timed(positive(time, "time of simplification", "number of seconds"))
+    return timed(number("time of simplification", time, above=0.0, kind="number of seconds"))
 
 
 @dataclass

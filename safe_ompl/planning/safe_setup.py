@@ -23,7 +23,7 @@ from safe_ompl.common import (
     clock,
     ctrl_c_as_such,
     documents as document,
-    positive,
+    number,
     seed as checked_seed,
 )
 from safe_ompl.paths import Simplifier
@@ -157,7 +157,7 @@ class SafeSetup(ProblemSetup):
             is returned; `PlanResult.interrupted` says so.
         """
         begin = clock()
-        time = positive(time if optimise is None else optimise, "time limit", "number of seconds")
+        time = number("time limit", time if optimise is None else optimise, above=0.0, kind="number of seconds")
         simplification = simplification_time(simplify)
         run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
         if simplification is None and optimise is None:
@@ -214,7 +214,7 @@ class SafeSetup(ProblemSetup):
         time: float = 2.0,
     ) -> motions.Repair:
         """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
-        limit = positive(time, "time limit", "number of seconds")
+        limit = number("time limit", time, above=0.0, kind="number of seconds")
         return motions.repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
 
     def planTool(
@@ -279,7 +279,7 @@ def simplification_time(value: bool | float) -> float | None:
     """Return for how long to simplify [s], 0 without limit; None for not at all."""
     if isinstance(value, (bool, np.bool_)):
         return 0.0 if value else None
-    return positive(value, "simplify", "number of seconds")
+    return number("simplify", value, above=0.0, kind="number of seconds")
 
 
 def connecting(setup: SafeSetup, time: float) -> Callable[[FloatArray, FloatArray], FloatArray | None]:

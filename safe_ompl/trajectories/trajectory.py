@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, float_array, notebook_html, number, polynomials, positive
+from safe_ompl.common import FloatArray, InputError, float_array, notebook_html, number, polynomials
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
 from safe_ompl.trajectories.curve import BlendedCurve, CurvePoints, divided_edges
@@ -157,7 +157,7 @@ class Trajectory:
         and may be passed a little later than by `at`: by 0.1 % in most cases. There are `rate` of them in a second at
         least [Hz]; an InputError if that is not positive.
         """
-        positive(rate, "rate", "number of points per second")
+        number("rate", rate, above=0.0, kind="number of points per second")
         smooth = isinstance(self.law, SmoothLaw)
         edges, knots = self.law.edges, self.law.knots
         # The jerk jumps between pieces of the curve, too.

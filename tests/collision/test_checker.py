@@ -191,11 +191,11 @@ def test_margins_are_checked(panda, clutter):
     checker, q = CollisionChecker(panda, clutter), np.zeros(7)
     number = len(checker.pair_names)
     for margins, message in (
-        (np.zeros(number - 1), rf"margins must have shape \({number},?\), got \({number - 1},\)"),
-        (np.full(number, np.nan), "margins must be finite"),
-        (np.inf, "margins must be finite"),
+        (np.zeros(number - 1), rf"margins: must have shape \({number},?\), got \({number - 1},\)"),
+        (np.full(number, np.nan), "margins: must be finite"),
+        (np.inf, "margins: must be finite"),
         (-0.1, r"margins must be lengths >= 0 \[m\], got \[-0.1\]"),
-        ("wide", "margins must be numbers, got 'wide'"),
+        ("wide", "margins: must be numbers, got 'wide'"),
     ):
         for ask in (checker.within_margins, checker.pair_within_margins):
             with pytest.raises(InputError, match=message):
@@ -224,13 +224,13 @@ def test_configurations_are_checked(panda, clutter, question):
     np.testing.assert_equal(ask(tuple(q), *rest), expected)
     counted = checker.counts.copy()
     for bad, message in (
-        (np.full(7, np.nan), "configuration must be finite, got"),
-        ([0.0] * 6 + [np.inf], "configuration must be finite, got"),
-        (np.zeros(6), r"configuration must have shape \(7,?\), got \(6,\)"),
-        (np.zeros((7, 1)), "configuration must have shape"),
-        (0.0, "configuration must have shape"),
-        (None, "configuration must be|configuration must have"),
-        (["a"] * 7, "configuration must be numbers"),
+        (np.full(7, np.nan), "configuration: must be finite, got"),
+        ([0.0] * 6 + [np.inf], "configuration: must be finite, got"),
+        (np.zeros(6), r"configuration: must have shape \(7,?\), got \(6,\)"),
+        (np.zeros((7, 1)), "configuration: must have shape"),
+        (0.0, "configuration: must have shape"),
+        (None, "configuration: must be|configuration: must have"),
+        (["a"] * 7, "configuration: must be numbers"),
     ):
         with pytest.raises(InputError, match=message):
             ask(bad, *rest)

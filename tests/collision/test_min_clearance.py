@@ -125,9 +125,9 @@ def test_people_by_default(crank):
 
 @pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf, "0.1"])
 def test_the_distance_must_be_a_length(crank, bad):
-    with pytest.raises(InputError, match="min clearance must be a finite length"):
+    with pytest.raises(InputError, match="min clearance: must be a finite length"):
         near(CollisionChecker(crank, balls(a=0.9)), bad)
-    with pytest.raises(InputError, match="margin must be a finite length"):
+    with pytest.raises(InputError, match="margin: must be a finite length"):
         Separation(margin=bad)
 
 
@@ -201,8 +201,8 @@ def test_obstacles_that_move_come_on_top_of_a_clearance(crank):
     with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'; known: walker"):
         MotionProver(checker, separation=Separation(speeds={"runner": 1.0}, time=1.0))
     for speed in (-1.0, np.nan, np.inf):
-        with pytest.raises(InputError, match="speed of 'walker' must be a finite number"):
+        with pytest.raises(InputError, match="speed of 'walker': must be a finite number"):
             proof(speed, 1.0)
     for time in (-1.0, np.nan, np.inf, "1"):
-        with pytest.raises(InputError, match="time must be a finite number of seconds"):
+        with pytest.raises(InputError, match="time: must be a finite number of seconds"):
             proof(1.0, time)

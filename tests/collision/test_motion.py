@@ -265,7 +265,7 @@ def test_motions_must_be_finite(crank, bad):
 @pytest.mark.parametrize("floor", [0.0, -1e-3, np.nan, np.inf])
 def test_the_floor_must_be_a_length(crank, floor):
     checker = CollisionChecker(crank, Scene())
-    with pytest.raises(InputError, match="floor must be a positive length"):
+    with pytest.raises(InputError, match="floor: must be a positive length"):
         MotionProver(checker, floor)
     assert "floor=0.001" in repr(MotionProver(checker, 1e-3))
 
@@ -289,7 +289,7 @@ def test_motions_as_people_write_them(crank):
         assert motion.check(start, end) == MotionVerdict(Verdict.FREE)
     for start, end in (([0.0, 1.0], [0.5]), ([0.0], 0.5), (["a"], [0.5]), ([0.0], None)):
         for ask in (motion.is_free, motion.check):
-            with pytest.raises(InputError, match=r"(start|end) of a motion must"):
+            with pytest.raises(InputError, match=r"(start|end) of a motion: must"):
                 ask(start, end)
 
 

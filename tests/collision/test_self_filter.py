@@ -77,7 +77,7 @@ def test_a_cloud_that_is_all_robot_goes_and_one_without_robot_stays_itself(panda
 
 
 def test_what_cannot_be_is_refused(panda):
-    with pytest.raises(InputError, match="margin must be a finite number >= 0, got -1"):
+    with pytest.raises(InputError, match="margin: must be a finite number >= 0, got -1"):
         without_robot(Scene((Obstacle("s", PointCloud(0.01, points=[[5, 5, 5]])),)), panda, Q, -1)
-    with pytest.raises(InputError, match=r"q must have shape \(7\), got \(2,\)"):
+    with pytest.raises(InputError, match=r"q: must have shape \(7\), got \(2,\)"):
         robot_points([[0, 0, 0]], panda, [0, 1], 0.0)

@@ -123,10 +123,10 @@ def test_walls_may_be_missing(ur5):
     ("axis", "direction", "angle", "words"),
     [
         ([0, 0, 0], UP, 0.5, "axis of the tool must be a vector that is not zero, got"),
-        (UP, [0, 0], 0.5, r"direction of the tool must have shape \(3\), got \(2,\)"),
-        (UP, [0, 0, np.nan], 0.5, "direction of the tool must be finite"),
-        (UP, UP, 0.0, r"angle of the tool must be a finite angle \[rad\] in \(0, 3.1415"),
-        (UP, UP, 30.0, "angle of the tool must be"),
+        (UP, [0, 0], 0.5, r"direction of the tool: must have shape \(3\), got \(2,\)"),
+        (UP, [0, 0, np.nan], 0.5, "direction of the tool: must be finite"),
+        (UP, UP, 0.0, r"angle of the tool: must be a finite angle \[rad\] in \(0, 3.1415"),
+        (UP, UP, 30.0, "angle of the tool: must be"),
     ],
 )
 def test_what_is_no_orientation_is_refused(ur5, axis, direction, angle, words):
@@ -138,7 +138,7 @@ def test_what_is_no_orientation_is_refused(ur5, axis, direction, angle, words):
     ("lower", "upper", "words"),
     [
         ([0, 0, 1], [1, 1, 1], "the lower corner must be below the upper one"),
-        ([0, 0], [1, 1, 1], "lower corner must have shape"),
+        ([0, 0], [1, 1, 1], "lower corner: must have shape"),
         ([0, 0, 0], [1, 1, np.nan], "upper corner must be 3 numbers"),
     ],
 )

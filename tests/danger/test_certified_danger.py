@@ -185,9 +185,9 @@ def test_verdicts_on_limits(robot_named, name, seed, share):
 def test_options_must_be_positive(panda, bad):
     field = certified(panda).field
     for option in ("tolerance", "floor"):
-        with pytest.raises(InputError, match=f"{option} must be a positive number, got"):
+        with pytest.raises(InputError, match=f"{option}: must be a positive number, got"):
             CertifiedDanger(field, **{option: bad})
-    with pytest.raises(InputError, match="max danger must be a positive number, got"):
+    with pytest.raises(InputError, match="max danger: must be a positive number, got"):
         DangerLimit(field, bad)
 
 
@@ -200,9 +200,9 @@ def test_paths_are_checked(robot_named):
         danger.of_path([inside, outside])
     with pytest.raises(InputError, match="a configuration at least"):
         danger.of_path(np.empty((0, 4)))
-    with pytest.raises(InputError, match="path must be finite"):
+    with pytest.raises(InputError, match="path: must be finite"):
         danger.of_path([inside, [np.nan, 0, 0, 0]])
-    with pytest.raises(InputError, match="path must have shape"):
+    with pytest.raises(InputError, match="path: must have shape"):
         danger.of_path([[0.0, 0.0]])
 
 
@@ -214,12 +214,12 @@ def test_configurations_are_checked(panda, bad):
     assert limit.allows_motion(q, q)
     assert limit.allows(q)
     for ask in (limit.check, limit.allows_motion):
-        with pytest.raises(InputError, match="start of a motion must"):
+        with pytest.raises(InputError, match="start of a motion: must"):
             ask(bad, q)
-        with pytest.raises(InputError, match="end of a motion must"):
+        with pytest.raises(InputError, match="end of a motion: must"):
             ask(q, bad)
     for ask in (limit.danger, limit.allows, danger.field.value, danger.field.gradient):
-        with pytest.raises(InputError, match="configuration must"):
+        with pytest.raises(InputError, match="configuration: must"):
             ask(bad)
 
 

@@ -250,21 +250,21 @@ def test_without_danger_points_danger_is_zero(panda, rng, points, aggregate, wei
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"points": [[0, 0, np.nan]]}, "danger points must be finite"),
-        ({"points": [[0, 0]]}, r"danger points must have shape \(any, 3\), got \(1, 2\)"),
-        ({"points": [0.0, 0, 0]}, r"danger points must have shape \(any, 3\), got \(3,\)"),
-        ({"points": "here"}, "danger points must be numbers"),
-        ({"weights": [1.0]}, r"danger weights must have shape \(9\), got \(1,\)"),
+        ({"points": [[0, 0, np.nan]]}, "danger points: must be finite"),
+        ({"points": [[0, 0]]}, r"danger points: must have shape \(any, 3\), got \(1, 2\)"),
+        ({"points": [0.0, 0, 0]}, r"danger points: must have shape \(any, 3\), got \(3,\)"),
+        ({"points": "here"}, "danger points: must be numbers"),
+        ({"weights": [1.0]}, r"danger weights: must have shape \(9\), got \(1,\)"),
         ({"weights": [0.0] + [-1.0] * 8}, r"danger weights must be positive, got \[0.0, -1.0"),
-        ({"weights": [np.nan] * 9}, "danger weights must be finite"),
+        ({"weights": [np.nan] * 9}, "danger weights: must be finite"),
         ({"aggregate": "sum"}, "unknown aggregate 'sum'; known: max, mean, softmax"),
         ({"weighting": "mass"}, "unknown weighting 'mass'; known: unit, length"),
-        ({"k1": 0.0}, "k1 must be a positive number, got 0.0"),
-        ({"k1": "one"}, "k1 must be a positive number, got 'one'"),
-        ({"sharpness": -1.0}, "sharpness must be a positive number, got -1.0"),
-        ({"sharpness": math.inf}, "sharpness must be a positive number, got inf"),
-        ({"k2": -1}, "k2 must be a finite number >= 0"),
-        ({"gamma": np.nan}, "gamma must be a finite number >= 0"),
+        ({"k1": 0.0}, "k1: must be a positive number, got 0.0"),
+        ({"k1": "one"}, "k1: must be a positive number, got 'one'"),
+        ({"sharpness": -1.0}, "sharpness: must be a positive number, got -1.0"),
+        ({"sharpness": math.inf}, "sharpness: must be a positive number, got inf"),
+        ({"k2": -1}, "k2: must be a finite number >= 0"),
+        ({"gamma": np.nan}, "gamma: must be a finite number >= 0"),
     ],
 )
 def test_refuses(panda, options, message):
@@ -283,9 +283,9 @@ def test_refuses_a_robot_without_links(tmp_path):
 
 def test_refuses_bad_configurations_and_points(panda):
     danger = DangerField(panda, POINTS)
-    with pytest.raises(InputError, match=r"configurations must have shape \(any, 7\), got \(7,\)"):
+    with pytest.raises(InputError, match=r"configurations: must have shape \(any, 7\), got \(7,\)"):
         danger.values(np.zeros(7))
-    with pytest.raises(InputError, match="configurations must be finite, got"):
+    with pytest.raises(InputError, match="configurations: must be finite, got"):
         danger.gradients([[np.inf] + [0.0] * 6])
-    with pytest.raises(InputError, match=r"points must have shape \(any, 3\)"):
+    with pytest.raises(InputError, match=r"points: must have shape \(any, 3\)"):
         danger.field(np.zeros(7), [0.0, 0.0, 0.0])

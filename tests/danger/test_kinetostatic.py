@@ -173,7 +173,7 @@ def test_one_state_no_points_and_what_is_refused(panda):
     nothing = KinetostaticField(DangerField(panda, []))
     assert not nothing.values(Q, Qd).any()
     assert not np.concatenate(nothing.gradients(Q, Qd)).any()
-    with pytest.raises(InputError, match="joint velocities must be finite"):
+    with pytest.raises(InputError, match="joint velocities: must be finite"):
         moving.value(Q[0], np.full(panda.n, np.nan))
 
 

@@ -222,7 +222,7 @@ OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory":
         ("m.npy", "text", r"m.npy: must be one array of numbers \(N, m\)"),
         ("m.csv", "a,b\n1,2\n3,x\n", "m.csv:3: must be numbers, got 'x'"),
         ("m.csv", "a,b\n1,2\n3\n", "m.csv:3: must have 2 numbers, one for each column, got 1"),
-        ("m.csv", "a,b\n1,2\n3,nan\n", r"m.csv: way points must be finite, got \[.*nan\]"),
+        ("m.csv", "a,b\n1,2\n3,nan\n", r"m.csv: way points: must be finite, got \[.*nan\]"),
         ("m.csv", "time,a\n1,2\n0,3\n", r"m.csv: times: must increase, got 0 after 1 \(number 1\)"),
         ("m.csv", "time,a,a\n0,1,2\n1,2,3\n", "m.csv: names of columns: must differ, got time, a, a"),
         ("m.csv", "time,a_position,a_velocity,b_position\n0,1,2,3\n", "m.csv: b_velocity: missing, but needed"),

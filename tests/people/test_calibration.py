@@ -88,8 +88,8 @@ WALK = Recording(SKELETON, 20.0, np.tile(STANDING, (3, 1, 1)), "walk")
             "xx: the skeleton is 'coco17', that of walk is 'recording12'",
         ),
         ([WALK] * 2, {"level": 1.0}, "level must be between"),
-        ([WALK] * 2, {"gate": -1.0}, "gate must be a positive number"),
-        ([WALK] * 2, {"block": 0.0}, "block must be a positive number"),
+        ([WALK] * 2, {"gate": -1.0}, "gate: must be a positive number"),
+        ([WALK] * 2, {"block": 0.0}, "block: must be a positive number"),
     ],
 )
 def test_what_cannot_be_calibrated_is_refused(recordings, options, message):

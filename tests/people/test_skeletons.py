@@ -89,7 +89,7 @@ BROKEN[9, 1] = np.nan
         (lambda: skeleton_of(["a", "b"]), "no skeleton has the 2 key points a, b"),
         (lambda: OURS.keypoints(BROKEN), "key point 'left_wrist' of coco17 must be finite, or NaN"),
         (lambda: OURS.keypoints(np.full((17, 3), np.inf)), "nose"),
-        (lambda: OURS.keypoints(np.zeros((25, 3))), r"key points of coco17 must have shape \(17, 3\)"),
+        (lambda: OURS.keypoints(np.zeros((25, 3))), r"key points of coco17: must have shape \(17, 3\)"),
         (lambda: TrackedBody(only=("tail",)), "unknown limb 'tail'"),
         (lambda: TrackedBody(17.5), "height"),
         (lambda: TrackedBody().completed(np.full((18, 3), np.nan)), "nothing is known of the trunk"),

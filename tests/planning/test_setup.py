@@ -127,15 +127,15 @@ def test_danger_is_optional_and_has_options(ur5, setup):
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        (START * [1, np.nan, 1, 1, 1, 1], "configuration must be finite"),
-        (START * [1, np.inf, 1, 1, 1, 1], "configuration must be finite"),
+        (START * [1, np.nan, 1, 1, 1, 1], "configuration: must be finite"),
+        (START * [1, np.inf, 1, 1, 1, 1], "configuration: must be finite"),
         (
             np.add(START, [0, 0, 2.3, 0, 0, 0]),
             r": joint 'elbow_joint' = 3.5 is outside its limits \[-3.14159, 3.14159\]",
         ),
         (IN_BALL, r" is in collision: '.*_link' touches 'ball'"),
         ([0.0, -1.6, 3.0, 0.0, 0.0, 0.0], r" is in collision: '\w+_link' touches '\w+_link'"),
-        *((shape, "configuration must") for shape in (START[:5], [], "home", None, [START[:3], START[3:]], [[START]])),
+        *((shape, "configuration: must") for shape in (START[:5], [], "home", None, [START[:3], START[3:]], [[START]])),
     ],
 )
 def test_configurations_that_make_no_sense(setup, which, bad, message):
@@ -147,16 +147,16 @@ def test_configurations_that_make_no_sense(setup, which, bad, message):
 @pytest.mark.parametrize(
     ("call", "options", "message"),
     [
-        *(("plan", {"time": time}, "time limit must be a positive number") for time in (0, -1.0, np.nan, np.inf, "5")),
+        *(("plan", {"time": time}, "time limit: must be a positive number") for time in (0, -1.0, np.nan, np.inf, "5")),
         *(("solve", {"time": time}, "time must be") for time in ("soon", -1.0, None, float("nan"))),
-        *(("plan", {"seed": seed}, "seed must be a whole number") for seed in (-1, 2**32, 1.5, "one", None, True)),
+        *(("plan", {"seed": seed}, "seed: must be a whole number") for seed in (-1, 2**32, 1.5, "one", None, True)),
         ("plan", {"planner": "RTT"}, "unknown planner 'RTT'; did you mean 'RRT'"),
         ("plan", {"parameters": {"alfa": 1.0}}, "unknown parameter of SafeRRTConnect 'alfa'; did you mean 'alpha'"),
-        ("plan", {"parameters": {"alpha": "much"}}, "alpha must be a finite number >= 0, got 'much'"),
+        ("plan", {"parameters": {"alpha": "much"}}, "alpha: must be a finite number >= 0, got 'much'"),
         ("plan", {"planner": "RRTConnect", "parameters": {"range": "far"}}, "'range' of RRTConnect: 'far' has the wr"),
         ("plan", {"planner": None}, "planner must be a name of planner_names"),
         ("plan", {"planner": SafeRRTConnect}, r"SafeRRTConnect is a class: give a planner, SafeRRTConnect\(setup"),
-        ("plan", {"simplify": -1.0}, "simplify must be a positive number of seconds"),
+        ("plan", {"simplify": -1.0}, "simplify: must be a positive number of seconds"),
         ("plan", {"simplify": "long"}, "simplify"),
         ("plan", {"optimise": np.nan}, "time limit"),
         ("simplifySolution", {}, "no solution to simplify"),
@@ -189,13 +189,13 @@ def test_problems_without_start_or_goal_are_refused(ur5):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (lambda robot, scene: SafeSetup(robot, {}), "scene must be a Scene, got {}"),
-        (lambda robot, scene: SafeSetup("ur5", scene), "robot must be a Robot, got 'ur5'"),
-        (lambda robot, scene: SafeSetup(robot, scene).setConstraints([1]), "constraints must be a Constraints"),
-        (lambda robot, scene: check([START, GOAL], robot, scene, constraints=[1]), "constraints must be a Con"),
-        (lambda robot, scene: check([START, GOAL], robot, scene, limits=5.0), "limits must be a RateLimits, got"),
-        (lambda robot, scene: time_path([START, GOAL], robot, 5.0), "limits must be a RateLimits, got 5.0"),
-        (lambda robot, scene: time_path([START, GOAL], 5.0), "robot must be a Robot, got 5.0"),
+        (lambda robot, scene: SafeSetup(robot, {}), "scene: must be a Scene, got {}"),
+        (lambda robot, scene: SafeSetup("ur5", scene), "robot: must be a Robot, got 'ur5'"),
+        (lambda robot, scene: SafeSetup(robot, scene).setConstraints([1]), "constraints: must be a Constraints"),
+        (lambda robot, scene: check([START, GOAL], robot, scene, constraints=[1]), "constraints: must be a Con"),
+        (lambda robot, scene: check([START, GOAL], robot, scene, limits=5.0), "limits: must be a RateLimits, got"),
+        (lambda robot, scene: time_path([START, GOAL], robot, 5.0), "limits: must be a RateLimits, got 5.0"),
+        (lambda robot, scene: time_path([START, GOAL], 5.0), "robot: must be a Robot, got 5.0"),
         (
             lambda robot, scene: SafeSetup(robot, scene).setStartConfiguration(np.degrees(START)),
             "start: joint 'shoulder_pan_joint' = 45.8366 is outside its limits [-3.14159, 3.14159]; "

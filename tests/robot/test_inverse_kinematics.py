@@ -60,9 +60,9 @@ def test_redundancy(robot_named, rng, name, pose, left):
 @pytest.mark.parametrize(
     ("position", "rotation", "message"),
     [
-        ([0.1, 0.2], None, r"position of the tip must have shape \(3\), got \(2,\)"),
-        ([0.1, np.nan, 0.2], None, "position of the tip must be finite"),
-        ([0.1, 0.2, 0.3], np.eye(2), r"rotation of the tip must have shape \(3, 3\)"),
+        ([0.1, 0.2], None, r"position of the tip: must have shape \(3\), got \(2,\)"),
+        ([0.1, np.nan, 0.2], None, "position of the tip: must be finite"),
+        ([0.1, 0.2, 0.3], np.eye(2), r"rotation of the tip: must have shape \(3, 3\)"),
         ([0.1, 0.2, 0.3], np.diag([1.0, 1.0, -1.0]), "orthonormal with determinant 1"),
         ([0.1, 0.2, 0.3], 1.01 * np.eye(3), "orthonormal with determinant 1"),
     ],

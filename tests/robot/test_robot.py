@@ -224,7 +224,7 @@ def test_mappings_from_names(panda):
 def test_batches(panda):
     Q = np.linspace(-0.9, -0.1, 14).reshape(2, 7)
     np.testing.assert_array_equal(panda.keypoints_batch(Q.tolist()), panda.keypoints_batch(Q))
-    with pytest.raises(InputError, match=r"configurations must have shape \(any, 7\), got \(7,\)"):
+    with pytest.raises(InputError, match=r"configurations: must have shape \(any, 7\), got \(7,\)"):
         panda.keypoints_batch(Q[0])
 
 

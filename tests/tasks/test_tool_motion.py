@@ -149,7 +149,7 @@ def test_what_is_no_corridor_is_refused(wrong):
 
 
 def test_what_is_of_another_class_is_refused():
-    with pytest.raises(InputError, match="corridor must be a Corridor, got 'wide'"):
+    with pytest.raises(InputError, match="corridor: must be a Corridor, got 'wide'"):
         tool_motion(PATHS["line"], Robot.from_example("panda"), Scene(), "wide")
 
 

@@ -91,7 +91,7 @@ def test_poses_of_scipy():
         (lambda: ToolPath.arc(START, (START.translation + END.translation) / 2, END), "must not be on a line"),
         (lambda: ToolPath.of("a path"), "path"),
         (lambda: ToolPath.of([START]), "path: must be a sequence of 2 poses or more"),
-        (lambda: ToolPath.of([START, np.eye(3)]), r"path\[1\] must have shape \(4, 4\)"),
+        (lambda: ToolPath.of([START, np.eye(3)]), r"path\[1\]: must have shape \(4, 4\)"),
         (lambda: ToolPath.of([START, 2 * np.eye(4)]), r"path\[1\]: must be a pose"),
         (lambda: ToolPath.polyline([START, END], blend=-1.0), "blend"),
     ],

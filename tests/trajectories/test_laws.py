@@ -235,7 +235,7 @@ def test_limits_hold_between_points_at_any_rate(panda, shelf_path, shelf_motion,
     ("path", "message"),
     [
         ([[0.0] * 7], "two way points at least, got 1"),
-        ([[0.0] * 7, [np.nan] * 7], "path must be finite"),
+        ([[0.0] * 7, [np.nan] * 7], "path: must be finite"),
         ([[0, 0, 0, -1, 0, 1, 0.0]] * 2, "the path does not move"),
         ([[0, 0, 0, -1, 0, 1, 0], [9, 0, 0, -1, 0, 1, 0]], "way point 1: joint 'panda_joint1' = 9 is outside"),
         (np.zeros((0, 7)), "got 0"),
@@ -250,7 +250,7 @@ def test_bad_requests(panda, ur5, shelf_path, panda_limits):
     trajectory = time_path(shelf_path, panda, panda_limits)
     for ask, message in (
         (lambda: time_path(np.zeros((2, 6)), ur5, panda_limits), "the limits are for the joints"),
-        (lambda: trajectory.points(0), "rate must be a positive"),
+        (lambda: trajectory.points(0), "rate: must be a positive"),
         (lambda: trajectory.at(np.nan), "time must be"),
         (lambda: trajectory.jerks_at(0.1), "the jerk of the trajectory is not limited"),
     ):

@@ -52,7 +52,7 @@ def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("danger", "message"), [([], "danger has no values"), ([1.0, np.nan], "finite"), (["a"], "danger must be numbers")]
+    ("danger", "message"), [([], "danger has no values"), ([1.0, np.nan], "finite"), (["a"], "danger: must be numbers")]
 )
 def test_what_cannot_be_drawn_is_named(danger, message, tmp_path):
     with pytest.raises(InputError, match=message):

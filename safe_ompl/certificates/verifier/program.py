@@ -26,7 +26,7 @@ from safe_ompl.common import (
     clock,
     documents as document,
     key,
-    positive,
+    number,
 )
 from safe_ompl.geometry import Obstacle
 from safe_ompl.io import built_robot, built_scene, schema
@@ -129,7 +129,7 @@ def verify_program(
     InputError
         As `verify`.
     """
-    end = clock() + positive(time, "time", "number of seconds")
+    end = clock() + number("time", time, above=0.0, kind="number of seconds")
     with malformed_refused():
         schema.check_form(content, PROGRAM_FORMAT, VERSION)
         program: _Program = document.section("certificate", content, _Program)
@@ -211,7 +211,7 @@ def _naming(number: int) -> Iterator[None]:
 
 def _number(said: Mapping[str, Any], name: str, count: int) -> int:
     """Return which robot or scene a stretch has."""
-    number = document.whole(name, said.get(name))
+    number = document.whole_number(name, said.get(name), at_least=0)
     if number >= count:
         raise InputError(f"must be a number from 0 to {count - 1}, got {number}", name)
     return number

@@ -19,7 +19,7 @@ from safe_ompl.certificates.claims import Certificate
 from safe_ompl.certificates.verifier.bodies import Budget, Separations
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
-from safe_ompl.common import CertificateError, InputError, documents as document, files, notebook_html, positive
+from safe_ompl.common import CertificateError, InputError, documents as document, files, notebook_html, number
 from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.scene import Scene
@@ -91,7 +91,7 @@ def verify(
     InputError
         If it is no certificate, its robot cannot be built, or the time is not positive.
     """
-    budget = Budget(positive(time, "time", "number of seconds"))
+    budget = Budget(number("time", time, above=0.0, kind="number of seconds"))
     with malformed_refused():
         claims = Certificate.read(content)
         with document.within("scene"):

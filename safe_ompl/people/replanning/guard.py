@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import FloatArray, InputError, number, positive
+from safe_ompl.common import FloatArray, InputError, number
 from safe_ompl.io import ticks_header
 from safe_ompl.people import ReachViolation, Surroundings
 from safe_ompl.people.replanning.guarded_path import (
@@ -133,7 +133,7 @@ class ReplanningOptions:
     retreats: bool = True
 
     def __post_init__(self) -> None:
-        positive(self.tick, "tick", "number of seconds")
+        number("tick", self.tick, above=0.0, kind="number of seconds")
         number("lost_after", self.lost_after, above=0.0)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from ompl import base as ob
 
-from safe_ompl.common import FloatArray, InputError, PlanningError, instance, positive, whole_number
+from safe_ompl.common import FloatArray, InputError, PlanningError, instance, number, whole_number
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.robot import METRES_PER_RADIAN, GoalRegion, Place, RegionPlace, Robot, approach, place_of, tip_reach
@@ -65,7 +65,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     ) -> None:
         super().__init__(si)
         self.place = place if isinstance(place, Place) else place_of(robot, place)
-        self.tolerance = positive(tolerance, "tolerance", "length [m]")
+        self.tolerance = number("tolerance", tolerance, above=0.0, kind="length [m]")
         self.setThreshold(self.tolerance)
         self._field = field
         self._bridge = StateBridge(si.getStateSpace())

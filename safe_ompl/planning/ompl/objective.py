@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob, geometric as og
 
-from safe_ompl.common import FloatArray, halton_point, positive
+from safe_ompl.common import FloatArray, halton_point, number
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.ompl.validity import CollisionFreeValidity
@@ -56,7 +56,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
         super().__init__(si)
         self.field = field
-        self.tolerance = positive(tolerance, "tolerance")
+        self.tolerance = number("tolerance", tolerance, above=0.0)
         self._bridge = StateBridge(si.getStateSpace())
         self._integral = _kept_integrals(field, self._bridge)
         self._scales: dict[Any, float] = {}

@@ -9,7 +9,7 @@ import numpy as np
 from ompl import base as ob
 
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, positive
+from safe_ompl.common import FloatArray, InputError, number
 from safe_ompl.paths import ConfigurationCheck, Constraints, UserCheck
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 
@@ -127,7 +127,7 @@ class SampledValidity(UserCheck):
                 f"{checker!r}"
             )
         self._asks = checker.isValid if isinstance(checker, ob.StateValidityChecker) else checker
-        self.resolution: float = positive(resolution, "resolution", "distance in joint space [rad]")
+        self.resolution: float = number("resolution", resolution, above=0.0, kind="distance in joint space [rad]")
         name = getattr(checker, "__qualname__", None) or type(checker).__qualname__
         self.name = str(name).rsplit("<locals>.", 1)[-1]
         self._bridge, self._scratch = bridge, ScratchState(bridge)

@@ -200,7 +200,7 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
     for people, objects, time, message in (
         ({"bert": here}, {}, 0.0, "unknown person 'bert'; known: anna"),
         ({}, {"table": Pose()}, 0.0, "unknown object 'table'; known: ball"),
-        ({"anna": here[:5]}, {}, 0.0, r"people.anna: key points of coco17 must have shape \(17, 3\)"),
+        ({"anna": here[:5]}, {}, 0.0, r"people.anna: key points of coco17: must have shape \(17, 3\)"),
         ({"anna": broken}, {}, 0.0, r"people\.anna: key point 'left_wrist'"),
         ({}, {"ball": np.full((4, 4), np.nan)}, 0.0, r"objects\.ball: pose"),
         ({}, {}, np.nan, "time"),

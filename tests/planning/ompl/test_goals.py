@@ -141,9 +141,9 @@ def test_solutions_of_continuous_joints(kinova, rng):
         ({"position": [1, 2]}, "position of the tip"),
         ({"position": [1, 2, np.inf]}, "finite"),
         ({"rotation": 2 * np.eye(3)}, "orthonormal"),
-        ({"tolerance": 0.0}, "tolerance must be a positive length"),
-        ({"tolerance": np.nan}, "tolerance must be a positive length"),
-        ({"seed": -1}, "seed must be a whole number >= 0, got -1"),
+        ({"tolerance": 0.0}, "tolerance: must be a positive length"),
+        ({"tolerance": np.nan}, "tolerance: must be a positive length"),
+        ({"seed": -1}, "seed: must be a whole number >= 0, got -1"),
     ],
 )
 def test_goals_that_make_no_sense(setup, options, message):
@@ -157,7 +157,7 @@ def test_other_goals_that_make_no_sense(setup, panda):
             setup.setWorkspaceGoal(position)
     with pytest.raises(InputError, match="6 coordinates, but 'panda' 7 joints"):
         WorkspaceGoal(setup.getSpaceInformation(), panda, POSITION)
-    with pytest.raises(InputError, match="region must be a GoalRegion, got"):
+    with pytest.raises(InputError, match="region: must be a GoalRegion, got"):
         setup.setGoalRegion(pin.SE3.Identity())
     with pytest.raises(InputError, match="out of reach"):
         setup.setGoalRegion(GoalRegion(Pose((2.0, 0.0, 0.5)), x=(-0.1, 0.1)))
