@@ -19,12 +19,13 @@ from safe_ompl.common import (
     float_array,
     number,
 )
-from safe_ompl.geometry import STANDING, Obstacle, Pose, bounding_hull, placed
-from safe_ompl.people.reach import CalibratedReach, ReachSets, limb_lines
+from safe_ompl.geometry import STANDING, Obstacle, PointCloud, Pose, bounding_hull, placed
+from safe_ompl.people.reach import CalibratedReach, ReachSets, ball_cover, limb_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.scene import People, Scene
 
 _ROUNDING = 1e-9  # [m]
+_MOST_BALLS = 256  # of the reach sets of a cloud
 
 
 class ReachViolation(NamedTuple):
@@ -188,46 +189,87 @@ class PersonTrack:
 class ObjectTrack:
     """An object that moves: the hulls of its parts, none of whose points is faster than a bound [m/s].
 
-    Hulls are points (K, 3) and a radius in the frame of the obstacle [m]. At the first pose it counts as unseen.
+    At the first pose it counts as unseen.
     """
 
-    def __init__(self, name: str, hulls: list[tuple[FloatArray, float]], speed: float, pose: pin.SE3) -> None:
-        self.name, self.speed, self.pose = name, speed, pose
+    def __init__(self, obstacle: Obstacle, speed: float) -> None:
+        self.name, self.speed, self.obstacle = obstacle.name, speed, obstacle
         self.time, self.seen = -np.inf, -np.inf
-        self._hulls = hulls
+        hulls = [(bounding_hull(part.geometry), part.placement) for part in obstacle.shape.parts()]
+        self._hulls = [hull.moved(placement) for hull, placement in hulls]
+
+    @property
+    def pose(self) -> pin.SE3:
+        """Where it was seen last."""
+        return self.obstacle.pose.se3
 
     @property
     def age(self) -> float:
         """How long ago it was seen [s]."""
         return self.time - self.seen
 
-    def observe(self, pose: pin.SE3 | None, time: float) -> ReachViolation | None:
+    def observe(self, place: Any, time: float) -> ReachViolation | None:
         """Take where it was seen, or None; as `PersonTrack.observe`."""
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
         violation = None
-        if pose is not None:
+        if place is not None:
+            moved = self._moved(place)
             if np.isfinite(self.seen):
-                pairs = zip(self.points_at(pose), self.points_at(self.pose), strict=True)
-                moved = max(float(np.linalg.norm(new - old, axis=1).max()) for new, old in pairs)
-                excess = moved - self.speed * (time - self.seen)
+                excess = self._way_to(moved) - self.speed * (time - self.seen)
                 violation = ReachViolation(self.name, "", excess) if excess > _ROUNDING else None
-            self.pose, self.seen = pose, time
+            self.obstacle, self.seen = moved, time
         self.time = time
         return violation
 
+    def _moved(self, place: Any) -> Obstacle:
+        return self.obstacle.moved(Pose.of(place))
+
+    def _way_to(self, moved: Obstacle) -> float:
+        """Return how far its points went at least [m]."""
+        pairs = zip(self.points_at(moved.pose.se3), self.points_at(self.pose), strict=True)
+        return max(float(np.linalg.norm(new - old, axis=1).max()) for new, old in pairs)
+
     def points_at(self, pose: pin.SE3) -> list[FloatArray]:
         """Return the points (K, 3) of its parts, where it is at a pose [m]."""
-        return [placed(pose, points) for points, _ in self._hulls]
+        return [placed(pose, hull.points) for hull in self._hulls]
 
     def sets(self) -> ReachSets:
         """Return where it may be from the time of the last measurement on."""
         found = ReachSets.none()
-        for points, (_, radius) in zip(self.points_at(self.pose), self._hulls, strict=True):
-            growth = np.array([[[self.speed * self.age, self.speed]]])
-            one = ReachSets.of(((self.name, ""),), points[None], np.array([radius]), growth)
-            found = found.beside(one)
+        growth = np.array([[[self.speed * self.age, self.speed]]])
+        for points, hull in zip(self.points_at(self.pose), self._hulls, strict=True):
+            found = found.beside(ReachSets.of(((self.name, ""),), points[None], np.array([hull.radius]), growth))
         return found
+
+
+class CloudTrack(ObjectTrack):
+    """A cloud that moves: each point of its balls is no faster than a bound [m/s]; its points are others each time.
+
+    A point that is new counts as farther than promised if it is so from all that were seen before, beyond the sizes of
+    the cells in which they are kept.
+    """
+
+    def _moved(self, place: Any) -> Obstacle:
+        return self.obstacle.moved(place)
+
+    def _balls(self, obstacle: Obstacle) -> tuple[FloatArray, float]:
+        """Return centres (M, 3) in the world and the radius of balls that hold those of the cloud [m]."""
+        shape = obstacle.shape
+        assert isinstance(shape, PointCloud)
+        centres, radius = ball_cover(placed(obstacle.pose.se3, shape.centres), _MOST_BALLS)
+        return centres, radius + shape.radius
+
+    def _way_to(self, moved: Obstacle) -> float:
+        (new, wide), (old, narrow) = self._balls(moved), self._balls(self.obstacle)
+        apart = np.linalg.norm(new[:, None] - old, axis=2).min(axis=1)
+        return float(apart.max()) - wide - narrow
+
+    def sets(self) -> ReachSets:
+        centres, radius = self._balls(self.obstacle)
+        count = len(centres)
+        growth = np.tile([[[self.speed * self.age, self.speed]]], (count, 1, 1))
+        return ReachSets.of(((self.name, ""),) * count, centres[:, None], np.full(count, radius), growth)
 
 
 class Surroundings:
@@ -270,6 +312,8 @@ class Surroundings:
         self.people = {name: PersonTrack(name, how, self.rules, self.reach) for name, how in trackers.items()}
         self.objects = {name: _track(scene[name], speed) for name, speed in objects.items()}
         self.shapes = {name: scene[name].shape for name in objects}
+        # Their sets come last: how many they are, and which, changes
+        self.clouds = tuple(name for name, track in self.objects.items() if isinstance(track, CloudTrack))
         self.scene = scene.without(*(name for name in scene.names if name in trackers))
         self.still = self.scene.without(*objects)
         self.time = -np.inf
@@ -331,13 +375,12 @@ class Surroundings:
                 found.append(person.observe(people.get(name), time))
         for name, thing in self.objects.items():
             with document.within(f"objects.{name}", ": "):
-                pose = None if objects.get(name) is None else Pose.of(objects[name]).se3
-            found.append(thing.observe(pose, time))
+                found.append(thing.observe(objects.get(name), time))
         self.time = float(time)
         self._violations = [violation for violation in found if violation is not None]
         if self.known:
             self.sets = ReachSets.none()
-            for track in self._tracks.values():
+            for track in sorted(self._tracks.values(), key=_is_cloud):
                 self.sets = self.sets.beside(track.sets())
         return list(self._violations)
 
@@ -367,9 +410,9 @@ def who_is_where(people: Mapping[str, FloatArray | None], objects: Mapping[str, 
 
 
 def _track(obstacle: Obstacle, speed: float) -> ObjectTrack:
-    hulls = []
-    for part in obstacle.shape.parts():
-        hull = bounding_hull(part.geometry)
-        hulls.append((placed(part.placement, hull.points), hull.radius))
     limit = number(f"objects.{obstacle.name}", speed, at_least=0.0)
-    return ObjectTrack(obstacle.name, hulls, limit, obstacle.pose.se3)
+    return (CloudTrack if isinstance(obstacle.shape, PointCloud) else ObjectTrack)(obstacle, limit)
+
+
+def _is_cloud(track: PersonTrack | ObjectTrack) -> bool:
+    return isinstance(track, CloudTrack)

@@ -120,7 +120,7 @@ class Sets(NamedTuple):
 class Borne(NamedTuple):
     """How fast contact is borne: ṡ² of the windows (W,) at most, and the largest (N, G, M) of cell and bodies.
 
-    Where contact is not allowed the last array is empty.
+    Where contact is not allowed the last array is empty; it is not borne from bodies beyond its end.
     """
 
     squares: FloatArray
@@ -174,7 +174,7 @@ def gaps(
             c1 = o[1] + R[1, 0] * middles[g, 0] + R[1, 1] * middles[g, 1] + R[1, 2] * middles[g, 2]
             c2 = o[2] + R[2, 0] * middles[g, 0] + R[2, 1] * middles[g, 1] + R[2, 2] * middles[g, 2]
             for s in range(S):
-                if len(most) and squares[w] <= most[k, g, s]:
+                if len(most) and s < most.shape[2] and squares[w] <= most[k, g, s]:
                     continue
                 need = grown[s] + travel[k, g] + left + pads[g]
                 far = sqrt((c0 - balls[s, 0]) ** 2 + (c1 - balls[s, 1]) ** 2 + (c2 - balls[s, 2]) ** 2)

@@ -200,8 +200,8 @@ class Guard:
         """Take what sensors saw at a time [s]; return who moved farther than promised, which makes the robot stop.
 
         `people` are key points (J, 3) of those that were seen, as their skeletons have them, NaN: not seen; `objects`
-        are poses (Pose, pin.SE3 or 4×4). Raises InputError if the time goes backwards, a name is not known, or key
-        points or a pose cannot be used.
+        are poses (Pose, pin.SE3 or 4×4), those of clouds their points (N, 3) in the world [m]. Raises InputError if the
+        time goes backwards, a name is not known, or key points or a place cannot be used.
         """
         violations = self.surroundings.update(people, objects, time)
         if violations and not self._violated:
@@ -306,7 +306,8 @@ def contact_limits(robot: Robot, surroundings: Surroundings) -> ContactLimits:
     """Return at what speeds contact is borne, for limbs and objects in the order of their reach sets."""
     bodies = {name: track.tracker.body for name, track in surroundings.people.items()}
     limbs = [(name, limb) for name, body in bodies.items() for limb in body.limbs]
-    limbs += [(name, "") for name, shape in surroundings.shapes.items() for _ in shape.parts()]
+    solids = [name for name in surroundings.shapes if name not in surroundings.clouds]
+    limbs += [(name, "") for name in solids for _ in surroundings.shapes[name].parts()]
     heights = {name: body.height for name, body in bodies.items()}
     # A limb may be clamped against an object, wherever that is by then.
     always = bool(surroundings.objects)

@@ -311,15 +311,18 @@ class GuardedPath:
         most = _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0]
         if receding is not None:
             rows = np.unique(motion.cells)  # the others are not read
-            known = most[rows] if len(most) else -1.0
+            known = most
             most = np.empty((len(self.brakes), *receding.shape))
-            most[rows] = np.maximum(known, np.where(receding, self._slow[rows][:, :, None], -1.0))
+            most[rows] = np.where(receding, self._slow[rows][:, :, None], -1.0)
+            if len(known):
+                bears = known.shape[2]
+                most[rows, :, :bears] = np.maximum(known[rows], most[rows, :, :bears])
         borne = Borne(fastest, most)
         margin, window, body, who = gaps(motion.cells, times[1:], borne, *arrays)
         if body < 0:
             return MotionMargin(np.inf)
         rule = SEPARATION
-        if contact is not None and contact.bears[who] > 0:
+        if contact is not None and who < len(contact.bears) and contact.bears[who] > 0:
             at = motion.cells[window], body, who
             most, free = self._borne(contact, motion.cells)
             rule = CLAMPING if most[at] < free[at] else CONTACT

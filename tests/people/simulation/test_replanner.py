@@ -12,6 +12,7 @@ from safe_ompl import (
     InputError,
     Obstacle,
     People,
+    PointCloud,
     Pose,
     RateLimits,
     Replanner,
@@ -27,6 +28,8 @@ from safe_ompl.people.replanning import Doing, ReplanningOptions
 from safe_ompl.people.replanning.guard import contact_limits
 from safe_ompl.people.simulation import ContactMonitor, limb_solids, part_solids
 from safe_ompl.trajectories import contact_speed
+
+WAYS = [[-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785], [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785]]
 
 FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
 ARM = ("right_upper_arm", "right_forearm", "right_hand", "left_forearm", "left_hand")
@@ -182,6 +185,35 @@ def test_objects_are_not_touched(replanner_for):
     limits = contact_limits(replanner.robot, replanner.surroundings)
     assert limits.limbs[-1] == ("ball", "")
     assert limits.bears[-1] == 0 < limits.bears[0]
+
+
+@pytest.mark.parametrize("contact", [False, True])
+def test_a_cloud_that_moves_is_where_its_points_are_and_its_new_ones_are_no_faster(panda, table, tracker, contact):
+    rng = np.random.default_rng(0)
+    blob = rng.uniform(-0.1, 0.1, (3000, 3))
+    scene = table.with_obstacles(Obstacle("blob", PointCloud(0.01, points=blob), Pose((1.0, 0, 0.4))))
+    people = People(speed=1.6, contact=contact)
+    pilot = Replanner(panda, Surroundings(scene, {"anna": tracker}, {"blob": 1.0}, people))
+    pilot.start(time_path(WAYS, panda, RateLimits.of(panda, acceleration=10.0), motion=pilot.prover))
+    anna, doings = person_at((3.0, 0, -0.9), tracker), []
+    for k in range(40):
+        t = 0.05 * k
+        seen = rng.choice(blob, 500 + 10 * k, replace=False) + np.array([1.0 - 0.2 * t, 0, 0.4])
+        assert not pilot.update({"anna": anna}, {"blob": seen}, t)
+        sets = pilot.surroundings.sets
+        mine = [s for s, (who, _) in enumerate(sets.names) if who == "blob"]
+        assert len(mine) <= 256
+        assert mine[0] == len(sets.names) - len(mine)
+        away = np.linalg.norm(seen[:, None] - sets.points[sets.first[mine]], axis=2).min(axis=1)
+        assert away.max() + 0.01 <= sets.radii[mine[0]] + 1e-12
+        doings.append(pilot.command(t + 0.02))
+        pilot.think()
+    assert {"moving", "standing"} <= {command.doing for command in doings}
+    assert "'blob' may come to" in doings[-1].reason
+    (jump,) = pilot.update({"anna": anna}, {"blob": blob + np.array([1.6, 0, 0.4])}, 2.01)
+    assert 0.7 < jump.excess < 1.0
+    with pytest.raises(InputError, match=r"objects\.blob: points: must have shape"):
+        pilot.update({}, {"blob": blob[:, :2]}, 2.1)
 
 
 # ------------------------------------------------------------------------------------------------------- refusals
