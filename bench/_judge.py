@@ -10,7 +10,7 @@ import re
 import zlib
 from base64 import b64decode
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import inf, sqrt
 from pathlib import Path
@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from bench._plain import PlainGeometry
-from safe_ompl import DangerField, KinetostaticField, Pose, Robot, Scene
+from safe_ompl import DangerField, KinetostaticField, Robot, Scene
 from safe_ompl.common import FloatArray
 from safe_ompl.robot import Attachment
 
@@ -91,7 +91,7 @@ def carried_robot(recipe: Mapping[str, Any], folder: Path) -> Robot:
     srdf = None if recipe.get("srdf") is None else folder / "judged.srdf"
     robot = Robot.from_urdf(folder / "judged.urdf", srdf, **options)
     if recipe.get("base") is not None:
-        robot = robot.with_base(Pose.from_mapping(recipe["base"]))
+        robot = Robot(replace(robot.spec, base=recipe["base"]))
     for item in recipe.get("attached", ()):
         held = Attachment.from_mapping(item, folder)
         options = {"touch_links": held.touch_links, "danger": held.danger}

@@ -105,14 +105,14 @@ def _robot(name):
     if name == "parallel":  # two links and a hand that turns back by twice the angle of the elbow, less 0.3
         return Robot.from_urdf(DATA / "parallel_arm.urdf")
     if name == "placed":
-        return _robot("panda").with_base(Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2)))
+        return Robot.from_example("panda", base=Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2)))
     if name == "loaded":
         return _robot("panda").with_attached("rod", Capsule(0.03, 0.3), pose=(0.0, 0.0, 0.2), danger=True)
     if name == "mobile":
         return Robot.from_example("ur5", mobile_base=((-1.0, 1.0), (-0.5, 2.0)))
     if name == "cell":  # two arms face to face, within reach of each other
-        left = _robot("panda").with_base({"position": [0.0, 0.45, 0.0], "yaw": -1.5})
-        right = _robot("ur5").with_base({"position": [0.0, -0.45, 0.0], "yaw": 1.5})
+        left = Robot.from_example("panda", base={"position": [0.0, 0.45, 0.0], "yaw": -1.5})
+        right = Robot.from_example("ur5", base={"position": [0.0, -0.45, 0.0], "yaw": 1.5})
         return Robot.combined("cell", {"left": left, "right": right})
     return Robot.from_example(name)
 

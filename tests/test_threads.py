@@ -10,7 +10,7 @@ import pytest
 from ompl import geometric as og
 
 from safe_ompl import Box, CertifiedDanger, DangerField, KinetostaticField, Obstacle, Pose, Scene
-from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, Proximity, pairs as distance_bounds
+from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, PairDistances, pairs as distance_bounds
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateBridge, joint_space
 
 THREADS, NUMBER = 3, 60
@@ -50,7 +50,7 @@ def questions(scene, robot):
     """Return questions by the name of what is asked; each takes a configuration and its neighbour."""
     checker = CollisionChecker(robot, scene)
     motion, field = MotionProver(checker), DangerField.of_scene(robot, scene)
-    proven, proximity = CertifiedDanger(field), Proximity(checker, 0.3)
+    proven, proximity = CertifiedDanger(field), PairDistances(checker, 0.3)
     setup = og.SimpleSetup(joint_space(robot))
     si, bridge = setup.getSpaceInformation(), StateBridge(setup.getStateSpace())
     validity, validator = CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker)
@@ -66,15 +66,15 @@ def questions(scene, robot):
 
     return {
         "in_collision": lambda a, b: checker.in_collision(a),
-        "within_margins": lambda a, b: checker.within_margins(a, 0.05),
+        "within_margins": lambda a, b: checker.pairs.within_margins(a, checker.pairs.margins(0.05)),
         "colliding_pair": lambda a, b: checker.colliding_pair(a),
         "clearance": lambda a, b: checker.clearance(a).distance,
         "pair_distances": lambda a, b: checker.pair_distances(a).tolist(),
         "is_free": motion.is_free,
         "is_free with margins": lambda a, b: motion.is_free(a, b, float(abs(a[0])) / 50),
         "check": lambda a, b: motion.check(a, b).verdict.value,
-        "least distance": lambda a, b: proximity.distances.least(np.array([a, b]), 0.3),
-        "witnesses": lambda a, b: proximity.witnesses(np.array([a, b])).joints.tolist(),
+        "least distance": lambda a, b: proximity.least(np.array([a, b]), 0.3),
+        "witnesses": lambda a, b: proximity.witnesses(np.array([a, b]), 0.3).joints.tolist(),
         "danger": lambda a, b: field.value(a),
         "gradient": lambda a, b: field.gradient(a).tolist(),
         "danger in motion": lambda a, b: KinetostaticField(field).value(a, qd),

@@ -8,7 +8,7 @@ a file has changed; it is no signature, for whoever changes a file can compute i
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -183,7 +183,7 @@ def signed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 def _keeps(limit: DangerLimit, path: FloatArray, proof: MotionProver | None) -> Iterator[bool]:
     """Yield for each edge whether a limit is proven to be kept; with a tube `proof` has it."""
-    prover = limit if proof is None else proof.with_limits([limit])
+    prover = limit if proof is None else replace(proof, limits=[limit])
     return (prover.check(start, end).verdict is Verdict.FREE for start, end in pairwise(path))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairSet, PairTable
 from safe_ompl.collision.queries import Distances
-from safe_ompl.common import Changes, Counts, FloatArray, InputError, configuration, finite_array, instance
+from safe_ompl.common import Changes, Counts, FloatArray, configuration, instance
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -43,7 +43,7 @@ class CollisionChecker:
     the `counts`, which may then lose some.
 
     Only `move` changes it: obstacles that are `movable` are elsewhere then, and every answer is that of a checker made
-    anew for the new scene. What was derived from it follows (`PairSet`, `MotionProver`, `Proximity`). What another
+    anew for the new scene. What was derived from it follows (`PairSet`, `MotionProver`, `PairDistances`). What another
     thread asks meanwhile is answered for the new scene.
 
     Parameters
@@ -93,11 +93,6 @@ class CollisionChecker:
     def pair_names(self) -> tuple[tuple[str, str], ...]:
         """Names of the P pairs that may touch: link and obstacle, or link and link."""
         return self.pairs.names
-
-    @property
-    def pair_radii(self) -> FloatArray:
-        """Displacement radii (P, n) of the pairs that may touch; see `PairSet.radii`."""
-        return self.pairs.radii
 
     @property
     def geometry(self) -> pin.GeometryModel:
@@ -172,19 +167,6 @@ class CollisionChecker:
         pair = self._touching(configuration(q, self.robot.n))
         return None if pair is None else self.pair_names[pair]
 
-    def within_margins(self, q: ArrayLike, margins: ArrayLike) -> bool:
-        """Return whether any pair that may touch is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.
-
-        Margins may be one number for all. Pairs that never touch, but may come near, are in `pairs_within`.
-        """
-        pairs = self.pairs
-        return pairs.within_margins(configuration(q, self.robot.n), _margins(margins, len(pairs.names)))
-
-    def pair_within_margins(self, q: ArrayLike, margins: ArrayLike) -> tuple[str, str] | None:
-        """Return the names of a pair that is nearer than its margin at `q: (n,)`, or None; see `within_margins`."""
-        pairs = self.pairs
-        return pairs.pair_within_margins(configuration(q, self.robot.n), _margins(margins, len(pairs.names)))
-
     def distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
         full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
@@ -239,12 +221,3 @@ class CollisionChecker:
         nearest = int(distances.argmin())
         (pair,) = self._table.names(self._table.with_obstacle[[nearest]])
         return Clearance(float(distances[nearest]), *pair)
-
-
-def _margins(margins: ArrayLike, pairs: int) -> FloatArray:
-    """Return security margins [m] as a float array (P,): one for each pair, or one number for all; or InputError."""
-    number = np.ndim(margins) == 0
-    checked = finite_array(margins, () if number else (pairs,), "margins")
-    if not (checked >= 0).all():
-        raise InputError(f"margins must be lengths >= 0 [m], got {checked[checked < 0].tolist()}")
-    return np.full(pairs, float(checked)) if number else checked

@@ -11,7 +11,7 @@ import pinocchio as pin
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.kernels.distances import hinge_costs
 from safe_ompl.collision.queries import DISTANCE_ERROR, TreeDistances, fresh_data
-from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread, number
+from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread
 from safe_ompl.robot import Robot, plain
 
 _TINY = 1e-12  # [m]
@@ -68,6 +68,13 @@ class PairDistances:
         near = found[:, 0] < within
         found = found[near]
         return NearPairs(rows[near], pairs[near], found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7])
+
+    def witnesses(self, Q: FloatArray, within: float) -> Witnesses:
+        """Return the witnesses of all pairs that are nearer than a distance [m] at `Q: (B, n)`, but not in contact."""
+        found = self.near(Q, within)
+        apart = found.distances > 0  # in contact there is no way from one to the other
+        nearest = (plain(part[apart]) for part in (found.points, found.normals, found.offsets))
+        return Witnesses(self._robot, found.rows[apart], self.joints[found.pairs[apart]], *nearest)
 
     def least(self, Q: FloatArray, within: float) -> float:
         """Return the least distance [m] at any of `Q: (B, n)`, or `within` where that is less."""
@@ -148,15 +155,8 @@ class _Memory:
 class Witnesses:
     """Nearest points of C pairs of a link and an obstacle, at some of B configurations.
 
-    Attributes
-    ----------
-    rows, joints : ndarray of int, shape (C,)
-        Configuration of each pair, and Pinocchio's number of the joint that carries the link.
-    points, normals : ndarray, shape (C, 3)
-        Nearest point of the link, in the frame of its joint [m]; unit vectors from the obstacle to the link, in the
-        world.
-    offsets : ndarray, shape (C,)
-        Abscissa of the obstacle's nearest point along the normal [m].
+    `rows: (C,)` is the configuration of each, `joints: (C,)` Pinocchio's number of the joint that carries the link; all
+    else is as in `NearPairs`.
     """
 
     robot: Robot
@@ -179,29 +179,6 @@ class Witnesses:
         witnesses = self.rows, self.joints, self.points, self.normals, self.offsets
         costs, gradients, bends = hinge_costs(joints, values, *witnesses, hinges)
         return costs, coupling.columns(gradients), coupling.columns(bends)
-
-
-class Proximity:
-    """Finds the pairs of link and obstacle that are nearer to each other than a distance [m], which is positive."""
-
-    def __init__(self, checker: CollisionChecker, within: float) -> None:
-        self.checker = checker
-        self.within = number("distance to obstacles", within, above=0.0, kind="length [m]")
-        self.distances = PairDistances(checker, self.within)
-
-    def near(self, Q: FloatArray) -> BoolArray:
-        """Return whether the robot is nearer than `within` to an obstacle (B,) at `Q: (B, n)`."""
-        found = np.zeros(len(Q), dtype=bool)
-        found[self.distances.near(Q, self.within).rows] = True
-        return found
-
-    def witnesses(self, Q: FloatArray) -> Witnesses:
-        """Return the witnesses of all pairs that are nearer than `within` at the configurations `Q: (B, n)`."""
-        found = self.distances.near(Q, self.within)
-        apart = found.distances > 0  # in contact there is no way from one to the other
-        joints = self.distances.joints[found.pairs[apart]]
-        nearest = (plain(part[apart]) for part in (found.points, found.normals, found.offsets))
-        return Witnesses(self.checker.robot, found.rows[apart], joints, *nearest)
 
 
 def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:

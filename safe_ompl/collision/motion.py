@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from functools import partial
+from functools import cached_property, partial
 from math import ceil
 from typing import Any, Protocol, TypeAlias
 
@@ -28,10 +28,6 @@ FLOOR = 5e-6
 
 
 Interval: TypeAlias = tuple[float, float]  # centre and half-length, fractions of a motion
-
-
-def _never() -> bool:
-    return False
 
 
 class Verdict(Enum):
@@ -75,6 +71,7 @@ class MotionLimit(Protocol):
         """Check the straight motion between `start` and `end: (n,)`."""
 
 
+@dataclass(frozen=True, eq=False)
 class MotionProver:
     """Proves that motions of the joints are free of collision, by subdivision with security margins.
 
@@ -85,7 +82,8 @@ class MotionProver:
     Before that, kernels prove most motions by bounds of distances, without a query (`kernels/proofs.py`).
 
     Motions that leave the robot's limits are refused: the pairs that are checked are those that may meet within them.
-    Any number of threads may ask at the same time. Obstacles of the checker may move between two questions.
+    Any number of threads may ask at the same time. Obstacles of the checker may move between two questions. What proves
+    something else is made by `dataclasses.replace`; `required` are the distances that pairs must keep.
 
     Parameters
     ----------
@@ -102,76 +100,28 @@ class MotionProver:
         Says when time is up: what is not proven until then stays undecided.
     """
 
-    def __init__(
-        self,
-        checker: CollisionChecker,
-        floor: float = FLOOR,
-        *,
-        separation: Separation = TOUCHING_ONLY,
-        limits: Sequence[MotionLimit] = (),
-        stop: Callable[[], bool] = _never,
-    ) -> None:
-        self._checker, self._stop = checker, stop
-        self._floor = number("floor", floor, above=0.0, kind="length [m]")
-        self._separation = separation
-        self._limits = tuple(limits)
-        self._required = separation.required(checker)
-        self._last_widened: tuple[float, RequiredDistances] | None = None
-        self._joint_limits = JointLimits(checker.robot)
+    checker: CollisionChecker
+    floor: float = FLOOR
+    separation: Separation = field(default=TOUCHING_ONLY, kw_only=True)
+    limits: Sequence[MotionLimit] = field(default=(), kw_only=True)
+    stop: Callable[[], bool] = field(default=lambda: False, kw_only=True)
+    required: RequiredDistances = field(init=False)
 
-    @property
-    def checker(self) -> CollisionChecker:
-        """Robot and scene."""
-        return self._checker
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "floor", number("floor", self.floor, above=0.0, kind="length [m]"))
+        object.__setattr__(self, "limits", tuple(self.limits))
+        object.__setattr__(self, "required", self.separation.required(self.checker))
 
-    @property
-    def floor(self) -> float:
-        """Displacement [m] below which an interval is not divided any more."""
-        return self._floor
-
-    @property
-    def stopped(self) -> bool:
-        """Whether its time is up."""
-        return self._stop()
-
-    @property
-    def separation(self) -> Separation:
-        """What the robot must keep from obstacles."""
-        return self._separation
-
-    @property
-    def required(self) -> RequiredDistances:
-        """The distances that pairs of bodies must keep by the separation."""
-        return self._required
-
-    @property
-    def margin(self) -> float:
-        """What every link must keep from every obstacle [m]."""
-        return self._separation.margin
-
-    @property
-    def limits(self) -> tuple[MotionLimit, ...]:
-        """Further requirements that must be proven."""
-        return self._limits
+    @cached_property
+    def _joint_limits(self) -> JointLimits:
+        return JointLimits(self.checker.robot)
 
     def __reduce__(self) -> tuple[Any, ...]:  # all but what says that time is up
-        kept = partial(MotionProver, separation=self._separation, limits=self._limits)
-        return kept, (self._checker, self._floor)
+        kept = partial(MotionProver, separation=self.separation, limits=self.limits)
+        return kept, (self.checker, self.floor)
 
     def __repr__(self) -> str:
-        return f"MotionProver({self._checker!r}, floor={self._floor:g}, margin={self.margin:g})"
-
-    def with_separation(self, separation: Separation) -> MotionProver:
-        """Return the same that proves another separation; errors as the class."""
-        return MotionProver(self._checker, self._floor, separation=separation, limits=self._limits, stop=self._stop)
-
-    def with_limits(self, limits: Sequence[MotionLimit]) -> MotionProver:
-        """Return the same that proves other limits besides."""
-        return MotionProver(self._checker, self._floor, separation=self._separation, limits=limits, stop=self._stop)
-
-    def until(self, stop: Callable[[], bool]) -> MotionProver:
-        """Return the same that gives up when `stop` says so."""
-        return MotionProver(self._checker, self._floor, separation=self._separation, limits=self._limits, stop=stop)
+        return f"MotionProver({self.checker!r}, floor={self.floor:g}, margin={self.separation.margin:g})"
 
     def is_free(self, start: ArrayLike, end: ArrayLike, margin: float = 0.0, limits: JointLimits | None = None) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`.
@@ -181,36 +131,36 @@ class MotionProver:
         narrower `limits` than the robot's, motions that are not finite are not free.
         """
         start, end = self._edge(start, end)
-        required, changes = self.required_with(margin), self._checker.changes
+        required, changes = self.required_with(margin), self.checker.changes
         done = changes.done
         known = required.pairs.bounds.prove_edge(
-            (start, end), limits or self._joint_limits, required.allowed_for, self._floor
+            (start, end), limits or self._joint_limits, required.allowed_for, self.floor
         )
         if known is None:
             if limits is None:
                 self._check_finite(start, end)
             return False
         if changes.begun != done or not (known.proven or known.blocked):
-            curve = start, self._checker.robot.difference(start, end)
+            curve = start, self.checker.robot.difference(start, end)
             if self._completed(known, done, curve, required)[0] is not Verdict.FREE:
                 return False
         elif known.blocked:
             return False
-        return all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in self._limits)
+        return all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in self.limits)
 
     def proven_by_bounds(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """Return for motions between `starts` and `ends: (E, n)` whether bounds of distances alone prove them, (E,).
 
         Those are free; of others nothing is said. It takes much less time than to ask `is_free` of one after the other.
         """
-        required, changes = self._required, self._checker.changes
-        if self._limits:
+        required, changes = self.required, self.checker.changes
+        if self.limits:
             return np.zeros(len(starts), dtype=bool)
         with changes.none():
             within = self._joint_limits.all_hold(starts) & self._joint_limits.all_hold(ends)
-            ways = self._checker.robot.difference(starts, ends)
+            ways = self.checker.robot.difference(starts, ends)
             bounds = required.pairs.bounds
-            return within & bounds.prove_edges(starts, ways, required.allowed_for, self._floor)
+            return within & bounds.prove_edges(starts, ways, required.allowed_for, self.floor)
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
@@ -219,12 +169,12 @@ class MotionProver:
         """
         start, end = self._edge(start, end)
         self._check_finite(start, end)
-        robot = self._checker.robot
+        robot = self.checker.robot
         for fraction, q in ((0.0, start), (1.0, end)):
             for i in np.flatnonzero(~robot.within_limits(q)):
                 return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
         found = self._collision((start, robot.difference(start, end)))
-        for limit in self._limits:
+        for limit in self.limits:
             if found.verdict is not Verdict.FREE:
                 break
             found = self._keeps(limit, start, end)
@@ -238,15 +188,15 @@ class MotionProver:
         nothing is known but at single configurations are UNDECIDED. Raises InputError if the coefficients have another
         shape or are not finite.
         """
-        curve: Curve = tuple(finite_array(coefficients, (None, self._checker.robot.n), "coefficients of a motion"))
+        curve: Curve = tuple(finite_array(coefficients, (None, self.checker.robot.n), "coefficients of a motion"))
         if len(curve) < 2:
             raise InputError("a motion must have a start and a way at least, got one coefficient")
         outside = self._joint_limits.left_by(curve)
         if outside is not None:
             joint, at = outside
-            return MotionVerdict(Verdict.BLOCKED, at, (self._checker.robot.joint_names[joint], "its limits"))
+            return MotionVerdict(Verdict.BLOCKED, at, (self.checker.robot.joint_names[joint], "its limits"))
         found = self._collision(curve)
-        for limit in self._limits:
+        for limit in self.limits:
             if found.verdict is not Verdict.FREE:
                 break
             found = self._curve_keeps(limit, curve)
@@ -255,16 +205,18 @@ class MotionProver:
     def required_with(self, margin: float) -> RequiredDistances:
         """Return the required distances with a margin [m] from obstacles besides; those of the last call are kept."""
         if not margin:
-            return self._required
-        known = self._last_widened  # another thread may put one of its own there
+            return self.required
+        known: tuple[float, RequiredDistances] | None = vars(self).get(
+            "_widened"
+        )  # another thread may put its own there
         if known is None or known[0] != margin:
-            pairs = self._required.pairs
-            known = margin, RequiredDistances(pairs, np.maximum(self._required.least, pairs.margins(margin)))
-            self._last_widened = known
+            pairs = self.required.pairs
+            known = margin, RequiredDistances(pairs, np.maximum(self.required.least, pairs.margins(margin)))
+            object.__setattr__(self, "_widened", known)
         return known[1]
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        n = self._checker.robot.n
+        n = self.checker.robot.n
         first = shaped_configuration(start, n, "start of a motion")
         return first, shaped_configuration(end, n, "end of a motion")
 
@@ -274,17 +226,17 @@ class MotionProver:
 
     def _collision(self, curve: Curve) -> MotionVerdict:
         """Return the verdict on collisions, with the pair that is too near."""
-        required, done = self._required, self._checker.changes.done
+        required, done = self.required, self.checker.changes.done
         verdict, at = self._completed(self._by_bounds(curve, required), done, curve, required)
         if verdict is not Verdict.BLOCKED or at is None:
             return MotionVerdict(verdict, at)
         q = place(curve, at)
-        return MotionVerdict(verdict, at, self._checker.colliding_pair(q) or required.violating_pair(q))
+        return MotionVerdict(verdict, at, self.checker.colliding_pair(q) or required.violating_pair(q))
 
     def _keeps(self, limit: MotionLimit, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Return the verdict of a limit on an edge, and on the tube about it."""
-        if self._separation.tube:
-            return self._curve_keeps(limit, (start, self._checker.robot.difference(start, end)))
+        if self.separation.tube:
+            return self._curve_keeps(limit, (start, self.checker.robot.difference(start, end)))
         return limit.check(start, end)
 
     def _curve_keeps(self, limit: MotionLimit, curve: Curve) -> MotionVerdict:
@@ -295,22 +247,22 @@ class MotionProver:
         if holds is None:
             return MotionVerdict(Verdict.UNDECIDED, 0.0, witness)
         allows: Callable[[FloatArray], bool] = limit.allows  # type: ignore[attr-defined]
-        tube = np.array(self._separation.tube or 0.0)
-        radii = self._checker.robot.bounds.displacement_radii
+        tube = np.array(self.separation.tube or 0.0)
+        radii = self.checker.robot.bounds.displacement_radii
         intervals = [(0.5, 0.5)]
         for q, at in ((place(curve, 0.0), 0.0), (place(curve, 1.0), 1.0)):
             if not allows(q):
                 return MotionVerdict(Verdict.BLOCKED, at, witness)
         while intervals:
             t, half = intervals.pop()
-            if self._stop():
+            if self.stop():
                 return MotionVerdict(Verdict.UNDECIDED, t, witness)
             q, steps = place(curve, t), half * speeds_about(curve, t, half)
             if holds(q, steps + tube):
                 continue
             if not allows(q):
                 return MotionVerdict(Verdict.BLOCKED, t, witness)
-            if (radii @ steps).max(initial=0.0) < self._floor:
+            if (radii @ steps).max(initial=0.0) < self.floor:
                 return MotionVerdict(Verdict.UNDECIDED, t, witness)
             half /= 2
             intervals += [(t + half, half), (t - half, half)]
@@ -323,7 +275,7 @@ class MotionProver:
 
         A proof during which another thread moves obstacles is begun anew.
         """
-        changes = self._checker.changes
+        changes = self.checker.changes
         found = self._subdivide(known, curve, required)
         if changes.begun == done:
             return found
@@ -331,10 +283,10 @@ class MotionProver:
             return self._subdivide(self._by_bounds(curve, required), curve, required)
 
     def _by_bounds(self, curve: Curve, required: RequiredDistances) -> BoundsProof:
-        return required.pairs.bounds.prove(curve, required.allowed_for, self._floor)
+        return required.pairs.bounds.prove(curve, required.allowed_for, self.floor)
 
     def _subdivide(self, known: BoundsProof, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
-        checker, pairs = self._checker, required.pairs
+        checker, pairs = self.checker, required.pairs
         if known.proven:
             return Verdict.FREE, None
         if known.blocked:
@@ -349,7 +301,7 @@ class MotionProver:
         while True:
             known_free, unproven = {t for t, _ in unproven}, []
             for t, half in intervals:
-                if self._stop():
+                if self.stop():
                     return Verdict.UNDECIDED, t
                 if curved or half != asked:
                     approach = pairs.radii @ speeds_about(curve, t, half)
@@ -369,7 +321,7 @@ class MotionProver:
                     return Verdict.BLOCKED if required.violated(q) else Verdict.UNDECIDED, t
                 if curved:
                     approach = pairs.radii @ speeds_about(curve, t, half)
-                if half * approach.max(initial=0.0) < self._floor:
+                if half * approach.max(initial=0.0) < self.floor:
                     return Verdict.UNDECIDED, t
                 third = half / 3
                 intervals += _unknown([(t + side, third) for side in (-2 * third, 0.0, 2 * third)], known)
@@ -382,7 +334,7 @@ class MotionProver:
         """
         waiting, found = [(0.5, 0.5)], list[Interval]()
         while waiting:
-            if self._stop():
+            if self.stop():
                 return [*found, *waiting]
             t, half = waiting.pop()
             if not _unknown([(t, half)], known):

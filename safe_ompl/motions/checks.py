@@ -156,7 +156,7 @@ def check_with(
     found = rate_violations(motion, robot, limits)
     outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
-    for piece in piece_proofs(motion, proof.until(lambda: clock() > end)):
+    for piece in piece_proofs(motion, replace(proof, stop=lambda: clock() > end)):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
         known = what == "its limits" and joint in outside  # pairs and radii hold within the limits only
@@ -211,7 +211,7 @@ def widest_tube(
 
     def proven(width: float) -> bool:
         tube = tuple((width * shape).tolist())
-        within = proof.with_separation(replace(proof.separation, tube=tube))
+        within = replace(proof, separation=replace(proof.separation, tube=tube))
         pieces = list(piece_proofs(motion, within))
         for k in order:
             if not pieces[k].proven():
@@ -258,7 +258,7 @@ class PieceProof(NamedTuple):
 
     def verdict(self, low: float = 0.0, high: float = 1.0) -> MotionVerdict:
         """Return the verdict on the piece from one fraction to another; its `at` is a fraction of this part."""
-        if self.proof.stopped:
+        if self.proof.stop():
             return MotionVerdict(Verdict.UNDECIDED, 0.0)
         whole = (low, high) == (0.0, 1.0)
         return self.proof.check_curve(self.curve if whole else polynomials.restricted(self.curve, low, high))
@@ -268,7 +268,7 @@ class PieceProof(NamedTuple):
         found = self.verdict(low, high)
         if found.verdict is Verdict.FREE:
             return
-        if self.proof.stopped:
+        if self.proof.stop():
             first, last = self.time(low), self.time(high)
             yield Violation(_OUT_OF_TIME, first, last, first, (), decided=False)
             return
@@ -291,7 +291,7 @@ def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
     within: dict[bytes, MotionProver] = {}
     for k, row in enumerate(np.array(separation.tube or np.zeros(motion.n)) + allowance):
         if row.tobytes() not in within:
-            within[row.tobytes()] = proof.with_separation(replace(separation, tube=tuple(row.tolist())))
+            within[row.tobytes()] = replace(proof, separation=replace(separation, tube=tuple(row.tolist())))
         span = float(motion.times[k]), float(motion.times[k + 1])
         yield PieceProof(k, motion.coefficients[k], span, within[row.tobytes()])
 

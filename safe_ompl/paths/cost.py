@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import CollisionChecker, PairDistances, Proximity, Witnesses
+from safe_ompl.collision import CollisionChecker, PairDistances, Witnesses
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, number
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.measures import Curve
@@ -193,7 +193,7 @@ class ObstacleCost:
     def __init__(self, checker: CollisionChecker, distance: float) -> None:
         self.distance = number("clearance", distance, above=0.0)
         self.allowed = 0.0
-        self._proximity = Proximity(checker, self.distance)
+        self._checker, self._distances = checker, PairDistances(checker, self.distance)
         self._anchored: Witnesses | None = None
 
     def afresh(self, allowed: float) -> ObstacleCost:
@@ -205,22 +205,24 @@ class ObstacleCost:
 
     def clearances(self, path: FloatArray) -> tuple[float, float]:
         """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
-        checker = self._proximity.checker
+        checker = self._checker
         ends = max(0.0, PairDistances(checker, np.inf).least(path[[0, -1]], np.inf))
         if not 0 < ends < np.inf:
             return ends, ends
-        distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
+        distances = self._distances if ends <= self.distance else PairDistances(checker, ends)
         curve = Curve(checker.robot, path)
         samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
         return ends, max(0.0, distances.least(samples, ends))
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""
-        return self._proximity.near(Q)
+        near = np.zeros(len(Q), dtype=bool)
+        near[self._distances.near(Q, self.distance).rows] = True
+        return near
 
     def anchor(self, Q: FloatArray) -> None:
         """From here on take the witnesses at `Q: (B, n)` for those at B configurations near these."""
-        self._anchored = self._proximity.witnesses(Q)
+        self._anchored = self._distances.witnesses(Q, self.distance)
 
     def values(self, Q: FloatArray) -> FloatArray:
         """Return the density (B,) at `Q: (B, n)`."""
@@ -232,7 +234,7 @@ class ObstacleCost:
 
     def expansion(self, Q: FloatArray) -> Expansion:
         """Return the density and its derivatives at `Q: (B, n)`, the second ones by Gauss-Newton."""
-        witnesses = self._proximity.witnesses(Q) if self._anchored is None else self._anchored
+        witnesses = self._anchored or self._distances.witnesses(Q, self.distance)
         hinges = [(self.distance, _OBSTACLE_WEIGHT)]
         if self.allowed > 0:
             hinges.append((self.allowed, _STEEPNESS * _OBSTACLE_WEIGHT))

@@ -47,7 +47,8 @@ class EdgeProofs:
     def keep(self, margin: float) -> None:
         """From here on ask for a clearance [m] of all edges that are not accepted yet."""
         separation = self._free.separation
-        self._clear = self._free.with_separation(replace(separation, margin=max(margin, separation.margin)))
+        wider = replace(separation, margin=max(margin, separation.margin))
+        self._clear = replace(self._free, separation=wider)
 
     def accepts(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the edge between two configurations (n,) is proven."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
 from typing import Any, TypeVar
@@ -83,7 +83,7 @@ def validate(path: ArrayLike, motion: MotionProver) -> Validation:
     if not len(path):
         raise InputError("path must have a configuration at least, got none")
     own = [limit for limit in motion.limits if isinstance(limit, UserCheck)]
-    proof = motion.with_limits([limit for limit in motion.limits if not isinstance(limit, UserCheck)])
+    proof = replace(motion, limits=[limit for limit in motion.limits if not isinstance(limit, UserCheck)])
     refused = first_refused(path, proof)
     proven, outcomes = refused is None, []
     for check in own:

@@ -21,12 +21,8 @@ _log = logging.getLogger(__name__)
 _THICKNESS = 2e-4  # [m] of the hulls of flat meshes, such as stickers
 _NO_MASS = 1e-6  # [kg] of rounding, and of links that must have some for a simulator
 
-CollisionSource = Literal["required", "visual", "optional"]
-"""What to do about links without collision shapes.
-
-"required": a robot none of whose moving links has one is refused; "visual": the visual shapes of such links collide;
-"optional": a robot without any is accepted, and touches nothing.
-"""
+CollisionSource = Literal["required", "visual"]
+"""Links without collision shapes do not collide, or their visual shapes do; some moving link must collide."""
 
 
 def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) -> pin.GeometryModel:
@@ -42,13 +38,12 @@ def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) ->
     return geometry
 
 
-def check_collides(geometry: pin.GeometryModel, collision: str, source: str) -> None:
-    """Raise InputError if no moving link has a collision shape, unless `collision` is "optional"."""
-    if collision != "optional" and not any(part.parentJoint for part in geometry.geometryObjects):
-        remedy = "it has no visual ones either; to plan without any, give collision='optional' (--collision optional)"
-        if collision == "required":
-            remedy = "its visual shapes are taken with collision='visual' (--collision visual)"
-        raise InputError(f"no moving link has a collision shape, so that nothing could ever touch: {remedy}", source)
+def check_collides(geometry: pin.GeometryModel, collision: str | None, source: str) -> None:
+    """Raise InputError if no moving link has a collision shape; `collision` is None where there are no other shapes."""
+    if not any(part.parentJoint for part in geometry.geometryObjects):
+        remedy = ": its visual shapes are taken with collision='visual' (--collision visual)"
+        more = {"required": remedy, "visual": ": it has no visual ones either"}.get(collision or "", "")
+        raise InputError(f"no moving link has a collision shape, so that nothing could ever touch{more}", source)
 
 
 def links_of(model: pin.Model, geometry: pin.GeometryModel | None) -> frozenset[str]:

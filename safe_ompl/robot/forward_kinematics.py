@@ -232,12 +232,6 @@ class ForwardKinematics:
         values = plain(self.model_values(Q))
         return self.coupling.columns(kernel.pull_back(*self._tables, values, plain(gradients)))
 
-    def keypoint_jacobians(self, q: ArrayLike) -> FloatArray:
-        """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
-        size = 3 * len(self.skeleton.joints)
-        units = np.eye(size).reshape(size, -1, 3)
-        return self.pull_back(np.tile(self._checked(q), (size, 1)), units).reshape(-1, 3, self.n)
-
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return x [m], dx/dt and d²x/dt², (B, K, 3) each, of key points at `Q: (B, n)` at steady rates `delta`."""
         values, rates = plain(self.model_values(Q)), plain(self.coupling.motions(delta))

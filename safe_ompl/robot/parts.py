@@ -81,7 +81,6 @@ class RobotParts:
     held: Mapping[str, float] = field(default_factory=dict)
     bare_links: tuple[str, ...] = ()  # links, moving or not, that lack collision shapes
     attached: tuple[Attachment, ...] = ()
-    accelerations: Mapping[str, float] = field(default_factory=dict)  # [rad/s² or m/s²] by joint
 
     @cached_property
     def links_without_collision(self) -> tuple[str, ...]:
@@ -140,14 +139,6 @@ class RobotParts:
         warn_of_unchecked(self.name, [name for name in parts.links_without_collision if name not in before])
         return parts
 
-    def with_accelerations(self, limits: Mapping[str, float]) -> RobotParts:
-        """Return the robot with acceleration limits of planned joints; raise UnknownNameError for any other joint."""
-        planned = [name for name in list(self.model.names)[1:] if name not in self.mimics]
-        for name in limits:
-            if name not in planned:
-                raise UnknownNameError("joint", name, planned, "accelerations")
-        return replace(self, accelerations={**self.accelerations, **limits})
-
     def locking(self, values: Mapping[str, float]) -> RobotParts:
         """Return the robot with joints locked at values [rad or m], and with them what mimics them."""
         held = with_mimics(self.model, self.mimics, values, self.source)
@@ -159,9 +150,8 @@ class RobotParts:
             return None if drawn is None else reduce_model(self.model, drawn, held)[1]
 
         mimics = {name: mimic for name, mimic in self.mimics.items() if name not in held}
-        rates = {name: limit for name, limit in self.accelerations.items() if name not in held}
         parts = replace(self, model=model, collision_model=bodies, read_visual=visual, mimics=mimics)
-        return replace(parts, held={**self.held, **held}, accelerations=rates)
+        return replace(parts, held={**self.held, **held})
 
     def holding(self, item: Attachment) -> RobotParts:
         """Return the robot with an object in its gripper; errors as `Robot.with_attached`."""
@@ -219,7 +209,6 @@ class RobotParts:
             held={prefix + name: value for name, value in self.held.items()},
             bare_links=tuple(prefix + name for name in self.bare_links),
             attached=tuple(replace(item, name=prefix + item.name, link=prefix + item.link) for item in self.attached),
-            accelerations={prefix + name: limit for name, limit in self.accelerations.items()},
         )
 
     def _on(self, model: pin.Model, joint: int, pose: pin.SE3) -> RobotParts:
@@ -260,7 +249,6 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
             held={**found.held, **parts.held},
             bare_links=found.bare_links + parts.bare_links,
             attached=found.attached + parts.attached,
-            accelerations={**found.accelerations, **parts.accelerations},
         )
     return found
 

@@ -65,7 +65,11 @@ class Robot(ForwardKinematics):
         self.name: str = self.shared.name
         self.held_joints = dict(self.shared.held)
         self.attached = self.shared.attached
-        self.accelerations = dict(self.shared.accelerations)
+        rates = spec.known_accelerations()
+        for joint in rates:
+            if joint not in self.joint_names and joint not in self.held_joints:
+                raise UnknownNameError("joint", joint, self.joint_names, "accelerations")
+        self.accelerations = {joint: rate for joint, rate in rates.items() if joint in self.joint_names}
         self.links_without_collision = self.shared.links_without_collision
 
     @classmethod
@@ -150,11 +154,6 @@ class Robot(ForwardKinematics):
         """Return the same robot with other limits [rad or m] for the joints named."""
         return type(self)(self.spec.with_limits(limits))
 
-    def with_base(self, pose: PoseLike) -> Robot:
-        """Return the same robot with its base, as it is now, moved by `pose` in the world."""
-        way = Pose.of(pose, "base")
-        return type(self)(self.spec.with_base(way), self.shared.placed(way.se3))
-
     def with_attached(
         self,
         name: str,
@@ -197,7 +196,7 @@ class Robot(ForwardKinematics):
         UnknownNameError if it plans with no joint of such a name.
         """
         spec = replace(self.spec, accelerations={**self.spec.accelerations, **limits})
-        return type(self)(spec, self.shared.with_accelerations(spec.accelerations))
+        return type(self)(spec, self.shared)
 
     def with_locked(self, values: Mapping[str, float], tip: str | None = None) -> Robot:
         """Return the robot with joints locked at values [rad or m], which is not written to documents as such.

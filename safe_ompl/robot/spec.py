@@ -184,10 +184,9 @@ class RobotSpec(Section):
         Name for reports; the URDF's, and of several robots "cell", by default.
     group : str, optional
         Group of the SRDF whose joints move, the others are held: at zero, unless `locked` says where.
-    collision : {"required", "visual", "optional"}
+    collision : {"required", "visual"}
         What collides of links that have visual shapes only. "visual": those shapes. Otherwise nothing, which
-        `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused
-        unless this is "optional".
+        `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused.
     accelerations : mapping of str to float, optional
         Acceleration limits by joint [rad/s² or m/s²]: URDFs have none. Those of a scenario's `motion` come first.
     xacro_args : mapping of str to str, optional
@@ -269,9 +268,11 @@ class RobotSpec(Section):
         robots = {k: s if s.example is not None else s.with_package_dirs(folders) for k, s in self.robots.items()}
         return replace(self, robots=robots)
 
-    def with_base(self, pose: Pose) -> RobotSpec:
-        """Return the spec of the robot with its base, as it is now, moved by a pose in the world."""
-        return replace(self, base=pose if self.base is None else Pose.of(pose.se3 * self.base.se3))
+    def known_accelerations(self) -> dict[str, float]:
+        """Return the acceleration limits by joint, those of robots in a cell with their prefixes [rad/s² or m/s²]."""
+        members = {prefix: robot.known_accelerations() for prefix, robot in self.robots.items()}
+        own = {f"{prefix}_{joint}": limit for prefix, known in members.items() for joint, limit in known.items()}
+        return {**own, **self.accelerations}
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> RobotSpec:
         """Return the spec with other limits [rad or m] for the joints named, those of base and cell included."""
@@ -323,7 +324,7 @@ class RobotSpec(Section):
             bare = bare.placed(self.base.se3)
         for item in self.attached:
             bare = bare.holding(item)
-        return bare.with_accelerations(self.accelerations)
+        return bare
 
     def joined(self, parts: Mapping[str, RobotParts]) -> RobotParts:
         """Return the parts of the robots in the cell as those of one."""
@@ -352,6 +353,7 @@ class RobotSpec(Section):
         full, name = models.model.copy(), self.name or models.model.name or "robot"
         bodies, drawn = independent(models.collision_model), models.visual_model
         parts = self._reduced(name, name, full, bodies, lambda: drawn, models.mimics)
+        check_collides(parts.collision_model, None, name)
         return parts.lacking(models.model, *(links_of(models.model, g) for g in (models.collision_model, drawn)))
 
     def _reduced(

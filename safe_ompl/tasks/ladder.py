@@ -72,7 +72,7 @@ class Costs:
             if self._scale is None:  # at the first nodes that it is asked of
                 self._scale = float(np.median(dangers)) or 1.0
             costs += self.weight * dangers
-        near = np.flatnonzero([self._checker.within_margins(q, self._margins) for q in Q])
+        near = np.flatnonzero([self._checker.pairs.within_margins(q, self._margins) for q in Q])
         if len(near):
             costs[near[[self._checker.touches(q) for q in Q[near]]]] = np.inf
             if len(self._checker.distance_names):

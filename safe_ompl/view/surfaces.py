@@ -216,8 +216,8 @@ _CIRCLE_CORNERS = 48  # on every circle of an obstacle
 class RobotBody:
     """The visible body of a robot, ready to be posed; `links` are its surfaces, each in its own frame.
 
-    Its visual geometry is drawn; the collision geometry where a joint moves nothing visual, or if it is to be `coarse`;
-    without either, capsules along its skeleton. What is smaller than `detail` [m] is left out.
+    Its visual geometry is drawn; the collision geometry where a joint moves nothing visual, or if it is to be `coarse`.
+    What is smaller than `detail` [m] is left out.
     """
 
     def __init__(self, robot: Robot, *, coarse: bool = False, detail: float = 1e-5) -> None:
@@ -229,12 +229,6 @@ class RobotBody:
                 self._geometry.addGeometryObject(part)
         parts = self._geometry.geometryObjects
         self.links = [Surface.coarsened(*tessellate(part.geometry), detail) for part in parts]
-        self._bones = not self.links
-        if self._bones:
-            ends = self._bone_ends(np.zeros(robot.n))
-            lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-            bones = np.multiply.outer(lengths, [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
-            self.links = [_bone(ends, 0.03 * lengths.sum()) for ends in bones]
 
     def posed(self, q: FloatArray, moved_from: FloatArray | None = None) -> Surface:
         """Return the body at `q: (n,)` in the world frame, without what stands as at `moved_from: (n,)`."""
@@ -260,24 +254,11 @@ class RobotBody:
 
     def placements(self, q: FloatArray) -> list[pin.SE3]:
         """Return where each of the links is in the world at `q: (n,)`."""
-        if self._bones:
-            up = np.array([0.0, 0.0, 1.0])
-            turns = [pin.Quaternion.FromTwoVectors(up, b - a).matrix() for a, b in self._bone_ends(q)]
-            return [pin.SE3(turn, a) for turn, (a, _) in zip(turns, self._bone_ends(q), strict=True)]
         model, data = self._robot.shared.model, self._robot.shared.model.createData()
         bodies = self._geometry.createData()
         full = self._robot.pinocchio_configuration(q)
         pin.updateGeometryPlacements(model, data, self._geometry, bodies, full)
         return [pin.SE3(place) for place in bodies.oMg]
-
-    def _bone_ends(self, q: FloatArray) -> FloatArray:
-        return np.asarray(self._robot.keypoints_batch(q[None])[0][self._robot.segments])
-
-
-def _bone(ends: FloatArray, radius: float) -> Surface:
-    """Return a tube between two points (2, 3) with balls of a radius [m] at both."""
-    parts = (tube(ends, 0.7 * radius), *(tube(end[None], radius) for end in ends))
-    return Surface.merged(Surface.from_triangles(*part) for part in parts)
 
 
 def scene_surfaces(obstacles: Iterable[Obstacle]) -> tuple[dict[str, list[ColouredSurface]], list[str]]:

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -257,7 +258,7 @@ def test_what_is_not_proven_has_no_certificate(ur5, clutter, fast):
 
     found = check(spline(), ur5, clutter)
     with pytest.raises(InputError, match="limits: no certificate has a claim of 'mine'"):
-        motion_certificate(check_with(spline(), found.proof.with_limits([Own()])))
+        motion_certificate(check_with(spline(), replace(found.proof, limits=[Own()])))
     bare = check(Motion.sampled(FINE, spline()(FINE), 0.5), ur5, clutter, limits=fast)
     assert "velocity" not in bare.claims
     assert "velocity" not in motion_certificate(bare)["motion"]

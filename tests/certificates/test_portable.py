@@ -138,20 +138,16 @@ def robots(robot_files, ur5):
     held = Robot.from_urdf(arm, tip="left_hand", locked={"right_slide": 0.2})
     box, mesh = Box((0.05, 0.05, 0.3)), Mesh(robot_files / "wedge.obj", (0.1, 0.1, 0.1))
     mobile = Robot.from_urdf(arm, mobile_base=((-1, 1), (-2, 0.5)), base=TURNED, tip="right_hand")
+    far = Robot.from_example("ur5", base=(5, 0, 0)).with_attached("rod", box, pose=(0, 0, 0.2))
+    all_at_once = Robot.combined("cell", {"a": mobile.with_attached("part", mesh), "b": far})
     return {
         "example": ur5,
-        "on a base": ur5.with_base(TURNED),
+        "on a base": Robot.from_example("ur5", base=TURNED),
         "on a mobile base": mobile.with_limits({"base_x": (-0.5, 0.5), "lift": (0.0, 0.1)}),
         "with a box": ur5.with_attached("rod", box, "tool0", TURNED, danger=True),
         "with a mesh": held.with_attached("part", mesh, touch_links=["left_arm"]),
-        "in a cell": Robot.combined("cell", {"a": ur5, "b": held.with_base((2.0, 0.0, 0.0))}, tip="b"),
-        "all at once": Robot.combined(
-            "cell",
-            {
-                "a": mobile.with_attached("part", mesh),
-                "b": ur5.with_base((5, 0, 0)).with_attached("rod", box, pose=(0, 0, 0.2)),
-            },
-        ).with_base(TURNED),
+        "in a cell": Robot.combined("cell", {"a": ur5, "b": Robot(replace(held.spec, base=(2.0, 0.0, 0.0)))}, tip="b"),
+        "all at once": Robot(replace(all_at_once.spec, base=TURNED)),
         "numbers of NumPy": Robot.from_urdf(
             arm, locked={"lift": np.float32(0.1)}, limits={"left_elbow": np.array([-1, 1]).astype(int).tolist()}
         ),
@@ -233,7 +229,7 @@ def test_one_urdf_is_not_taken_for_several_robots(carried, data_folder):
 
 
 def test_models_of_pinocchio_are_no_plain_data(ur5):
-    robot = Robot.from_models(ur5.model, ur5.collision_model, tip="tool0").with_base(TURNED)
+    robot = Robot.from_models(ur5.model, ur5.collision_model, tip="tool0", base=TURNED)
     assert carried_robot(robot)["recipe"] is None
 
 

@@ -108,8 +108,7 @@ def test_a_robot_without_pairs(tmp_path):
     )
     checker = CollisionChecker(Robot.from_urdf(urdf), Scene())
     assert checker.pair_names == ()
-    assert not checker.within_margins(np.zeros(1), np.zeros(0))
-    assert not checker.within_margins(np.zeros(1), 0.1)
+    assert not checker.pairs.within_margins(np.zeros(1), np.zeros(0))
     assert not checker.in_collision(np.zeros(1))
 
 
@@ -158,7 +157,7 @@ def test_margins_are_exact(robot_named, plain_check, clutter, rng, name):
         slack = float((distances - margins).min())
         near += slack < 0
         if abs(slack) > TOLERANCE:
-            assert checker.within_margins(q, margins) == (slack < 0)
+            assert checker.pairs.within_margins(q, margins) == (slack < 0)
     assert 10 < near < 100
 
 
@@ -187,31 +186,7 @@ def test_what_is_handed_out_cannot_be_written_to(panda, clutter):
             array[0] = 1
 
 
-def test_margins_are_checked(panda, clutter):
-    checker, q = CollisionChecker(panda, clutter), np.zeros(7)
-    number = len(checker.pair_names)
-    for margins, message in (
-        (np.zeros(number - 1), rf"margins: must have shape \({number},?\), got \({number - 1},\)"),
-        (np.full(number, np.nan), "margins: must be finite"),
-        (np.inf, "margins: must be finite"),
-        (-0.1, r"margins must be lengths >= 0 \[m\], got \[-0.1\]"),
-        ("wide", "margins: must be numbers, got 'wide'"),
-    ):
-        for ask in (checker.within_margins, checker.pair_within_margins):
-            with pytest.raises(InputError, match=message):
-                ask(q, margins)
-
-
-QUESTIONS = {
-    "in_collision": (),
-    "colliding_pair": (),
-    "within_margins": (0.01,),
-    "pair_within_margins": (0.01,),
-    "distances": (),
-    "pair_distances": (),
-    "pair_radii_at": (),
-    "clearance": (),
-}
+QUESTIONS = ("in_collision", "colliding_pair", "distances", "pair_distances", "pair_radii_at", "clearance")
 
 
 @pytest.mark.parametrize("question", QUESTIONS)
@@ -219,9 +194,9 @@ def test_configurations_are_checked(panda, clutter, question):
     checker = CollisionChecker(panda, clutter)
     q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
     ask = getattr(checker, question)
-    expected, rest = ask(q, *QUESTIONS[question]), QUESTIONS[question]
-    np.testing.assert_equal(ask(q.tolist(), *rest), expected)
-    np.testing.assert_equal(ask(tuple(q), *rest), expected)
+    expected = ask(q)
+    np.testing.assert_equal(ask(q.tolist()), expected)
+    np.testing.assert_equal(ask(tuple(q)), expected)
     counted = checker.counts.copy()
     for bad, message in (
         (np.full(7, np.nan), "configuration: must be finite, got"),
@@ -233,7 +208,7 @@ def test_configurations_are_checked(panda, clutter, question):
         (["a"] * 7, "configuration: must be numbers"),
     ):
         with pytest.raises(InputError, match=message):
-            ask(bad, *rest)
+            ask(bad)
     assert checker.counts == counted, "what is refused is not asked"
 
 
@@ -275,17 +250,17 @@ def test_queries_outlive_what_they_were_made_from(data_folder, rng):
         robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
         scene = Scene((Obstacle("post", Cylinder(0.1, 1.0), Pose((0.7, 0.0, 0.0))),))
         checker = CollisionChecker(robot, scene)
-        return checker.in_collision, checker.within_margins, checker.distances, weakref.ref(checker)
+        return checker.in_collision, checker.clearance, checker.distances, weakref.ref(checker)
 
-    in_collision, within_margins, distances, checker = build()
+    in_collision, clearance, distances, checker = build()
     gc.collect()
     ballast = [np.random.default_rng(k).normal(size=1000) for k in range(100)]  # to overwrite what was freed
     assert in_collision(np.zeros(2))
-    assert within_margins(np.zeros(2), 0.0)
+    assert clearance(np.zeros(2)).distance < 0
     assert distances(np.zeros(2)).min() < 0
     assert not in_collision(np.array([np.pi / 2, 0.0]))
     assert checker() is not None
-    del in_collision, within_margins, distances, ballast
+    del in_collision, clearance, distances, ballast
     gc.collect()
     assert checker() is None
 
@@ -306,7 +281,7 @@ def test_queries_are_counted(panda, clutter):
     q = np.zeros(7)
     checker.in_collision(q)
     checker.colliding_pair(q)
-    checker.within_margins(q, 0.01)
+    checker.pairs.within_margins(q, checker.pairs.margins(0.01))
     checker.clearance(q)
     assert counts == Counts(collision_queries=2, margin_queries=1, distance_queries=1)
 

@@ -93,7 +93,7 @@ def test_what_never_touches_may_come_too_near(crank):
 def test_pairs_that_come_within_a_reach_follow_those_that_may_touch(crank, clutter, panda):
     for robot, scene, number in ((crank, balls(far=0.65, near=0.5), 1), (panda, clutter, None)):
         checker = CollisionChecker(robot, scene)
-        names, radii = checker.pair_names, checker.pair_radii
+        names, radii = checker.pair_names, checker.pairs.radii
         assert number in (None, len(names))
         wide = checker.pairs_within(1.0)
         assert len(wide.names) > len(names)

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import CollisionChecker, InputError, MotionProver, Scene, UnknownNameError
-from safe_ompl.collision import Proximity, Separation
+from safe_ompl.collision import PairDistances, Separation
 from safe_ompl.geometry import STANDING, Box, Cylinder, Obstacle, Person, PointCloud, Pose, Sphere
 
 MOVES = 60
@@ -63,7 +63,7 @@ def random_places(rng):
 def test_after_any_moves_answers_are_those_of_a_checker_made_anew(robot_named, scene, rng, name):
     robot = robot_named(name)
     checker = CollisionChecker(robot, scene, movable=MOVABLE)
-    wide, near = checker.pairs_within(0.1), Proximity(checker, 0.1)
+    wide, near = checker.pairs_within(0.1), PairDistances(checker, 0.1)
     motion = MotionProver(checker, separation=Separation(margin=0.02))
     touched = free = 0
     for _ in range(MOVES // 3):
@@ -72,7 +72,7 @@ def test_after_any_moves_answers_are_those_of_a_checker_made_anew(robot_named, s
         anew = CollisionChecker(robot, scene, movable=MOVABLE)
         pruned = CollisionChecker(robot, scene)
         assert checker.scene is scene
-        np.testing.assert_array_equal(checker.pair_radii, anew.pair_radii)
+        np.testing.assert_array_equal(checker.pairs.radii, anew.pairs.radii)
         np.testing.assert_array_equal(wide.radii, anew.pairs_within(0.1).radii)
         Q = rng.uniform(robot.lower, robot.upper, (4, robot.n))
         for q in Q:
@@ -86,7 +86,7 @@ def test_after_any_moves_answers_are_those_of_a_checker_made_anew(robot_named, s
             np.testing.assert_allclose(checker.pair_distances(q), anew.pair_distances(q), rtol=0, atol=1e-12)
             np.testing.assert_array_equal(checker.pair_radii_at(q), anew.pair_radii_at(q))
             touched += checker.in_collision(q)
-        found, expected = near.witnesses(Q), Proximity(anew, 0.1).witnesses(Q)
+        found, expected = near.witnesses(Q, 0.1), PairDistances(anew, 0.1).witnesses(Q, 0.1)
         np.testing.assert_array_equal(found.offsets, expected.offsets)
         np.testing.assert_array_equal(found.points, expected.points)
         proof = MotionProver(anew, separation=Separation(margin=0.02))

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import Box, CollisionChecker, Obstacle, PointCloud, Pose, Scene, Sphere
-from safe_ompl.collision import PairDistances, Proximity, fresh_data
+from safe_ompl.collision import PairDistances, fresh_data
 from safe_ompl.geometry import ConvexBodies
 
 WITHIN = 0.1
@@ -74,10 +74,10 @@ def test_what_is_not_convex_is_measured_by_coal(panda, path):
 
 
 def test_witnesses_do_not_depend_on_what_was_asked_before(checker, path):
-    before, fresh = Proximity(checker, WITHIN), Proximity(checker, WITHIN)
+    before, fresh = PairDistances(checker, WITHIN), PairDistances(checker, WITHIN)
     for shift in (0.3, 0.02):
-        before.witnesses(path + shift)
-    found, expected = before.witnesses(path), fresh.witnesses(path)
+        before.witnesses(path + shift, WITHIN)
+    found, expected = before.witnesses(path, WITHIN), fresh.witnesses(path, WITHIN)
     for name in ("rows", "joints", "points", "normals", "offsets"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 

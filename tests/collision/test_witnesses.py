@@ -5,7 +5,7 @@ import pytest
 from oracles.pinocchio_points import body_points
 
 from safe_ompl import CollisionChecker, InputError, Scene
-from safe_ompl.collision import Proximity
+from safe_ompl.collision import PairDistances
 from safe_ompl.paths.cost import ObstacleCost
 
 WITHIN = 0.15
@@ -33,9 +33,7 @@ def distances_of(witnesses, Q):
 
 def test_the_nearest_witness_is_as_far_as_coal_says(near):
     checker, Q = near
-    proximity = Proximity(checker, WITHIN)
-    assert proximity.near(Q).all()
-    witnesses = proximity.witnesses(Q)
+    witnesses = PairDistances(checker, WITHIN).witnesses(Q, WITHIN)
     distances, _ = distances_of(witnesses, Q)
     for row, q in enumerate(Q):
         assert distances[witnesses.rows == row].min() == pytest.approx(checker.clearance(q).distance, abs=1e-4)
@@ -43,7 +41,7 @@ def test_the_nearest_witness_is_as_far_as_coal_says(near):
 
 def test_gradients_of_distances(near):
     checker, Q = near
-    witnesses = Proximity(checker, WITHIN).witnesses(Q)
+    witnesses = PairDistances(checker, WITHIN).witnesses(Q, WITHIN)
     _, gradients = distances_of(witnesses, Q)
     for i in range(Q.shape[1]):
         step = 1e-6 * np.eye(Q.shape[1])[i]
@@ -53,7 +51,7 @@ def test_gradients_of_distances(near):
 
 def test_hinge_costs_are_those_of_the_distances(near):
     checker, Q = near
-    witnesses = Proximity(checker, WITHIN).witnesses(Q)
+    witnesses = PairDistances(checker, WITHIN).witnesses(Q, WITHIN)
     distances, slopes = distances_of(witnesses, Q)
     costs, gradients, bends = witnesses.hinge_costs(Q, np.array([[WITHIN, 2.0], [0.5 * WITHIN, 30.0]]))
     lacks = np.maximum(0.0, 1 - distances[:, None] / [WITHIN, 0.5 * WITHIN])
@@ -80,5 +78,5 @@ def test_nothing_is_near_in_an_empty_scene(panda):
 
 @pytest.mark.parametrize("distance", [0.0, -0.1, np.inf, np.nan])
 def test_bad_distances(panda, distance):
-    with pytest.raises(InputError, match="distance"):
-        Proximity(CollisionChecker(panda, Scene()), distance)
+    with pytest.raises(InputError, match="clearance"):
+        ObstacleCost(CollisionChecker(panda, Scene()), distance)

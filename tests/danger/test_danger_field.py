@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from oracles.pinocchio_points import keypoint_jacobians
 
 from safe_ompl import Box, CertifiedDanger, DangerField, InputError, Obstacle, Person, Pose, Robot, Scene
 from safe_ompl.common import Counts
@@ -120,7 +121,7 @@ def test_the_push_is_the_sum_over_all_points_and_the_ends_of_all_links(ur5):
     """Σ_m Σ_l J_lᵀ w_m CDF(p_m) with the Jacobians themselves (paper, §4.3)."""
     q = np.array([0.3, -1.0, 1.2, 0.1, 0.4, -0.2])
     danger = DangerField(ur5, POINTS, WEIGHTS)
-    found, jacobians = vectors(ur5.keypoints(q)[None], danger.links, POINTS)[0], ur5.keypoint_jacobians(q)
+    found, jacobians = vectors(ur5.keypoints(q)[None], danger.links, POINTS)[0], keypoint_jacobians(ur5, q)
     expected = sum(jacobians[end].T @ (WEIGHTS @ found) for _, end in ur5.segments)
     np.testing.assert_allclose(danger.push(q), expected, rtol=1e-10, atol=1e-9)
 
@@ -274,11 +275,12 @@ def test_refuses(panda, options, message):
 
 def test_refuses_a_robot_without_links(tmp_path):
     (tmp_path / "wheel.urdf").write_text(
-        """<robot name="wheel"><link name="base"/><link name="rim"/><joint name="turn" type="continuous">
+        """<robot name="wheel"><link name="base"/><link name="rim">
+        <collision><geometry><sphere radius="0.1"/></geometry></collision></link><joint name="turn" type="continuous">
         <parent link="base"/><child link="rim"/><axis xyz="0 0 1"/></joint></robot>"""
     )
     with pytest.raises(InputError, match="'wheel' has no link of any length"):
-        DangerField(Robot.from_urdf(tmp_path / "wheel.urdf", collision="optional"), [[1.0, 0.0, 0.0]])
+        DangerField(Robot.from_urdf(tmp_path / "wheel.urdf"), [[1.0, 0.0, 0.0]])
 
 
 def test_refuses_bad_configurations_and_points(panda):

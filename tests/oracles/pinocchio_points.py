@@ -15,3 +15,9 @@ def body_points(robot, Q, rows, joints, points):
         places.append(data.oMi[int(joint)].translation + arm)
         jacobians.append(robot.coupling.columns(turning[:3] + np.cross(turning[3:], arm, axisa=0, axisc=0)))
     return np.array(places), np.array(jacobians)
+
+
+def keypoint_jacobians(robot, q):
+    """Return the Jacobians (K, 3, n) of the key points of a robot at `q`."""
+    joints, offsets = robot.skeleton.joints, robot.skeleton.offsets
+    return body_points(robot, np.array([q]), [0] * len(joints), joints, offsets)[1]

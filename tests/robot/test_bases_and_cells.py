@@ -1,6 +1,7 @@
 """Robots on bases, and several in one cell: kinematics, pairs, proofs."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -27,7 +28,7 @@ def cell(robot_named):
 @pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
 def test_everything_moves_with_the_base(robot_named, body_points, rng, name):
     robot, world = robot_named(name), BASE.se3
-    placed = robot.with_base(BASE)
+    placed = Robot(replace(robot.spec, base=BASE))
     assert placed.joint_names == robot.joint_names
     np.testing.assert_array_equal(placed.lower, robot.lower)
     np.testing.assert_array_equal(placed.segments, robot.segments)
@@ -74,8 +75,8 @@ def test_joints_links_and_tips_of_both(cell, panda, ur5, rng):
     assert set(cell.segment_names) == {f"left_{name}" for name in panda.segment_names} | {
         f"right_{name}" for name in ur5.segment_names
     }
-    left = panda.with_base({"position": [0.0, 0.45, 0.0], "yaw": -1.5})
-    right = ur5.with_base({"position": [0.0, -0.45, 0.0], "yaw": 1.5})
+    left = Robot.from_example("panda", base={"position": [0.0, 0.45, 0.0], "yaw": -1.5})
+    right = Robot.from_example("ur5", base={"position": [0.0, -0.45, 0.0], "yaw": 1.5})
     for q in rng.uniform(cell.lower, cell.upper, (3, cell.n)):
         np.testing.assert_allclose(cell.tip_pose(q).homogeneous, left.tip_pose(q[:7]).homogeneous, atol=1e-12)
         both = np.vstack([left.keypoints(q[:7]), right.keypoints(q[7:])])
@@ -96,7 +97,7 @@ def test_pairs_of_each_and_all_between(cell, panda, ur5):
 
 def test_cells_travel_and_keep_what_is_held(cell, panda):
     held = panda.with_attached("rod", Sphere(0.1))
-    robot = Robot.combined("cell", {"left": held, "right": panda.with_base((1.0, 0.0, 0.0))})
+    robot = Robot.combined("cell", {"left": held, "right": Robot.from_example("panda", base=(1.0, 0.0, 0.0))})
     assert [item.name for item in robot.attached] == ["left_rod"]
     assert robot_hash(pickle.loads(pickle.dumps(robot))) == robot_hash(robot)
     more = cell.with_attached("ball", Sphere(0.05), "right_tool0").with_limits({"right_elbow_joint": (0.0, 1.0)})
@@ -131,7 +132,9 @@ def test_a_base_that_moves_is_missed_where_it_has_no_collision_shape(tmp_path, c
         <child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
     )
     still = Robot.from_urdf(tmp_path / "cart.urdf")
-    assert still.links_without_collision == still.with_base((1.0, 0.0, 0.0)).links_without_collision == ()
+    assert (
+        still.links_without_collision == Robot(replace(still.spec, base=(1.0, 0.0, 0.0))).links_without_collision == ()
+    )
     assert "no collision shape" not in caplog.text
     moving = Robot.from_urdf(tmp_path / "cart.urdf", mobile_base=((-1, 1), (-1, 1)))
     assert moving.links_without_collision == ("body",)

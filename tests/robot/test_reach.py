@@ -134,12 +134,12 @@ def test_no_body_moves_farther_than_its_radii_allow(robot_named, body_points, na
 def test_joints_that_carry_both_links_do_not_count(twin_arm):
     checker = CollisionChecker(twin_arm, Scene())
     joints = {joint: k for k, joint in enumerate(twin_arm.joint_names)}
-    hands = checker.pair_radii[checker.pair_names.index(("left_hand", "right_hand"))]
+    hands = checker.pairs.radii[checker.pair_names.index(("left_hand", "right_hand"))]
     assert hands[joints["lift"]] == 0, "the lift carries both"
     assert (np.delete(hands, joints["lift"]) > 0).all(), "joints of both branches count"
-    arm = checker.pair_radii[checker.pair_names.index(("torso", "left_forearm"))]
+    arm = checker.pairs.radii[checker.pair_names.index(("torso", "left_forearm"))]
     assert np.flatnonzero(arm).tolist() == [joints["left_shoulder"], joints["left_elbow"]]
-    base = checker.pair_radii[checker.pair_names.index(("base", "right_rail"))]
+    base = checker.pairs.radii[checker.pair_names.index(("base", "right_rail"))]
     assert np.flatnonzero(base).tolist() == [joints[j] for j in ("lift", "right_shoulder", "right_slide")]
     assert base[joints["lift"]] == 1.0
 
@@ -189,7 +189,7 @@ def test_no_pair_approaches_faster_than_it_may(robot_named, clutter, name, seed,
     start, end, delta = motion(robot, seed, scale)
     before, after = checker.pair_distances(start), checker.pair_distances(end)
     apart = (before > 0) & (after > 0)
-    assert (np.abs(after - before) <= checker.pair_radii @ delta + 2e-5)[apart].all()
+    assert (np.abs(after - before) <= checker.pairs.radii @ delta + 2e-5)[apart].all()
     assert (np.abs(after - before) <= checker.pair_radii_at(start) @ delta + 2e-5)[apart].all()
 
 

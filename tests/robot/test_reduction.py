@@ -165,6 +165,6 @@ def test_a_primary_off_the_tip_stays_free_if_its_mimic_moves_the_tip(data_folder
 def test_a_body_and_one_that_mimics_its_motion_approach_each_other(gripper, plain_check):
     checker, plain = CollisionChecker(gripper, Scene()), plain_check(gripper, Scene())
     fingers = checker.pair_names.index(("finger_1", "finger_2"))
-    assert checker.pair_radii[fingers] == pytest.approx([0.0, 0.0, 1.0 + 1.5])
+    assert checker.pairs.radii[fingers] == pytest.approx([0.0, 0.0, 1.0 + 1.5])
     open_, closed = plain.distances([0.0, 0.0, 0.04]), plain.distances([0.0, 0.0, 0.0])
     assert open_[fingers] - closed[fingers] == pytest.approx(2.5 * 0.04, abs=1e-4)

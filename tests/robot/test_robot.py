@@ -176,7 +176,7 @@ def test_deciding_early_changes_no_decision(robot_named, name):
 # ----------------------------------------------------------------------------------- configurations as people have them
 
 
-ASKED = ("keypoints", "keypoint_jacobians", "tip_jacobian", "displacement_radii_at", "pinocchio_configuration")
+ASKED = ("keypoints", "tip_jacobian", "displacement_radii_at", "pinocchio_configuration")
 
 
 def method_of(robot, name):

@@ -209,11 +209,11 @@ def test_in_a_tube_people_are_nearer_by_what_the_joints_may_be_off(panda):
     assert 0.005 < swing < 0.06
     timed = {
         clearance: time_path(path, panda, motion=proof, people=People(speed=1.2, clearance=clearance))
-        for clearance, proof in ((0.0, motion.with_separation(tube)), (swing, motion), (1e-6, motion))
+        for clearance, proof in ((0.0, replace(motion, separation=tube)), (swing, motion), (1e-6, motion))
     }
     assert timed[0.0].duration == timed[swing].duration > timed[1e-6].duration
     with pytest.raises(InputError, match="velocities"):
-        time_path(path, panda, motion=motion.with_separation(tube), tool_speed=0.5)
+        time_path(path, panda, motion=replace(motion, separation=tube), tool_speed=0.5)
 
 
 def test_what_cannot_be_is_refused(timed, panda, shelf_path, panda_limits):

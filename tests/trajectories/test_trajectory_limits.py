@@ -102,5 +102,5 @@ def test_accelerations_that_the_robot_knows(panda, caplog, tmp_path):
     assert spec.to_mapping(tmp_path) == said
     assert Robot(spec).accelerations == {first: 12.0}
     assert robot_hash(Robot(spec)) == robot_hash(panda)
-    cell = Robot.combined("cell", {"left": Robot(spec), "right": panda.with_base((0, 1, 0))})
+    cell = Robot.combined("cell", {"left": Robot(spec), "right": Robot.from_example("panda", base=(0, 1, 0))})
     assert cell.accelerations == {f"left_{first}": 12.0}

@@ -142,7 +142,7 @@ def add_collision_option(parser: argparse._ActionsContainer) -> None:
         "--collision",
         choices=get_args(CollisionSource),
         help="links without collision shapes: refused if no link has any (required, the default), "
-        "their visual shapes collide (visual), accepted (optional)",
+        "their visual shapes collide (visual)",
     )
 
 

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from oracles.pinocchio_points import keypoint_jacobians
 from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, wall_with_a_gap
 
 from safe_ompl import Scenario, make_planner
@@ -227,7 +228,7 @@ class JTRRT(OnArm):
         if self.transpose:
             dq = self.k2 * J.T @ dx
         else:
-            dq0, jacobians = np.zeros(self.robot.n), self.robot.keypoint_jacobians(q)
+            dq0, jacobians = np.zeros(self.robot.n), keypoint_jacobians(self.robot, q)
             for vector in vectors(self.robot.keypoints(q)[None], self.field.links, self.field.points)[0]:
                 for _, end in self.robot.segments:
                     dq0 += self.k1 * jacobians[end].T @ vector
