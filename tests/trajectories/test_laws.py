@@ -175,15 +175,15 @@ def test_blends_keep_what_edges_keep(panda, shelf, shelf_path, shelf_motion):
     tips = np.array([panda.tip_pose(q).translation for q in places[::5]])
     peak, low, high = field.values(places).max(), tips.min(axis=0), tips.max(axis=0) + 1.0
     for proof, held in (
-        (shelf_motion.with_separation(Separation(margin=least - 4e-5)), True),
-        (shelf_motion.with_separation(Separation(margin=least - 1.5e-5)), False),
-        (shelf_motion.with_limits([DangerLimit(field, 1.01 * peak)]), True),
-        (shelf_motion.with_limits([DangerLimit(field, 0.99 * peak)]), False),
-        (shelf_motion.with_limits([TipBounds(panda, low - 1e-3, high)]), True),
-        (shelf_motion.with_limits([TipBounds(panda, low + 1e-3, high)]), False),
+        (replace(shelf_motion, separation=Separation(margin=least - 4e-5)), True),
+        (replace(shelf_motion, separation=Separation(margin=least - 1.5e-5)), False),
+        (replace(shelf_motion, limits=[DangerLimit(field, 1.01 * peak)]), True),
+        (replace(shelf_motion, limits=[DangerLimit(field, 0.99 * peak)]), False),
+        (replace(shelf_motion, limits=[TipBounds(panda, low - 1e-3, high)]), True),
+        (replace(shelf_motion, limits=[TipBounds(panda, low + 1e-3, high)]), False),
     ):
         assert blend.is_free(proof) is held
-    assert len(blended(shelf_path, panda, 0.2, shelf_motion.with_separation(Separation(margin=3.0))).stops) == 2
+    assert len(blended(shelf_path, panda, 0.2, replace(shelf_motion, separation=Separation(margin=3.0))).stops) == 2
 
 
 def test_without_proof_it_stops_in_corners_and_a_way_point_on_the_way_is_none(panda, panda_limits, caplog):
