@@ -66,7 +66,7 @@ from safe_ompl.certificates import motion_certificate
 from safe_ompl.certificates.issue import terms_of
 from safe_ompl.certificates.verifier.verify import Terms, Verified
 from safe_ompl.collision import Separation
-from safe_ompl.io.problems import built_robot, links_without_collision
+from safe_ompl.io.problems import built_robot
 from safe_ompl.io.schema import digest
 from safe_ompl.motions import check_with
 from safe_ompl.robot import Attachment, robot_hash
@@ -366,7 +366,7 @@ def _forged(case: Case, content: dict[str, Any], anew: bool) -> dict[str, Any]:
     try:
         robot = built_robot(content["robot"])
         scene = carried(content)[1]
-        marks = {"hash": robot_hash(robot), "links_without_collision": links_without_collision(robot)}
+        marks = {"hash": robot_hash(robot), "links_without_collision": sorted(robot.links_without_collision)}
         if anew:
             return issued_anew(case, {**content["robot"], **marks}, robot, scene)
         scene_marks = {**content["scene"], "hash": scene.content_hash()}

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
         built_scene as built_scene,
         carried_robot as carried_robot,
         carried_scene as carried_scene,
-        links_without_collision as links_without_collision,
     )
     from safe_ompl.io.schema import marked as marked, strict_json as strict_json
     from safe_ompl.io.ticks import (

@@ -18,7 +18,7 @@ from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 from safe_ompl.common import CertificateError, InputError, Section, documents as document, files, key
 from safe_ompl.io import schema
@@ -31,7 +31,7 @@ from safe_ompl.io.schema import (
     place_meshes,
     unpack,
 )
-from safe_ompl.robot import Attachment, CollisionSource, Robot, RobotSpec, UrdfFile, robot_hash, robots_folder
+from safe_ompl.robot import Robot, RobotSpec, UrdfFile, robot_hash, robots_folder
 from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -62,14 +62,9 @@ def carried_robot(robot: Robot) -> dict[str, Any]:
     return {
         "name": robot.name,
         "hash": robot_hash(robot),
-        "links_without_collision": links_without_collision(robot),
+        "links_without_collision": sorted(robot.links_without_collision),
         "recipe": found,
     }
-
-
-def links_without_collision(robot: Robot) -> list[str]:
-    """Return the moving links that nothing is proven of, as they have visual but no collision shapes; in order."""
-    return sorted(robot.links_without_collision)
 
 
 def recipe(spec: RobotSpec) -> dict[str, Any]:
@@ -176,36 +171,6 @@ class _File(Section):
             raise InputError("must be text, or a file of example-robot-data", "text")
 
 
-def _recipe(key: str, value: Any) -> _Recipe:
-    found: _Recipe = document.section(key, value, _Recipe)
-    return found
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Recipe(Section):
-    """A robot, as `RobotSpec` has it: of a URDF, or of several robots."""
-
-    urdf: _File | None = key(document.section, default=None, kind=_File)
-    srdf: _File | None = key(document.section, default=None, kind=_File)
-    tip: str | None = key(document.line, default=None)
-    locked: Mapping[str, float] | None = key(document.numbers_by_name, default=None)
-    free: tuple[str, ...] = key(document.each, read=document.line, default=())
-    name: str | None = key(document.line, default=None)
-    limits: Mapping[str, tuple[float, ...]] = key(document.by_name, factory=dict, read=document.numbers, count=2)
-    collision: CollisionSource = key(document.one_of, default="required", known=get_args(CollisionSource))
-    group: str | None = key(document.line, default=None)
-    base: Any = key(document.plain, default=None)
-    mobile_base: Any = key(document.plain, default=None)
-    attached: Any = key(document.plain, default=())
-    files: Mapping[str, str] = key(carried_files, factory=dict)
-    robots: Mapping[str, Any] = key(document.by_name, factory=dict, read=_recipe)
-
-    def check(self) -> None:
-        if (self.urdf is None) == (not self.robots):
-            raise InputError("missing: give either urdf or robots", "urdf")
-        check_carried("attached", self.attached, self.files)
-
-
 @dataclass(frozen=True, kw_only=True)
 class RobotDocument(Section):
     """A robot as it travels; see `carried_robot` and `packed_robot`."""
@@ -213,7 +178,7 @@ class RobotDocument(Section):
     name: str = key(document.line)
     hash: str = key(document.sha)
     links_without_collision: tuple[str, ...] = key(document.each, read=document.line)
-    recipe: Any = key(_recipe, default=None)
+    recipe: Mapping[str, Any] | None = key(document.mapping, default=None)
     meshes: Mapping[str, str] = key(carried_files, factory=dict)
 
 
@@ -223,10 +188,7 @@ def built_robot(carried: Any, *, urdf: Path | None = None, package_dirs: Sequenc
     Meshes are looked for beside a `urdf`, which is read instead of the text that is carried, or else in `package_dirs`,
     among those that travel, and in example-robot-data, nowhere else. An InputError if it cannot be built.
     """
-    try:
-        carried = document.section("carried", carried, RobotDocument)
-    except RecursionError:
-        raise InputError("is nested too deeply", "recipe") from None
+    carried = document.section("carried", carried, RobotDocument)
     if carried.recipe is None:
         raise InputError(
             f"it carries no recipe of its robot {carried.name!r}: give the scenario, or the robot in Python"
@@ -240,7 +202,7 @@ def built_robot(carried: Any, *, urdf: Path | None = None, package_dirs: Sequenc
                 unpack(carried.meshes, place)
                 folders.append(Path(folder))
             numbers = (Path(folder) / str(k) for k in count(1))
-            spec = _spec(carried.recipe, numbers, urdf, folders)
+            spec = _spec("recipe", carried.recipe, numbers, urdf, folders)
             robot = _built(spec, carried.name, folder, given=urdf is not None or bool(package_dirs))
             if carried.meshes:
                 robot.visual_model  # noqa: B018  # read now: the folder goes
@@ -265,48 +227,41 @@ def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
         ) from None
 
 
-def _spec(data: _Recipe, folders: Iterator[Path], urdf: Path | None, package_dirs: Sequence[Path]) -> RobotSpec:
+def _spec(key: str, recipe: Any, folders: Iterator[Path], urdf: Path | None, package_dirs: Sequence[Path]) -> RobotSpec:
     """Return what a recipe says of a robot; the files that it carries go to new folders."""
-    if urdf is not None and data.robots:
-        raise InputError("there are several robots: give the folders of their packages instead", "urdf")
-    with document.within("recipe"):
-        options: dict[str, Any] = {name: getattr(data, name) for name in _OPTIONS}
-        options["attached"] = _attached(data, next(folders))
-        if data.robots:
-            robots = {prefix: _spec(part, folders, None, package_dirs) for prefix, part in data.robots.items()}
-            return RobotSpec(robots=robots, **options)
-        assert data.urdf is not None
-        examples = examples_folder()
-        own, places = next(folders), (*package_dirs, *([] if examples is None else [examples.parents[1]]))
-        options["srdf"] = None if data.srdf is None else _file(data.srdf, own / "carried.srdf")
-        if urdf is None:
-            urdf = _file(data.urdf, own / "carried.urdf")
-            if data.urdf.text is not None:
-                place_meshes(urdf, package_dirs)
-        return RobotSpec(urdf=urdf, package_dirs=places, xacro_args=None, **options)
-
-
-def _attached(data: _Recipe, folder: Path) -> tuple[Attachment, ...]:
+    given = document.mapping(key, recipe, (*_OPTIONS, *_FILES, "attached", "files", "robots"))
+    folder = next(folders)
     folder.mkdir()
-    unpack(data.files, folder)
-    with document.within("attached"):
-        return tuple(Attachment.from_mapping(item, folder) for item in data.attached)
+    with document.within(key):
+        unpack(carried_files("files", files := given.pop("files", {})), folder)
+        check_carried("attached", given.get("attached", ()), files)
+        if robots := document.mapping("robots", given.get("robots", {})):
+            if urdf is not None:
+                raise InputError("there are several robots: give the folders of their packages instead", "urdf")
+            given["robots"] = {k: _spec(f"robots.{k}", part, folders, None, package_dirs) for k, part in robots.items()}
+            return RobotSpec.from_mapping(given, folder)
+        own = {file: document.section(file, given.get(file), _File) for file in _FILES if given.get(file) is not None}
+        if "urdf" not in own:
+            raise InputError("missing: give either urdf or robots", "urdf")
+        given |= {file: _written(content, folder / f"carried.{file}") for file, content in own.items()}
+        if urdf is not None:
+            given["urdf"] = urdf
+        elif own["urdf"].text is not None:
+            place_meshes(given["urdf"], package_dirs)
+        examples = examples_folder()
+        given["package_dirs"] = [*package_dirs, *([] if examples is None else [examples.parents[1]])]
+        return RobotSpec.from_mapping({**given, "xacro_args": None}, folder)
 
 
-def _file(file: _File, path: Path) -> Path:
+def _written(file: _File, path: Path) -> Path:
     """Return where a URDF or SRDF can be read: in example-robot-data, or written to a path."""
-    if file.text is None:
-        return _example(str(file.example_robot_data))
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(file.text, encoding="utf-8")
-    return path
-
-
-def _example(name: str) -> Path:
-    path = (robots_folder() / name).resolve()
-    if not (path.is_relative_to(robots_folder()) and path.suffix in (".urdf", ".srdf") and path.is_file()):
-        raise InputError(f"{name!r} is not in example-robot-data", "example_robot_data")
-    return path
+    if file.text is not None:
+        path.write_text(file.text, encoding="utf-8")
+        return path
+    known = (robots_folder() / str(file.example_robot_data)).resolve()
+    if not (known.is_relative_to(robots_folder()) and known.suffix in (".urdf", ".srdf") and known.is_file()):
+        raise InputError(f"{file.example_robot_data!r} is not in example-robot-data", "example_robot_data")
+    return known
 
 
 # ---------------------------------------------------------------------------------------------- scenes, problems

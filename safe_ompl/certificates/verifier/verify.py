@@ -20,7 +20,7 @@ from safe_ompl.certificates.verifier.bodies import Budget, Separations
 from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
 from safe_ompl.common import CertificateError, InputError, documents as document, files, notebook_html, number
-from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
+from safe_ompl.io import built_robot, built_scene, schema
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.scene import Scene
 
@@ -130,7 +130,7 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
     separations = Separations(robot, scene, claims, budget)
     intervals, distances = check_polynomials(claims, robot, scene, separations)
     check_trajectory(claims, robot, scene, separations)
-    lacking = links_without_collision(robot)
+    lacking = sorted(robot.links_without_collision)
     about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
     not_covered = [f"links without collision geometry: {', '.join(lacking)}"] if lacking else []
     not_covered += [
@@ -157,7 +157,7 @@ def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
         raise CertificateError(f"joint order: it has {list(claims.joint_names)}, the robot {list(robot.joint_names)}")
     if claims.robot.hash != robot_hash(robot):
         raise CertificateError(f"the robot has changed: {robot.name!r} is not the one that it was written for")
-    lacking = links_without_collision(robot)
+    lacking = sorted(robot.links_without_collision)
     if list(claims.robot.links_without_collision) != lacking:
         raise CertificateError(
             f"links without collision geometry: it names {list(claims.robot.links_without_collision)}, "
