@@ -15,7 +15,7 @@ from rich.text import Text
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import add_timed_options, rate_limits, show_timed, timed
-from safe_ompl.apps.cli.verify import certificate_of
+from safe_ompl.apps.cli.verify import certificate_of, source_of
 from safe_ompl.certificates import motion_certificate
 from safe_ompl.common import FloatArray, InputError, documents as document, files
 from safe_ompl.io import WRITABLE, TimedMotion, motion_content, read_log, read_motion
@@ -237,9 +237,8 @@ def _check(
     if options.certificate and not written:
         output.error_console().print(f"safe-ompl: it is not proven: nothing is written to {options.certificate}")
     elif options.certificate:
-        name = document.file_name(scenario.file.resolve(), Path(options.certificate).parent)  # type: ignore[union-attr]
-        spacing = scenario.danger.get("spacing")
-        output.write_json(options.certificate, motion_certificate(written, spacing=spacing, source={"scenario": name}))
+        source, spacing = source_of(scenario, options.certificate), scenario.danger.get("spacing")
+        output.write_json(options.certificate, motion_certificate(written, spacing=spacing, source=source))
     if options.plot:
         plots.plot_check(found, options.plot, title=Path(options.file).name)
     if options.html:

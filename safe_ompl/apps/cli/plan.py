@@ -1,4 +1,4 @@
-"""`safe-ompl plan`: one path for one scenario, on request as a trajectory in time."""
+"""`safe-ompl plan`: one path for one scenario, on request as a trajectory in time; or the steps of its program."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.apps.benchmark import check_named_planner
-from safe_ompl.apps.cli import arguments, output, programs
+from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.verify import certificate_of
+from safe_ompl.apps.cli.verify import certificate_of, source_of
+from safe_ompl.certificates import program_certificate
 from safe_ompl.common import InputError, files
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
 from safe_ompl.motions import Motion
-from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.planning import PlanResult, SafeSetup, plan_program, program_robot, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
@@ -52,7 +53,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     begin = perf_counter()
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
     if scenario.program is not None:
-        return programs.prepare_plan(options, scenario)
+        return _prepare_program(options, scenario)
     robot = scenario.build_robot()
     setup = setup_scenario(scenario, robot)
     check_named_planner(scenario, options.planner, setup)
@@ -223,3 +224,43 @@ def describe_timing(trajectory: Trajectory) -> str:
     shown = sorted(shares.items(), key=lambda item: -item[1])
     bounds = ", ".join(f"{name} {100 * span / trajectory.duration:.0f} %" for name, span in shown)
     return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"
+
+
+# ---------------------------------------------------------------------------------------------------- programs
+
+_NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "plot", "timed", "rate", "timed_plot")
+
+
+def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callable[[], int]:
+    """Check what the options name, and return the job: one motion through all steps, proven as one."""
+    why = "is for a path to a goal; the scenario has a program, whose motion is in time and proven anyway"
+    arguments.refuse(options, _NOT_FOR_PROGRAMS, why)
+    if options.planner != arguments.PLANNER:
+        raise InputError(why, "--planner")
+    program_robot(scenario)
+    return partial(_plan_program, options, scenario)
+
+
+def _plan_program(options: argparse.Namespace, scenario: Scenario) -> int:
+    result = plan_program(scenario, seed=options.seed, **({} if options.time is None else {"time": options.time}))
+    steps = [] if scenario.program is None else [str(step) for step in scenario.program.steps]
+    if options.json:
+        said = {"scenario": scenario.name, "solved": bool(result), "why": result.why, "duration": result.duration}
+        said |= {"planning_time": result.planning_time, "choices": result.choices, "steps": steps}
+        said["stretches"] = [
+            {"step": s.step, "begin": s.begin, "duration": s.motion.duration, "claims": s.check.claims}
+            for s in result.stretches
+        ]
+        output.write_json(options.json, said)
+    if options.json != output.STANDARD_OUTPUT:
+        output.say(f"{scenario.name}\n{result}")
+    if not result:
+        return 1
+    if options.trajectory:
+        files.write(options.trajectory, motion_content(result.motion, options.trajectory)[0])
+    if options.certificate:
+        stretches = ((stretch.begin, stretch.check) for stretch in result.stretches)
+        names = [steps[stretch.step] for stretch in result.stretches]
+        proof = program_certificate(stretches, source_of(scenario, options.certificate), names)
+        output.write_json(options.certificate, proof)
+    return 0

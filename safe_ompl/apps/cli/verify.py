@@ -8,13 +8,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.apps.cli import arguments, output, programs
+from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.certificates import PROGRAM_FORMAT, TIME, Verified, certificate, clearance_claim, terms_of, verify
+from safe_ompl.certificates import (
+    PROGRAM_FORMAT,
+    TIME,
+    Verified,
+    certificate,
+    clearance_claim,
+    terms_of,
+    verify,
+    verify_program,
+)
 from safe_ompl.collision import TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, documents as document, files
 from safe_ompl.io import schema
-from safe_ompl.planning import PlanResult, SafeSetup
+from safe_ompl.planning import PlanResult, SafeSetup, program_robot
 from safe_ompl.scene import Scenario
 from safe_ompl.trajectories import Trajectory
 
@@ -43,22 +52,19 @@ def add_commands(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the certificate and the scenario, and return the job."""
     content = _read_certificate(options.file)
-    if content["format"] == PROGRAM_FORMAT:
-        scenario = None if options.scenario is None else arguments.load_scenario(options.scenario, options.package_dir)
-        about = " and scene are the file's own, compared with no scenario" if scenario is None else " and its scenes"
-        return partial(_verify, options.file, partial(programs.verified, content, scenario, options), about)
+    is_program = content["format"] == PROGRAM_FORMAT
+    check = partial(verify_program if is_program else verify, content, time=options.time)
     if options.scenario is None:
-        carried = partial(verify, content, package_dirs=tuple(options.package_dir), time=options.time)
-        own = " and scene are the file's own, compared with no scenario"
-        return partial(_verify, options.file, carried, own)
+        carried = partial(check, package_dirs=tuple(options.package_dir))
+        return partial(_verify, options.file, carried, " and scene are the file's own, compared with no scenario")
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
-    robot = scenario.build_robot()
+    robot = program_robot(scenario) if is_program else scenario.build_robot()
 
     def against_scenario() -> Verified:
-        terms = terms_of(scenario, robot, timed=_is_timed(content))
-        return verify(content, robot, scenario.scene, terms=terms, time=options.time)
+        return check(robot, scenario.scene, terms=terms_of(scenario, robot, timed=is_program or _is_timed(content)))
 
-    return partial(_verify, options.file, against_scenario, f" and scene of {scenario.file}")
+    about = " and its scenes" if is_program else f" and scene of {scenario.file}"
+    return partial(_verify, options.file, against_scenario, about)
 
 
 def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
@@ -110,7 +116,7 @@ def certificate_of(
 ) -> dict[str, Any]:
     """Return the certificate of a solved plan, and of its trajectory, for `file`: names in it are relative to that."""
     assert result.path is not None
-    folder, constraints = Path(file).parent, setup.getConstraints()
+    constraints = setup.getConstraints()
     separation = constraints.separation
     tool = {"orientation": constraints.tool_limit(ToolOrientation), "position": constraints.tool_limit(TipBounds)}
     claims = {
@@ -121,7 +127,6 @@ def certificate_of(
         "spacing": scenario.danger.get("spacing"),
         "max_danger": scenario.limits.max_danger or None,
     }
-    assert scenario.file is not None
     return certificate(
         result.path,
         setup.robot,
@@ -129,5 +134,11 @@ def certificate_of(
         claims,
         field=setup.field,
         trajectory=trajectory,
-        source={"scenario": document.file_name(scenario.file.resolve(), folder)},
+        source=source_of(scenario, file),
     )
+
+
+def source_of(scenario: Scenario, file: str) -> dict[str, str]:
+    """Return what a certificate that goes to a file says of the scenario that it is about: its name from there."""
+    assert scenario.file is not None
+    return {"scenario": document.file_name(scenario.file.resolve(), Path(file).parent)}
