@@ -57,7 +57,19 @@ except ModuleNotFoundError as error:
     print(error)
 """
 
-EXTRAS = ["matplotlib", "PIL", "viser", "mcap", "rosbags", "mujoco", "xacro", "rclpy", "scipy"]
+EXTRAS = [
+    "matplotlib",
+    "PIL",
+    "viser",
+    "mcap",
+    "rosbags",
+    "mujoco",
+    "xacro",
+    "rclpy",
+    "scipy",
+    "pylibfranka",
+    "rtde_control",
+]
 
 
 def test_proofs_need_no_ompl():

@@ -137,7 +137,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     given = scenario.limits.tube if options.tube is None else options.tube
     source = f"{scenario.file}: limits.tube" if options.tube is None else "--tube"
     tube = () if given is None else tube_of(given, robot, source)
-    setup = _without_ends(replace(scenario, limits=replace(scenario.limits, tube=None)), robot, tube)
+    setup = without_ends(replace(scenario, limits=replace(scenario.limits, tube=None)), robot, tube)
     how = {"degrees": options.degrees, "joints": options.joints, "ignore": options.ignore or ()}
     motion = _sampled(read_motion(options.file, robot, **how), options, robot)
     limits = rate_limits(scenario, robot, options)
@@ -190,7 +190,7 @@ def _sampled(motion: Motion, options: argparse.Namespace, robot: Robot) -> Motio
         return Motion.sampled(motion.times, motion.knots, bounds, robot.joint_names)
 
 
-def _without_ends(scenario: Scenario, robot: Robot, tube: tuple[float, ...]) -> SafeSetup:
+def without_ends(scenario: Scenario, robot: Robot, tube: tuple[float, ...]) -> SafeSetup:
     """Return a setup with the scenario's limits and a tube, which the scenario's start need not keep."""
     given = setup_scenario(scenario, robot)
     setup = SafeSetup(robot, given.scene, danger=given.danger_options)
@@ -370,7 +370,12 @@ def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
 
 
 def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
-    """Print the widest tube of some logs, by joint, and how it is given to `check` and in a scenario."""
+    show_tubes(found, factor)
+    return 0
+
+
+def show_tubes(found: Mapping[str, MeasuredTube], factor: float) -> dict[str, float]:
+    """Print the widest tube of some logs, by joint, and how it is given to `check` and in a scenario; return it."""
     samples = sum(tube.samples for tube in found.values())
     table = output.plain_table("joint", "largest error", "between samples", "at\ns", "tube", title=f"{samples} samples")
     if len(found) > 1:
@@ -389,7 +394,7 @@ def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
     entry = ", ".join(f"{name}: {width:g}" for name, width in widths.items())
     for line in (f"--tube {by_name}", f"limits: {{tube: {{{entry}}}}}"):
         output.say(line)
-    return 0
+    return widths
 
 
 def _up(width: float) -> float:

@@ -1,6 +1,7 @@
-"""What other programs read and write: logs that Foxglove opens, recordings and a node of ROS 2, worlds of planners.
+"""What others read and write: logs for Foxglove, recordings and a node of ROS 2, worlds of planners; and robots.
 
-Logs and recordings need the extra `safe-ompl[mcap]`, what starts a node ROS, too (`safe-ompl[ros]`).
+Logs and recordings need the extra `safe-ompl[mcap]`, what starts a node ROS, too (`safe-ompl[ros]`). Robots that are
+driven need those of their makers (`safe-ompl[franka]`, `safe-ompl[ur]`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,13 @@ if TYPE_CHECKING:
     from safe_ompl.apps.exchange.curobo import (
         robot_from_curobo as robot_from_curobo,
         scene_from_curobo as scene_from_curobo,
+    )
+    from safe_ompl.apps.exchange.drivers import (
+        DRY as DRY,
+        DriveLog as DriveLog,
+        Driver as Driver,
+        RobotRates as RobotRates,
+        open_driver as open_driver,
     )
     from safe_ompl.apps.exchange.logs import McapLog as McapLog, read_joint_log as read_joint_log, read_log as read_log
     from safe_ompl.apps.exchange.messages import Frames as Frames, in_metres as in_metres
