@@ -26,7 +26,7 @@ from bench._scenes import ACCELERATIONS
 from bench._touches import TouchJudge
 from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Surroundings, Tracker, Trajectory, time_path
 from safe_ompl.collision import MotionProver
-from safe_ompl.people import CalibratedReach, Recording, TrackedBody, list_clips
+from safe_ompl.people import CalibratedReach, Recording, TrackedBody, facing, list_clips
 from safe_ompl.people.replanning import Command, Doing, ReplanningOptions
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, StopMotion
 from safe_ompl.people.simulation.movers import Playback
@@ -39,6 +39,7 @@ HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forea
 TICK = 0.05  # [s]
 OURS = ("ours", "contact", "staying")
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
+_ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
 _HIP = 0.15  # [m] above the base
 _SHARES = ("model_obeyed", "model_obeyed_raw", "refused", "moving")
 _CONTACTS = ("while_moving", "after_violations", "at_rest", "retreating")
@@ -153,13 +154,19 @@ def to_and_fro(scenario: Scenario, robot: Robot, limits: RateLimits, prover: Mot
     return [time_path(way, robot, limits, motion=prover) for way in (path, path[::-1])]
 
 
-def places(recording: Recording, count: int, seed: int) -> list[Pose]:
-    """Return places of a recording at which the hip of its first frame is beside the arm, not behind it."""
+def places(recording: Recording, count: int, seed: int, *, near: bool = False) -> list[Pose]:
+    """Return places of a recording at which the hip of its first frame is beside the arm, not behind it.
+
+    People who are `near` face it, within arm's reach.
+    """
     rng = np.random.default_rng(seed)
-    hip = recording.skeleton.keypoints(recording.frames[0])[-1]
+    points, _ = TrackedBody().completed(recording.skeleton.keypoints(recording.frames[0]))
+    ahead, hip = facing(points)[:, 0], recording.skeleton.keypoints(recording.frames[0])[-1]
     found = []
     for _ in range(count):
         angle, far, yaw = rng.uniform(-1.2, 1.2), rng.uniform(_NEAR, _FAR), rng.uniform(-np.pi, np.pi)
+        if near:
+            far, yaw = _ARMS_REACH, np.pi + angle - np.arctan2(ahead[1], ahead[0])
         c, s = np.cos(yaw), np.sin(yaw)
         turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ hip
         at = np.array([far * np.cos(angle), far * np.sin(angle), _HIP]) - turned
@@ -175,6 +182,7 @@ def simulation(
     *,
     count: int = 20,
     reach: str | None = None,
+    near: bool = False,
     gate: float | None = None,
     tick: float = TICK,
 ) -> Simulation:
@@ -186,7 +194,7 @@ def simulation(
     scenario = Scenario.load(find_scenario("panda_shelf"))
     robot = scenario.build_robot()
     recording = Recording.load(file, clip)
-    pose = places(recording, count, seed=sum(map(ord, file.stem + clip)))[place]
+    pose = places(recording, count, seed=sum(map(ord, file.stem + clip)), near=near)[place]
     tracker = Tracker(recording.skeleton, TrackedBody(), pose, gate=gate)
     if reach is not None:
         calibrated = CalibratedReach.load(reach)
@@ -205,12 +213,12 @@ def simulation(
     return one
 
 
-def run(job: tuple[Path, str, int, str, float, int, str | None, float | None, float]) -> dict[str, Any]:
+def run(job: tuple[Path, str, int, str, float, int, str | None, bool, float | None, float]) -> dict[str, Any]:
     """Run one simulation, and return its summary."""
     file, clip, place, policy, seconds, *how = job
     logging.disable(logging.WARNING)
     begin = process_time()
-    options = dict(zip(("count", "reach", "gate", "tick"), how, strict=True))
+    options = dict(zip(("count", "reach", "near", "gate", "tick"), how, strict=True))
     one = simulation(file, clip, place, policy, **options)
     duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
     ticks = list(one.ticks(duration))
@@ -270,6 +278,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's")
     add("--sample", type=int, default=0, metavar="N", help="of all clips and places, drawn evenly")
     add("--reach", metavar="FILE", help="calibrated reach, with its gate; default: speeds")
+    add("--near", action="store_true", help="people within arm's reach, who face the robot")
     add("--gate", type=float, metavar="V", help="key points above V m/s are glitches")
     add("--tick", type=float, default=TICK, metavar="S", help="between measurements, and between commands")
     add("--policies", default=",".join(POLICIES))
@@ -281,7 +290,7 @@ def main(options: argparse.Namespace, report: Report) -> int:
     if options.gate is not None and options.reach is not None:
         raise SystemExit("--gate: a reach has a gate of its own")
     chosen = situations(options.folder, options.places, options.sample)
-    how = (options.seconds, options.places, options.reach, options.gate, options.tick)
+    how = (options.seconds, options.places, options.reach, options.near, options.gate, options.tick)
     jobs = [(*situation, policy, *how) for situation in chosen for policy in options.policies.split(",")]
     if options.jobs == 1:
         rows = [run(job) for job in jobs]

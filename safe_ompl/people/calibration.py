@@ -6,7 +6,8 @@ that are set apart. The reach is the shape times a factor: the ⌈(N + 1)·level
 (split-conformal prediction: Papadopoulos et al., ECML 2002; Lei et al., JASA 2018). If a new unit is exchangeable with
 these N, then *all* its limbs keep to the reach at *all* times with a probability of `level` at least. Blocks of one
 recording resemble each other, so that blocks of further recordings are exchangeable with them only as far as one may
-neglect that. For other people, or for other work, nothing is guaranteed: what holds there has to be measured.
+neglect that; they may be as short as a frame: `level` then is a share of the time. For other people, or for other work,
+nothing is guaranteed: what holds there has to be measured. Shapes depend on how fast the fastest limb just was.
 
 Windows are those of the tracker itself, with its gate and the ages of what it does not see; where a limb truly is, is
 where `without_glitches` has it.
@@ -30,7 +31,9 @@ from safe_ompl.scene import People
 
 HORIZONS = (0.05, 0.1, 0.2, 0.3, 0.5)  # [s] at which the shapes have corners
 GATE = 4.0  # [m/s]
-_FIT = 0.1  # of the recordings, drawn from their names, give the shapes; the factor comes from the others
+SPEEDS = (0.05, 0.15, 0.3, 0.6, 1.2)  # [m/s] where states begin, see `CalibratedReach`
+_FIT = (0.1, 0.2)  # of the recordings, drawn from their names, give the shapes; the factor comes from the others
+_MOST = 0.95  # of the windows in which limbs go no farther than their shape
 _LEAST = 0.005  # [m] shapes are no smaller: recordings in which a limb stands still say nothing of its errors
 _SAME = 1e-9  # [s] or relative
 
@@ -42,6 +45,7 @@ class Windows:
     limbs: tuple[str, ...]  # The M limbs whose place the key points say; the tracker assumes the others
     moved: FloatArray  # (T, K, M), how far a limb is from where it was seen last [m]; NaN beyond the end
     times: FloatArray  # (T, K, M), how long ago it was seen there [s]
+    speeds: FloatArray  # (T,), of the fastest limb, see `PersonTrack.speed` [m/s]
     rate: float  # Frames per second
     seen: int  # Numbers of key points that were shown to the gate, and that it refused
     refused: int
@@ -54,10 +58,11 @@ class Windows:
         true, counted = without_glitches(recording, tracker)
         frames = recording.frames if glitches else true.frames
         truly = np.array([body.completed(true.skeleton.keypoints(points))[0] for points in frames])
-        track, seen = PersonTrack(recording.source, tracker, People()), []
+        track, seen, speeds = PersonTrack(recording.source, tracker, People()), [], []
         for k, points in enumerate(recording.frames):
             track.observe(points, k / recording.rate)
             seen.append(track.measured())
+            speeds.append(track.speed)
         ends = np.array([body.ends(points) for points in truly])
         before, ages = map(np.array, zip(*seen, strict=True))
         K = floor(longest * recording.rate + _SAME)
@@ -65,21 +70,22 @@ class Windows:
         for k in range(1, min(K + 1, len(ends))):
             moved[:-k, k - 1] = np.linalg.norm(ends[k:] - before[:-k], axis=3).max(axis=2)
         times = ages[:, None] + np.arange(1, K + 1)[None, :, None] / recording.rate
-        return cls(body.limbs, moved, times, recording.rate, counted.seen, counted.refused)
+        return cls(body.limbs, moved, times, np.array(speeds), recording.rate, counted.seen, counted.refused)
 
     def longest(self, horizons: Sequence[float]) -> FloatArray:
-        """Return how far (M, H) the limbs went at most within each of the horizons [m]."""
+        """Return how far (T, M, H) the limbs went at most within each of the horizons [m]; 0 where nothing was seen."""
         within = [np.where(self.times <= h + _SAME, self.moved, 0.0) for h in horizons]
-        return np.stack([np.nanmax(moved, axis=(0, 1), initial=0.0) for moved in within], axis=1)
+        return np.stack([np.nanmax(moved, axis=1, initial=0.0) for moved in within], axis=2)
 
-    def ratios(self, lines: Sequence[FloatArray]) -> FloatArray:
-        """Return for every window (T, K) the largest ratio of what a limb moved and its growth, M times (L, 2) lines.
+    def ratios(self, lines: Sequence[FloatArray], edges: Sequence[float] = ()) -> FloatArray:
+        """Return for every window (T, K) the largest ratio of what a limb moved and its growth; 0 where there is none.
 
-        0 where there is none.
+        The growth are for each of the M limbs lines (S, L, 2) in the states that the edges (S − 1,) part [m/s].
         """
-        found = np.zeros(self.moved.shape[:2])
+        found, states = np.zeros(self.moved.shape[:2]), np.searchsorted(edges, self.speeds, side="right")
         for m, of in enumerate(lines):
-            allowed = np.min([start + slope * self.times[..., m] for start, slope in of], axis=0)
+            now = of[states]  # (T, L, 2)
+            allowed = (now[:, None, :, 0] + now[:, None, :, 1] * self.times[..., m, None]).min(axis=2)
             found = np.fmax(found, self.moved[..., m] / allowed)
         return found
 
@@ -137,12 +143,13 @@ def calibrate(
             raise InputError(f"must have {least} at least, got {recording.rate:g}", recording.source)
     windows = {recording.source: Windows.of(recording, HORIZONS[-1], gate) for recording in ordered}
     sources = [recording.source for recording in ordered]
-    drawn = np.random.default_rng(0).permutation(len(ordered))[: ceil(_FIT * len(ordered))]
+    drawn = np.random.default_rng(0).permutation(len(ordered))[: _shaping(len(ordered), level, block)]
     fit = sorted(sources[k] for k in drawn)
     rest = [source for source in sources if source not in fit]
     shapes = _shapes([windows[source] for source in fit])
-    lines = [concave_lines(HORIZONS, shape.tolist()) for shape in shapes.values()]
-    scores = [score for w in (windows[source] for source in rest) for score in _scores(w.ratios(lines), w.rate, block)]
+    lines = [np.stack([_padded(concave_lines(HORIZONS, of)) for of in shape.tolist()]) for shape in shapes.values()]
+    ratios = ((w.ratios(lines, SPEEDS), w.rate) for w in (windows[source] for source in rest))
+    scores = [score for found, rate in ratios for score in _scores(found, rate, block)]
     factor = conformal_quantile(scores, level)
     return CalibratedReach(
         skeleton=skeleton.name,
@@ -150,7 +157,8 @@ def calibrate(
         level=level,
         units=len(scores),
         horizons=HORIZONS,
-        growth={limb: tuple((factor * shape).tolist()) for limb, shape in shapes.items()},
+        speeds=SPEEDS,
+        growth={limb: tuple(tuple(of) for of in (factor * shape).tolist()) for limb, shape in shapes.items()},
         shaped_with=tuple(fit),
         calibrated_with=tuple(rest),
         block=block,
@@ -158,13 +166,35 @@ def calibrate(
     )
 
 
+def _shaping(recordings: int, level: float, block: float | None) -> int:
+    """Return how many recordings give the shapes: a fifth, or as many fewer as the level needs for units."""
+    least, most = ceil(_FIT[0] * recordings), ceil(_FIT[1] * recordings)
+    needed = 0 if block is not None else ceil(level / (1 - level) * (1 - _SAME))
+    return max(least, min(most, recordings - needed))
+
+
+def _padded(lines: FloatArray) -> FloatArray:
+    """Return lines (L, 2) as many as there can be: one for each two horizons, and the last one."""
+    most = len(HORIZONS) * (len(HORIZONS) + 1) // 2 + 1
+    return np.pad(lines, ((0, most - len(lines)), (0, 0)), "edge")
+
+
 def _shapes(windows: Sequence[Windows]) -> dict[str, FloatArray]:
-    """Return how far (H,) limbs went at most, the same for both sides of the body [m]."""
+    """Return how far (S, H) limbs went in the states in most windows, the same for both sides of the body [m].
+
+    Faster people go no less far.
+    """
     limbs = windows[0].limbs
-    most = np.maximum(np.max([w.longest(HORIZONS) for w in windows], axis=0), _LEAST)
     other = {"left": "right", "right": "left"}
     mirrored = [limbs.index("_".join(other.get(part, part) for part in limb.split("_"))) for limb in limbs]
-    return dict(zip(limbs, np.maximum(most, most[mirrored]), strict=True))
+    went = np.concatenate([w.longest(HORIZONS) for w in windows])
+    states = np.searchsorted(SPEEDS, np.concatenate([w.speeds for w in windows]), side="right")
+    most = np.full((len(SPEEDS) + 1, *went.shape[1:]), _LEAST)
+    for state in np.unique(states):
+        both = np.concatenate([went[states == state], went[states == state][:, mirrored]])
+        most[state] = np.maximum(np.quantile(both, _MOST, axis=0), _LEAST)
+    most = np.maximum.accumulate(most, axis=0)
+    return dict(zip(limbs, np.swapaxes(most, 0, 1), strict=True))
 
 
 def _scores(ratios: FloatArray, rate: float, block: float | None) -> list[float]:

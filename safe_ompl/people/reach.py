@@ -8,11 +8,14 @@ measurement,
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
+from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -97,16 +100,23 @@ def ball_cover(points: FloatArray, most: int) -> tuple[FloatArray, float]:
 
 
 def limb_lines(limbs: Sequence[str], people: People, reach: CalibratedReach | None = None) -> FloatArray:
-    """Return the lines (M, L, 2) of M limbs: of a calibrated reach those that it has, of others their speeds."""
+    """Return the lines (S, M, L, 2) of M limbs in S states: of a reach those that it has, of others their speeds."""
     known = {} if reach is None else reach.lines
-    count = len(next(iter(known.values()), [0]))
-    speeds = {limb: [(0.0, people.speed_of(limb))] * count for limb in limbs if limb not in known}
-    return np.array([speeds.get(limb, known.get(limb)) for limb in limbs], dtype=float)
+    shape = next(iter(known.values()), np.zeros((1, 1, 2))).shape
+    speeds = {limb: np.broadcast_to([0.0, people.speed_of(limb)], shape) for limb in limbs}
+    return np.stack([{**speeds, **known}[limb] for limb in limbs], axis=1)
+
+
+def _states(key: str, value: Any) -> tuple[tuple[float, ...], ...]:
+    return document.each(key, value, read=partial(document.numbers, above=0.0))
 
 
 @dataclass(frozen=True)
 class CalibratedReach(Section):
     """How far limbs went in recordings, as `calibrate` found it: balls about where they were seen last.
+
+    They depend on the *state* of a person: how fast the fastest of the calibrated limbs was over the last 0.1 s. Who
+    stands still does not go as far in the next tenths of a second as who moves already.
 
     The growth of a limb is the least concave function that is at least its lengths at the horizons and 0 at 0, and
     whose slope is at least the mean one up to the last horizon: that is the speed beyond, where nothing was measured.
@@ -122,10 +132,11 @@ class CalibratedReach(Section):
     level: float = key(document.number)
     units: int = key(document.whole_number, at_least=1)  # Of the calibration
     horizons: tuple[float, ...] = key(document.numbers, above=0.0)  # Times since the limb was seen, ascending [s]
-    # By limb how far its ends are from there at the most at each of the horizons, never falling [m]
-    growth: Mapping[str, tuple[float, ...]] = key(
-        document.by_name, read=document.numbers, known=LIMBS, least="limb", above=0.0
-    )
+    # Where states begin beyond the first, ascending: speeds of the fastest limb [m/s]; where it is not known, it is
+    # the last state
+    speeds: tuple[float, ...] = key(document.numbers, above=0.0)
+    # By limb and state how far its ends are from there at the most at each of the horizons, never falling [m]
+    growth: Mapping[str, tuple[tuple[float, ...], ...]] = key(document.by_name, read=_states, known=LIMBS, least="limb")
     # Recordings that the shapes come from, and those that the factor comes from
     shaped_with: tuple[str, ...] = key(document.each, read=document.text)
     calibrated_with: tuple[str, ...] = key(document.each, read=document.text)
@@ -141,10 +152,15 @@ class CalibratedReach(Section):
         if not 0 < self.level < 1:
             raise InputError(f"must be between 0 and 1, got {self.level!r}", "level")
         _ascending("horizons", self.horizons, strictly=True)
-        for limb, lengths in self.growth.items():
-            if len(lengths) != len(self.horizons):
-                raise InputError(f"must be {len(self.horizons)} numbers, got {len(lengths)}", f"growth.{limb}")
-            _ascending(f"growth.{limb}", lengths)
+        _ascending("speeds", (0.0, *self.speeds), strictly=True)
+        for limb, states in self.growth.items():
+            if len(states) != len(self.speeds) + 1:
+                raise InputError(f"must have {len(self.speeds) + 1} states, got {len(states)}", f"growth.{limb}")
+            for k, lengths in enumerate(states):
+                place = f"growth.{limb}[{k}]"
+                if len(lengths) != len(self.horizons):
+                    raise InputError(f"must be {len(self.horizons)} numbers, got {len(lengths)}", place)
+                _ascending(place, lengths)
 
     def __str__(self) -> str:
         unit = "recordings" if self.block is None else f"blocks of {self.block:g} s"
@@ -167,16 +183,25 @@ class CalibratedReach(Section):
 
     @cached_property
     def lines(self) -> dict[str, FloatArray]:
-        """For each limb the lines (L, 2), value at 0 [m] and slope [m/s], of which the least is its growth."""
+        """For each limb the lines (S, L, 2) in S states, value at 0 [m] and slope [m/s], of which the least counts."""
         gate = [[0.0, self.gate]]
-        found = [np.vstack([concave_lines(self.horizons, g), gate]) for g in self.growth.values()]
-        most = max(map(len, found))
-        padded = [np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in found]
-        return dict(zip(self.growth, padded, strict=True))
+        found = {
+            limb: [np.vstack([concave_lines(self.horizons, lengths), gate]) for lengths in states]
+            for limb, states in self.growth.items()
+        }
+        most = max(len(lines) for states in found.values() for lines in states)
+        return {
+            limb: np.stack([np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in states])
+            for limb, states in found.items()
+        }
 
-    def grown(self, limb: str, time: float) -> float:
-        """Return how far a limb goes at most in a time [s], from where it was seen [m]."""
-        return float((self.lines[limb] @ [1.0, time]).min())
+    def state(self, speed: float) -> int:
+        """Return the state of who is so fast [m/s]."""
+        return bisect(self.speeds, speed)
+
+    def grown(self, limb: str, time: float, speed: float = inf) -> float:
+        """Return how far a limb goes at most in a time [s], from where it was seen, of who is so fast [m]."""
+        return float((self.lines[limb][self.state(speed)] @ [1.0, time]).min())
 
 
 def concave_lines(horizons: Sequence[float], lengths: Sequence[float]) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -11,6 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import (
+    BoolArray,
     FloatArray,
     InputError,
     IntArray,
@@ -24,7 +27,12 @@ from safe_ompl.people.reach import CalibratedReach, ReachSets, ball_cover, limb_
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.scene import People, Scene
 
-_ROUNDING = 1e-9  # [m]
+_log = logging.getLogger(__name__)
+
+_ROUNDING = 1e-9  # [m] or [s]
+_LAG = 0.1  # [s] over which the speed is measured that a calibrated reach depends on
+# A reach is doubted once it was left in more of the last measurements than this multiple of what its level allows.
+_WATCHED, _OFTEN, _FEW = 200, 2.0, 4
 _MOST_BALLS = 256  # of the reach sets of a cloud
 
 
@@ -115,7 +123,14 @@ class PersonTrack:
                 f"tracker has {own[0]!r} and {'no gate' if own[1] is None else f'one of {own[1]:g} m/s'}",
                 name,
             )
-        self.lines = limb_lines(tracker.body.limbs, people, reach)
+        self._reach = reach
+        self._lines = limb_lines(tracker.body.limbs, people, reach)
+        self._public = limb_lines(tracker.body.limbs, people)[0]
+        known = tracker.body.limbs if reach is None else reach.limbs
+        self._calibrated: BoolArray = np.array([limb in known for limb in tracker.body.limbs], dtype=bool)
+        self._recent: deque[tuple[float, FloatArray]] = deque()  # times [s] and ends of limbs, over the last `_LAG`
+        self._left: deque[bool] = deque(maxlen=_WATCHED)  # whether a calibrated set was left at a measurement
+        self.doubted = False  # Whether it was left so often that speeds hold instead
         self.time = -np.inf
         self.gate = Gate(tracker)
         self._places: FloatArray = np.full((len(KEYPOINTS), 3), np.nan)
@@ -129,6 +144,26 @@ class PersonTrack:
         """How old [s] the eldest of the key points is that were ever seen; infinite before the first one."""
         seen = self._times[np.isfinite(self._times)]
         return float(self.time - seen.min()) if len(seen) else np.inf
+
+    @property
+    def speed(self) -> float:
+        """How fast the fastest calibrated limb was over the last 0.1 s [m/s]; infinite where that is not known."""
+        if len(self._recent) < 2 or self._recent[-1][0] - self._recent[0][0] < _LAG - _ROUNDING:
+            return np.inf
+        (begin, first), (end, last) = self._recent[0], self._recent[-1]
+        return float(np.linalg.norm(last - first, axis=2)[self._calibrated].max(initial=0.0)) / (end - begin)
+
+    @property
+    def lines(self) -> FloatArray:
+        """The lines (M, L, 2) that bound how far limbs go, in the state in which the person is; see `limb_lines`."""
+        if self._reach is None or self.doubted:
+            return np.asarray(self._public)
+        return np.asarray(self._lines[self._reach.state(self.speed)])
+
+    @property
+    def widest(self) -> FloatArray:
+        """The lines (M, L, 2) of the state in which limbs go farthest."""
+        return np.asarray(self._lines[-1])
 
     @property
     def keypoints(self) -> FloatArray | None:
@@ -155,7 +190,18 @@ class PersonTrack:
         self.time, self._sets = time, None
         if np.isfinite(self._places).any():
             self._completed, self._rests = self.tracker.body.completed(self._places)
-        return None if promised is None else self._violation(promised, since)
+        violation = None if promised is None else self._violation(promised, since)
+        if self._completed is not None:
+            self._recent.append((time, self.tracker.body.ends(self._completed)))
+            while len(self._recent) > 2 and time - self._recent[1][0] >= _LAG - _ROUNDING:
+                self._recent.popleft()
+        if self._reach is not None and not self.doubted:
+            self._left.append(violation is not None)
+            self.doubted = sum(self._left) > max(_FEW, _OFTEN * (1 - self._reach.level) * _WATCHED)
+            if self.doubted:
+                said = "%r left the calibrated reach in %d of %d measurements: from now on bounds of speeds hold"
+                _log.warning(said, self.name, sum(self._left), len(self._left))
+        return violation
 
     def _violation(self, promised: ReachSets, since: float) -> ReachViolation | None:
         assert self._completed is not None
@@ -169,8 +215,9 @@ class PersonTrack:
         """Return where the limbs may be from the time of the last measurement on; errors as `measured`."""
         if self._sets is None:
             ends, ages = self.measured()
-            known = self.tracker.noise + self.lines[..., 0] + self.lines[..., 1] * ages[:, None]
-            body, growth = self.tracker.body, np.stack([known, self.lines[..., 1]], axis=-1)
+            lines = self.lines
+            known = self.tracker.noise + lines[..., 0] + lines[..., 1] * ages[:, None]
+            body, growth = self.tracker.body, np.stack([known, lines[..., 1]], axis=-1)
             names = tuple((self.name, limb) for limb in body.limbs)
             self._sets = ReachSets.of(names, ends, body.radii(ends), growth)
         return self._sets
@@ -338,7 +385,7 @@ class Surroundings:
         people = {}
         for name, track in self.people.items():
             body = track.tracker.body
-            growth = dict(zip(body.limbs, track.lines.tolist(), strict=True))
+            growth = dict(zip(body.limbs, track.widest.tolist(), strict=True))
             people[name] = {
                 "height": body.height,
                 "limbs": list(body.limbs),

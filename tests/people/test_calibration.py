@@ -27,7 +27,8 @@ STANDING = np.array(
     + [[0, side * away, 0.6] for side in (1, -1) for away in (0.05, 0.2, 0.5, 0.75)]
 )
 LENGTHS = {"torso": (0.1, 0.12, 0.5), "right_hand": (0.4, 0.45, 1.0)}
-REACH = CalibratedReach("recording12", 3.0, 0.9, 20, (0.1, 0.2, 0.5), LENGTHS, ("a",), ("b",), 5.0, 0.01)
+STATES = {limb: (tuple(0.5 * length for length in lengths), lengths) for limb, lengths in LENGTHS.items()}
+REACH = CalibratedReach("recording12", 3.0, 0.9, 20, (0.1, 0.2, 0.5), (0.2,), STATES, ("a",), ("b",), 5.0, 0.01)
 
 
 def recording(rng, frames=12, name="walk", scale=None):
@@ -57,10 +58,10 @@ def test_new_recordings_keep_to_the_reach_as_often_as_the_level_says():
     rng, level, kept, count = np.random.default_rng(1), 0.8, 0, 0
     for _ in range(6):
         reach = calibrate([recording(rng, 8, f"walk {k:02d}") for k in range(15)], level)
-        assert (reach.units, len(reach.shaped_with)) == (13, 2)
+        assert (reach.units, len(reach.shaped_with)) == (12, 3)
         for _ in range(10):
             windows = Windows.of(recording(rng, 8), 0.5, GATE)
-            kept += windows.ratios([reach.lines[limb] for limb in windows.limbs]).max() <= 1
+            kept += windows.ratios([reach.lines[limb] for limb in windows.limbs], reach.speeds).max() <= 1
             count += 1
     assert level - 4 * np.sqrt(level * (1 - level) / count) <= kept / count < 1
 
@@ -147,9 +148,9 @@ def test_without_glitches_people_move_straight_between_what_passed():
     np.testing.assert_array_equal(found.frames[keep], clean.frames[keep])
     # What is true never leaves a reach that is as fast as the gate.
     windows = Windows.of(replace(clean, frames=frames), 0.5, 3.0)
-    assert windows.ratios([np.array([[0.0, 3.0]])] * len(windows.limbs)).max() <= 1 + 1e-9
+    assert windows.ratios([np.array([[[0.0, 3.0]]])] * len(windows.limbs)).max() <= 1 + 1e-9
     raw = Windows.of(replace(clean, frames=frames), 0.5, 3.0, glitches=True)
-    assert raw.ratios([np.array([[0.0, 3.0]])] * len(windows.limbs)).max() > 2
+    assert raw.ratios([np.array([[[0.0, 3.0]]])] * len(windows.limbs)).max() > 2
 
 
 # ------------------------------------------------------------------------------------------------------- growth
@@ -187,6 +188,50 @@ def test_sets_hold_all_places_within_the_growth_and_no_others(age):
         assert (sets.excess(ends + 1.001 * ways, since - age) > 0).all()
 
 
+def walked(person, speeds, step=0.05):
+    """Let a tracked person go along x, at a speed [m/s] for each step [s]; return what was violated."""
+    ways = np.cumsum([0.0, *(step * np.array(speeds))])[:, None, None] * [1.0, 0.0, 0.0]
+    return [person.observe(STANDING + way, step * k) for k, way in enumerate(ways)]
+
+
+def test_growth_depends_on_the_speed_of_the_last_tenth_of_a_second():
+    person = PersonTrack("anna", Tracker(SKELETON, TrackedBody(only=("torso",)), gate=3.0), People(), REACH)
+    person.observe(STANDING, 0.0)
+    assert person.sets().grown(0.1)[0] == pytest.approx(REACH.grown("torso", 0.1))  # unknown: as fast as can be
+    walked(person := PersonTrack("anna", person.tracker, People(), REACH), [0.1, 0.1, 0.1])
+    assert person.speed == pytest.approx(0.1)
+    assert person.sets().grown(0.1)[0] == pytest.approx(REACH.grown("torso", 0.1, 0.1)) == pytest.approx(0.05)
+    walked(person := PersonTrack("anna", person.tracker, People(), REACH), [0.1, 0.1, 0.4])
+    assert person.speed == pytest.approx(0.25)
+    assert person.sets().grown(0.1)[0] == pytest.approx(0.1)
+
+
+def test_who_leaves_the_reach_too_often_is_held_to_bounds_of_speeds(caplog):
+    people = People(speed=2.0)
+    person = PersonTrack("anna", Tracker(SKELETON, TrackedBody(only=("torso",)), gate=3.0), people, REACH)
+    found = walked(person, [0.0, 0.0, 0.0, 2.9] * 60)  # from rest, farther than such people went
+    assert sum(violation is not None for violation in found) > 2 * 0.1 * 200
+    assert person.doubted
+    assert person.sets().grown(0.1)[0] == pytest.approx(0.2)
+    assert "anna' left the calibrated reach in 40 of" in caplog.text
+    steady = PersonTrack("anna", person.tracker, people, REACH)
+    walked(steady, [0.5] * 240)
+    assert not steady.doubted
+
+
+def test_still_people_are_calibrated_apart_from_fast_ones():
+    rng, walks = np.random.default_rng(3), []
+    for k in range(12):  # each stands, then walks
+        steps = np.repeat([0.0005, 0.03], [200, 40])[:, None, None] * rng.normal(size=(240, 12, 3))
+        walks.append(Recording(SKELETON, 20.0, STANDING + np.cumsum(steps, axis=0), f"walk {k:02d}"))
+    reach = calibrate(walks, 0.9, block=0.05)
+    slow, fast = (reach.grown("torso", 0.1, speed) for speed in (0.0, 10.0))
+    assert slow < 0.5 * fast
+    windows = Windows.of(recording(rng, 60, scale=0.0005), 0.5, GATE)
+    kept = windows.ratios([reach.lines[limb] for limb in windows.limbs], reach.speeds).max(axis=1) <= 1
+    assert kept[3:].mean() > 0.9
+
+
 def test_limbs_are_calibrated_whose_place_is_seen():
     assert set(measured_limbs(SKELETON)) == {"head", "neck", "shoulders", "torso"} | {
         f"{side}_{part}" for side in ("left", "right") for part in ("upper_arm", "forearm", "hand")
@@ -221,10 +266,10 @@ def test_a_reach_comes_back_from_its_file(tmp_path):
         ("units: 20", "units: 2.5", r"reach.yaml:4: units"),
         ("units: 20", "unit: 20", r"reach.yaml:4: unit: unknown key; did you mean 'units'"),
         ("[0.1, 0.2, 0.5]", "[0.1, 0.5, 0.5]", r"reach.yaml:5: horizons: must not fall or stay, got 0.5 after 0.5"),
-        ("[0.1, 0.12, 0.5]", "[0.1, 0.09, 0.5]", r"reach.yaml:7: growth.torso: must not fall, got 0.09 after 0.1"),
-        ("[0.1, 0.12, 0.5]", "[0.1, 0.12]", r"reach.yaml:7: growth.torso: must be 3 numbers, got 2"),
-        ("[0.1, 0.12, 0.5]", "[.nan, 0.12, 0.5]", r"reach.yaml:7: growth.torso"),
-        ("torso:", "tail:", r"reach.yaml:7: growth.tail: unknown key"),
+        ("[0.1, 0.12, 0.5]", "[0.1, 0.09, 0.5]", r"growth.torso\[1\]: must not fall, got 0.09 after 0.1"),
+        ("[0.1, 0.12, 0.5]", "[0.1, 0.12]", r"reach.yaml:10: growth.torso\[1\]: must be 3 numbers, got 2"),
+        ("[0.1, 0.12, 0.5]", "[.nan, 0.12, 0.5]", r"reach.yaml:10: growth.torso\[1\]"),
+        ("torso:", "tail:", r"reach.yaml:8: growth.tail: unknown key"),
         ("recording12", "recording13", r"reach.yaml:1: skeleton: unknown skeleton 'recording13'"),
         ("block: 5.0", "block: -1", r"reach.yaml:\d+: block: must be a positive number"),
         ("refused: 0.01", "refused: 2", r"reach.yaml:\d+: refused"),

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NoReturn
 
+import numpy as np
 from rich.table import Table
 from rich.text import Text
 
@@ -22,6 +23,7 @@ from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
 
 BAD_INPUT, BROKEN_PIPE = 2, 141
+_SHOWN = 0.3  # [s] of what a reach says
 
 _FIRST = (
     "to begin with: plan, view, check. First steps: safe-ompl view panda_shelf; for your own robot: "
@@ -175,10 +177,13 @@ def _calibrate(recordings: list[Recording], options: argparse.Namespace) -> int:
 
 
 def reach_table(reach: CalibratedReach) -> Table:
-    """Return how far limbs go by the horizons, and what that says."""
-    table = output.plain_table("limb", *(f"{h:g} s" for h in reach.horizons), title="how far limbs go [m]")
+    """Return how far limbs go in a time, by how fast the fastest of them was just before, and what that says."""
+    speeds = (*reach.speeds, np.inf)
+    names = [*(f"< {speed:g} m/s" for speed in reach.speeds), "faster"]
+    title = f"how far limbs go within {_SHOWN:g} s, by the speed of the fastest one, in metres"
+    table = output.plain_table("limb", *names, title=title)
     for limb in reach.limbs:
-        table.add_row(limb, *(f"{reach.grown(limb, h):.3f}" for h in reach.horizons))
+        table.add_row(limb, *(f"{reach.grown(limb, _SHOWN, 0.99 * speed):.3f}" for speed in speeds))
     table.caption = Text(
         f"{reach}; a gate of {reach.gate:g} m/s refused {100 * reach.refused:.2g} % of the key points.\n"
         f"This holds for the same people at the same kind of work. On other work it must be measured."
