@@ -148,7 +148,8 @@ class PeopleDistances:
         found = [(name, *part) for name in names for part in scene[name].geometries()]
         self.limbs = tuple((name, part[len(name) + 1 :]) for name, part, _, _ in found)
         reach = None if people.reach is None else CalibratedReach.load(people.reach)
-        self._lines = limb_lines([limb for _, limb in self.limbs], people, reach)
+        # Nobody sees how fast they are: they may be in the state in which limbs go farthest.
+        self._lines = limb_lines([limb for _, limb in self.limbs], people, reach)[-1]
         self.speeds: FloatArray = self._lines[..., 1].max(axis=1)
         own = robot.bounds.convex_bodies
         placed = [pin.GeometryObject(f"person:{part}", 0, place, shape) for _, part, shape, place in found]
