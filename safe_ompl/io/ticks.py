@@ -34,6 +34,7 @@ and ``qd`` were measured, if not at ``time``. ``ahead``, in the first tick of
 a path, are the way points of that path. ``obeyed`` says whether everybody kept to the reach model until the next tick;
 ``reaction`` is how long the answer to this measurement took (null: too long). Ticks of a `Shield` have no truth but
 what was seen last, no ``obeyed`` and no ``reaction``; ``follows`` and ``delay`` are those of a `ShieldCommand`.
+Where a controller drives a program ``step`` is the number of its step, from 1, and ``holds`` what the robot holds.
 """
 
 from __future__ import annotations

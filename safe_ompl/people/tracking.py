@@ -431,6 +431,11 @@ class Surroundings:
                 self.sets = self.sets.beside(track.sets())
         return list(self._violations)
 
+    def take_over(self, before: Surroundings) -> None:
+        """Know from now on what others knew, of the same people and objects among other still obstacles."""
+        self.people, self.objects = before.people, before.objects
+        self.time, self.sets, self._violations = before.time, before.sets, before._violations
+
     def trouble(self, time: float, lost_after: float) -> str | None:
         """Return who moved farther than promised or is lost, so that the robot must stop; else None."""
         for name, track in self._tracks.items():

@@ -28,12 +28,15 @@ class Stretch:
         Its motion, from its own time 0 on, and what is proven of it: `check.proof.checker` has robot and scene.
     curve : BlendedCurve or None
         Where all joints go, for who drives it in another time; None where it waits.
+    joints : tuple of str
+        Those that the step may move: of its arm, or all.
     """
 
     step: int
     begin: float
     check: MotionCheck
     curve: BlendedCurve | None = None
+    joints: tuple[str, ...] = ()
 
     @property
     def motion(self) -> Motion:

@@ -59,7 +59,6 @@ _REFUSED = 1.0  # [s] that what was chosen counts more for each step after it th
 _BRANCHES = 6  # of the inverse kinematics that a move may end in
 _LONGEST = 2.0  # [s] of one plan
 _STILL = 1e-6  # [rad or m] a motion that is shorter is none
-_SLOWER, _TRIES = 1.25, 12  # times as long, where stops beside people are too late
 _RATE = 25.0  # [Hz] of the points of a move
 
 
@@ -177,9 +176,9 @@ class _ProgramPlanner:
         assert node.todo is not None
         state, driven = node.todo()
         stretches, duration = list(node.stretches), node.duration
-        for check, curve in driven:
-            stretches.append(Stretch(node.step, duration, check, curve))
-            duration += check.motion.duration
+        for each in driven:
+            stretches.append(Stretch(node.step, duration, *each))
+            duration += each.check.motion.duration
         return _Node(node.step + 1, state, tuple(stretches), node.choices, None, duration)
 
     def _ways(self, node: _Node) -> Iterator[tuple[float, list[str], Callable[[], Any]]]:

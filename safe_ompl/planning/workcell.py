@@ -30,10 +30,11 @@ def named(robot: Robot, q: FloatArray) -> dict[str, float]:
 
 
 class Driven(NamedTuple):
-    """What is proven of a motion, and its curve."""
+    """What is proven of a motion, its curve, and the joints that it may move."""
 
     check: MotionCheck
     curve: BlendedCurve | None
+    joints: tuple[str, ...]
 
 
 class State(NamedTuple):
@@ -215,4 +216,4 @@ class Workcell:
             raise ImpossibleError(str(check.violations[0]))
         if curve is not None:
             curve = curve.among(state.q, rows, 2 * np.pi * turns)
-        return state._replace(q=motion.knots[-1]), (Driven(check, curve),)
+        return state._replace(q=motion.knots[-1]), (Driven(check, curve, tuple(moving.joint_names or ())),)

@@ -21,13 +21,12 @@ from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
 from safe_ompl.people import HEIGHT, PELVIS, CalibratedReach, Recording, Surroundings, TrackedBody, Tracker, facing
-from safe_ompl.people.replanning import Replanner, ReplanningOptions
+from safe_ompl.people.replanning import Leg, Replanner, ReplanningOptions
 from safe_ompl.people.simulation import (
     ALL_KEYPOINTS,
     ContactMonitor,
     Drifting,
     Faults,
-    Leg,
     PersonMover,
     Playback,
     ProgramSimulation,
@@ -36,7 +35,7 @@ from safe_ompl.people.simulation import (
     Walker,
     part_solids,
 )
-from safe_ompl.planning import SafeSetup, plan_program, program_robot, setup_scenario
+from safe_ompl.planning import ProgramResult, SafeSetup, plan_program, program_robot, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Move, People, Scenario, Scene
 from safe_ompl.trajectories import PathTimer, RateLimits, Trajectory, time_path
@@ -165,27 +164,39 @@ def _drive_program(
     assert scenario.program is not None
     trackers = {name: mover.tracker for name, mover in actors.people.items()}
     movable = [one for one in actors.scene if one.name not in actors.still.names]
-    legs, pause = list[Leg](), 0.0
-    for stretch in result.stretches:
-        if stretch.curve is None or stretch.check.limits is None:
-            pause += stretch.motion.duration
-            continue
-        may_leave = isinstance(scenario.program.steps[stretch.step], Move)  # others must stay on their curve
-        ways = ReplanningOptions(options.tick, detours=may_leave, retreats=may_leave)
-        around = Surroundings(stretch.scene.with_obstacles(*movable), trackers, actors.speeds, people)
-        replanner = Replanner(stretch.robot, around, options=ways, prover=stretch.check.proof)
-        own = scenario.motion
-        timer = PathTimer(stretch.robot, stretch.check.limits, tool_speed=own.tool_speed, link_speed=own.link_speed)
-        legs.append(Leg(replanner, timer.along(stretch.curve), stretch.step, pause))
-        pause = 0.0
+
+    def around(scene: Scene) -> Surroundings:
+        return Surroundings(scene.with_obstacles(*movable), trackers, actors.speeds, people)
+
+    legs = program_legs(result, around, ReplanningOptions(options.tick))
     simulation = ProgramSimulation(legs, actors.people, actors.objects, faults=faults)
     status = _simulate(simulation, options)
     steps = len(scenario.program.steps)
-    if not simulation.finished:
-        output.console().print(f"not finished: at step {simulation.leg.step + 1} of {steps}")
+    if not simulation.legs.finished:
+        output.console().print(f"not finished: at step {simulation.legs.current.step + 1} of {steps}")
         return status or 1
     output.console().print(f"all {steps} steps done in {simulation.summary.seconds:.2f} s")
     return status
+
+
+def program_legs(
+    result: ProgramResult, around: Callable[[Scene], Surroundings], options: ReplanningOptions
+) -> list[Leg]:
+    """Return what is driven of a program that is planned; `around` says who is around the obstacles of a scene."""
+    program, own = result.scenario.program, result.scenario.motion
+    assert program is not None
+    legs: list[Leg] = []
+    for stretch in result.stretches:
+        robot, scene, step = stretch.robot, stretch.scene, stretch.step
+        if stretch.curve is not None and stretch.check.limits is not None:
+            may_leave = isinstance(program.steps[step], Move)  # others must stay on their curve
+            ways = replace(options, detours=may_leave, retreats=may_leave, joints=stretch.joints)
+            replanner = Replanner(robot, around(scene), options=ways, prover=stretch.check.proof)
+            timer = PathTimer(robot, stretch.check.limits, tool_speed=own.tool_speed, link_speed=own.link_speed)
+            legs.append(Leg(replanner, timer.along(stretch.curve), robot, scene, step))
+        elif legs:
+            legs.append(Leg(legs[-1].replanner, None, robot, scene, step, stretch.motion.duration))
+    return legs
 
 
 def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:

@@ -14,17 +14,17 @@ import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import add_mcap, add_reach, limits_of_still, people_who_move, timed_way
+from safe_ompl.apps.cli.live import add_mcap, add_reach, limits_of_still, people_who_move, program_legs, timed_way
 from safe_ompl.apps.exchange import Cell, ControlOptions, Frames, LiveController, in_metres
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
 from safe_ompl.people import CalibratedReach, Surroundings, TrackedBody, Tracker, find_skeleton
-from safe_ompl.people.replanning import PathLimits, Replanner, ReplanningOptions, Shield
+from safe_ompl.people.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
-from safe_ompl.planning import setup_scenario
+from safe_ompl.planning import plan_program, program_robot, setup_scenario
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Goal, MotionLimits, People, Scenario, find_scenario
+from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene, find_scenario
 from safe_ompl.trajectories import RateLimits
 
 _PLANNER = "SafeRRTConnect"
@@ -73,7 +73,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     output.need_extra("ros")
     output.need_extra("mcap")
-    scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
+    scenario = arguments.load_scenario(options.scenario, options.package_dir)
+    if scenario.program is not None:
+        arguments.refuse(options, ("shield", "simplify"), "is for paths to goals; the scenario has a program")
     reach = people_who_move(scenario, options).reach
     gate = None if reach is None else CalibratedReach.load(reach).gate
     trackers = trackers_of(scenario, options, gate)
@@ -110,18 +112,17 @@ def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptio
     from safe_ompl.apps.exchange import McapLog, RosNode, ros_context  # needs the extras
 
     around = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
-    robot = scenario.build_robot()
     with ExitStack() as stack:
         node = stack.enter_context(ros_context(options.ros_args))
-        cell = cell_of(scenario, robot, trackers, options, control)
+        cell = cell_of(scenario, scenario.build_robot(), trackers, options, control)
         rehearse(options, control)
         clock = node.get_clock()
         controller = LiveController(cell, lambda: 1e-9 * clock.now().nanoseconds, control)
         log = None
         if options.mcap is not None:
-            header = ticks_header(options.tick, robot, around, cell.moving)
+            header = ticks_header(options.tick, cell.robot, around, cell.moving)
             log = stack.enter_context(closing(McapLog(options.mcap, header)))
-        ros = RosNode(node, controller, Frames(robot, scenario.frames), around.without(*cell.objects), log)
+        ros = RosNode(node, controller, Frames(cell.robot, scenario.frames), around.without(*cell.objects), log)
         name = node.get_fully_qualified_name()
         ros.run(lambda: output.error_console().print(f"{name}: ready; Ctrl-C ends it"))
     return 0
@@ -135,8 +136,18 @@ def cell_of(
     moving = {} if scenario.limits.moving is None else dict(scenario.limits.moving.speeds)
     still = scenario.scene.without(*(n for n in scenario.scene.names if n in trackers or n in moving))
     limited = limits_of_still(scenario, still, beside_people=bool(trackers))
-    setup_scenario(limited, robot)  # what cannot be used is said now
     described = Surroundings(scenario.scene, trackers, moving, people).description()
+    if scenario.program is not None:
+        movable = [scenario.scene[n] for n in scenario.scene.names if n not in still.names]
+
+        def among(scene: Scene) -> Surroundings:
+            return Surroundings(scene.with_obstacles(*movable), trackers, moving, people)
+
+        def work(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Legs:
+            return legs_of(limited, robot, start, among, control, options)
+
+        return Cell(program_robot(limited), trackers, moving, work, program=True, moving=described)
+    setup_scenario(limited, robot)  # what cannot be used is said now
 
     def plan(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Replanner | Shield:
         seen, own = () if cloud is None else (cloud,), scenario.motion
@@ -158,7 +169,28 @@ def cell_of(
         replanner.start(timed_way(result.path, robot, setup.motion_prover, scenario))
         return replanner
 
-    return Cell(robot, trackers, moving, plan, options.shield, described)
+    return Cell(robot, trackers, moving, plan, options.shield, moving=described)
+
+
+def legs_of(
+    scenario: Scenario,
+    arm: Robot,
+    start: FloatArray,
+    around: Callable[[Scene], Surroundings],
+    control: ControlOptions,
+    options: argparse.Namespace,
+) -> Legs:
+    """Plan the program of a scenario from where all joints are, those of grippers where it has them."""
+    here = dict(zip(program_robot(scenario).joint_names, start.tolist(), strict=True))
+    asked = replace(scenario, start=tuple(here[name] for name in arm.joint_names))
+    for name in here.keys() - set(arm.joint_names):
+        if abs(here[name] - arm.held_joints[name]) > control.tolerance:
+            raise PlanningError(f"{name!r} is at {here[name]:g}, and the program begins at {arm.held_joints[name]:g}")
+    given = {} if options.time is None else {"time": options.time}
+    result = plan_program(asked, seed=options.seed, **given)
+    if not result:
+        raise PlanningError(result.why)
+    return Legs(program_legs(result, around, control.replanning))
 
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
@@ -172,6 +204,7 @@ def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     cloud = Obstacle("cloud", PointCloud(0.01, points=np.array([[-0.9, -0.9, 0.0]])))
     body = 1.75 * np.array(list(STANDING.values())) + np.array([0.9, 0.0, -0.75])
     pilot = cell.plan(start, goal, cloud)
+    assert not isinstance(pilot, Legs)
     for k in range(_REHEARSED):
         time = control.replanning.tick * k
         pilot.update({_SOMEBODY: body - [1.5 * time, 0.0, 0.0]}, {}, time)

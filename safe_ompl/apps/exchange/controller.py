@@ -10,27 +10,27 @@ controller stops so
 
 It plans anew from where the robot stands, as soon as nothing of this holds any more. People and objects that are not
 seen, or move farther than promised, the replanner stops for by itself. Behind a shield it is the same with proposals in
-the place of goals.
+the place of goals. A program goes on where it stopped, from where the robot should stand then.
 """
 
 from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from safe_ompl.apps.exchange.messages import by_name, goal_of
-from safe_ompl.collision import robot_points
+from safe_ompl.apps.exchange.sightings import CloudView, Joints, Sightings
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
-from safe_ompl.geometry import Obstacle, PointCloud, Pose
+from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
-from safe_ompl.people import Surroundings, Tracker
-from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions, Shield, stop_as_dict
+from safe_ompl.people import Tracker
+from safe_ompl.people.replanning import Command, Doing, Legs, Replanner, ReplanningOptions, Shield, stop_as_dict
 from safe_ompl.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -40,10 +40,6 @@ _JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
 _RESTING = 0.01  # [rad/s] joints that are slower stand still
 _ARRIVED = "at the goal"
 _SAME = 1e-6  # [rad or m] a goal that is nearer is reached
-_CLOUD = "cloud"
-_NEAR_PEOPLE = 0.15  # [m] points that are nearer to a tracked limb are the person's
-_NEW = 3.0  # radii: points that are farther from all points of the cloud before are new
-_FEW = 10  # new points that are taken for noise
 
 
 @dataclass(frozen=True)
@@ -54,9 +50,10 @@ class Cell:
     trackers: Mapping[str, Tracker]  # People
     objects: Mapping[str, float]  # Obstacles that move, and bounds of their speeds [m/s]
     # Of start and goal (n,), and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
-    # A shield has no goal: it begins at the start.
-    plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner | Shield]
+    # Shields and programs have no goal: they begin at the start.
+    plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner | Shield | Legs]
     shielded: bool = False  # Whether proposals are followed, and not goals
+    program: bool = False  # Whether a program is driven
     moving: Mapping[str, Any] = field(default_factory=dict)  # Who and what moves, as the header of ticks has it
 
 
@@ -77,94 +74,6 @@ class ControlOptions:
             number(key, getattr(self, key), above=0.0)
 
 
-class Sightings:
-    """The newest measurement of each of some people and objects.
-
-    The replanner takes all of them as of one time T. That is the oldest of the newest measurements. For who was seen
-    later, at s > T, reach sets that begin at T hold those that begin at s: they have had more time to grow. Who was not
-    seen for `lost_after` [s] does not count; the replanner stops for them. Clocks of sensors may be off by
-    `clock_error` [s]: all measurements are taken to be so much older.
-    """
-
-    def __init__(self, names: Collection[str], lost_after: float, clock_error: float) -> None:
-        self._names, self._lost_after, self._error = tuple(names), lost_after, clock_error
-        self._newest: dict[str, tuple[float, Any]] = {}
-        self._fed = -np.inf
-
-    def add(self, name: str, stamp: float, now: float, value: Any) -> None:
-        """Take a measurement of a time [s] if it is newer than that before; raise InputError if it is of the future."""
-        time = stamp - self._error
-        if time > now:
-            raise InputError(f"{name!r} was measured {stamp - now:.3f} s in the future: the clocks differ", "stamp")
-        if name not in self._newest or time > self._newest[name][0]:
-            self._newest[name] = time, value
-
-    def restart(self) -> None:
-        """Begin anew: nobody was told of anything yet."""
-        self._fed = -np.inf
-
-    def due(self, now: float) -> tuple[float, dict[str, Any]] | None:
-        """Return what the replanner should be told, and of which time [s]; None: nothing new."""
-        if not self._names:
-            return now, {}
-        fresh = [time for time, _ in self._newest.values() if time > now - self._lost_after]
-        if not fresh or min(fresh) <= self._fed:
-            return None
-        self._fed = min(fresh)
-        return self._fed, {name: value for name, (time, value) in self._newest.items() if time >= self._fed}
-
-
-class Joints(NamedTuple):
-    """Measured joints."""
-
-    time: float  # [s]
-    q: FloatArray
-    qd: FloatArray
-
-
-class CloudView(NamedTuple):
-    """Points of the newest cloud that are neither the robot's nor a tracked person's, in the world."""
-
-    points: FloatArray  # (M, 3) [m]
-    radius: float  # Of the ball about each point [m]
-
-    @classmethod
-    def seen(
-        cls, points: FloatArray, radius: float, robot: Robot, q: FloatArray, around: Surroundings | None
-    ) -> CloudView:
-        """Return what is left of points (M, 3), seen while the robot was at `q: (n,)`."""
-        kept = points[np.isfinite(points).all(axis=1)]
-        kept = kept[~robot_points(kept, robot, q, radius)]
-        for person in () if around is None else around.people.values():
-            if person.keypoints is None or not len(kept):
-                continue
-            ends = person.tracker.body.ends(person.keypoints)
-            for (start, end), width in zip(ends, person.tracker.body.radii(ends), strict=True):
-                kept = kept[_from_segment(kept, start, end) > width + _NEAR_PEOPLE]
-        return cls(kept, radius)
-
-    def obstacle(self) -> Obstacle | None:
-        """Return the points as an obstacle; None if there are none."""
-        return Obstacle(_CLOUD, PointCloud(self.radius, points=self.points)) if len(self.points) else None
-
-    def news(self, before: CloudView | None) -> int:
-        """Return how many points are far from all points of the cloud before; 0 if they are as few as noise."""
-        edge = _NEW * self.radius
-        old = np.zeros((0, 3)) if before is None else before.points
-        known = {tuple(cell) for cell in np.floor(old / edge).astype(int).tolist()}
-        cells = np.floor(self.points / edge).astype(int)
-        steps = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
-        new = sum(not any((x + i, y + j, z + k) in known for i, j, k in steps) for x, y, z in cells.tolist())
-        return new if new > _FEW else 0
-
-
-def _from_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the distances (M,) of points from a segment [m]."""
-    way = end - start
-    share = np.clip((points - start) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(points - start - share[:, None] * way, axis=1))
-
-
 class LiveController:
     """Drives a robot to goals.
 
@@ -181,9 +90,12 @@ class LiveController:
         self.cell, self.options, self._clock = cell, options, clock
         self._executor = ThreadPoolExecutor(1) if executor is None else executor
         self._now = -np.inf
-        self._planning: Future[Replanner | Shield] | None = None
+        self._planning: Future[Replanner | Shield | Legs] | None = None
         self._goal: FloatArray | None = None
+        self._wanted = cell.shielded  # whatever the goal
         self._why, self.blocked = "nothing was proposed yet" if cell.shielded else "no goal yet", ""
+        if cell.program:
+            self._why = "the program was not started yet"
         self._forget()
 
     def _forget(self) -> None:
@@ -195,9 +107,11 @@ class LiveController:
         self._proven_cloud: CloudView | None = None
         self._strangers: tuple[float, str] = (-np.inf, "")
         self._pilot: Replanner | Shield | None = None
+        self.legs: Legs | None = None  # of the program that is driven, or was
         self.driving = False
         self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
         self.command: Command | None = None
+        self._told_by: Replanner | Shield | None = None
         self._commands: deque[Command] = deque(maxlen=_HISTORY)
 
     # --------------------------------------------------------------------------------------------- what was measured
@@ -247,9 +161,22 @@ class LiveController:
 
     def go_to(self, names: Sequence[str], position: Sequence[float]) -> None:
         """Take a goal: the robot stops if it moves, and goes there. Without joints it stops, and stays."""
+        if self.cell.program:
+            raise InputError("the scenario has a program, which is run", "goal")
         self._goal = goal_of(self.cell.robot, names, position) if len(names) else None
         self._planning = None
         self._halt("a new goal" if self._goal is not None else "no goal")
+
+    def run(self, wanted: bool) -> None:
+        """Drive the program, from where it stopped if it was not done; or stop, and stay."""
+        if wanted and not self.cell.program:
+            raise InputError("the scenario has no program", "run")
+        if wanted and self.legs is not None and self.legs.finished:
+            self.legs = None
+        self._wanted = wanted
+        if not wanted:
+            self._planning = None
+            self._halt("stopped")
 
     def propose(self, motion: Motion | FloatArray, start: float | None = None) -> None:
         """Take what the shield is to follow: a motion from a time [s] or the next tick on, or velocities (n,)."""
@@ -270,7 +197,7 @@ class LiveController:
         before, self._now = self._now, self._clock()
         if self._now < before:
             self._forget()
-            self._planning = None
+            self._planning, self._wanted = None, self.cell.shielded  # who holds what in a program is not known any more
             self._why = f"the clock went back by {before - self._now:.3f} s"
             return self._record()
         self._take_plan()
@@ -280,7 +207,7 @@ class LiveController:
                 self._halt(why)
             else:
                 self._drive()
-        elif (self._goal is not None or self.cell.shielded) and self._planning is None:
+        elif (self._goal is not None or self._wanted) and self._planning is None:
             self._start_planning()
         return self._record()
 
@@ -329,9 +256,15 @@ class LiveController:
                 self._halt(f"the answer came {1e3 * late:.0f} ms too late")
                 return
             self._commands.append(command)
-        self.command, self._why = command, command.reason
-        if command.doing is Doing.DONE and not self.cell.shielded:
-            self._goal, self.driving, self._why = None, False, _ARRIVED
+        self.command, self._told_by, self._why = command, self._pilot, command.reason
+        if command.doing is not Doing.DONE or self.cell.shielded:
+            return
+        if self.legs is not None:
+            self.legs.go_on(self._now)
+            self._pilot = self.legs.current.replanner
+            if not self.legs.finished:
+                return
+        self._goal, self._wanted, self.driving, self._why = None, False, False, _ARRIVED
 
     def _inform(self, pilot: Replanner | Shield) -> None:
         due = self._sightings.due(self._now)
@@ -359,9 +292,13 @@ class LiveController:
         start = self._joints.q
         if self.command is not None:  # what it was told is without the errors of its control
             rest = self.command.at(np.inf).q
-            start = rest if self._apart(rest, start).max() <= self.options.tolerance else start
+            away = self._apart(rest, start)
+            if self.legs is not None:
+                self._resume(away)
+                return
+            start = rest if away.max() <= self.options.tolerance else start
         goal = start if self._goal is None else self._goal
-        if not self.cell.shielded and self._apart(start, goal).max() < _SAME:
+        if not self._wanted and self._apart(start, goal).max() < _SAME:
             self._goal, self._why = None, _ARRIVED
             return
         self._start, self._proven_cloud = start, self._cloud
@@ -369,19 +306,33 @@ class LiveController:
         self._planning = self._executor.submit(self.cell.plan, start, goal, cloud)
         self._why = "plans"
 
+    def _resume(self, away: FloatArray) -> None:
+        """Go on with the program, if the joints are no farther (n,) from where it stopped than they may be."""
+        assert self.legs is not None
+        if away.max() > self.options.tolerance:
+            name = self.cell.robot.joint_names[int(away.argmax())]
+            self._why = f"{name!r} is {away.max():.3f} from where the program goes on"
+            return
+        replanner = self.legs.current.replanner
+        replanner.resume(self.command if self._told_by is replanner else None)
+        self.driving = True
+
     def _take_plan(self) -> None:
         """Begin to drive if a plan is there."""
         if self._planning is None or not self._planning.done():
             return
         planning, self._planning = self._planning, None
         try:
-            self._pilot = planning.result()
+            found = planning.result()
         except SafeOmplError as error:
-            self._goal, self._why = None, f"no way to the goal: {error}"
+            what = "the program cannot be driven" if self.cell.program else "no way to the goal"
+            self._goal, self._wanted, self._why = None, self.cell.shielded, f"{what}: {error}"
             return
         away = np.inf if self._joints is None else self._apart(self._start, self._joints.q).max()
         if away > self.options.tolerance:  # the robot was moved meanwhile: plan anew
             return
+        self.legs = found if isinstance(found, Legs) else None
+        self._pilot = found.current.replanner if isinstance(found, Legs) else found
         self._sightings.restart()
         self.driving, self.command = True, None
         self._commands.clear()
@@ -392,7 +343,8 @@ class LiveController:
     def state(self) -> str:
         """What the robot does, in one word: as `Doing` says; planning, or standing, and done without a goal."""
         if self.driving and self.command is not None:
-            return self.command.doing.value
+            rests = self.legs is not None and self.command.doing is Doing.DONE  # between two legs
+            return (Doing.STANDING if rests else self.command.doing).value
         if self.command is not None and self._now < self.command.standstill:
             return Doing.BRAKING.value
         if self._planning is not None:
@@ -411,6 +363,10 @@ class LiveController:
         still = np.full(self.cell.robot.n, np.nan) if self._joints is None else self._joints.q
         command = self.command
         nothing: dict[str, Any] = {"people": {}, "objects": {}}
+        work = {}
+        if self.legs is not None:
+            leg = self.legs.current
+            work = {"step": leg.step + 1, "holds": ", ".join(item.name for item in leg.robot.spec.attached)}
         return {
             "time": self._now,
             "joints_measured": None if self._joints is None else self._joints.time,
@@ -423,6 +379,7 @@ class LiveController:
             **dict.fromkeys(("distance", "link", "who", "limb")),
             "reason": self.blocked or self._why,
             "measured": None if command is None else command.measured,
+            **work,
         }
 
     def close(self) -> None:

@@ -25,6 +25,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
+BOOL = "std_msgs/msg/Bool"
 SECOND = 10**9  # [ns]
 OK, WARN, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
 WORLD = "world"

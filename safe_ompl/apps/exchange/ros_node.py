@@ -83,6 +83,7 @@ class RosNode:
         self._robot = controller.cell.robot
         self._said: dict[str, float] = {}
         self._units = 10.0
+        self._shown: Scene | None = None
         self._commands = self._publisher(messages.JOINT_TRAJECTORY, "command")
         self._diagnostics = self._publisher(messages.DIAGNOSTICS, "/diagnostics")
         self._tracked = self._publisher(messages.MARKERS, "tracked")
@@ -92,7 +93,7 @@ class RosNode:
         steady = clock.Clock(clock_type=clock.ClockType.STEADY_TIME)  # ticks go on if the time of ROS stands still
         node.create_timer(controller.options.replanning.tick, self._tick, clock=steady)
         node.create_timer(_CHECK, self._look_for_others, clock=steady)
-        self._still(messages.obstacle_markers(0, scene))
+        self._show(scene)
 
     def run(self, ready: Callable[[], None]) -> None:
         """Say that the node is ready, and drive the robot until Ctrl-C or SIGTERM; only for the main thread."""
@@ -157,9 +158,12 @@ class RosNode:
 
         self._subscribe(messages.JOINT_STATE, "joint_states", joints)
         self._subscribe(messages.MARKERS, "people", people)
-        self._subscribe(CLOUD, "cloud", lambda message: controller.see_cloud(*cloud_of(message, cloud_radius, frames)))
         for name in cell.objects:
             self._subscribe(POSE, f"obstacles/{name}", partial(thing, name))
+        if cell.program:  # a cloud would have points of what it carries
+            self._subscribe(messages.BOOL, "run", lambda message: controller.run(message.data), reliable=True)
+            return
+        self._subscribe(CLOUD, "cloud", lambda message: controller.see_cloud(*cloud_of(message, cloud_radius, frames)))
         if cell.shielded:
             proposal = messages.JOINT_TRAJECTORY, "proposal"
             self._subscribe(*proposal, lambda message: controller.propose(*proposal_of(message, self._robot)))
@@ -173,6 +177,8 @@ class RosNode:
     def _tick(self) -> None:
         tick = self._controller.tick()
         time = messages.nanoseconds(tick["time"])
+        if self._controller.legs is not None:
+            self._show(self._controller.legs.current.scene)
         if self._controller.driving:
             self._command()
         self._diagnostics(messages.diagnostics(time, self._robot.name, tick))
@@ -185,6 +191,12 @@ class RosNode:
         allowed = _SHARE * self._controller.options.replanning.tick
         faster = min(2.0, allowed / max(perf_counter() - begin, 1e-4))
         self._units = float(np.clip(self._units * faster, 1.0, _UNITS))
+
+    def _show(self, scene: Scene) -> None:
+        """Publish the obstacles, if they are others than before."""
+        if self._shown is None or self._shown.obstacles != scene.obstacles:
+            self._shown = scene
+            self._still(messages.obstacle_markers(0, scene))
 
     def _command(self) -> None:
         """Publish the rest of the command until the robot stands."""

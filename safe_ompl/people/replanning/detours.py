@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import FloatArray
+from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.people.replanning.guard import Command
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, RobotBodies, line
 from safe_ompl.trajectories import BlendedCurve, blended
@@ -52,15 +52,20 @@ class Detours:
     Milestones are drawn around the trajectories that `cover` is given. An edge between two is proven free of still
     obstacles when it is first needed. An estimate of how long it takes beside people holds until anyone can be near
     enough to slow it down, at the earliest: for T = (distance − what a full-speed stop needs)/v. Paths keep `limits`;
-    `left` units of work may be done now.
+    `left` units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories.
     """
 
     def __init__(
-        self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits, tick: float, seed: int = 0
+        self,
+        prover: MotionProver,
+        bodies: RobotBodies,
+        limits: PathLimits,
+        tick: float,
+        movable: BoolArray | bool = True,
     ) -> None:
-        self._prover, self._bodies, self._tick, self.limits = prover, bodies, tick, limits
+        self._prover, self._bodies, self._tick, self.limits, self._movable = prover, bodies, tick, limits, movable
         self._robot = prover.checker.robot
-        self._rng, self.left = np.random.default_rng(seed), 0
+        self._rng, self.left = np.random.default_rng(0), 0
         self.milestones: FloatArray = np.empty((0, self._robot.n))
         self._tips: FloatArray = np.empty((0, 3))  # where the milestones have the tip
         self._near: list[list[int]] = []
@@ -81,7 +86,7 @@ class Detours:
         samples = [q for q in on_it if self._known(q) is None]
         for k in range(_MILESTONES):
             way = curve.at(self._rng.uniform(0.0, curve.length, 1)).q[0]
-            q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)]
+            q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)] * self._movable
             q = np.clip(q, self._robot.lower, self._robot.upper)
             if not self._prover.checker.touches(q):
                 samples.append(q)

@@ -131,6 +131,7 @@ class ReplanningOptions:
     # that retreats may be touched by who runs after it, as one that stands.
     detours: bool = True
     retreats: bool = True
+    joints: tuple[str, ...] | None = None  # that these may move, such as all but those of a gripper; default: all
 
     def __post_init__(self) -> None:
         number("tick", self.tick, above=0.0, kind="number of seconds")

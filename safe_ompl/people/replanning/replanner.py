@@ -90,11 +90,19 @@ class Replanner(Guard):
                 raise InputError(f"{where}, is not free of what stands still")
         self._path, self._last, self._detour, self._retreat = path, None, None, None
         retreats = self.options.retreats and not self.prover.separation.tube
-        self._retreats = Retreats(self.prover, self.bodies, path.limits) if retreats else None
+        joints = self.robot.joint_names if self.options.joints is None else self.options.joints
+        movable = np.isin(self.robot.joint_names, joints)
+        self._retreats = Retreats(self.prover, self.bodies, path.limits, movable) if retreats else None
         if self.options.detours:
             if self.detours is None or not path.limits.same_as(self.detours.limits):
-                self.detours = Detours(self.prover, self.bodies, path.limits, self.tick)
+                self.detours = Detours(self.prover, self.bodies, path.limits, self.tick, movable)
             self.detours.cover(trajectory.curve)
+
+    def resume(self, command: Command | None) -> None:
+        """Go on where the robot stands: at the stop of a command of this replanner; None: where it began."""
+        self._last, self._detour, self._retreat = command, None, None
+        if command is not None:
+            self._path = command.path
 
     def command(self, time: float) -> Command:
         """Return what the robot does from a time [s] on, which is not before the last command or measurement."""
@@ -210,10 +218,12 @@ def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[Fl
 
 
 class Retreats:
-    """Searches motions that recede from people, free of what stands still."""
+    """Searches motions of `movable: (n,)` joints that recede from people, free of what stands still."""
 
-    def __init__(self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits) -> None:
-        self._prover, self._bodies, self._limits = prover, bodies, limits
+    def __init__(
+        self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits, movable: BoolArray | bool = True
+    ) -> None:
+        self._prover, self._bodies, self._limits, self._movable = prover, bodies, limits, movable
 
     def search(self, path: GuardedPath, s: float, sets: ReachSets) -> GuardedPath | None:
         """Return a motion away from all who are near a robot that stands at s of a path, back, and on; or None."""
@@ -237,7 +247,7 @@ class Retreats:
         least = [(bodies.vertices(g, frames) @ axes[g, s]).min(axis=1) for g, s in pairs.tolist()]
         rates = np.array([(each[1:] - each[0]) / _NUDGE for each in least]).reshape(-1, n)
         for grown, still in product(after, range(min(n, _STILL + 1))):
-            near = rates[apart[tuple(pairs.T)] < grown[pairs[:, 1]]] * (np.arange(n) >= still)
+            near = rates[apart[tuple(pairs.T)] < grown[pairs[:, 1]]] * (self._movable & (np.arange(n) >= still))
             near = near[near.any(axis=1)]
             way = _away_from_all(near)
             if not len(near) or (near @ way).min() < _LEAST:

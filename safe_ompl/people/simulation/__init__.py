@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         limb_solids as limb_solids,
         part_solids as part_solids,
     )
-    from safe_ompl.people.simulation.program import Leg as Leg, ProgramSimulation as ProgramSimulation
+    from safe_ompl.people.simulation.program import ProgramSimulation as ProgramSimulation
     from safe_ompl.people.simulation.simulation import (
         Contact as Contact,
         ContactMonitor as ContactMonitor,

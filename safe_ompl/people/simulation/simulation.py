@@ -236,7 +236,8 @@ class Simulation:
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
         """Run for a time [s], and yield ticks as `safe_ompl.io.ticks` describes them."""
         tick = self.replanner.tick
-        self.replanner.start(self.trajectories[0])
+        if self.trajectories:
+            self.replanner.start(self.trajectories[0])
         command: Command | None = None
         logged: Command | None = None
         shares: FloatArray = np.zeros(3)

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from safe_ompl.common import InputError
 from safe_ompl.geometry import STANDING, Pose, Sphere
 from safe_ompl.motions import Motion
 from safe_ompl.people.simulation import ContactMonitor, part_solids
-from safe_ompl.scene import Scenario, find_scenario
+from safe_ompl.scene import Scenario, Wait, find_scenario
 
 GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
 START = [1.45, 0.1, 0.0, -1.7, 0.0, 3.37, 0.785]
@@ -58,10 +59,10 @@ def cell():
 class Drive:
     """A controller, a robot that does what it is told, and a person, in simulated time."""
 
-    def __init__(self, cell):
+    def __init__(self, cell, start=START):
         self.time = 10.0
         self.controller = LiveController(cell, lambda: self.time, ControlOptions(), AtOnce())
-        self.robot, self.q, self.qd = cell.robot, np.array(START), np.zeros(7)
+        self.robot, self.q, self.qd = cell.robot, np.array(start), np.zeros(len(start))
         self.person, self.told, self.ticks = AWAY.copy(), None, []
         self.joints = self.people = self.deaf = False  # what is lost
 
@@ -70,7 +71,7 @@ class Drive:
         if not self.joints:
             self.controller.see_joints(self.time, self.robot.joint_names, self.q, self.qd)
         if not self.people:
-            self.controller.see_people(self.time, {"operator": BODY + self.person})
+            self.controller.see_people(self.time, dict.fromkeys(self.controller.cell.trackers, BODY + self.person))
 
     def run(self, seconds):
         """Go on, and return the ticks."""
@@ -91,7 +92,7 @@ class Drive:
         assert np.abs(states[-1].qd).max() < 1e-9
         if self.told is not None and self.controller.command.time > self.told[0][0]:
             before, known = self.told[0], np.array([state.q for state in self.told[1]])
-            expected = [np.interp(times[0], before, known[:, k]) for k in range(7)]
+            expected = [np.interp(times[0], before, column) for column in known.T]
             np.testing.assert_allclose(states[0].q, expected, atol=2e-4)  # samples of 10 ms, between them lines
         self.told = times, states, self.told
 
@@ -105,7 +106,7 @@ class Drive:
         times, states, _ = told
         k = int(np.searchsorted(times, self.time, side="right")) - 1
         if k >= len(times) - 1:
-            self.q, self.qd = states[-1].q, np.zeros(7)
+            self.q, self.qd = states[-1].q, np.zeros(len(self.q))
         else:
             share = (self.time - times[k]) / (times[k + 1] - times[k])
             self.q = (1 - share) * states[k].q + share * states[k + 1].q
@@ -148,6 +149,74 @@ def test_it_drives_to_a_goal_and_back(drive):
         drive.arrives(goal)
     assert {tick["state"] for tick in drive.ticks[first:]} == {"done"}  # it is there already
     assert {"standing", "moving", "done"} <= {tick["state"] for tick in drive.ticks}
+
+
+# ----------------------------------------------------------------------------------------------------------- programs
+
+
+def work(finger=0.04):
+    """Return a drive of the Panda that carries a cube, and waits after it has it, beside a person who is tracked."""
+    given, options = Scenario.load(find_scenario("panda_pick_place")), argparse.Namespace(**OPTIONS, shield=False)
+    steps = given.program.steps
+    rest = Wait(time=0.5, touching=(("cube", "table"),))
+    given = replace(given, program=replace(given.program, steps=(*steps[:4], rest, *steps[4:])))
+    found = cell_of(given, given.build_robot(), trackers_of(given, options), options, ControlOptions(tolerance=0.02))
+    return Drive(found, [*given.start_configuration(given.build_robot()), finger])
+
+
+def test_a_program_goes_on_where_it_stopped():
+    drive = work()
+    assert drive.run(0.2)[-1]["reason"] == "the program was not started yet"
+    with pytest.raises(InputError, match="has a program, which is run"):
+        drive.go(drive.q.tolist())
+    drive.controller.run(True)
+    while drive.time < 40.0 and (drive.ticks[-1].get("step", 0) < 6 or drive.last[0] != "moving"):
+        drive.run(0.05)
+    waited = [tick for tick in drive.ticks if tick.get("step") == 5]
+    assert len(waited) in (10, 11)
+    assert {tick["holds"] for tick in waited} == {"cube"}
+    assert {tick["state"] for tick in waited} == {"standing"}
+    drive.controller.run(False)
+    assert drive.run(1.5)[-1]["reason"] == "stopped"
+    assert not drive.qd.any()
+    drive.controller.run(True)
+    drive.q[0] += 0.2
+    drive.run(0.5)
+    assert drive.last == ("standing", "'panda_joint1' is 0.200 from where the program goes on")
+    drive.q[0] -= 0.2
+    done = 0
+    while drive.time < 60.0 and drive.last[0] != "done":
+        drive.run(0.05)
+        if drive.controller.legs.done > done:  # the first answer for each leg comes too late
+            drive.see()
+            done, calls = drive.controller.legs.done, count()
+            drive.controller._clock = lambda calls=calls: drive.time + 0.06 * next(calls)
+            drive.ticks.append(drive.controller.tick())
+            drive.controller._clock = lambda: drive.time
+    assert sum("too late" in tick["reason"] for tick in drive.ticks) > 3
+    assert drive.last == ("done", "at the goal")
+    np.testing.assert_allclose(drive.q, [0.0, -0.6, 0.0, -2.2, 0.0, 1.7, 0.785, 0.04], atol=1e-9)
+    held = [tick["holds"] for tick in drive.ticks if tick.get("step")]
+    assert [name for k, name in enumerate(held) if k == 0 or name != held[k - 1]] == ["", "cube", ""]
+    steps = [tick["step"] for tick in drive.ticks if tick.get("step")]
+    assert steps == sorted(steps)
+    assert {1, 2, 3, 5, 6, 7, 8, 10, 11, 12} <= set(steps)
+
+
+def test_a_program_begins_with_its_gripper_and_is_not_taken_up_after_the_clock_went_back():
+    drive = work(finger=0.01)
+    drive.controller.run(True)
+    why = "the program cannot be driven: 'panda_finger_joint1' is at 0.01, and the program begins at 0.04"
+    assert why in [tick["reason"] for tick in drive.run(0.5)]
+    drive.q[-1] = 0.04
+    drive.controller.run(True)
+    drive.run(1.0)
+    assert drive.last[0] == "moving"
+    drive.time, drive.told, drive.qd = 5.0, None, np.zeros(8)
+    assert drive.controller.tick()["reason"].startswith("the clock went back by")
+    drive.run(1.0)
+    assert not drive.controller.driving
+    assert drive.last[0] == "standing"
 
 
 # ------------------------------------------------------------------------------------- lost, late, out of order, broken

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from safe_ompl.apps.exchange.controller import CloudView, Sightings
 from safe_ompl.apps.exchange.messages import Frames, cloud_of, people_of_markers, pose_of, stamp_of
+from safe_ompl.apps.exchange.sightings import CloudView, Sightings
 from safe_ompl.common import InputError
 from safe_ompl.geometry import Pose
 from safe_ompl.people import find_skeleton

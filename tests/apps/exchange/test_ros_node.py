@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -44,14 +46,16 @@ SIM = ["--clock-error", "0.05", "--tick", "0.1", "--latency", "0.1", "--ros-args
 class World:
     """The clock, a robot that does what it is told, and the tracker of a person who stands at (2.5, 0)."""
 
-    def __init__(self):
+    def __init__(self, names=NAMES, start=START):
         self.node = node = rclpy.create_node("world")
-        self.q, self.qd, self.told, self.said = np.array(START), np.zeros(7), [], []
+        self.names, self.q, self.qd, self.told, self.said = names, np.array(start), np.zeros(len(start)), [], []
         self.commands: list[JointTrajectory] = []
+        self.steps: list[tuple[str, str]] = []
         node.create_subscription(JointTrajectory, "command", self.command, 10)
         node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics, 10)
         self.clock = node.create_publisher(Clock, "/clock", 1)
         self.joints = node.create_publisher(JointState, "joint_states", 1)
+        self.works = node.create_publisher(Bool, "run", 1)
         self.goal = node.create_publisher(JointState, "goal", 1)
         self.people = node.create_publisher(MarkerArray, "people", 1)
         self.cloud = node.create_publisher(PointCloud2, "cloud", 1)
@@ -76,7 +80,7 @@ class World:
         clock.clock.sec, clock.clock.nanosec = self.stamp()
         self.clock.publish(clock)
         self.move(self.now)
-        message = JointState(name=NAMES[::-1], position=self.q[::-1].tolist(), velocity=self.qd[::-1].tolist())
+        message = JointState(name=self.names[::-1], position=self.q[::-1].tolist(), velocity=self.qd[::-1].tolist())
         message.header.stamp.sec, message.header.stamp.nanosec = self.stamp()
         self.joints.publish(message)
 
@@ -106,11 +110,18 @@ class World:
         begun = [command for command in self.told if command[0][0] <= now]
         if begun:
             times, q, qd = begun[-1]
-            self.q = np.array([np.interp(now, times, q[:, k]) for k in range(7)])
-            self.qd = np.array([np.interp(now, times, qd[:, k]) for k in range(7)])
+            self.q = np.array([np.interp(now, times, column) for column in q.T])
+            self.qd = np.array([np.interp(now, times, column) for column in qd.T])
 
     def diagnostics(self, message):
         self.said = [*self.said[-500:], message.status[0].message]
+        values = {pair.key: pair.value for pair in message.status[0].values}
+        self.steps += [(values["step"], values["holds"])] if "step" in values else []
+
+    def run(self, wanted):
+        """Say whether the program is to be driven."""
+        self.wait(self.works.get_subscription_count)
+        self.works.publish(Bool(data=wanted))
 
     def go(self, goal):
         """Send a goal."""
@@ -155,13 +166,13 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("ros")
 
 
-@pytest.fixture(scope="module")
-def world(folder):
-    """Robot and sensors, and a node that drives the robot and writes `drive.mcap`."""
+@contextmanager
+def driven(folder, *words, **start):
+    """Yield a world with a node that drives the robot."""
     rclpy.init()
-    world = World()
+    world = World(**start)
     with (folder / "node.log").open("w") as log:
-        node = start_node("panda_shelf", "--mcap", str(folder / "drive.mcap"), *SIM, log=log)
+        node = start_node(*words, *SIM, log=log)
         try:
             world.wait(lambda: "ready" in (folder / "node.log").read_text(), "ready", FIRST)
             yield world
@@ -170,6 +181,30 @@ def world(folder):
             rclpy.try_shutdown()
             world.thread.join()
     assert code == 0, (folder / "node.log").read_text()
+
+
+def test_a_program_is_run_and_goes_on_where_it_stopped(tmp_path):  # before the world of all others begins
+    start = {"names": [*NAMES, "panda_finger_joint1"], "start": [0.0, -0.6, 0.0, -2.2, 0.0, 1.7, 0.785, 0.04]}
+    with driven(tmp_path, "panda_pick_place", "--people", "none", **start) as world:
+        world.hears("standing: the program was not started yet")
+        world.run(True)
+        world.wait(lambda: ("6", "cube") in world.steps and np.abs(world.qd).max() > 0.1, "no cube is carried")
+        world.run(False)
+        world.hears("standing: stopped")
+        world.wait(lambda: not world.qd.any(), "it does not stop")
+        assert abs(world.q[-1] - 0.0245) < 1e-6
+        world.run(True)
+        world.arrives([*start["start"][:6], 0.785, 0.04])
+        steps = [int(step) for step, _ in world.steps]
+        assert steps == sorted(steps)
+        assert world.steps[-1] == ("11", "")
+
+
+@pytest.fixture(scope="module")
+def world(folder):
+    """Robot and sensors, and a node that drives the robot and writes `drive.mcap`."""
+    with driven(folder, "panda_shelf", "--mcap", str(folder / "drive.mcap")) as world:
+        yield world
     header, ticks = read_log(folder / "drive.mcap")
     assert header["joint_names"] == NAMES
     assert {"moving", "done"} <= {tick["state"] for tick in ticks}

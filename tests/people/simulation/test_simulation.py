@@ -250,9 +250,13 @@ def test_the_command_drives_a_program_and_goes_on_where_it_stopped(tmp_path, cap
     said = " ".join(capsys.readouterr().out.split())
     assert "contacts while moving 0" in said
     assert end in said
-    _, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
+    header, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
     done = [tick["task"] for tick in ticks]
     assert done == sorted(done)
+    finger = header["joint_names"].index("panda_finger_joint1")
+    for moves, opening in ((0, 0.04), (4, 0.0245)):  # detours and retreats leave the gripper as it is
+        held = [tick["q"][finger] for tick in ticks if tick["task"] == moves]
+        np.testing.assert_allclose(held, opening, atol=1e-9)
     stood = [tick["time"] for tick in ticks if tick["state"] == "standing" and tick["reason"]]
     assert seconds == 1 or stood[0] < ticks[-1]["time"] - 1
     for before, after in pairwise(ticks):  # also where one replanner takes over from another
