@@ -13,7 +13,10 @@ import pytest
 import safe_ompl
 
 PACKAGE = Path(safe_ompl.__file__).parent
-NEEDS = {"safe_ompl.apps.exchange": ("mcap", "rosbags")}  # rooms that are nothing without an extra
+NEEDS = {  # rooms that are nothing without an extra
+    "safe_ompl.apps.exchange": ("mcap", "rosbags"),
+    "safe_ompl.apps.exchange.lerobot": ("lerobot",),
+}
 FLOORS = (  # rooms; each imports from those before it only
     "common",
     "geometry",

@@ -14,8 +14,8 @@ import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import add_mcap, add_reach, limits_of_still, people_who_move, program_legs, timed_way
-from safe_ompl.apps.exchange import Cell, ControlOptions, Frames, LiveController, in_metres
+from safe_ompl.apps.cli.live import add_mcap, add_reach, people_who_move, program_legs, timed_way
+from safe_ompl.apps.exchange import Cell, ControlOptions, Frames, LiveController, in_metres, limits_of_still
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header

@@ -35,6 +35,12 @@ if TYPE_CHECKING:
         scene_from_moveit as scene_from_moveit,
         scene_from_octomap as scene_from_octomap,
     )
+    from safe_ompl.apps.exchange.policy import (
+        PolicyGuard as PolicyGuard,
+        PolicyOptions as PolicyOptions,
+        limits_of_still as limits_of_still,
+        rehearse as rehearse,
+    )
     from safe_ompl.apps.exchange.ros_node import RosNode as RosNode, ros_context as ros_context
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -178,14 +178,16 @@ class LiveController:
             self._planning = None
             self._halt("stopped")
 
-    def propose(self, motion: Motion | FloatArray, start: float | None = None) -> None:
-        """Take what the shield is to follow: a motion from a time [s] or the next tick on, or velocities (n,)."""
+    def propose(self, motion: Motion | FloatArray, start: float | None = None) -> bool:
+        """Take what the shield is to follow: a motion from a time [s] or the next tick on, or velocities (n,).
+
+        Return whether it can be used; if not, the robot stops, and the next command says why.
+        """
         if not self.driving or not isinstance(self._pilot, Shield):
             raise InputError(f"is not followed: {self._why}")
         if isinstance(motion, Motion):
-            self._pilot.propose(motion, start=start)
-        else:
-            self._pilot.propose_velocity(motion)
+            return self._pilot.propose(motion, start=start)
+        return self._pilot.propose_velocity(motion)
 
     # ------------------------------------------------------------------------------------------------------- ticks
 

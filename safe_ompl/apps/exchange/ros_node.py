@@ -119,7 +119,7 @@ class RosNode:
         publisher = self._node.create_publisher(message_class(kind), topic, _quality(latched=latched))
         return lambda content: publisher.publish(messages.encoded(kind, content))
 
-    def _subscribe(self, kind: str, topic: str, take: Callable[[Any], None], *, reliable: bool = False) -> None:
+    def _subscribe(self, kind: str, topic: str, take: Callable[[Any], object], *, reliable: bool = False) -> None:
         """Give the messages of a topic to `take`; a bad one is reported, and the node goes on."""
 
         def received(data: bytes) -> None:

@@ -1,0 +1,216 @@
+"""What a policy sends to motors: units, what is passed through, waiting, people; a robot that does what it is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from safe_ompl.apps.exchange import PolicyGuard, PolicyOptions
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import InputError, SafeOmplError
+from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
+from safe_ompl.scene import MotionLimits, People, Scenario, Scene, find_scenario
+
+KEYS = ("joint1.pos", "joint2.pos", "joint3.pos", "gripper.pos")
+BODY = 1.75 * np.array(list(STANDING.values()))
+FAST = MotionLimits(velocity=3.0, acceleration=50.0)
+
+
+def planar3(*obstacles, **changes):
+    """Return the planar arm among other obstacles."""
+    scenario = Scenario.load(find_scenario("planar3"))
+    return replace(scenario, scene=Scene(obstacles or tuple(scenario.scene)), motion=FAST, **changes)
+
+
+class Bench:
+    """A guard and a robot that is where it was told to be, and sags, in simulated time; motors give degrees."""
+
+    def __init__(self, scenario, start, sag=0.0, **options):
+        self.time, self.sag = 0.0, sag
+        self.guard = PolicyGuard(scenario, KEYS, PolicyOptions(latency=0.0, **options), lambda: self.time)
+        self.q, self.people, self.sent = np.array(start), {}, []
+        self.checker = CollisionChecker(self.guard.cell.robot, self.guard.cell.robot and scenario.scene)
+
+    def send(self, q, gripper=0.0):
+        """Let the policy look and say where to go (n,) [rad]; return what was sent, in radians."""
+        self.guard.see({**self.numbers(self.q), "gripper.pos": 0.0, **self.people})
+        sent = self.guard.guarded({**self.numbers(q), "gripper.pos": gripper})
+        told = np.radians([sent[key] for key in KEYS[:3]])
+        self.q, self.time = told - self.sag, self.time + self.guard.period
+        self.sent.append((told, sent["gripper.pos"]))
+        return told
+
+    @staticmethod
+    def numbers(q):
+        return dict(zip(KEYS[:3], np.degrees(q).tolist(), strict=True))
+
+
+def wave(k, start):
+    """Return the targets (n,) of a policy that moves smoothly."""
+    return np.array(start) + 0.3 * (1 - np.cos(0.05 * k)) * np.array([1.0, -1.0, 0.5])
+
+
+FREE = np.array([2.0, -0.5, 0.3])
+
+
+def test_what_is_free_is_sent_as_it_is():
+    one = Bench(planar3(), FREE)
+    for _ in range(3):
+        one.send(FREE)
+    for k in range(120):
+        assert one.send(wave(k, FREE), gripper=k) == pytest.approx(wave(k, FREE), abs=2e-3)
+        assert one.sent[-1][1] == k
+
+
+def test_sag_is_learnt_and_what_is_sent_stays_the_target():
+    one = Bench(planar3(), FREE, sag=0.03)
+    for k in range(200):
+        assert one.send(wave(max(0, k - 100), FREE)) == pytest.approx(
+            wave(max(0, k - 100), FREE), abs=0.01 + 0.03 * (k < 4)
+        )
+    command = one.guard.controller.command
+    assert command.at(one.time).q == pytest.approx(one.q, abs=4e-3)  # what is proven is where the robot is
+
+
+def test_units():
+    """Signs, scales and offsets, and motors that have other names than joints."""
+    options = {"joints": {"pan": "joint1"}, "degrees": {"pan": -0.5}, "offsets": {"joint2": 90.0}}
+    guard = PolicyGuard(planar3(), ("pan.pos", "joint2.pos", "joint3.pos"), PolicyOptions(**options))
+    q = guard.motors.of({"pan.pos": 40.0, "joint2.pos": 10.0, "joint3.pos": -3.0})
+    assert q == pytest.approx(np.radians([-20.0, 100.0, -3.0]))
+    assert guard.motors.numbers(q) == pytest.approx({"pan.pos": 40.0, "joint2.pos": 10.0, "joint3.pos": -3.0})
+
+
+@pytest.mark.parametrize(
+    ("keys", "options", "said"),
+    [
+        (KEYS[:2], {}, "no motor moves 'joint3'"),
+        (KEYS, {"offsets": {"elbow": 3.0}}, "offsets: .*elbow.*joint1"),
+        (KEYS, {"degrees": {"joint2": 0.0}}, "degrees.joint2: must not be 0"),
+        (KEYS, {"degrees": {"joint2": np.nan}}, "degrees.joint2"),
+        (KEYS, {"fps": 0.0}, "fps"),
+        (KEYS, {"tolerance": -1.0}, "tolerance"),
+        (KEYS, {"skeleton": "octopus"}, "octopus"),
+    ],
+)
+def test_what_cannot_be_used_is_said(keys, options, said):
+    with pytest.raises(SafeOmplError, match=said):
+        PolicyGuard(planar3(), keys, PolicyOptions(**options))
+
+
+def test_a_missing_motor_is_named():
+    one = Bench(planar3(), FREE)
+    with pytest.raises(InputError, match=r"joint2\.pos"):
+        one.guard.see({"joint1.pos": 0.0, "joint3.pos": 0.0})
+    with pytest.raises(InputError, match="observed"):
+        one.guard.guarded(one.numbers(FREE))
+
+
+def test_a_policy_that_goes_into_a_machine_stops_before_it():
+    """All that was sent is free, and the reason names what is in the way."""
+    scenario = planar3()
+    one = Bench(scenario, scenario.start_configuration(scenario.build_robot()))
+    begin, reasons = one.q.copy(), set()
+    for k in range(90):
+        one.send(begin - np.array([0.02 * k, 0.0, 0.0]))
+        reasons.add(one.guard.reason)
+        assert not one.checker.in_collision(one.q)
+    assert any("machine" in reason for reason in reasons)
+    assert one.q[0] > begin[0] - 1.5  # not where the policy went
+
+
+def test_a_jump_is_refused_and_the_robot_stays():
+    one = Bench(planar3(), FREE)
+    for _ in range(5):
+        one.send(FREE)
+    for _ in range(5):
+        assert one.send(FREE + np.array([0.0, 1.5, 0.0])) == pytest.approx(FREE, abs=1e-6)
+    assert "jumps" in one.guard.reason
+
+
+class Anna(Bench):
+    """The same beside a person who walks towards where the arm is going, or away."""
+
+    def __init__(self):
+        person = Obstacle("anna", Person(1.75), Pose((4.0, 0.0, -0.75)))
+        super().__init__(planar3(person, people=People(speed=1.6)), FREE)
+        self.distance, self.walks = 2.0, 0.0
+        for _ in range(3):
+            self.send(FREE)
+
+    def send(self, q, gripper=0.0):
+        self.distance = np.clip(self.distance + self.walks * self.guard.period, 0.8, 2.6)
+        place = [self.distance * np.cos(2.2), self.distance * np.sin(2.2), -0.75]
+        self.people = {"people.anna": BODY + np.array(place)}
+        return super().send(q, gripper)
+
+
+def test_targets_wait_with_the_gripper_and_the_path_is_kept():
+    """Somebody bars the way: the robot stops, and then goes where it was told to, in order, and closes there."""
+    one, reasons = Anna(), set()
+    one.walks = -1.5
+    for k in range(62):
+        one.send(wave(k, FREE), gripper=float(k))
+        reasons.add(one.guard.reason)
+    assert any("anna" in reason for reason in reasons)
+    assert one.sent[-1][1] < 45.0
+    one.walks = 1.5
+    for _ in range(120):
+        one.send(wave(62, FREE), gripper=62.0)
+    path = np.array([wave(k, FREE) for k in np.linspace(0.0, 62.0, 2000)])
+    assert max(np.abs(path - q).max(axis=1).min() for q, _ in one.sent) < 0.01
+    grips = [gripper for _, gripper in one.sent]
+    assert grips == sorted(grips)
+    for q, gripper in one.sent:
+        assert np.abs(q - wave(gripper, FREE)).max() < 0.06  # the arm and what the gripper does belong together
+    assert one.q == pytest.approx(wave(62, FREE), abs=2e-3)
+
+
+def test_a_policy_that_looks_again_is_followed_at_once():
+    one = Anna()
+    one.walks = -1.5
+    for k in range(50):
+        one.send(wave(k, FREE))
+    waited = len(one.guard._waiting)
+    one.send(one.q)
+    assert waited > 5
+    assert len(one.guard._waiting) <= 1
+
+
+def test_people_who_are_not_seen_keep_the_robot_where_it_is():
+    person = Obstacle("anna", Person(1.75), Pose((4.0, 0.0, -0.75)))
+    one = Bench(planar3(person, people=People(speed=1.6)), FREE)
+    for k in range(20):
+        one.send(wave(k, FREE))
+    assert one.q == pytest.approx(FREE, abs=1e-6)
+
+
+def test_a_chunk_that_is_known_is_driven_as_it_is():
+    """A bend that is too sharp for what does not know it."""
+    one = Bench(planar3(), FREE)
+    chunk = np.array([wave(k, FREE) for k in range(60)])
+    one.guard.foresee(np.degrees(np.column_stack([chunk, np.zeros(60)])))
+    one.send(FREE)
+    for q in chunk:
+        assert one.send(q) == pytest.approx(q, abs=2e-3)
+    with pytest.raises(InputError, match="chunk"):
+        one.guard.foresee(np.zeros((5, 3)))
+
+
+def test_a_robot_that_is_held_is_stopped():
+    one, reasons = Bench(planar3(), FREE), set()
+    for k in range(60):
+        one.send(wave(k, FREE))
+        reasons.add(one.guard.reason)
+        one.q = FREE
+    assert any("from where it should be" in reason for reason in reasons)
+    assert np.abs(one.sent[-1][0] - FREE).max() < np.radians(2 * 6.0) + 0.05
+
+
+@pytest.mark.skipif(find_spec("lerobot") is not None, reason="it is there")
+def test_without_lerobot_one_line_says_so():
+    with pytest.raises(ModuleNotFoundError, match=r"needs LeRobot \(.*\): pip install lerobot"):
+        import safe_ompl.apps.exchange.lerobot.robot  # noqa: F401
