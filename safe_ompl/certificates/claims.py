@@ -24,14 +24,12 @@ from safe_ompl.common import (
     key,
     shown,
 )
-from safe_ompl.geometry import PointCloud
 from safe_ompl.io import RobotDocument, SceneDocument, schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
 _UNBOUNDED = 1e300  # [m]
-_MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
 _MOST_POWERS = 16  # of a polynomial
 _DIGITS = 6
 
@@ -111,20 +109,13 @@ class Orientation(Section):
         return f"the tool's axis ({axis}) within {at_most(degrees(self.angle))}° of the direction ({direction})"
 
 
-def _range(key: str, value: Any) -> FloatArray:
-    bounds = document.array(key, value)
-    if bounds.shape != (2,):
-        raise InputError(f"must be the least and the largest value, got {bounds.tolist()!r}", key)
-    return bounds
-
-
 @dataclass(frozen=True, kw_only=True)
 class Tool(Section):
     """Limits of the tool: an orientation, bounds of the tip's position [m] by axis, or both."""
 
     orientation: Orientation | None = key(document.section, default=None, kind=Orientation)
-    position: Mapping[str, FloatArray] | None = key(
-        document.by_name, default=None, read=_range, known="xyz", least="axis"
+    position: Mapping[str, tuple[float, ...]] | None = key(
+        document.by_name, default=None, read=document.numbers, count=2, known="xyz", least="axis"
     )
 
     def check(self) -> None:
@@ -156,12 +147,6 @@ class Danger(Section):
     k1: float = key(document.number, above=0.0)
     sharpness: float = key(document.number, above=0.0)
 
-    def check_for(self, scene: Scene) -> None:
-        """Raise InputError if the scene would have more danger points than can be looked at."""
-        points = _surface(scene) / self.spacing / self.spacing
-        if not points < _MOST_POINTS:
-            raise InputError(f"{self.spacing!r} m asks for about {points:.0e} danger points", "danger.spacing")
-
     def sentence(self, *, moving: bool) -> str:
         where = " where the scene has them" if moving else ""
         return f"danger at most {at_most(self.bound)} ({self._kind('')}{where})"
@@ -182,18 +167,6 @@ class MovingDanger(Danger):
     def sentence(self, *, moving: bool = False) -> str:
         more = f", k2 {exact(self.k2)}, gamma {exact(self.gamma)}"
         return f"danger in motion at most {at_most(self.bound)} ({self._kind(more)})"
-
-
-def _surface(scene: Scene) -> float:
-    """Return about the surface [m²] on which danger points lie; that of a cloud has no more points than the cloud."""
-    area = 0.0
-    for obstacle in scene:
-        if obstacle.weight > 0 and not isinstance(obstacle.shape, PointCloud):
-            for _, shape, _ in obstacle.geometries():
-                shape.computeLocalAABB()
-                a, b, c = np.ravel(shape.aabb_local.max_ - shape.aabb_local.min_)
-                area += 2.0 * float(a * b + b * c + c * a)
-    return area
 
 
 # ------------------------------------------------------------------------------------------------- motions in time
@@ -288,8 +261,6 @@ class TimedMotion(Section):
                 vectors = piece.start, piece.slope, piece.bend, piece.swing
                 if not all(vector.shape == (robot.n,) for vector in vectors):
                     raise InputError(f"must have vectors of {robot.n} numbers", f"pieces[{k}]")
-            if self.danger is not None:
-                self.danger.check_for(scene)
             if self.stops is not None:
                 self.stops.check_for(scene)
 
@@ -409,8 +380,6 @@ class Certificate(Section):
         near |= {} if self.margin is None else {"margin": scene.names}
         for place, name in ((place, name) for place, names in near.items() for name in touched & {*names}):
             raise InputError(f"{name!r} may be touched: nothing keeps a distance from it", place)
-        if self.danger is not None:
-            self.danger.check_for(scene)
         self.motion.check_for(robot)
         if self.tube is not None and not (self.tube.shape == (robot.n,) and (self.tube >= 0).all()):
             raise InputError(f"must be {robot.n} numbers >= 0, got {self.tube.tolist()}", "tube")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from math import ceil, inf, log2
 from typing import Any
@@ -26,12 +26,14 @@ _REACH = 0.05  # [m]
 class Clearance:
     """The smallest distance [m] between the robot and the obstacles at one configuration; between which two.
 
-    It is zero or negative in contact, and infinite where there is no obstacle.
+    It is zero or negative in contact, and infinite where there is no obstacle. `points` are the nearest ones, of link
+    and obstacle, in the world (2, 3) [m], where they were asked for.
     """
 
     distance: float
     link: str | None
     obstacle: str | None
+    points: FloatArray | None = field(default=None, compare=False)
 
 
 class CollisionChecker:
@@ -110,15 +112,11 @@ class CollisionChecker:
             level = _REACH * 2.0 ** max(0, ceil(log2(reach / _REACH)))
         if level not in self._pair_sets:
             with self.changes.none():
-                self._pair_sets[level] = self._pair_sets.get(level) or self._pairs_at(level)
+                rows = self._table.within(level)
+                same = (known for known in list(self._pair_sets.values()) if len(known.names) == len(rows))
+                found = next(same, None) or PairSet(self._table, rows, self.counts, self.changes)
+                self._pair_sets.setdefault(level, found)
         return self._pair_sets[level]
-
-    def _pairs_at(self, level: float) -> PairSet:
-        rows = self._table.within(level)
-        for known in self._pair_sets.values():
-            if len(known.names) == len(rows):
-                return known
-        return PairSet(self._table, rows, self.counts, self.changes)
 
     @property
     def movable(self) -> frozenset[str]:
@@ -214,10 +212,10 @@ class CollisionChecker:
         return list(self._table.names(self._table.with_obstacle))
 
     def clearance(self, q: ArrayLike) -> Clearance:
-        """Return the smallest distance between robot and obstacles at `q: (n,)`, and between which two."""
+        """Return the smallest distance between robot and obstacles at `q: (n,)`, between which two, and where."""
         distances = self.distances(q)
         if not len(distances):
             return Clearance(float("inf"), None, None)
         nearest = int(distances.argmin())
         (pair,) = self._table.names(self._table.with_obstacle[[nearest]])
-        return Clearance(float(distances[nearest]), *pair)
+        return Clearance(float(distances[nearest]), *pair, self._apart.points(nearest))

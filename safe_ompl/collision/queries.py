@@ -145,6 +145,14 @@ class Distances:
                 distances[pair] = memory.trees.distance(memory.data, pair)
         return distances
 
+    def points(self, pair: int) -> FloatArray:
+        """Return the nearest points of both bodies of a pair where this thread asked last, (2, 3) [m]."""
+        memory = self._memory.own
+        if pair in memory.trees:
+            return np.array(memory.trees.witness(pair))
+        result = memory.results[pair]
+        return np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+
     def nearest(self, Q: FloatArray) -> FloatArray:
         """Return the same (B, P) at Pinocchio's `Q: (B, nq)`; infinity for some that are not the least to an obstacle.
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, finite_array, number
-from safe_ompl.geometry import Obstacle, PointCloud, hull_planes, placed
+from safe_ompl.geometry import Obstacle, PointCloud, bounding_box, hull_planes, placed
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -69,7 +69,8 @@ def robot_points(points: ArrayLike, robot: Robot, q: ArrayLike, margin: float) -
     for body in bodies.geometryObjects:
         placement = data.oMi[int(body.parentJoint)] * body.placement
         local = placed(placement.inverse(), places)
-        candidates = np.flatnonzero(~own & _in_box(body.geometry, local, reach))
+        box = bounding_box(body.geometry)
+        candidates = np.flatnonzero(~own & (np.abs(local - box[:3]) <= box[3:] + reach).all(axis=1))
         own[candidates] = _within(body.geometry, local[candidates], reach)
     return own
 
@@ -103,13 +104,6 @@ def _within_faces(
         near[part] = (height <= 0) | (on_hull & (height <= margin))
         beyond[part] = height > margin
     return near, beyond
-
-
-def _in_box(shape: coal.CollisionGeometry, points: FloatArray, margin: float) -> BoolArray:
-    """Return which points are within a margin of the bounding box of a shape, in the shape's frame."""
-    shape.computeLocalAABB()
-    low, high = np.ravel(shape.aabb_local.min_) - margin, np.ravel(shape.aabb_local.max_) + margin
-    return np.asarray(((points >= low) & (points <= high)).all(axis=1), dtype=bool)
 
 
 def _distance(shape: coal.CollisionGeometry, point: FloatArray) -> float:

@@ -144,7 +144,16 @@ class Separation:
         for name in (*speeds, *kept_from):
             checker.scene[name]  # raises where there is none
         pairs = checker.pairs_within(self.reach + self.swing(checker))
-        return RequiredDistances(pairs, self._at_rest(pairs) + time * _rates(pairs, speeds))
+        wanted, kept = self.min_clearance, pairs.margins(self.margin)
+        if wanted is not None:
+            between = np.array([wanted.between(*pair) for pair in pairs.names], dtype=np.float64)
+            kept = np.maximum(kept, between * pairs.meets_obstacle)
+        if self.tube:
+            kept = kept + pairs.approach(np.array(self.tube))
+        if speeds:
+            rates = np.array([speeds.get(obstacle, 0.0) for _, obstacle in pairs.names], dtype=np.float64)
+            kept = kept + time * rates * pairs.meets_obstacle
+        return RequiredDistances(pairs, kept)
 
     @property
     def travel(self) -> float:
@@ -163,13 +172,6 @@ class Separation:
             return 0.0
         widths = finite_array(self.tube, (checker.robot.n,), "tube")
         return float((checker.robot.bounds.displacement_radii @ widths).max(initial=0.0))
-
-    def _at_rest(self, pairs: PairSet) -> FloatArray:
-        wanted, kept = self.min_clearance, pairs.margins(self.margin)
-        if wanted is not None:
-            between = np.array([wanted.between(*pair) for pair in pairs.names], dtype=np.float64)
-            kept = np.maximum(kept, between * pairs.meets_obstacle)
-        return kept + pairs.approach(np.array(self.tube)) if self.tube else kept
 
 
 TOUCHING_ONLY: Separation = Separation()
@@ -197,12 +199,3 @@ class RequiredDistances:
     def violating_pair(self, q: FloatArray) -> tuple[str, str] | None:
         """Return the names of a pair that is nearer than it must be at `q: (n,)`, or None."""
         return self.pairs.pair_within_margins(q, self.least) if self.any else None
-
-
-def _rates(pairs: PairSet, speeds: Mapping[str, float]) -> FloatArray:
-    """Return how fast (P,) obstacles may come nearer to the bodies of their pairs [m/s]."""
-    if not speeds:
-        return np.zeros(len(pairs.names))
-    rates = np.array([speeds.get(obstacle, 0.0) for _, obstacle in pairs.names], dtype=np.float64)
-    found: FloatArray = rates * pairs.meets_obstacle
-    return found

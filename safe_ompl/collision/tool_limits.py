@@ -14,7 +14,7 @@ from safe_ompl.common import FloatArray, InputError, finite_array, float_array, 
 from safe_ompl.geometry import Hull
 from safe_ompl.robot import Robot
 
-TOOL_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
+_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
 _ROUNDING = 1e-9  # [rad or m] of kinematics; what is proven keeps this from its limit
 _LEAST_LENGTH = 1e-9  # of a direction
 
@@ -24,17 +24,16 @@ class ToolLimit(ABC):
 
     While the joints move by Δ, its `excess` changes by at most Σ_i r_i·|Δ_i| with constant rates r (n,). If the excess
     at the centre of an interval of half-length s (a fraction of the edge) is below −s·Σ_i r_i·|Δ_i|, the whole interval
-    keeps to the limit; an interval that fails is halved, down to a change of `floor` [rad or m]. The `name` says what
-    it limits, for reports.
+    keeps to the limit; an interval that fails is halved, down to a change of 1e-4. The `name` says what it limits, for
+    reports.
     """
 
     name: str
 
-    def __init__(self, robot: Robot, rates: FloatArray, floor: float) -> None:
+    def __init__(self, robot: Robot, rates: FloatArray) -> None:
         self.robot = robot
         self.rates = rates
         self.rates.setflags(write=False)
-        self.floor = number("floor", floor, above=0.0)
 
     @abstractmethod
     def excess(self, q: ArrayLike) -> float:
@@ -74,7 +73,7 @@ class ToolLimit(ABC):
             if not unproven:
                 return MotionVerdict(Verdict.FREE)
             _, centre, half = heappop(unproven)
-            if half * change < self.floor:
+            if half * change < _FLOOR:
                 return MotionVerdict(Verdict.UNDECIDED, centre, witness)
             intervals = [(centre - half / 2, half / 2), (centre + half / 2, half / 2)]
 
@@ -90,8 +89,6 @@ class ToolOrientation(ToolLimit):
         The axis, in the frame of the tip, and where it is to point, in the world frame; of any length but 0.
     angle : float
         [rad] The largest angle between the two, in (0, π].
-    floor : float
-        [rad] A motion that keeps less than about this from the limit stays undecided.
 
     Notes
     -----
@@ -103,24 +100,14 @@ class ToolOrientation(ToolLimit):
 
     name = "tool orientation"
 
-    def __init__(
-        self, robot: Robot, axis: ArrayLike, direction: ArrayLike, angle: float, floor: float = TOOL_FLOOR
-    ) -> None:
+    def __init__(self, robot: Robot, axis: ArrayLike, direction: ArrayLike, angle: float) -> None:
         self.axis = _unit(axis, "axis of the tool")
         self.direction = _unit(direction, "direction of the tool")
         self.limit = number("angle of the tool", angle, above=0.0, at_most=np.pi, kind="angle [rad]")
-        super().__init__(robot, robot.coupling.radii(_turning_rates(robot, self.axis)), floor)
+        super().__init__(robot, robot.coupling.radii(_turning_rates(robot, self.axis)))
 
     def __repr__(self) -> str:
         return f"ToolOrientation({self.axis.tolist()}, {self.direction.tolist()}, {self.limit:g})"
-
-    @classmethod
-    def as_at(
-        cls, robot: Robot, q: ArrayLike, direction: ArrayLike, angle: float, floor: float = TOOL_FLOOR
-    ) -> ToolOrientation:
-        """Return the limit for that axis of the tool which points exactly in the direction at `q: (n,)`."""
-        axis = robot.tip_pose(q).rotation.T @ _unit(direction, "direction of the tool")
-        return cls(robot, axis, direction, angle, floor)
 
     def angle(self, q: ArrayLike) -> float:
         """Return the angle [rad] between axis and direction at `q: (n,)`."""
@@ -151,13 +138,11 @@ class TipBounds(ToolLimit):
         The robot.
     lower, upper : array_like, shape (3,)
         Opposite corners of the box [m], the lower one below the upper one; infinite where there is no wall.
-    floor : float
-        [m] A motion that keeps less than about this from a wall stays undecided.
     """
 
     name = "tip position"
 
-    def __init__(self, robot: Robot, lower: ArrayLike, upper: ArrayLike, floor: float = TOOL_FLOOR) -> None:
+    def __init__(self, robot: Robot, lower: ArrayLike, upper: ArrayLike) -> None:
         self.lower = _corner(lower, "lower corner")
         self.upper = _corner(upper, "upper corner")
         if not (self.lower < self.upper).all():
@@ -167,7 +152,7 @@ class TipBounds(ToolLimit):
         frame = robot.shared.model.frames[robot.tip_frame]
         tip = Hull(np.array(frame.placement.translation)[None], 0.0)
         radii = robot.shared.chain.radii(robot.shared.chain.regions(int(frame.parentJoint), tip))
-        super().__init__(robot, robot.coupling.radii(radii), floor)
+        super().__init__(robot, robot.coupling.radii(radii))
 
     def __repr__(self) -> str:
         return f"TipBounds({self.lower.tolist()}, {self.upper.tolist()})"

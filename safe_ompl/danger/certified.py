@@ -20,6 +20,8 @@ from safe_ompl.robot import Robot
 
 _BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
 _ROUNDING = 1e-8  # of the arithmetic, relative
+_TOLERANCE = 0.05  # relative, of bounds of a peak
+_FLOOR = 1e-4  # [m] intervals in which the robot moves less are not halved any more
 _WITNESS = ("danger", "its limit")
 
 
@@ -38,71 +40,43 @@ class DangerBounds:
 
 
 class CertifiedDanger:
-    """Proves how dangerous straight joint motions are.
+    """Proves how dangerous straight joint motions are, by a field: until upper ≤ 1.05·lower.
 
-    Parameters
-    ----------
-    field : DangerField
-        The danger.
-    tolerance : float
-        Bounds are narrowed until upper ≤ (1 + tolerance)·lower.
-    floor : float
-        [m] An interval in which the robot moves less than this is not divided any more.
-
-    Raises
-    ------
-    InputError
-        If tolerance or floor is not positive.
-
-    Notes
-    -----
     Samples give a lower bound of the peak. Between two of them speed and acceleration of the key points are known at
     the ends, and `KeypointRates` bounds how far they can grow; from that `danger.kernels.danger.chords` bounds the
     field of every link at every danger point from above. Aggregates are monotone and convex in the fields, so that they
-    inherit the bounds. The interval with the highest bound is halved until both agree within the tolerance.
+    inherit the bounds. The interval with the highest bound is halved until both agree within the tolerance, or the
+    robot moves less than 0.1 mm in it.
     """
 
-    def __init__(self, field: DangerField, tolerance: float = 0.05, floor: float = 1e-4) -> None:
+    def __init__(self, field: DangerField) -> None:
         self.field = field
-        self.tolerance = number("tolerance", tolerance, above=0.0)
-        self.floor = number("floor", floor, above=0.0)
 
     def __repr__(self) -> str:
-        return f"CertifiedDanger({self.field!r}, tolerance={self.tolerance:g}, floor={self.floor:g})"
+        return f"CertifiedDanger({self.field!r})"
 
     def of_path(self, path: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of a path (N, n) of straight motions.
 
-        Raises
-        ------
-        InputError
-            If it is empty, not finite, or leaves the limits of a prismatic joint (their strokes bound the radii).
+        InputError if it is empty, not finite, or leaves the limits of a joint that slides: they bound the radii.
         """
-        search = PeakSearch(self.field, path, self.floor, lambda lower: (1 + self.tolerance) * lower)
+        search = PeakSearch(self.field, path, lambda lower: (1 + _TOLERANCE) * lower)
         search.narrow()
         best = search.best
         return DangerBounds(best.danger, search.upper, best.edge, best.t)
 
 
 class DangerLimit:
-    """A danger that no configuration may exceed; proven along whole motions, as a limit of `MotionProver`.
+    """A danger that no configuration may exceed, > 0; proven along whole motions, as a limit of `MotionProver`.
 
-    Parameters
-    ----------
-    field : DangerField
-        The danger.
-    limit : float
-        The largest danger that is allowed, > 0.
-    floor : float
-        [m] A motion that is nearer to the limit than about what the danger changes over this stays undecided.
+    A motion that is nearer to the limit than about what the danger changes over 0.1 mm stays undecided.
     """
 
     name = "danger"
 
-    def __init__(self, field: DangerField, limit: float, floor: float = 1e-4) -> None:
+    def __init__(self, field: DangerField, limit: float) -> None:
         self.limit = number("max danger", limit, above=0.0)
         self.field = field
-        self._floor = number("floor", floor, above=0.0)
 
     def __repr__(self) -> str:
         return f"DangerLimit({self.field!r}, {self.limit:g})"
@@ -125,21 +99,13 @@ class DangerLimit:
         grown = segment_bounds(fields, distances, moved[:, None]) * field.factors[:, None]
         return bool(field.aggregated(grown.sum(axis=1))[0] <= self.limit)
 
-    def allows_motion(self, start: ArrayLike, end: ArrayLike) -> bool:
-        """Return whether the danger is proven to keep to the limit on the straight motion between two (n,)."""
-        return self.check(start, end).verdict is Verdict.FREE
-
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between two configurations (n,); errors as `CertifiedDanger.of_path`.
 
-        Returns
-        -------
-        MotionVerdict
-            FREE: no configuration is more dangerous, proven. BLOCKED: the one at `at` is. UNDECIDED: near `at` the
-            danger is too near to the limit to tell. The `pair` is "danger" and "its limit".
+        UNDECIDED: near `at` the danger is too near to the limit to tell. The `pair` is "danger" and "its limit".
         """
         ends, ceiling = motion_ends(start, end, self.field.robot.n), self.limit
-        search = PeakSearch(self.field, ends, self._floor, lambda low: inf if low > ceiling else ceiling)
+        search = PeakSearch(self.field, ends, lambda low: inf if low > ceiling else ceiling)
         search.narrow(give_up=True)
         if search.best.danger > self.limit:
             return MotionVerdict(Verdict.BLOCKED, search.best.t, _WITNESS)
@@ -220,21 +186,20 @@ class _Interval:
 class PeakSearch:
     """Halves the intervals of a path that may be the most dangerous ones; `best` is the most dangerous sample found.
 
-    The field has fixed danger points, the path way points (N, n). Intervals in which the robot moves less than the
-    floor [m] are not halved any more. The ceiling maps the largest danger found to the bound that is good enough; it
-    must not fall as more is found.
+    The path has way points (N, n). Intervals in which the robot moves less than the floor are not halved any more. The
+    ceiling maps the largest danger found to the bound that is good enough; it must not fall as more is found.
     """
 
     best: Sample
 
-    def __init__(self, field: DangerField, path: ArrayLike, floor: float, ceiling: Callable[[float], float]) -> None:
+    def __init__(self, field: DangerField, path: ArrayLike, ceiling: Callable[[float], float]) -> None:
         robot = field.robot
         points = finite_array(path, (None, robot.n), "path")
         if not len(points):
             raise InputError("path must have a configuration at least, got none")
         _check_strokes(robot, points)
         field = field.frozen()  # what is proven is of the same danger points from the beginning to the end
-        self._field, self._floor, self._ceiling = field, floor, ceiling
+        self._field, self._ceiling = field, ceiling
         points = points if len(points) > 1 else points[[0, 0]]
         self._starts, ends = points[:-1], points[1:]
         self._deltas = robot.difference(self._starts, ends)
@@ -289,7 +254,7 @@ class PeakSearch:
         number, enough = 0, self._enough
         while number < _BATCH and self._heap and -self._heap[0][0] > enough:
             interval = heappop(self._heap)[2]
-            if interval.path < self._floor:
+            if interval.path < _FLOOR:
                 self._undecided.append(interval)
             else:
                 number += 1

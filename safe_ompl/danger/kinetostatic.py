@@ -12,41 +12,16 @@ the static field. They are exact to 1e-8 for points that are no farther than som
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, IntArray, configuration, configurations, finite_array
+from safe_ompl.common import FloatArray, configuration, configurations, finite_array
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kernels import kinetostatic as kernel, kinetostatic_peak as peak_kernel
 from safe_ompl.robot import plain
 from safe_ompl.robot.kernels import pull_back_motion
-
-
-class Terms(NamedTuple):
-    """The parts of the field at points, each (B, M): static ∫1/‖ρ‖, directional ∫ρ·v/‖ρ‖³, isotropic ∫‖v‖/‖ρ‖²."""
-
-    static: FloatArray
-    directional: FloatArray
-    isotropic: FloatArray
-
-
-def terms(
-    places: FloatArray,
-    velocities: FloatArray,
-    links: IntArray,
-    points: FloatArray,
-    *,
-    by_length: bool = False,
-    isotropic: bool = True,
-) -> Terms:
-    """Return the three parts of the kinetostatic field, summed over the links (L, 2), at points (M, 3); +inf on a link.
-
-    Key points have `places` [m] and `velocities` [m/s], (B, K, 3) each. The isotropic part is zero unless wanted: a
-    third of the time is saved.
-    """
-    return Terms(*kernel.link_terms(plain(places), plain(velocities), links, plain(points), by_length, isotropic))
 
 
 class KinetostaticField:
@@ -135,11 +110,11 @@ class KinetostaticField:
     def _fields(self, field: DangerField, places: FloatArray, velocities: FloatArray) -> FloatArray:
         """Return KDF(p_m), (B, M)."""
         field.count(len(places), len(field.points))
-        isotropic = self.gamma > 0
-        state = places, velocities, field.links, field.points
-        part = terms(*state, by_length=self._by_length, isotropic=isotropic)
+        state, isotropic = (plain(places), plain(velocities), field.links, plain(field.points)), self.gamma > 0
+        static, ahead, around = kernel.link_terms(*state, self._by_length, isotropic)
         with np.errstate(invalid="ignore"):  # on a segment: ∞, whatever the motion
-            return field.k1 * part.static + self.k2 * (part.directional + self.gamma * part.isotropic)
+            levels: FloatArray = field.k1 * static + self.k2 * (ahead + self.gamma * around)
+            return levels
 
     def _states(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray]:
         Q = configurations(Q, self.field.robot.n)

@@ -127,7 +127,8 @@ class PathReport:
     is known, as they have no collision geometry; `time` [s] is how long danger and clearance took so far.
     """
 
-    _examination: _Examination
+    _measure_danger: Callable[[], DangerReport | None]
+    _measure_clearance: Callable[[], ClearanceReport]
 
     def __init__(self, length: float, danger: DangerReport | None, clearance: ClearanceReport, certified: bool) -> None:
         self.length, self.time = length, 0.0
@@ -149,20 +150,31 @@ class PathReport:
         """
         report = cls.__new__(cls)
         report.validation = validate(path, motion or MotionProver(checker))
-        report._examination = examination = _Examination(np.asarray(path, dtype=float), checker, field)
-        report.length, report.time = examination.curve.length, 0.0
+        way, scene, revision = np.asarray(path, dtype=float), checker.scene, checker.revision
+        curve, frozen = Curve(checker.robot, way), None if field is None else field.frozen()
+        places = sampled_places(curve.length)
+        samples = curve.at(places)
+
+        def clearance() -> ClearanceReport:
+            same = checker.revision == revision
+            here = checker if same else CollisionChecker(checker.robot, scene, checker.counts)
+            return clearance_along(curve, here, places, samples)
+
+        report._measure_danger = lambda: None if frozen is None else danger_along(way, frozen, places, samples)
+        report._measure_clearance = clearance
+        report.length, report.time = curve.length, 0.0
         report.links_without_collision = checker.robot.links_without_collision
         return report
 
     @cached_property
     def danger(self) -> DangerReport | None:
         """Danger along the path; None where no danger field is given."""
-        return self._timed(self._examination.danger)
+        return self._timed(self._measure_danger)
 
     @cached_property
     def clearance(self) -> ClearanceReport:
         """Distances to obstacles along the path."""
-        return self._timed(self._examination.clearance)
+        return self._timed(self._measure_clearance)
 
     def _timed(self, measure: Callable[[], _Measured]) -> _Measured:
         begin = perf_counter()
@@ -183,7 +195,7 @@ class PathReport:
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels to other processes: the numbers, not what they come from."""
         numbers = {"danger": self.danger, "clearance": self.clearance}
-        return {key: value for key, value in vars(self).items() if key != "_examination"} | numbers
+        return {key: value for key, value in vars(self).items() if not key.startswith("_")} | numbers
 
     def __repr__(self) -> str:
         return f"PathReport({self.length:.3g} rad, {self.validation})"
@@ -211,32 +223,3 @@ class PathReport:
             "validation": self.validation.as_dict(),
             "links_without_collision": list(self.links_without_collision),
         }
-
-
-class _Examination:
-    """A path with its robot, scene and danger as they were, until danger and clearance are asked for."""
-
-    def __init__(self, path: FloatArray, checker: CollisionChecker, field: DangerField | None) -> None:
-        self.curve = Curve(checker.robot, path)
-        self._path, self._checker = path, checker
-        self._field = None if field is None else field.frozen()
-        self._scene, self._revision = checker.scene, checker.revision
-
-    @cached_property
-    def _places(self) -> FloatArray:
-        return sampled_places(self.curve.length)
-
-    @cached_property
-    def _samples(self) -> FloatArray:
-        return self.curve.at(self._places)
-
-    def danger(self) -> DangerReport | None:
-        if self._field is None:
-            return None
-        return danger_along(self._path, self._field, self._places, self._samples)
-
-    def clearance(self) -> ClearanceReport:
-        checker = self._checker
-        if checker.revision != self._revision:
-            checker = CollisionChecker(checker.robot, self._scene, checker.counts)
-        return clearance_along(self.curve, checker, self._places, self._samples)

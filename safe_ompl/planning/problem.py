@@ -54,11 +54,6 @@ class Problem:
         self._setup.clearStartStates()
         self._setup.addStartState(ScratchState(self._setup.bridge).set(q))
 
-    def set_place(self, place: WorkspaceGoal) -> None:
-        """Set a place or a region of the tip as the goal; goal configurations stay for planners that need them."""
-        self.place = place
-        self._setup.setGoal(place)
-
     # --------------------------------------------------------------------------------------------- checks
 
     def checked(self, value: Any, name: str) -> FloatArray:

@@ -15,7 +15,7 @@ from ompl import geometric as og, util as ou
 
 import safe_ompl.motions as motions
 from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolLimit, ToolOrientation
-from safe_ompl.common import Counts, FloatArray, InputError, compile_together, instance, number
+from safe_ompl.common import Counts, FloatArray, InputError, compile_together, finite_array, instance, number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person
@@ -210,15 +210,14 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         such constraint any more. Errors as `ToolOrientation` and `setConstraints`; an InputError without an axis if no
         start is set, and for an axis without an angle.
         """
-        limit: ToolOrientation | None = None
         if angle is None and axis is not None:
             raise InputError("give the angle [rad] within which the axis of the tool must stay")
-        if angle is not None and axis is not None:
-            limit = ToolOrientation(self.robot, axis, direction, angle)
-        elif angle is not None:
+        if angle is not None and axis is None:
             if self.problem.start is None:
                 raise InputError("the axis of the tool is that of the start: set a start before, or give the axis")
-            limit = ToolOrientation.as_at(self.robot, self.problem.start, direction, angle)
+            turn = self.robot.tip_pose(self.problem.start).rotation
+            axis = turn.T @ finite_array(direction, (3,), "direction of the tool")
+        limit = None if angle is None or axis is None else ToolOrientation(self.robot, axis, direction, angle)
         self._limit_tool(ToolOrientation, limit)
 
     def setTipBounds(self, lower: ArrayLike | None, upper: ArrayLike | None = None) -> None:
@@ -283,7 +282,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
     def _set_place(self, kind: type[WorkspaceGoal], place: Any, tolerance: float) -> None:
         si = self.getSpaceInformation()
-        self.problem.set_place(kind(si, self.robot, place, tolerance=tolerance, field=self.field, seed=0))
+        self.problem.place = kind(si, self.robot, place, tolerance=tolerance, field=self.field, seed=0)
+        self.setGoal(self.problem.place)
 
     # ------------------------------------------------------------------------------------- paths and solutions
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import fresh_data
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
@@ -327,55 +326,6 @@ def _of_stages(robot: Robot, stages: Sequence[_Stage], title: str, danger: Mappi
     shown = TimedMotion(robot, scene, *arrays, {}, tuple(kinds), danger, title, tuple(remarks))
     movers = Movers(steps, {}, [{}] * len(steps), places) if shapes else None
     return ViewerContent(robot, scene, danger=danger, motions={title: shown}, movers=movers, title=title)
-
-
-class NearestPoints(NamedTuple):
-    """The nearest points (3,) of robot and obstacles in the world [m], and which link and obstacle they are on.
-
-    The distance [m] is zero or negative in contact.
-    """
-
-    distance: float
-    on_robot: FloatArray
-    on_obstacle: FloatArray
-    link: str
-    obstacle: str
-
-
-class Nearest:
-    """Finds the nearest points of the moving bodies of a robot and of some obstacles."""
-
-    def __init__(self, robot: Robot, obstacles: Iterable[Obstacle]) -> None:
-        self._robot = robot
-        self._geometry = robot.shared.collision_model.copy()
-        self._geometry.removeAllCollisionPairs()
-        bodies = list(robot.shared.collision_model.geometryObjects)
-        moving = [k for k, body in enumerate(bodies) if body.parentJoint != 0]
-        self._names: list[tuple[str, str]] = []
-        for obstacle in obstacles:
-            for name, shape, placement in obstacle.geometries():
-                number = self._geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, shape))
-                for k in moving:
-                    self._geometry.addCollisionPair(pin.CollisionPair(k, number))
-                    self._names.append((bodies[k].name.rsplit("_", 1)[0], obstacle.name))
-        self._kinematics, self._data = robot.shared.model.createData(), fresh_data(self._geometry)
-
-    def at(self, q: FloatArray) -> NearestPoints | None:
-        """Return the nearest points at `q: (n,)`; None if there is no obstacle."""
-        if not self._names:
-            return None
-        full = self._robot.pinocchio_configuration(q)
-        pin.computeDistances(self._robot.shared.model, self._kinematics, self._geometry, self._data, full)
-        results = self._data.distanceResults
-        least = int(np.argmin([result.min_distance for result in results]))
-        result, (link, obstacle) = results[least], self._names[least]
-        return NearestPoints(
-            float(result.min_distance),
-            np.array(result.getNearestPoint1()),
-            np.array(result.getNearestPoint2()),
-            link,
-            obstacle,
-        )
 
 
 # -------------------------------------------------------------------------------------------------- recordings

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from safe_ompl.collision import Clearance, CollisionChecker
 from safe_ompl.common import FloatArray, SafeOmplError
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import Person
 from safe_ompl.io import ACCELERATION, TimedMotion
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.view.content import Keypoints, Movers, Nearest, NearestPoints, ViewerContent
+from safe_ompl.view.content import Movers, ViewerContent
 from safe_ompl.view.drawn_scene import DrawnScene
 from safe_ompl.view.plots import AXES, SIZE, plot_speeds
 from safe_ompl.view.style import NEUTRAL, START_COLOUR, Colour, as_bytes, cap_colours, level_colours, mixed, rgb
@@ -52,8 +53,9 @@ class ClearanceLines:
     """Segments from the robot to the nearest person, or what else is dangerous, and to the nearest thing."""
 
     def __init__(self, view: Any, name: str, robot: Robot, scene: Scene) -> None:
-        self._nearest = [
-            Nearest(robot, [o for o in scene if (o.weight > 0) is dangerous]) for dangerous in (True, False)
+        self._checkers = [
+            CollisionChecker(robot, Scene([o for o in scene if (o.weight > 0) is dangerous]))
+            for dangerous in (True, False)
         ]
         self._lines, self._labels = [], []
         for k, colour in enumerate((_PEOPLE, _THINGS)):
@@ -62,28 +64,20 @@ class ClearanceLines:
             place = {"anchor": "center-left", "font_screen_scale": 0.8}
             self._labels.append(view.add_label(f"{name}/{k}/length", "", **place))
 
-    def found(self, q: FloatArray) -> list[NearestPoints]:
-        """Return the nearest points at `q: (n,)`, of people and of things, where there are any."""
-        return [found for found in (nearest.at(q) for nearest in self._nearest) if found is not None]
+    def found(self, q: FloatArray) -> list[Clearance]:
+        """Return the clearances at `q: (n,)` from people and from things, where there are any."""
+        every = (checker.clearance(q) for checker in self._checkers)
+        return [clearance for clearance in every if clearance.obstacle is not None]
 
     def pose(self, q: FloatArray) -> None:
         """Show where the robot is nearest at `q: (n,)`."""
-        for nearest, line, label in zip(self._nearest, self._lines, self._labels, strict=True):
-            found = nearest.at(q)
-            line.visible = label.visible = found is not None
-            if found is not None:
-                line.points = np.array([[found.on_robot, found.on_obstacle]], dtype=np.float32)
+        for checker, line, label in zip(self._checkers, self._lines, self._labels, strict=True):
+            found = checker.clearance(q)
+            line.visible = label.visible = found.points is not None
+            if found.points is not None:
+                line.points = found.points[None].astype(np.float32)
                 label.text = f"{1e3 * found.distance:.0f} mm to {found.obstacle}"
-                label.position = 0.5 * (found.on_robot + found.on_obstacle)
-
-
-def add_timed_trace(view: Any, name: str, motion: TimedMotion) -> None:
-    """Add the way of the tip, each piece in the colour of what bounds the speed there."""
-    points = np.asarray(motion.robot.keypoints_batch(motion.configurations)[:, -1])
-    paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
-    paint = as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
-    segments = np.stack([points[:-1], points[1:]], axis=1)
-    view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=0.014)
+                label.position = found.points.mean(axis=0)
 
 
 def wxyz(rotation: FloatArray) -> FloatArray:
@@ -183,13 +177,6 @@ class RobotFigure:
         self._posed = places
 
 
-def add_scenery(view: Any, name: str, scene: Scene) -> None:
-    """Add the obstacles of a scene, people in skin and clothes, dangerous things in red."""
-    view.add_frame(name, show_axes=False)
-    for obstacle, surfaces in scene_surfaces(scene)[0].items():
-        _add_meshes(view, f"{name}/{node_name(obstacle)}/", surfaces)
-
-
 def _add_meshes(view: Any, name: str, things: Sequence[ColouredSurface]) -> list[Any]:
     """Add surfaces, each as a node whose name ends in its number, and return their nodes."""
     return [
@@ -219,7 +206,10 @@ class MoverFigures:
         for people in movers.people:
             for person in people:
                 if person not in self.limbs:
-                    self.limbs[person] = self._figure(person, people[person])
+                    limbs = Person(movers.heights[person], people[person]).limbs()
+                    self.limbs[person] = {
+                        limb.name: self._meshes(f"{person}/{limb.name}", limb_surfaces(limb)) for limb in limbs
+                    }
         self.at(0.0)
 
     def at(self, time: float) -> None:
@@ -237,10 +227,6 @@ class MoverFigures:
         for name, (first, meshes) in self.things.items():
             if name in places:
                 _place(meshes, places[name].se3 * first.se3.inverse())
-
-    def _figure(self, person: str, points: Keypoints) -> dict[str, list[Any]]:
-        limbs = Person(self._movers.heights[person], points).limbs()
-        return {limb.name: self._meshes(f"{person}/{limb.name}", limb_surfaces(limb)) for limb in limbs}
 
     def _meshes(self, name: str, pieces: Sequence[ColouredSurface]) -> list[Any]:
         return _add_meshes(self._view, f"{self._name}/{node_name(name)}_", pieces)
@@ -272,7 +258,9 @@ class PathView:
         if content.movers is not None:
             self.movers = MoverFigures(view, f"{node}/movers", content.movers, content.scene)
         self.root = view.add_frame(node, show_axes=False)
-        add_scenery(view, f"{node}/scene", content.still)
+        view.add_frame(f"{node}/scene", show_axes=False)
+        for obstacle, surfaces in scene_surfaces(content.still)[0].items():
+            _add_meshes(view, f"{node}/scene/{node_name(obstacle)}/", surfaces)
         paint = NEUTRAL if colour is None else mixed(NEUTRAL, colour, _TINT)
         self._robot = RobotFigure(view, f"{node}/robot", body, paint)
         self.lines = ClearanceLines(view, f"{node}/clearance", content.robot, content.still)
@@ -340,17 +328,22 @@ class PathView:
 
     def _add_way(self, body: RobotBody, colour: Colour) -> None:
         """Add start, goal, the way of the tip and the name of a path."""
-        for name, paint, opacity, q in (
+        for name, shown, opacity, q in (
             ("start", START_COLOUR, _START_OPACITY, self.samples[0]),
             ("goal", colour, _GOAL_OPACITY, self.samples[-1]),
         ):
-            RobotFigure(self._view, f"{self.node}/{name}", body, paint, opacity).pose(q)
-        keypoints = self._content.robot.keypoints_batch(self.samples)
-        if self.motion is None:
-            segments = np.stack([keypoints[:-1, -1], keypoints[1:, -1]], axis=1)
-            self._view.add_line_segments(f"{self.node}/trace", segments, rgb(colour), thickness=0.008)
-        else:
-            add_timed_trace(self._view, f"{self.node}/trace", self.motion)
+            RobotFigure(self._view, f"{self.node}/{name}", body, shown, opacity).pose(q)
+        robot, motion, thick = self._content.robot, self.motion, 0.008
+        paint: Any = rgb(colour)
+        keypoints = robot.keypoints_batch(self.samples)
+        tips = keypoints[:, -1]
+        if motion is not None:  # each piece in the colour of what bounds the speed there
+            tips, thick = robot.keypoints_batch(motion.configurations)[:, -1], 0.014
+            paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
+            pieces = as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
+            paint = np.repeat(pieces[:, None], 2, axis=1)
+        segments = np.stack([tips[:-1], tips[1:]], axis=1)
+        self._view.add_line_segments(f"{self.node}/trace", segments, paint, thickness=thick)
         low, high = keypoints.min(axis=(0, 1)), keypoints.max(axis=(0, 1))
         above = np.append(0.5 * (low + high)[:2], high[2] + 0.25)
         place = {"position": above, "anchor": "bottom-center"}

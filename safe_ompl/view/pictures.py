@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.geometry import Person
 from safe_ompl.motions import MotionCheck, Repair
@@ -20,7 +21,7 @@ from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
-from safe_ompl.view.content import Nearest, ViewerContent
+from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.drawn_scene import DrawnScene, best_view, resampled
 from safe_ompl.view.page import plot_kind
 from safe_ompl.view.plots import plot_check, plot_motion, plot_plan
@@ -77,14 +78,6 @@ def _way_points(path: FloatArray | PlanResult) -> FloatArray:
     return path.path
 
 
-def _moments(count: int, closest: float | None) -> FloatArray:
-    """Return `count` fractions of a path, evenly spaced but for the one that gives way to `closest`."""
-    even = np.linspace(0.0, 1.0, count + 2)[1:-1]
-    if closest is not None and count:
-        even[np.argmin(np.abs(even - closest))] = closest
-    return even
-
-
 def _draw(
     drawn: DrawnScene, renderer: Renderer, path: FloatArray | PlanResult, accent: Colour, ghosts: int = GHOSTS
 ) -> Image:
@@ -105,7 +98,9 @@ def _draw(
     if before is not None:
         planned = resampled(drawn.robot, before)
         things.append(ColouredSurface(trace(drawn, planned, _THIN), mixed(accent, PALE, 0.35)))
-    shares = _moments(ghosts, closest)
+    shares = np.linspace(0.0, 1.0, ghosts + 2)[1:-1]
+    if closest is not None and ghosts:
+        shares[np.argmin(np.abs(shares - closest))] = closest
     postures = [samples[round(share * (len(samples) - 1))] for share in shares]
     bodies = [drawn.body.posed(q, moved_from=start).inflated(-2.0 * gap) for q in postures]
     linear, layers = renderer.render_layers(things, [(body, _glass(body, renderer)) for body in bodies])
@@ -266,19 +261,19 @@ _QUALITY = 80  # of WebP, from 0 to 100
 _TINT = 0.45  # share of the planner's colour in its robot
 
 
-def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RATE) -> None:
+def save_animation(content: ViewerContent, file: str | Path) -> None:
     """Write the motions of what a view shows, side by side, as one animated picture (.webp or .gif).
 
     A motion in time is shown in real time, with the people and things that move meanwhile. Captions say the danger and
-    how far people are; of a motion in time its speed and what bounds it. The rate is in frames per second. Raises
-    InputError if there is no path, or the file has another ending, and SafeOmplError if Pillow is not installed.
+    how far people are; of a motion in time its speed and what bounds it. Raises InputError if there is no path, or the
+    file has another ending, and SafeOmplError if Pillow is not installed.
     """
     if not content.paths:
         raise InputError("there is no path to show in motion")
     ending = Path(file).suffix.lower()
     if ending not in ANIMATION_ENDINGS:
         raise InputError(f"must end in {' or '.join(ANIMATION_ENDINGS)}, got {str(file)!r}", "animation")
-    shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(rate * content.playing_time) + 1))
+    shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(RATE * content.playing_time) + 1))
     paths = {name: content.along(name, shares) for name in content.paths}
     captions = [_captions(content, name, way, shares) for name, way in paths.items()]
     pages = [
@@ -318,12 +313,12 @@ def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatA
         return [content.motions[name].remark(float(share) * content.playing_time) for share in shares]
     field = content.danger_field
     dangers = None if field is None else field.values(way)
-    nearest = Nearest(content.robot, [obstacle for obstacle in content.scene if obstacle.weight > 0])
+    checker = CollisionChecker(content.robot, Scene([o for o in content.scene if o.weight > 0]))
     captions = []
     for k, q in enumerate(way):
-        found = nearest.at(q)
+        found = checker.clearance(q)
         facts = [] if dangers is None else [f"danger {dangers[k]:.1f}"]
-        facts += [] if found is None else [f"{1e3 * found.distance:.0f} mm to {found.obstacle}"]
+        facts += [] if found.obstacle is None else [f"{1e3 * found.distance:.0f} mm to {found.obstacle}"]
         captions.append(", ".join(facts))
     return captions
 

@@ -250,7 +250,10 @@ def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None
         _name_joints(page.figure, every[0], robot.joint_names)
         _draw_distances(every[-1], times, Q, proof)
         every[-1].set(xlabel="time [s]" if motion.timed else "way point", xlim=_span(times[-1], times[0]))
-        _mark(every, check, 0.004 * motion.duration)
+        for found in check.violations:  # shaded, short ones a little wider
+            room = max(0.0, 0.5 * (0.004 * motion.duration - (found.last - found.first)))
+            for axes in every:
+                axes.axvspan(found.first - room, found.last + room, color=ALARM, alpha=0.16, linewidth=0)
         stretches = len(check.violations)
         said = "proven" if check else f"{stretches} stretch{'es' * (stretches > 1)} not proven"
         page.set_title(said if title is None else title)
@@ -278,14 +281,6 @@ def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionPr
     axes.set(ylabel="distance [mm]", ylim=(1.15 * bottom, 1.15 * top))
     if axes.get_legend_handles_labels()[1]:
         add_legend_above(axes, bbox_to_anchor=(0.0, 0.98), columnspacing=1.2)
-
-
-def _mark(every: Any, check: MotionCheck, least: float) -> None:
-    """Shade the stretches that are not proven, the short ones as wide as `least` [s]."""
-    for found in check.violations:
-        room = max(0.0, 0.5 * (least - (found.last - found.first)))
-        for axes in every:
-            axes.axvspan(found.first - room, found.last + room, color=ALARM, alpha=0.16, linewidth=0)
 
 
 _HALTED = "0.90"
@@ -326,7 +321,8 @@ def plot_profiles(
     Profiles are arrays (R, S): danger at S equal steps of the path, one row for each of R runs; no rows if none was
     solved.
     """
-    with Page(file, _width(len(profiles)), 4.4) as page:
+    many = len(profiles) > _MOST_IN_AXES  # then the legend stands beside them
+    with Page(file, 9.0 if many else 7.0, 4.4) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(profiles).items():
             runs = profiles[name]
@@ -334,7 +330,7 @@ def plot_profiles(
             axes.plot(
                 natural(len(line)),
                 line,
-                label=_label(name, len(runs)),
+                label=name if len(runs) else f"{name} (no runs)",
                 color=style.colour,
                 linewidth=2.6 if style.strong else 1.9,
                 linestyle=(0, style.dashes) if style.dashes else "-",
@@ -343,7 +339,10 @@ def plot_profiles(
         axes.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
-        _add_legend(axes, len(profiles), handlelength=3.2)
+        if many:
+            page.figure.legend(loc="outside right upper", handlelength=3.2)
+        else:
+            axes.legend(handlelength=3.2)
     return page.figure
 
 
@@ -374,19 +373,3 @@ def plot_tradeoff(front: Tradeoff, file: str | Path | None, *, title: str = "Wha
         right.set_title("Danger along each path", fontsize=11, weight="normal")
         page.set_title(title)
     return page.figure
-
-
-def _label(planner: str, runs: int) -> str:
-    return planner if runs else f"{planner} (no runs)"
-
-
-def _width(planners: int) -> float:
-    """Return how wide [inch] a picture of planners in one axes is; the legend of many stands beside them."""
-    return 9.0 if planners > _MOST_IN_AXES else 7.0
-
-
-def _add_legend(axes: Any, planners: int, **options: Any) -> None:
-    if planners > _MOST_IN_AXES:
-        axes.figure.legend(loc="outside right upper", **options)
-    else:
-        axes.legend(**options)

@@ -305,8 +305,9 @@ def _fading(size: int) -> FloatArray:
     return np.asarray(np.minimum.outer(across, across))
 
 
-def _blurred(image: FloatArray, radius: int = 3) -> FloatArray:
-    """Return the means over squares around each pixel."""
+def _blurred(image: FloatArray) -> FloatArray:
+    """Return the means over squares of seven by seven pixels."""
+    radius = 3
     for axis in (0, 1):
         padded = np.pad(image, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)], mode="edge")
         sums, width = np.cumsum(padded, axis=axis), 2 * radius + 1

@@ -40,12 +40,6 @@ class Surface:
         return cls(vertices[places[kept]], normals[kept], index.reshape(-1, 3))
 
     @classmethod
-    def coarsened(cls, vertices: FloatArray, faces: IntArray, cell: float) -> Surface:
-        """Return the surface of triangles without what is smaller than a cell [m]."""
-        rough = cls(vertices, vertices, faces).simplified(cell)
-        return cls.from_triangles(rough.vertices, rough.faces)
-
-    @classmethod
     def merged(cls, surfaces: Iterable[Surface]) -> Surface:
         """Return one surface out of many."""
         parts = list(surfaces)
@@ -228,7 +222,10 @@ class RobotBody:
             if part.parentJoint not in shown:  # else the arm would be drawn in pieces
                 self._geometry.addGeometryObject(part)
         parts = self._geometry.geometryObjects
-        self.links = [Surface.coarsened(*tessellate(part.geometry), detail) for part in parts]
+        self.links = []
+        for vertices, faces in (tessellate(part.geometry) for part in parts):
+            rough = Surface(vertices, vertices, faces).simplified(detail)
+            self.links.append(Surface.from_triangles(rough.vertices, rough.faces))
 
     def posed(self, q: FloatArray, moved_from: FloatArray | None = None) -> Surface:
         """Return the body at `q: (n,)` in the world frame, without what stands as at `moved_from: (n,)`."""

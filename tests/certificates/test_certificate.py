@@ -167,7 +167,7 @@ MALFORMED = [
     ({"moving_obstacles": {**MOVING, "speeds": ["ball"]}}, r"moving_obstacles\.speeds: must be a mapping"),
     ({"tool": {}}, r"tool\.orientation: must claim"),
     ({"tool": {"position": {}}}, r"tool\.position: must name one axis"),
-    ({"tool": {"position": {"x": [0, None]}}}, r"tool\.position\.x: must be numbers, all of them finite"),
+    ({"tool": {"position": {"x": [0, None]}}}, r"tool\.position\.x: must be a finite number"),
     ({"tool": {"orientation": {**UP, "angle": 0}}}, r"tool\.orientation\.angle: must be a finite number in \(0"),
     ({"tool": {"orientation": {**UP, "axis": [0, 0, 0]}}}, r"orientation\.axis: must be a direction"),
 ]

@@ -72,7 +72,7 @@ def fast(ur5):
 def written(ur5, clutter, fast):
     """Return the certificate of a spline with a tube, a clearance, an upright tool, and limits of its rates."""
     setting = Separation(tube=TUBE, margin=0.01)
-    limit = ToolOrientation.as_at(ur5, POINTS[0], [0, 0, 1], 1.2)
+    limit = ToolOrientation(ur5, ur5.tip_pose(POINTS[0]).rotation[2], [0, 0, 1], 1.2)
     wanted = Constraints(separation=setting, tool=(limit,))
     found = check(spline(), ur5, clutter, constraints=wanted, limits=fast)
     return travelled(motion_certificate(found))

@@ -228,6 +228,8 @@ def test_distances_are_those_of_plain_coal(robot_named, plain_check, clutter, rn
     clearance = checker.clearance(q)
     assert (clearance.link, clearance.obstacle) == plain.pairs[nearest]
     assert clearance.distance == pytest.approx(expected[nearest], abs=1e-6)
+    if clearance.distance > 0:
+        assert np.linalg.norm(np.subtract(*clearance.points)) == pytest.approx(clearance.distance, abs=1e-4)
 
 
 # ----------------------------------------------------------------------------------------------- the broad phase

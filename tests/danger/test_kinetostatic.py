@@ -8,8 +8,7 @@ from scipy.integrate import quad
 
 from safe_ompl import DangerField, InputError, KinetostaticField
 from safe_ompl.danger import link_field
-from safe_ompl.danger.kernels.kinetostatic import pulls
-from safe_ompl.danger.kinetostatic import terms
+from safe_ompl.danger.kernels.kinetostatic import link_terms, pulls
 
 LINK = np.array([[0, 1]])
 
@@ -64,7 +63,7 @@ def cases(number):
 @pytest.mark.parametrize("part", range(3))
 def test_parts_are_what_quadrature_says(part):
     for a, b, va, vb, p in cases(160):
-        found = terms(np.array([[a, b]]), np.array([[va, vb]]), LINK, p[None])[part][0, 0]
+        found = link_terms(np.array([[a, b]]), np.array([[va, vb]]), LINK, p[None], False, True)[part][0, 0]
         expected = exactly(a, b, va, vb, p, PARTS[part])
         scale = exactly(a, b, va, vb, p, PARTS[2]) if part == 1 else expected  # φ̇ may cancel
         assert abs(found - expected) <= 1e-8 * abs(scale)
@@ -74,12 +73,12 @@ def test_parts_are_what_quadrature_says(part):
 def test_static_part_is_the_static_field_of_whole_skeletons(rng, weighting):
     keys, v, points = rng.normal(size=(4, 3, 3)), rng.normal(size=(4, 3, 3)), rng.normal(size=(5, 3))
     chain, by_length = np.array([[0, 1], [1, 2]]), weighting == "length"
-    found = terms(keys, v, chain, points, by_length=by_length)
-    np.testing.assert_allclose(found.static, link_field.field(keys, chain, points, weighting), rtol=1e-13)
-    fewer = terms(keys, v, chain, points, by_length=by_length, isotropic=False)
-    np.testing.assert_array_equal(fewer.directional, found.directional)
-    assert not fewer.isotropic.any()
-    assert np.isinf(terms(keys[:1], v[:1], chain, keys[0, 1:2]).static).all(), "on a link"
+    found = link_terms(keys, v, chain, points, by_length, True)
+    np.testing.assert_allclose(found[0], link_field.field(keys, chain, points, weighting), rtol=1e-13)
+    fewer = link_terms(keys, v, chain, points, by_length, False)
+    np.testing.assert_array_equal(fewer[1], found[1])
+    assert not fewer[2].any()
+    assert np.isinf(link_terms(keys[:1], v[:1], chain, keys[0, 1:2], False, True)[0]).all(), "on a link"
 
 
 @pytest.mark.parametrize("by_length", [False, True])
@@ -93,7 +92,7 @@ def test_gradients_of_the_parts_are_those_of_finite_differences(by_length):
         state = np.array([[a, b], [va, vb]])
 
         def value(state, p=p):
-            found = terms(state[:1], state[1:], LINK, p[None], by_length=by_length)
+            found = link_terms(state[:1], state[1:], LINK, p[None], by_length, True)
             return float(2 * (found[0] + 0.3 * found[1] + 0.5 * found[2])[0, 0])
 
         found = pulls(state[:1], state[1:], LINK, p[None, None], np.full((1, 1), 2.0), 0.3, 0.5, by_length)[:, 0]

@@ -126,6 +126,18 @@ def test_a_curve_that_comes_back_to_where_the_tip_stands_is_not_followed():
     assert not proof.proven
 
 
+def test_a_turn_and_back_between_the_ends_is_seen():
+    """At both ends the tip is where it ought to be, and at rest: only the joint's acceleration says that it turns."""
+    robot, path = Robot.from_example("panda"), ToolPath.line(at(0.4, 0.0, 0.4), at(0.401, 0.0, 0.4))
+    there_and_back = np.array([0.0, 0.0, 16.0, -32.0, 16.0])[:, None] * np.eye(robot.n)[-1]
+    there_and_back[0] = inverse_kinematics(robot, at(0.4, 0.0, 0.4))
+    proof = prove_corridor(
+        Motion([0.0, path.length], there_and_back[None], timed=False), robot, path, Corridor(10.0, 0.5)
+    )
+    assert proof.outside
+    assert proof.at == pytest.approx(path.length / 2)
+
+
 @pytest.mark.parametrize(
     ("end", "obstacle", "words"),
     [

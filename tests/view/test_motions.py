@@ -177,8 +177,9 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
 def test_an_animation_moves(motion, tmp_path, ending, monkeypatch):
     image = pytest.importorskip("PIL.Image")
     monkeypatch.setattr("safe_ompl.view.pictures.FEWEST_FRAMES", 3)
+    monkeypatch.setattr("safe_ompl.view.pictures.RATE", 1.0)
     file = tmp_path / f"animation{ending}"
-    save_animation(ViewerContent.of_motions([motion]), file, rate=1.0)
+    save_animation(ViewerContent.of_motions([motion]), file)
     moving = image.open(file)
     assert moving.n_frames == 3
     frames = []

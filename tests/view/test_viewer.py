@@ -10,7 +10,6 @@ import pytest
 import safe_ompl
 from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene
 from safe_ompl.view import ViewerContent
-from safe_ompl.view.content import Nearest
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 
@@ -28,19 +27,6 @@ def result(ur5, scene):
     found = setup.plan("SafeRRTConnect", time=10.0, seed=0)
     assert found
     return found
-
-
-def test_the_nearest_points_are_as_far_apart_as_the_checker_says(ur5, scene, rng):
-    setup = SafeSetup(ur5, scene)
-    nearest = Nearest(ur5, scene)
-    for q in rng.uniform(-1.0, 1.0, (10, 6)):
-        found, clearance = nearest.at(q), setup.checker.clearance(q)
-        assert found.distance == pytest.approx(clearance.distance, abs=1e-5)
-        assert (found.link, found.obstacle) == (clearance.link, clearance.obstacle)
-        if found.distance > 0:
-            apart = np.linalg.norm(found.on_robot - found.on_obstacle)
-            assert apart == pytest.approx(found.distance, abs=1e-4)
-    assert Nearest(ur5, ()).at(np.zeros(6)) is None
 
 
 def test_a_view_knows_where_a_path_goes(result, ur5, scene):

@@ -22,7 +22,7 @@ import pinocchio as pin
 from safe_ompl.certificates.claims import Certificate, Danger, MovingDanger
 from safe_ompl.certificates.verifier.bodies import ENDLESS, Budget, PlainTool, Stretch, bend_bound, joints_below
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
-from safe_ompl.common import CertificateError, FloatArray, IntArray
+from safe_ompl.common import CertificateError, FloatArray, IntArray, within
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -45,7 +45,8 @@ class PlainDanger:
     def __init__(self, robot: Robot, scene: Scene, claim: Danger, budget: Budget = ENDLESS) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
         self._data = robot.shared.model.createData()
-        self.points, self.weights, _ = scene.danger_points(claim.spacing)
+        with within("danger"):  # which may ask for too many points
+            self.points, self.weights, _ = scene.danger_points(claim.spacing)
         if not len(self.points):
             self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
 
@@ -145,7 +146,7 @@ class PlainMovingDanger:
         self._robot, self._claim, self._budget = robot, claim, budget
         self._still = PlainDanger(robot, scene, claim)
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
-        self._start, self._end = robot.segments.T
+        self._ends = robot.segments.T
         self._carriers = [int(np.flatnonzero(row).max(initial=-1)) + 1 for row in robot.joint_keypoint_support]
         self._gamma = claim.gamma
 
@@ -189,7 +190,7 @@ class PlainMovingDanger:
     def _bounds(self, interval: _Interval, points: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
         """Return bounds (M,) of φ and of φ′ + γI in an interval; without parts only what the distances say."""
         h, V, A = interval.half, interval.speeds[:, None], interval.bends[:, None]
-        a, b = interval.places[self._start, None], interval.places[self._end, None]
+        a, b = (interval.places[side, None] for side in self._ends)
         w = b - a
         length = _norm(w)  # (L, 1)
         u, v = points - a, points - b
@@ -232,10 +233,6 @@ class PlainMovingDanger:
         found: FloatArray = (slope * logs + at_nearest / h * angles).sum(axis=2) / squared
         return np.where(length > _SHORT, found, speeds.max(axis=2) / np.maximum(away, _TINY) ** 2)
 
-    @property
-    def _ends(self) -> tuple[IntArray, IntArray]:
-        return self._start, self._end
-
     def _interval(self, piece: PlainPiece, middle: float, half: float) -> _Interval:
         robot, model = self._robot, self._model
         q, coupling = piece.at(middle), robot.coupling
@@ -256,7 +253,7 @@ class PlainMovingDanger:
                 length = float(np.linalg.norm(places[k] - joints[carrier - 1].translation))
                 bends[k] = bend_bound(robot, movers, length, steps, coupling.reach(piece.bends), slid)
         speeds = _norm(velocities) + half * bends
-        both = [np.maximum(of[self._start], of[self._end]) for of in (speeds, bends)]
+        both = [np.maximum(*(of[side] for side in self._ends)) for of in (speeds, bends)]
         strokes = float(steps[robot.joint_prismatic].sum())
         return _Interval(half, places, velocities, both[0], both[1], strokes)
 

@@ -16,7 +16,7 @@ from math import sqrt
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Piece, TimedMotion
+from safe_ompl.certificates.claims import TimedMotion
 from safe_ompl.common import BoolArray, CertificateError, FloatArray
 from safe_ompl.robot import Robot
 
@@ -84,7 +84,10 @@ class PlainMotion:
     """
 
     def __init__(self, claim: TimedMotion, robot: Robot, ends: tuple[FloatArray, FloatArray]) -> None:
-        self.pieces = [_piece(k, piece) for k, piece in enumerate(claim.pieces)]
+        self.pieces = [PlainPiece(p.start, p.slope, p.bend, p.swing, p.length) for p in claim.pieces]
+        for k, piece in enumerate(self.pieces):
+            if not piece.length <= _LONGEST:
+                raise CertificateError(f"trajectory: piece {k} is no curve")
         corners = list(claim.corners)
         if any(not 0 < k < len(self.pieces) for k in corners):
             raise CertificateError(f"trajectory: {corners} are not corners between its pieces")
@@ -239,13 +242,6 @@ class PlainMotion:
         return None
 
 
-def _piece(k: int, piece: Piece) -> PlainPiece:
-    vectors = piece.start, piece.slope, piece.bend, piece.swing
-    if not (all(np.isfinite(vector).all() for vector in vectors) and piece.length <= _LONGEST):
-        raise CertificateError(f"trajectory: piece {k} is no curve")
-    return PlainPiece(*vectors, piece.length)
-
-
 class PlainAverage:
     """When the robot is where, if it is at the average of a plan (C + 1,) over a window [s].
 
@@ -258,7 +254,7 @@ class PlainAverage:
         for k in range(len(edges) - 1):
             self._reaches.append(self._leaves[k] + self._span(k))
             self._leaves.append(self._reaches[-1] + (window if k + 1 in corners else 0.0))
-            self._areas.append(self._areas[k] + self._area(k, self._leaves[k + 1]))
+            self._areas.append(self._areas[k] + self._plan(k, self._leaves[k + 1])[1])
         self.duration = self._reaches[-1] + window
 
     def _span(self, k: int) -> float:
@@ -272,9 +268,6 @@ class PlainAverage:
         later = time - self._leaves[k] - since
         area = since * (self._edges[k] + since * (begin / 2 + since * push / 6))
         return self._edges[k] + since * (begin + since * push / 2), area + later * self._edges[k + 1]
-
-    def _area(self, k: int, time: float) -> float:
-        return self._plan(k, time)[1]
 
     def _at(self, time: float) -> tuple[float, float]:
         """Return σ and ∫σ at a time; it is at rest before and after."""

@@ -15,8 +15,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
-from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds, Separations, Stretch
+from safe_ompl.certificates.claims import Certificate, Stops
+from safe_ompl.certificates.verifier.bodies import PlainSpeeds, Separations, Stretch
 from safe_ompl.certificates.verifier.danger import PlainMovingDanger, check_danger_and_tool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.certificates.verifier.polynomials import check_free, check_limits, derivatives, rounded
@@ -46,7 +46,10 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
         raise CertificateError(f"trajectory: {failure}")
     budget = separations.budget
     budget.where = "the speeds of its trajectory"
-    _check_speeds(claim, motion, robot, budget)
+    for limit, who in ((claim.tool_speed, "the tool"), (claim.link_speed, "a link")):
+        at = None if limit is None else PlainSpeeds(robot, budget).exceeded(motion, limit, tool=who == "the tool")
+        if at is not None:
+            raise CertificateError(f"trajectory: {who} is faster than {limit:g} m/s near {at:.6f} rad")
     if claim.danger is not None:
         budget.where = "the danger of its trajectory"
         at = PlainMovingDanger(robot, scene, claim.danger, budget).exceeded(motion)
@@ -67,14 +70,6 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
         required = Required(motion, scene, stops, latest + motion.window)
     check_free(stretches, separations, required)
     check_danger_and_tool(claims, robot, scene, stretches, budget)
-
-
-def _check_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot, budget: Budget) -> None:
-    for limit, who in ((claim.tool_speed, "the tool"), (claim.link_speed, "a link")):
-        if limit is not None:
-            at = PlainSpeeds(robot, budget).exceeded(motion, limit, tool=who == "the tool")
-            if at is not None:
-                raise CertificateError(f"trajectory: {who} is faster than {limit:g} m/s near {at:.6f} rad")
 
 
 def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray, FloatArray]:

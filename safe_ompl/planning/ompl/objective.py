@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob, geometric as og
 
-from safe_ompl.common import FloatArray, halton_point, number
+from safe_ompl.common import FloatArray, halton_point
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.ompl.validity import CollisionFreeValidity
@@ -32,15 +32,15 @@ _SLOPE_SEED = 0  # the scale belongs to robot and scene: it must not change with
 _VALUE_SAMPLES = 100
 
 
-def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes, bytes, float, int], float]:
-    """Return ∫ CDF ds of motions between configurations, given as bytes, to a tolerance; the last ones are kept."""
+def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes, bytes, int], float]:
+    """Return ∫ CDF ds of motions between configurations, given as bytes, to 1 %; the last ones are kept."""
 
     # Nothing of OMPL's may refer to itself, by a bound method for example: it would never be freed.
     @lru_cache(_KEPT)
-    def integral(first: bytes, second: bytes, tolerance: float, revision: int) -> float:
+    def integral(first: bytes, second: bytes, revision: int) -> float:
         start = np.frombuffer(first)
         delta = bridge.difference(start, np.frombuffer(second))
-        return field.mean(start, start + delta, tolerance) * math.sqrt(delta.dot(delta))
+        return field.mean(start, start + delta) * math.sqrt(delta.dot(delta))
 
     return integral
 
@@ -48,15 +48,14 @@ def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes,
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The danger field of a robot as a cost: of a state CDF(q), of a motion ∫ CDF(q(s)) ds.
 
-    The integral is that of `DangerField.mean` with the relative `tolerance` > 0; planners ask for many motions again,
-    also the other way round: the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
+    The integral is that of `DangerField.mean`, to 1 %; planners ask for many motions again, also the other way round:
+    the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
     `motionCostHeuristic` is `DangerField.minimum`, a proven bound, times the distance.
     """
 
-    def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
+    def __init__(self, si: Any, field: DangerField) -> None:
         super().__init__(si)
         self.field = field
-        self.tolerance = number("tolerance", tolerance, above=0.0)
         self._bridge = StateBridge(si.getStateSpace())
         self._integral = _kept_integrals(field, self._bridge)
         self._scales: dict[Any, float] = {}
@@ -96,13 +95,13 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         return ob.Cost(self.field.value(self._bridge.read(state)))
 
     def motionCost(self, start: Any, end: Any) -> Any:
-        """Return the integral of the danger over the straight motion, to within the tolerance; see `asked_by`."""
+        """Return the integral of the danger over the straight motion, to 1 %; see `asked_by`."""
         first = self._bridge.view(start).tobytes()
         asked = self._longest < math.inf and first not in self._starts
         if asked and self._bridge.space.distance(start, end) > self._longest:
             return ob.Cost(math.inf)
         ends = first, self._bridge.view(end).tobytes()
-        return ob.Cost(self._integral(min(ends), max(ends), self.tolerance, self.field.revision))
+        return ob.Cost(self._integral(min(ends), max(ends), self.field.revision))
 
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:
         """Return a cost that no way between two states goes below."""

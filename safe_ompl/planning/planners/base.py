@@ -344,7 +344,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         path = self._search(ptc)
         if path is None:
             return ob.PlannerStatus.TIMEOUT
-        self._publish(path)
+        solution = og.PathGeometric(self.getSpaceInformation())
+        for q in path:
+            solution.append(self._problem.state(q))
+        problem.addSolutionPath(solution, False, 0.0, self.getName())
         return ob.PlannerStatus.EXACT_SOLUTION
 
     def _read_objective(self) -> None:
@@ -357,9 +360,3 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._forget()
         self.getPlannerInputStates().restart()
         self._read = objective
-
-    def _publish(self, path: FloatArray) -> None:
-        solution = og.PathGeometric(self.getSpaceInformation())
-        for q in path:
-            solution.append(self._problem.state(q))
-        self.getProblemDefinition().addSolutionPath(solution, False, 0.0, self.getName())

@@ -132,7 +132,7 @@ class BubblePlanner(SafePlanner):
             if bubble is None:
                 return None
             if not x.penalty and x.parent != ROOT and self._is_narrow(bubble):
-                tree.put_back(x, _PENALTY)
+                tree.open.extend(1, **x._replace(penalty=_PENALTY)._asdict())  # and back
                 self._margin.refuse()
                 continue
             new = tree.close(x, bubble.weights)
@@ -321,10 +321,6 @@ class VolumeTree:
         rows.remove(row)
         return point
 
-    def put_back(self, point: EndPoint, penalty: float) -> None:
-        """Return an end point to Open, with a penalty that is added to its cost-to-go."""
-        self.open.extend(1, **point._replace(penalty=penalty)._asdict())
-
     def close(self, point: EndPoint, weights: FloatArray) -> int:
         """Add the bubble of an end point to Closed and return its index."""
         self.closed.extend(
@@ -338,13 +334,16 @@ class VolumeTree:
     def add(self, points: FloatArray, parent: int, costs: FloatArray) -> None:
         """Add end points (K, n) of a closed bubble, with their costs (K,), to Open."""
         center, length = self.closed["center"][parent], self.closed["path_length"][parent]
+        diversity: Any = 0.0
+        if self._diverse:  # min_z ‖x − z‖ over the closed configurations z
+            diversity = [self._metric.separations(self.closed["center"], x).min() for x in points]
         self.open.extend(
             len(points),
             q=points,
             parent=parent,
             path_length=length + self._metric.lengths(center, points),
             cost=costs,
-            diversity=self._diversity(points) if self._diverse else 0.0,
+            diversity=diversity,
             penalty=0.0,
         )
 
@@ -366,10 +365,6 @@ class VolumeTree:
             alive[later] &= parents[later] == ROOT or bool(alive[parents[later]])
         owners = self.open["parent"]
         self.open.keep(np.flatnonzero((owners == ROOT) | alive[owners]))
-
-    def _diversity(self, points: FloatArray) -> FloatArray:
-        """Return min_z ‖x − z‖ over the closed configurations z for each point x, (K,)."""
-        return np.array([self._metric.separations(self.closed["center"], x).min() for x in points])
 
 
 def volume_trees(bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> TwoTrees[VolumeTree]:

@@ -224,7 +224,8 @@ class SafeStep:
         arguments: Any = *begin, *look, *tables, self._places, gradients
         outcome, refused, dangerous, looked, evaluations, cost = take_step(*arguments)
         checker.counts.bound_queries += looked
-        self._count(evaluations)
+        if evaluations and (field := self.problem.cost.field) is not None:
+            field.count(evaluations, len(field.points))
         if outcome == UNDECIDED or checker.changes.begun != done:
             return None
         trees.blocked += 0 if outcome == MISSED else refused
@@ -264,13 +265,6 @@ class SafeStep:
             self._field = frozen, None if coupled else frozen.for_kernels()
         return self._field[1]
 
-    def _count(self, evaluations: int) -> None:
-        """Count dangers that the kernel computed."""
-        field = self.problem.cost.field
-        if evaluations and field is not None:
-            field.counts.field_configurations += evaluations
-            field.counts.field_points += evaluations * len(field.points)
-
     def _composed(self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float) -> tuple[Extension, int]:
         """Do so with whatever says what is free and dangerous, in the order of `take_step`."""
         q_old = tree.configurations[old]
@@ -288,7 +282,11 @@ class SafeStep:
             proof_first = trees.blocked > _RARE * trees.dangerous
             if proof_first and not self._is_unblocked(trees, tree, q_old, q_new):
                 continue
-            cost, gradient = self._examined(q_new)
+            cost, gradient = np.nan, None  # not needed without a threshold
+            if self.threshold.acts and self.descent.acts:
+                cost, gradient = self.danger.cost.value_and_gradient(q_new)
+            elif self.threshold.acts:
+                cost = float(self.danger.cost.values(q_new[None])[0])
             if not self.threshold.tolerates(cost, tree, old, trees):
                 trees.dangerous += 1
                 break
@@ -301,14 +299,6 @@ class SafeStep:
         free = self.margin.motion_is_free(*tree.as_driven(q_old, q_new))
         trees.blocked += not free
         return free
-
-    def _examined(self, q: FloatArray) -> tuple[float, FloatArray | None]:
-        """Return the danger of a candidate, and the gradient that a step from it will need; NaN if not needed."""
-        if not self.threshold.acts:
-            return np.nan, None
-        if self.descent.acts:
-            return self.danger.cost.value_and_gradient(q)
-        return float(self.danger.cost.values(q[None])[0]), None
 
 
 class ElasticBand:

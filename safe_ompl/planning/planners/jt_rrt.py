@@ -163,8 +163,7 @@ class SafeJTRRT(SafePlanner):
         if goal is not self._goal:
             self._goal, self._place = goal, goal.place
             self._step.aim(goal.place)
-            self._trees.aim(goal)
-        self._trees.take_new()
+        self._trees.take(goal)
 
     def _prepare(self) -> None:
         self._danger.prepare()
@@ -208,8 +207,10 @@ class Approach(Trees):
             if self.arrived is None and self.distances[node] < self._goal.tolerance:
                 self.arrived = node
 
-    def take_new(self) -> None:
-        """Measure new nodes, and let them be chosen."""
+    def take(self, goal: WorkspaceGoal) -> None:
+        """Head for a goal, with all nodes if it is another one; measure new nodes, and let them be chosen."""
+        if goal is not self._goal:
+            self.aim(goal)
         self.untried += range(len(self.distances), len(self.start))
         self.measure()
 

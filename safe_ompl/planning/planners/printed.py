@@ -205,7 +205,10 @@ class PaperSafeJTRRT(SafePlanner):
             q_new = self._bridge.inside(q_old + self._displacement(q_old))
             if self._goal.place.distance(q_new) > STALLED * approach.distances[old]:
                 return
-            if not (self._problem.motion_is_free(q_old, q_new) and self._is_below_threshold(q_new)):
+            if not self._problem.motion_is_free(q_old, q_new):
+                return
+            level = self.danger_threshold  # ‖CDF(q)‖ < CDF_Threshold
+            if level and not self._problem.cost.values(q_new[None])[0] < level:
                 return
             old = approach.add(tree, q_new, old)
             approach.measure()
@@ -239,11 +242,6 @@ class PaperSafeJTRRT(SafePlanner):
         length = sqrt(step @ step)
         return step * (self.step / length) if length > self.step else step
 
-    def _is_below_threshold(self, q: FloatArray) -> bool:
-        """Return whether ‖CDF(q)‖ < CDF_Threshold."""
-        level = self.danger_threshold
-        return not level or bool(self._problem.cost.values(q[None])[0] < level)
-
     @property
     def _field(self) -> DangerField | None:
         field = getattr(self.getProblemDefinition().getOptimizationObjective(), "field", None)
@@ -251,11 +249,8 @@ class PaperSafeJTRRT(SafePlanner):
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the place from the problem; the tree stays, and all of its nodes may be tried for another place."""
-        goal = self.getProblemDefinition().getGoal()
-        if goal is not self._goal:
-            self._goal = goal
-            self._trees.aim(goal)
-        self._trees.take_new()
+        self._goal = self.getProblemDefinition().getGoal()
+        self._trees.take(self._goal)
 
     def _forget(self) -> None:
         self._trees = Approach(self._bridge, self._problem.cost, self.counts, self._goal)

@@ -145,7 +145,9 @@ class SafePRM(SafePlanner):
         while best is None and len(tried) < len(f) and not ptc():
             offer = int(f.argmin())
             parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
-            margin = 0.0 if parent == ROOT else self._margin_after(int(graph.penalties[offer]))
+            penalties = int(graph.penalties[offer])
+            keeps = parent != ROOT and penalties < _PENALTIES  # else it need only be free: no way is closed
+            margin = self._margin.in_force * _PENALTY_FALL**penalties if keeps else 0.0
             is_free = parent == ROOT or self._roadmap.is_free(*graph.as_driven(parent, milestone), margin)
             if margin and not is_free:  # it stays in Open, with a penalty
                 graph.penalise(offer, penalty)
@@ -159,10 +161,6 @@ class SafePRM(SafePlanner):
                 self._roadmap.connected[best] = True
         graph.remove_open(tried)
         return best
-
-    def _margin_after(self, penalties: int) -> float:
-        """Return what an edge must keep [m] after so many penalties; 0 if it need only be free: no way is closed."""
-        return self._margin.in_force * _PENALTY_FALL**penalties if penalties < _PENALTIES else 0.0
 
     def _f(self, graph: SearchGraph, current_goal: int) -> FloatArray:
         """Return f = g + h + α·CDF, (10) without its diversity term, for the offers in Open(1)."""
