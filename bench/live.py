@@ -28,7 +28,8 @@ from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Surr
 from safe_ompl.collision import MotionProver
 from safe_ompl.people import CalibratedReach, Recording, TrackedBody, facing, list_clips
 from safe_ompl.people.replanning import Command, Doing, ReplanningOptions
-from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, StopMotion
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin
+from safe_ompl.people.replanning.stop_motion import StopMotion
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Faults, Simulation
 from safe_ompl.scene import find_scenario

@@ -38,7 +38,12 @@ if TYPE_CHECKING:
     from safe_ompl.trajectories.limits import RATE_TOLERANCE as RATE_TOLERANCE, RateLimits as RateLimits
     from safe_ompl.trajectories.separation import PeopleDistances as PeopleDistances
     from safe_ompl.trajectories.stops import Stops as Stops, stops_beside as stops_beside
-    from safe_ompl.trajectories.time_law import SmoothLaw as SmoothLaw, velocity_cap as velocity_cap
+    from safe_ompl.trajectories.time_law import (
+        BRAKING as BRAKING,
+        SmoothLaw as SmoothLaw,
+        SmoothLimits as SmoothLimits,
+        velocity_cap as velocity_cap,
+    )
     from safe_ompl.trajectories.timing import (
         CELL_LENGTH as CELL_LENGTH,
         CELLS as CELLS,

@@ -38,7 +38,7 @@ _SHORTER, _WINDOWS = 0.75, 40  # windows that are tried: each the shorter by thi
 _LONGEST = 8.0  # the first of them, in times from no acceleration to all of it
 _SHORTEST = 1e-4  # [s] of averages that rounding does not touch
 _BENDS_BESIDE_PEOPLE = 0.1  # what `BENDS` is beside people
-_BRAKING = 2 / 3  # share of the range of σ̈ that is for stops beside people
+BRAKING = 2 / 3  # share of the range of σ̈ that is for stops beside people
 _TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9  # of limits, and of reach: what rounding takes
 
 
@@ -281,11 +281,22 @@ class SmoothLimits:
 
     @classmethod
     def of(
-        cls, cells: Cells, limits: RateLimits, caps: FloatArray, window: float, *, stops: bool = False
+        cls,
+        cells: Cells,
+        limits: RateLimits,
+        caps: FloatArray,
+        window: float,
+        *,
+        stops: bool = False,
+        share: float | None = None,
     ) -> SmoothLimits:
-        """Return the limits in cells in which ṡ keeps to `caps: (N,)`; `stops` says whether it may stop at any time."""
+        """Return the limits in cells in which ṡ keeps to `caps: (N,)`; `stops` says whether it may stop at any time.
+
+        A `share` of the jerk may be that of q‴ṡ³.
+        """
         assert limits.jerk is not None
-        share, braking = (_BENDS_BESIDE_PEOPLE, _BRAKING) if stops else (BENDS, 0.5)
+        usual, braking = (_BENDS_BESIDE_PEOPLE, BRAKING) if stops else (BENDS, 0.5)
+        share = usual if share is None else share
         bends = cells.bends
         with np.errstate(divide="ignore"):
             caps = np.minimum(caps, np.cbrt((share * limits.jerk / cells.swings).min(axis=1)))

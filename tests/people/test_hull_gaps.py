@@ -7,7 +7,9 @@ from numba import njit
 
 from safe_ompl import RateLimits, time_path
 from safe_ompl.people import ReachSets, kernels
-from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, RobotBodies, StopMotion
+from safe_ompl.people.replanning.bodies import RobotBodies
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
+from safe_ompl.people.replanning.stop_motion import StopMotion
 
 
 @njit

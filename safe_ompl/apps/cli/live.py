@@ -237,7 +237,7 @@ def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:
 def timed_way(way: FloatArray, robot: Robot, motion: MotionProver, scenario: Scenario) -> Trajectory:
     """Return the trajectory along way points under the scenario's limits."""
     own = scenario.motion
-    rates = RateLimits.of(robot, own.velocity, own.acceleration)
+    rates = RateLimits.of(robot, own.velocity, own.acceleration, own.jerk)
     return time_path(way, robot, rates, motion=motion, tool_speed=own.tool_speed, link_speed=own.link_speed)
 
 

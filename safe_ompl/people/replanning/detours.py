@@ -13,8 +13,9 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.guard import Command
-from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, RobotBodies, line
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, line
 from safe_ompl.trajectories import BlendedCurve, blended
 
 _log = logging.getLogger(__name__)
@@ -264,7 +265,7 @@ class Detours:
         if found is None:
             return None
         points = self._shortened(found[0], around)
-        curve = blended(np.array(points), self._robot, _TOLERANCE, self._prover)
+        curve = blended(np.array(points), self._robot, _TOLERANCE, self._prover, self.limits.joints)
         way = GuardedPath.along(self._bodies, curve, self.limits)
         takes = float(way.coarse.pace(around, self._tick)[0].sum())
         if takes > within:

@@ -26,14 +26,9 @@ from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, number
 from safe_ompl.io import ticks_header
 from safe_ompl.people import ReachViolation, Surroundings
-from safe_ompl.people.replanning.guarded_path import (
-    Around,
-    GuardedPath,
-    MotionMargin,
-    PathLimits,
-    RobotBodies,
-    StopMotion,
-)
+from safe_ompl.people.replanning.bodies import RobotBodies
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, PathLimits
+from safe_ompl.people.replanning.stop_motion import StopMotion
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import SEPARATION, ContactLimits, State
@@ -190,6 +185,7 @@ class Guard:
         self._last: Command | None = None  # the newest command
         self._time = 0.0  # for which it was asked for
         self._margin = MotionMargin(np.inf)  # of the motion that was tried last
+        self._past: StopMotion | None = None  # where the jerk is limited: of a motion that moves and is to go on
         self._violated = False
 
     def __repr__(self) -> str:
@@ -215,7 +211,13 @@ class Guard:
         last = self._last
         if not time >= self.surroundings.time or not (last is None or time >= last.time):
             raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
-        return (0.0, 0.0) if last is None else last.motion.at(time - last.time)[:2]
+        self._past = None
+        if last is None:
+            return 0.0, 0.0
+        s, speed, _ = last.motion.at(time - last.time)
+        if last.motion.window and speed > 0:
+            self._past = last.motion.past(time - last.time)
+        return s, speed
 
     # ----------------------------------------------------------------------------------------------------- proofs
 
@@ -249,7 +251,7 @@ class Guard:
         `why` it is not the fastest one is the margin of that, or what is wrong with who is around.
         """
         around = self._around(time)
-        motion = path.motion_from(s, speed * speed, push, self.tick)
+        motion = path.motion_from(s, speed * speed, push, self.tick, self._past)
         margin = path.margin(motion, around)
         if margin.margin < 0:
             self._margin = margin

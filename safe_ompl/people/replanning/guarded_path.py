@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
-from safe_ompl.geometry import bounding_hull
 from safe_ompl.people import ReachSets
-from safe_ompl.people.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
-from safe_ompl.robot import Robot
+from safe_ompl.people.kernels import Borne, CellFrames, cell_gaps, gaps
+from safe_ompl.people.replanning.bodies import RobotBodies
+from safe_ompl.people.replanning.stop_motion import BENDS, StopMotion, averaging_window
 from safe_ompl.trajectories import (
+    BRAKING,
     CLAMPING,
     CONTACT,
     CONTACT_RULES,
@@ -22,12 +23,12 @@ from safe_ompl.trajectories import (
     SEPARATION,
     TOOL_SPEED,
     BlendedCurve,
-    BodySpeeds,
     Cells,
     ContactLimits,
     MotionCaps,
     Piece,
     RateLimits,
+    SmoothLimits,
     Trajectory,
     bending_cap,
     braking,
@@ -47,60 +48,10 @@ _ENDS = 2  # cells at the ends of a path that are estimated again in small ones 
 _ROUGH = 5e-3  # [m] error of distances in estimates
 _CLOSE = 1e-4  # [m] error of margins that are called exact
 _SAME = 1e-9  # [rad] places nearer than this are one
+_NEARLY = 1e-9  # relative: what rounding makes of a speed
 # Caps of trajectories that the replanner derives itself at every tick.
 _DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
-_NOWHERE: FloatArray = np.zeros((0, 0))
-
-
-class RobotBodies:
-    """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        parts = list(robot.shared.collision_model.geometryObjects)
-        self.moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
-        hulls = [bounding_hull(parts[k].geometry).moved(parts[k].placement) for k in self.moving]
-        self.links = tuple(parts[k].name.rsplit("_", 1)[0] for k in self.moving)
-        carriers: IntArray = np.array([parts[k].parentJoint - 1 for k in self.moving], dtype=np.intp)
-        first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
-        middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
-        extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
-        self.arrays = Hulls(
-            carriers,
-            np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
-            first,
-            np.array([hull.radius for hull in hulls]),
-            middles,
-            np.array(extents),
-        )
-        self._first_axis = robot.kinematics.frames(robot.coupling.values(np.zeros((1, robot.n))))[2][0, 0]
-        self.speeds = BodySpeeds(robot)  # of all bodies and the tip
-
-    def frames(self, Q: FloatArray, travel: FloatArray = _NOWHERE) -> CellFrames:
-        """Return the frames of the joints at `Q: (B, n)`, and how far (B, G) the bodies get from there [m]."""
-        return CellFrames(*self.robot.kinematics.frames(self.robot.coupling.values(Q))[:2], travel)
-
-    def vertices(self, body: int, frames: CellFrames) -> FloatArray:
-        """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
-        joint, (first, last) = self.arrays.carriers[body], self.arrays.first_vertex[body : body + 2]
-        turned = np.einsum("bxy,vy->bvx", frames.rotations[:, joint], self.arrays.vertices[first:last])
-        return np.asarray(turned + frames.origins[:, joint, None])
-
-    @cached_property
-    def turning(self) -> BoolArray:
-        """Which moving bodies (G,) only turn, about the axis of the first joint."""
-        return np.asarray((self.arrays.carriers == 0) & ~self.robot.shared.chain.prismatic[0])
-
-    def swept(self, body: int, frames: CellFrames, axes: FloatArray) -> FloatArray:
-        """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""
-        vertices, turn = self.vertices(body, frames)[0], self._first_axis
-        arms = vertices - frames.origins[0, 0]
-        along, heights = arms @ turn, axes @ turn
-        radii = np.sqrt(np.maximum((arms * arms).sum(axis=1) - along * along, 0.0))
-        across = np.sqrt(np.maximum(1.0 - heights * heights, 0.0))
-        nearest = (np.outer(along, heights) - np.outer(radii, across)).min(axis=0)
-        return np.asarray((arms @ axes.T).min(axis=0) - nearest)
 
 
 def line(start: FloatArray, end: FloatArray) -> BlendedCurve:
@@ -141,36 +92,11 @@ class Around(NamedTuple):
     contact: ContactLimits | None = None  # At what speeds contact is borne, where it is allowed
 
 
-class StopMotion(NamedTuple):
-    """A motion of one tick along a path, and the stop after it: W pieces of constant acceleration."""
-
-    cells: IntArray  # (W,), the cell of the path in which each piece lies
-    places: FloatArray  # (W + 1,), s, ṡ², and the time since the motion began [s], where pieces meet
-    squares: FloatArray
-    times: FloatArray
-
-    @property
-    def duration(self) -> float:
-        """How long it takes until the robot stands [s]."""
-        return float(self.times[-1])
-
-    def at(self, time: float) -> tuple[float, float, float]:
-        """Return s, ṡ and s̈ at a time since it began [s]; at rest after its end."""
-        if time >= self.duration:
-            return float(self.places[-1]), 0.0, 0.0
-        k = max(int(np.searchsorted(self.times, time, side="right")) - 1, 0)
-        span, since = self.times[k + 1] - self.times[k], max(time, 0.0) - self.times[k]
-        speed, after = np.sqrt(self.squares[k]), np.sqrt(self.squares[k + 1])
-        push = (after - speed) / span if span > 0 else 0.0
-        place = self.places[k] + since * (speed + 0.5 * since * push)
-        return float(min(place, self.places[k + 1])), float(max(speed + since * push, 0.0)), float(push)
-
-
 @dataclass(frozen=True)
 class PathLimits:
     """Limits that every path of the replanner keeps, whatever its curve is."""
 
-    joints: RateLimits  # Velocities and accelerations of the joints
+    joints: RateLimits  # Velocities and accelerations of the joints, and jerks where they are limited
     tool_speed: float | None = None  # Of the tip, and of every point of every link [m/s]
     link_speed: float | None = None
 
@@ -190,16 +116,18 @@ class PathLimits:
 
     def same_as(self, other: PathLimits) -> bool:
         """Return whether the other limits are equal to these."""
-        return (
-            np.array_equal(self.joints.velocity, other.joints.velocity)
-            and np.array_equal(self.joints.acceleration, other.joints.acceleration)
-            and (self.tool_speed, self.link_speed) == (other.tool_speed, other.link_speed)
+        return self.joints.as_dict() == other.joints.as_dict() and (self.tool_speed, self.link_speed) == (
+            other.tool_speed,
+            other.link_speed,
         )
 
 
 @dataclass(frozen=True)
 class GuardedPath:
-    """A curve in cells; in each of them ṡ² and |s̈| are bounded so that the joints keep their limits."""
+    """A curve in cells; in each of them ṡ² and |s̈| are bounded so that the joints keep their limits.
+
+    Where the jerk is limited these are bounds of a plan; see `StopMotion`.
+    """
 
     bodies: RobotBodies  # The robot's
     curve: BlendedCurve  # The path, proven against all that stands still
@@ -210,6 +138,7 @@ class GuardedPath:
     stops: IntArray  # Edges where the robot stops
     slopes: FloatArray  # (N, n), bounds of |q′|
     frames: CellFrames  # Of the joints at the centres of the cells, and how far bodies get from there
+    smooth: SmoothLimits | None = None  # What plans keep to in these cells, where the jerk is limited
 
     @classmethod
     def along(
@@ -228,16 +157,21 @@ class GuardedPath:
             speeds = np.minimum(speeds, cap.speeds)
         travel = np.ascontiguousarray(of_bodies[:, bodies.moving] * cells.sizes[:, None] / 2)
         frames = bodies.frames(curve.at(cells.centres).q, travel)
+        smooth = None
+        if joints.jerk is not None:
+            smooth = SmoothLimits.of(cells, joints, speeds, averaging_window(joints), stops=True, share=BENDS)
+            speeds = smooth.cone(smooth.caps)
         return cls(
             bodies,
             curve,
             limits,
             cells.edges,
             speeds * speeds,
-            braking(cells, joints, speeds),
+            _brakes(cells, joints, speeds, smooth),
             cells.stops,
             cells.slopes,
             frames,
+            smooth,
         )
 
     def __repr__(self) -> str:
@@ -280,15 +214,74 @@ class GuardedPath:
         short = np.diff(self.edges).max() <= STEP * (1 + 1e-9)
         return self if short else GuardedPath.along(self.bodies, self.curve, self.limits)
 
-    def slowed(self, speeds: FloatArray, brakes: FloatArray) -> GuardedPath:
-        """Return the same path with other bounds (N,) of ṡ and |s̈|; what is known of contacts is shared."""
-        path = replace(self, squares=speeds * speeds, brakes=brakes)
+    def slowed(self, speeds: FloatArray, step: float, hardest: float) -> GuardedPath:
+        """Return the same path with lower bounds (N,) of ṡ; what is known of contacts is shared.
+
+        Its cells were made with this step; |s̈| is no more than what joints, and `hardest`, allow at these speeds.
+        """
+        brakes = _brakes(self.curve.cells(step), self.limits.joints, speeds, self.smooth)
+        path = replace(self, squares=speeds * speeds, brakes=np.minimum(brakes, hardest))
         path.__dict__["_contacts"] = self._contacts
         return path
 
-    def motion_from(self, s: float, square: float, push: float, tick: float) -> StopMotion:
-        """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `push`, from −1 to 1, times the `brakes`."""
-        return StopMotion(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
+    def motion_from(
+        self, s: float, square: float, push: float, tick: float, past: StopMotion | None = None
+    ) -> StopMotion:
+        """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `push`, from −1 to 1, times the `brakes`.
+
+        Where the jerk is limited the plan goes on from its `past` along this path, and accelerates less than it brakes.
+        """
+        grid = self.edges, self.squares, self.brakes, self.ceiling
+        if self.limits.joints.jerk is None:
+            return StopMotion(*drive(*grid, s, square, push, tick))
+        past = self.past(s, float(np.sqrt(square))) if past is None else past
+        here, now = float(past.places[-1]), float(past.squares[-1])
+        push = min(push, push * (1 - BRAKING) / BRAKING)
+        cells, places, squares, times = drive(*grid, here, now, push, tick)
+        # In a corner the plan waits until the robot stands, and then for the next tick.
+        corner = np.abs(places[:, None] - self.edges[self.stops]).min(axis=1, initial=np.inf) < _SAME
+        waits = corner & (squares == 0.0)
+        waits[0] &= past.places[0] < here - _SAME
+        end = int(np.flatnonzero(waits)[0]) if waits.any() else len(cells)
+        return StopMotion(
+            np.append(self._cells_at(past.places), cells[:end]),
+            np.append(past.places, places[1 : end + 1]),
+            np.append(past.squares, squares[1 : end + 1]),
+            np.append(past.times, times[1 : end + 1]),
+            past.window,
+        )
+
+    def past(self, s: float, speed: float, push: float = 0.0) -> StopMotion:
+        """Return the plan of constant s̈, `push`, that has the robot at s with ṡ; |s̈| is 2 ṡ/w at most."""
+        window = averaging_window(self.limits.joints)
+        now = max(speed + push * window / 2, 0.0)
+        here = s + speed * window / 2 + push * window * window / 12
+        first = here - window * (now - push * window / 2)
+        inside = self.edges[(first < self.edges) & (self.edges < here)]
+        places = np.concatenate([[first], inside, [here]])
+        squares = np.maximum(now * now + 2 * push * (places - here), 0.0)
+        both = np.sqrt(squares) + now
+        times = np.divide(2 * (places - here), both, out=np.zeros(len(places)), where=both > 0)
+        times[0] = -window
+        return StopMotion(self._cells_at(places), places, squares, times, window)
+
+    def _cells_at(self, places: FloatArray) -> IntArray:
+        """Return the cells (W,) between places (W + 1,)."""
+        middles = (places[1:] + places[:-1]) / 2
+        return np.asarray(np.clip(np.searchsorted(self.edges, middles) - 1, 0, len(self.brakes) - 1))
+
+    def admits(self, speed: float, push: float = 0.0) -> bool:
+        """Return whether the robot may begin with ṡ and s̈; where the jerk is not limited s̈ is not asked."""
+        square, here, cells = speed * speed, 0.0, np.zeros(1, dtype=np.intp)
+        if self.limits.joints.jerk is not None:
+            past = self.past(0.0, speed, push)
+            square, here, cells = float(past.squares.max()), float(past.places[-1]), past.cells
+            low, high = -self.brakes[cells].min(), self.brakes[cells].min() * (1 - BRAKING) / BRAKING
+            if not low * (1 + _NEARLY) <= push <= high * (1 + _NEARLY):
+                return False
+        k = int(cells[-1])
+        most = self.ceiling[k + 1] + 2 * self.brakes[k] * (self.edges[k + 1] - here)
+        return bool(min(self.squares[cells].min(), most) >= square * (1 - _NEARLY))
 
     def margin(
         self, motion: StopMotion, around: Around, *, exact: bool = False, receding: BoolArray | None = None
@@ -304,13 +297,12 @@ class GuardedPath:
             alone = self.margin(motion, around._replace(contact=None), receding=receding)
             if alone.margin >= 0:
                 return alone
-        times = since + motion.times
+        cells, times, fastest = motion.visits()
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
         arrays = self._arrays(sets, clearance, enough, close, not exact)
-        fastest = np.maximum(motion.squares[:-1], motion.squares[1:])
-        most = _NO_CONTACT if contact is None else self._borne(contact, motion.cells)[0]
+        most = _NO_CONTACT if contact is None else self._borne(contact, cells)[0]
         if receding is not None:
-            rows = np.unique(motion.cells)  # the others are not read
+            rows = np.unique(cells)  # the others are not read
             known = most
             most = np.empty((len(self.brakes), *receding.shape))
             most[rows] = np.where(receding, self._slow[rows][:, :, None], -1.0)
@@ -318,13 +310,13 @@ class GuardedPath:
                 bears = known.shape[2]
                 most[rows, :, :bears] = np.maximum(known[rows], most[rows, :, :bears])
         borne = Borne(fastest, most)
-        margin, window, body, who = gaps(motion.cells, times[1:], borne, *arrays)
+        margin, window, body, who = gaps(cells, since + times, borne, *arrays)
         if body < 0:
             return MotionMargin(np.inf)
         rule = SEPARATION
         if contact is not None and who < len(contact.bears) and contact.bears[who] > 0:
-            at = motion.cells[window], body, who
-            most, free = self._borne(contact, motion.cells)
+            at = cells[window], body, who
+            most, free = self._borne(contact, cells)
             rule = CLAMPING if most[at] < free[at] else CONTACT
         return MotionMargin(float(margin), self.bodies.links[body], sets.names[who], rule)
 
@@ -415,6 +407,7 @@ class GuardedPath:
             brakes=self.brakes[a:b],
             stops=self.stops[(self.stops > a) & (self.stops < b)] - a,
             slopes=self.slopes[a:b],
+            smooth=None,
             frames=CellFrames(*(part[a:b] for part in self.frames)),
         )
 
@@ -430,9 +423,17 @@ class GuardedPath:
             brakes=np.concatenate([self.brakes, other.brakes]),
             stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
             slopes=np.concatenate([self.slopes, other.slopes]),
+            smooth=None,
             frames=CellFrames(*map(np.concatenate, zip(self.frames, other.frames, strict=True))),
         )
 
     def _arrays(self, sets: ReachSets, *rest: float) -> Any:
         """Return the frames and hulls of the cells, the sets, and the rest, in the order of `gaps`."""
         return self.frames, self.bodies.arrays, sets.arrays, *rest
+
+
+def _brakes(cells: Cells, joints: RateLimits, speeds: FloatArray, smooth: SmoothLimits | None) -> FloatArray:
+    """Return bounds (N,) of |s̈| in cells, at ṡ of `speeds: (N,)`."""
+    if smooth is None:
+        return braking(cells, joints, speeds)
+    return np.asarray(np.minimum(braking(smooth.cells, joints, speeds), smooth.brakes))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number
 from safe_ompl.motions import Motion
+from safe_ompl.people.replanning.stop_motion import BENDS, averaging_window
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import Cells, Piece, RateLimits, State, bending_cap
+from safe_ompl.trajectories import BRAKING, BlendedCurve, Cells, Piece, RateLimits, State, bending_cap
 
 _SHARE = 0.5  # of the accelerations: what stops at full speed may take at least, and what velocities are approached by
 _JUMP = 2.0  # times the velocity limit: what needs more from one position to the next is a jump
@@ -23,11 +24,25 @@ _SHORTEST = 1e-3  # [s] of a change of velocity
 _DAMPING = 0.05  # [m/rad] of the inverse of the Jacobian
 _LEFT_OUT = (0, 2)  # of the next positions, where the robot cannot go through them in its direction
 _AT_REST = 1e-9  # [rad/s]
+# With a limit of the jerk: what brings a q″ of 1 to 0 within a time of 1, each for a third of that, and leaves no
+# velocity and no way; what share of the jerk that takes; and halves of the times that changes of velocity take [s].
+_BUMP = (-5.5, 3.5, -1.0)
+_BUMP_SHARE = 0.15
+_RAMPS: FloatArray = np.geomspace(_SHORTEST, 10.0, 100)
+_SAME = 1e-9  # [s]
+
+Beginning: TypeAlias = tuple[list[Piece], float, float]  # of a curve, and ṡ and s̈ there
 
 
 def least_brake(limits: RateLimits) -> float:
     """Return the braking along a curve [1/s²] that is kept free at full speed: a share of what stops any joint."""
-    return float(_SHARE * (limits.acceleration / limits.velocity).min())
+    least = float(_SHARE * (limits.acceleration / limits.velocity).min())
+    if limits.jerk is None:
+        return least
+    # Of what plans may brake with (`SmoothLimits`), where joints are as fast as they may be.
+    bends = 3 * BRAKING * limits.acceleration
+    of_plan = BRAKING * (1 - BENDS) * limits.jerk / (limits.velocity / averaging_window(limits) + bends)
+    return min(least, float(of_plan.min()))
 
 
 def proposed_cap(cells: Cells, limits: RateLimits) -> FloatArray:
@@ -75,7 +90,8 @@ class Positions:
             times, positions = at - at[0], given.at(at)
         found = cls(robot, limits, times, positions, start)
         found.check_jumps(robot.difference(positions[:-1], positions[1:]), times, "at {:.3g} s of it")
-        _, firsts = np.unique(np.floor(times / _DENSE + 1e-6), return_index=True)
+        dense = max(_DENSE, averaging_window(limits))
+        _, firsts = np.unique(np.floor(times / dense + 1e-6), return_index=True)
         kept = np.union1d(firsts, len(times) - 1)
         return replace(found, times=times[kept], positions=positions[kept])
 
@@ -91,14 +107,15 @@ class Positions:
         """How long it takes [s]."""
         return float(self.times[-1])
 
-    def curves(self, begin: float, state: State, window: float) -> Iterator[tuple[list[Piece], float]]:
-        """Yield curves from a state at `begin` of it on, and the ṡ with which they begin, the nearest to it first.
+    def curves(self, begin: float, state: State, window: float) -> Iterator[Beginning]:
+        """Yield curves from a state at `begin` of it on, with ṡ and s̈ where they begin, the nearest to it first.
 
         They are right for a window [s] at least. A negative `begin` is before its start.
 
         With ṡ = 1 it is in time, if the accelerations suffice. Otherwise the curve begins as fast as proposed, in the
         direction in which the robot moves, and ṡ is as much less as the robot is slower. Where that bends too much, two
-        positions are left out.
+        positions are left out. With a limit of the jerk the curve begins with the robot's acceleration, too: at first
+        it leaves the spline a little, and where the robot is slower than proposed s̈ has a part in it.
         """
         if self.duration - begin < _OVER:
             raise InputError(f"is too late: it was over {begin - self.duration:.3g} s ago", "proposal")
@@ -119,9 +136,47 @@ class Positions:
                 return
             fast = float(np.linalg.norm(through[0] - state.q) / at[0])
             for pace in dict.fromkeys((1.0, 0.0 if speed < _AT_REST else speed / max(fast, speed))):
-                pieces = _spline(state.q, state.qd / pace if pace else None, at, through)
-                if _can_begin(pieces[0], pace, self.limits):
-                    yield pieces, pace
+                slope = state.qd / pace if pace else None
+                pieces = _spline(state.q, slope, at, through)
+                for push in _pushes(state, pace, self.limits):
+                    if slope is not None and self.limits.jerk is not None:
+                        bend = (state.qdd - push * slope) / (pace * pace)
+                        pieces = _bent(pieces, bend, pace, self.limits.jerk)
+                    if _can_begin(pieces[0], pace, self.limits):
+                        yield pieces, pace, push
+
+
+def _pushes(state: State, pace: float, limits: RateLimits) -> list[float]:
+    """Return the s̈ with which a curve may begin at ṡ = pace: what the robot has in its direction, and 0."""
+    if limits.jerk is None:
+        return [0.0]
+    if pace == 0.0:
+        return [0.0] if np.abs(state.qdd).max() < _AT_REST else []
+    if pace == 1.0:
+        return [0.0]
+    most = 2 * pace / averaging_window(limits)  # that its plan moves forward
+    along = float(state.qdd @ state.qd / (state.qd @ state.qd)) * pace
+    return [float(np.clip(along, -most, most)), 0.0]
+
+
+def _bent(pieces: list[Piece], bend: FloatArray, pace: float, jerk: FloatArray) -> list[Piece]:
+    """Return a spline that begins with another q″, and so is elsewhere for a while, as the jerk (n,) allows.
+
+    The difference has three pieces of constant q‴, at the end of which it, its q′ and its q″ are 0.
+    """
+    spline, still = BlendedCurve(pieces, []), np.zeros_like(bend)
+    change = bend - pieces[0].bend
+    length = pace**3 * max(map(abs, _BUMP)) * float((np.abs(change) / jerk).max()) / _BUMP_SHARE
+    length = float(np.clip(length, _SHORTEST, 0.5 * spline.length))
+    q, slope, rest, bump = still, still, change, list[Piece]()
+    for swing in _BUMP:
+        bump.append(Piece(q, slope, rest, swing / length * change, length / len(_BUMP)))
+        q, slope, rest, _ = (values[0] for values in bump[-1].places(np.array([bump[-1].length])))
+    difference = BlendedCurve([*bump, Piece(still, still, still, still, spline.length - length)], [])
+    at = np.union1d(spline.starts, difference.starts)
+    at = at[np.diff(at, append=spline.length) > _SAME]
+    rows = (one + other for one, other in zip(spline.at(at), difference.at(at), strict=True))
+    return [Piece(*row) for row in zip(*rows, np.diff(at, append=spline.length).tolist(), strict=True)]
 
 
 def _can_begin(piece: Piece, pace: float, limits: RateLimits) -> bool:
@@ -166,20 +221,53 @@ class Velocity:
     start: float | None = None
     duration: float = np.inf
 
-    def curves(self, begin: float, state: State, window: float) -> Iterator[tuple[list[Piece], float]]:
+    def curves(self, begin: float, state: State, window: float) -> Iterator[Beginning]:
         """Yield the curve from a state on; see `Positions.curves`."""
         target = self.target
         if self.of_tip:
             jacobian = self.robot.tip_jacobian(state.q)
             damped = jacobian @ jacobian.T + _DAMPING**2 * np.eye(6)
             target = jacobian.T @ np.linalg.solve(damped, target)
-        pushes = _SHARE * self.limits.acceleration
-        up = float((np.abs(target - state.qd) / pushes).max())
-        down = max(float((np.abs(target) / pushes).max()), _SHORTEST)
-        up = max(up, _SHORTEST) if up > 0 else 0.0
-        still, q, pieces = np.zeros_like(target), state.q, []
-        for slope, last, span in ((state.qd, target, up), (target, target, self.held - up), (target, still, down)):
-            if span > 0:
-                pieces.append(Piece(q, slope, (last - slope) / span, still, span))
-                q = q + span * (slope + last) / 2
-        yield pieces, 1.0
+        limits = self.limits
+        if limits.jerk is None:
+            pushes = _SHARE * limits.acceleration
+            up = float((np.abs(target - state.qd) / pushes).max())
+            down = max(float((np.abs(target) / pushes).max()), _SHORTEST)
+            up = max(up, _SHORTEST) if up > 0 else 0.0
+            still, q, pieces = np.zeros_like(target), state.q, []
+            for slope, last, span in ((state.qd, target, up), (target, target, self.held - up), (target, still, down)):
+                if span > 0:
+                    pieces.append(Piece(q, slope, (last - slope) / span, still, span))
+                    q = q + span * (slope + last) / 2
+        else:
+            still = np.zeros_like(target)
+            pieces = _ramp(state, target, limits)
+            up = sum(piece.length for piece in pieces)
+            if up < self.held:
+                pieces.append(Piece(_end(pieces).q, target, still, still, self.held - up))
+            pieces += _ramp(_end(pieces), still, limits)
+        yield pieces, 1.0, 0.0
+
+
+def _ramp(state: State, target: FloatArray, limits: RateLimits) -> list[Piece]:
+    """Return the shortest change to a velocity (n,), by Δ, within shares of jerk and acceleration.
+
+    In the first half h of its time it has the jerk (Δ − 1.5 h q̈)/h², in the other −q̈/h less that.
+    """
+    assert limits.jerk is not None
+    half = _RAMPS[:, None]
+    change = target - state.qd
+    first = (change - 1.5 * half * state.qdd) / half**2
+    second = -state.qdd / half - first
+    slow = np.maximum(np.abs(first), np.abs(second)) <= _BUMP_SHARE * limits.jerk
+    slow &= np.abs(state.qdd + half * first) <= _SHARE * limits.acceleration
+    k = int(slow.all(axis=1).argmax())
+    one = Piece(state.q, state.qd, state.qdd, first[k], float(_RAMPS[k]))
+    middle = _end([one])
+    return [one, Piece(*middle, second[k], one.length)]
+
+
+def _end(pieces: list[Piece]) -> State:
+    """Return where pieces end: q, q′ and q″."""
+    last = pieces[-1]
+    return State(*(values[0] for values in last.places(np.array([last.length]))[:3]))

@@ -26,9 +26,11 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.people import ReachSets
 from safe_ompl.people.kernels import CellFrames, chords_ahead, separating_axes
+from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.detours import Detours
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, StopMotion, line
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, line
+from safe_ompl.people.replanning.stop_motion import StopMotion
 from safe_ompl.trajectories import SEPARATION, Trajectory
 
 _PUSHES = (1.0, 0.2, 0.0, -1.0)  # accelerations that are tried in retreats, from full acceleration to full braking
@@ -55,7 +57,8 @@ class Replanner(Guard):
     them, but who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because
     it covers all that people may do until the robot stands. It goes on as soon as a motion is proven again.
 
-    Parameters are those of `Guard`. Trajectories and detours keep the limits of the prover.
+    Parameters are those of `Guard`. Trajectories and detours keep the limits of the prover. Where the
+    trajectory's limits have a jerk all that is driven keeps to it, stops and detours, too.
     """
 
     detours: Detours | None = None  # None before the first trajectory, and if they are not searched
@@ -113,8 +116,11 @@ class Replanner(Guard):
         found = None
         if self._detour is not None:
             way, begin = self._detour
+            past = self._past
+            if past is not None:
+                self._past = past._replace(places=past.places - begin)
             found = self._next(way, max(s - begin, 0.0), speed, time)
-            self._detour = None
+            self._detour, self._past = None, past
         if found is None:
             found = self._next(path, s, speed, time)
         if self._retreats is not None:
@@ -172,7 +178,7 @@ class Replanner(Guard):
         around = self._around(time)
         receding = Receding(path, s, around.sets)
         for push in _PUSHES:
-            motion = path.motion_from(s, speed * speed, push, self.tick)
+            motion = path.motion_from(s, speed * speed, push, self.tick, self._past)
             if motion.places[-1] - s < _SAME:
                 continue
             margin = path.margin(motion, around, receding=receding.along(motion))

@@ -34,7 +34,8 @@ from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
 from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
-from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State, braking
+from safe_ompl.people.replanning.stop_motion import averaging_window
+from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State
 
 _log = logging.getLogger(__name__)
 
@@ -80,7 +81,8 @@ class Shield(Guard):
     @cached_property
     def _window(self) -> float:
         """How much of a proposal is proven at a time [s]: a tick and the longest stop."""
-        return self.tick + 0.5 / least_brake(self.limits.joints) + 2 * _CELL
+        joints = self.limits.joints
+        return self.tick + averaging_window(joints) + 0.5 / least_brake(joints) + 2 * _CELL
 
     # ----------------------------------------------------------------------------------------------- what is called
 
@@ -179,9 +181,8 @@ class Shield(Guard):
         found = self._next(path, s, speed, time)
         if found is not None and found.doing in (Doing.MOVING, Doing.DONE):
             return found
-        speeds = np.minimum(np.sqrt(path.squares), speed + _FASTER)
-        brakes = braking(path.curve.cells(_CELL), self.limits.joints, speeds)
-        slow = path.slowed(speeds, np.minimum(brakes, _HARDEST))
+        fast = speed if self._past is None else max(speed, float(np.sqrt(self._past.squares.max())))
+        slow = path.slowed(np.minimum(np.sqrt(path.squares), fast + _FASTER), _CELL, _HARDEST)
         other = self._next(slow, s, speed, time)
         commands = [command for command in (found, other) if command is not None]
         return max(commands, key=lambda command: command.motion.at(self.tick)[0], default=None)
@@ -222,9 +223,10 @@ class Shield(Guard):
         state = State(q, np.zeros_like(q), np.zeros_like(q)) if last is None else last.at(time)
         why = "its joints would have to accelerate too much to join it"
         try:
-            for pieces, pace in proposal.curves(begin, state, self._window):
-                joined, blocked = self._joined(proposal, pieces, begin, pace)
+            for pieces, pace, push in proposal.curves(begin, state, self._window):
+                joined, blocked = self._joined(proposal, pieces, begin, pace, push)
                 if joined is not None:
+                    self._past = joined.path.past(0.0, pace, push) if self.limits.joints.jerk is not None else None
                     return joined, 0.0, pace, ""
                 why = blocked or why
         except InputError as error:
@@ -232,7 +234,7 @@ class Shield(Guard):
         return way, s, speed, why
 
     def _joined(
-        self, proposal: Positions | Velocity, pieces: list[Piece], begin: float, pace: float
+        self, proposal: Positions | Velocity, pieces: list[Piece], begin: float, pace: float, push: float
     ) -> tuple[_Way | None, str]:
         """Return the way along pieces as far as they are proven; none if the robot cannot join it, and perhaps why."""
         ends = np.cumsum([piece.length for piece in pieces])
@@ -256,7 +258,7 @@ class Shield(Guard):
         if not proven:
             return None, blocked
         path = self._path(proven)
-        if path.ceiling[0] < pace * pace * (1 - 1e-9):
+        if not path.admits(pace, push):
             return None, ""
         return _Way(proposal, path, begin, whole and not blocked, blocked), ""
 

@@ -9,8 +9,9 @@ from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Re
 from safe_ompl.collision import Separation
 from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.people.replanning import Doing, PathLimits
+from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.detours import Detours
-from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, RobotBodies, line
+from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, line
 
 BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}
 

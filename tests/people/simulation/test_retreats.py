@@ -7,7 +7,8 @@ from scipy.optimize import nnls
 from safe_ompl import Pose
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Doing, PathLimits
-from safe_ompl.people.replanning.guarded_path import RETREAT_SPEED, GuardedPath, RobotBodies, line
+from safe_ompl.people.replanning.bodies import RobotBodies
+from safe_ompl.people.replanning.guarded_path import RETREAT_SPEED, GuardedPath, line
 from safe_ompl.people.replanning.replanner import Receding, Retreats
 from safe_ompl.trajectories import RateLimits
 
