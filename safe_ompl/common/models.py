@@ -77,16 +77,8 @@ class Counts:
             setattr(self, field.name, 0)
 
     def __sub__(self, earlier: Counts) -> Counts:
-        """Work done since `earlier` was copied."""
+        """Work done since `earlier`, a copy."""
         return Counts(**{key: value - getattr(earlier, key) for key, value in asdict(self).items()})
-
-    def copy(self) -> Counts:
-        """Return a snapshot."""
-        return Counts(**asdict(self))
-
-    def as_dict(self) -> dict[str, int]:
-        """Return the counters by name."""
-        return asdict(self)
 
 
 def notebook_html(shown: object) -> str:

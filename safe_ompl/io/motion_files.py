@@ -25,7 +25,6 @@ _COLUMN = re.compile(r"(.+)_(position|velocity|acceleration)")
 _LOGGED = re.compile(r"(.+)_(commanded|measured)")
 _SAME = 1e-6  # [rad or m] by which what is read from a file may differ from what was written
 _POINTS = ("joint_names", "times", "positions", *_RATES)
-_MOTION = ("joint_names", "times", "coefficients", "slack", "rounding", "timed", "short_way")
 _EXPECTED = (
     "must hold joint_names and points (trajectory_msgs/JointTrajectory), a joint_trajectory with them "
     "(moveit_msgs/RobotTrajectory), or what safe_ompl.save writes"
@@ -61,8 +60,7 @@ def read_motion(
             with names of columns, or none, then numbers: `time` [s] or none; and a column for each joint, or columns
             `<joint>_position`, `_velocity` and `_acceleration`.
         .npz
-            Arrays `positions` (N, n), and `times`, `velocities`, `accelerations`, `joint_names` as far as known; or
-            what `Motion.to_mapping` returns.
+            Arrays `positions` (N, n), and `times`, `velocities`, `accelerations`, `joint_names` as far as known.
         .npy
             One array: the numbers of a table.
         .json, .yaml, .yml
@@ -122,8 +120,8 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
     """Return what a file is to hold for a motion, and the motion that is read from it, which proofs should be about.
 
     Tables, messages (JSON is one with `message`) and arrays hold way points, with velocities from degree 2 on, and
-    accelerations from degree 4 on; arrays hold our own form where points cannot hold the motion. An InputError if the
-    ending is another one, points cannot hold the motion, or its joints have no names.
+    accelerations from degree 4 on. An InputError if the ending is another one, points cannot hold the motion, or its
+    joints have no names, which arrays do without.
     """
     ending = Path(file).suffix.lower()
     if ending not in WRITABLE:
@@ -141,16 +139,13 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
     held[:, : motion.degree + 1] = motion.coefficients
     held[:, : back.degree + 1] -= back.coefficients
     fits = motion.degree <= 5 and np.abs(held).max() <= _SAME
-    if ending == ".npz":
-        given = {key: value for key, value in motion.to_mapping().items() if value is not None}
-        return _as_arrays(points if fits else given), back if fits else motion
     if not fits:
         raise InputError(
             "holds way points, and these cannot hold this motion: its degree is above 5, or its velocities or "
             "accelerations jump; give a file of ours (.json)",
             str(file),
         )
-    if motion.joint_names is None:
+    if motion.joint_names is None and ending != ".npz":
         raise InputError("needs the names of the joints, which the motion lacks", str(file))
     write = FORMS[ending].write
     assert write is not None
@@ -245,7 +240,7 @@ def _of_columns(header: Sequence[str], values: FloatArray) -> Motion:
 def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
     held: dict[str, Any] = files.read_arrays(path)
     with document.within(str(path), ": "):
-        document.check_keys(held, dict.fromkeys((*_POINTS, *_MOTION)))
+        document.check_keys(held, _POINTS)
         own = held.get("joint_names")
         if own is not None:
             if own.dtype.kind != "U" or own.ndim != 1:
@@ -253,12 +248,7 @@ def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]
             _refuse_names(names)
             names = own.tolist()
         held["joint_names"] = None if names is None else tuple(names)
-        if "coefficients" not in held:
-            return _without(_from_points(held), ignored)
-        for key in ("timed", "short_way"):
-            if key in held and held[key].shape == ():
-                held[key] = held[key].item()
-        return _without(Motion.from_mapping(held), ignored)
+        return _without(_from_points(held), ignored)
 
 
 def _from_array(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:

@@ -55,14 +55,6 @@ class JointPath:
         object.__setattr__(self, "joint_names", names)
         object.__setattr__(self, "points", points)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, JointPath):
-            return NotImplemented
-        return self.joint_names == other.joint_names and np.array_equal(self.points, other.points)
-
-    def __hash__(self) -> int:
-        return hash((self.joint_names, self.points.tobytes()))
-
     @classmethod
     def of(cls, result: PlanResult) -> JointPath:
         """Return the path of a result.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import safe_ompl.trajectories as trajectories
@@ -153,7 +153,7 @@ class PlanResult:
             "joint_names": list(self.joint_names),
             "path": None if self.path is None else self.path.tolist(),
             **report,
-            "counts": self.counts.as_dict(),
+            "counts": asdict(self.counts),
         }
         if self.moving_obstacles is not None:
             told["moving_obstacles"] = dict(self.moving_obstacles)

@@ -146,7 +146,7 @@ class PlanningRun:
     def planned(self, time: float, simplification: float | None = None) -> PlanResult:
         """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""
         setup, begin = self._setup, clock()
-        before = setup.counts.copy()
+        before = replace(setup.counts)
         status = setup.solve(time)
         path = setup.solution() if setup.haveExactSolutionPath() else None
         planned, raw = clock(), None
@@ -164,7 +164,7 @@ class PlanningRun:
     def optimised(self, time: float, stop: Stop) -> PlanResult:
         """Plan again and again until the time is up, and keep the best path; see `optimise`."""
         setup, begin = self._setup, clock()
-        before, simplifier = setup.counts.copy(), setup.simplifier
+        before, simplifier = replace(setup.counts), setup.simplifier
         nodes, status = 0, "Timeout"
 
         def search(start: int, left: float) -> FloatArray | None:

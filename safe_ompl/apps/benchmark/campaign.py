@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -88,7 +88,7 @@ def run_measures(result: PlanResult) -> dict[str, Value]:
         "seed": result.seed,
         "graph states": result.counts.nodes,
     }
-    found |= {key.replace("_", " "): value for key, value in result.counts.as_dict().items() if key != "nodes"}
+    found |= {key.replace("_", " "): value for key, value in asdict(result.counts).items() if key != "nodes"}
     if path is None or report is None:
         return found
     found |= {

@@ -264,19 +264,17 @@ def parameter(text: str) -> tuple[str, Any]:
     return name, _BOOLEANS.get(value.lower(), value)
 
 
-def _by_name(text: str, form: str, what: str) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for part in text.split(","):
-        name, value = _assignment(part, f"{form}[,{form}…]")
-        if name in found:
-            raise argparse.ArgumentTypeError(f"{name!r} is given twice")
-        found[name] = _reader(float, lambda number: 0 <= number < math.inf, f"{what} for {name!r}")(value)
-    return found
-
-
 def by_joint(text: str) -> float | dict[str, float]:
     """Read one number > 0 for all joints, or ``joint=number`` for each, with commas between them."""
-    return limit(text) if "=" not in text else _by_name(text, "JOINT=NUMBER", "a number >= 0")
+    if "=" not in text:
+        return limit(text)
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, value = _assignment(part, "JOINT=NUMBER[,JOINT=NUMBER…]")
+        if name in found:
+            raise argparse.ArgumentTypeError(f"{name!r} is given twice")
+        found[name] = noise(value)
+    return found
 
 
 def _assignment(text: str, form: str) -> tuple[str, str]:

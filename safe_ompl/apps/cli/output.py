@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from errno import EISDIR
 from importlib.util import find_spec
+from logging.handlers import MemoryHandler
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Any, TypeVar
@@ -41,6 +42,7 @@ EXTRAS = {
     "xacro": ("xacro", "robots in .xacro files"),
 }
 _WIDTH = 160  # of tables that go to a file or pipe
+_HELD, _NEVER = 10_000, logging.CRITICAL + 1  # records of the log that are held back; no level lets them out
 
 
 def console() -> Console:
@@ -81,44 +83,38 @@ def progress_bar(console: Console, *, hidden: bool = False) -> Progress:
 # ---------------------------------------------------------------------------------------------------- logs
 
 
-class LogLines(logging.Handler):
-    """A log handler that shows one line for each record, above a progress bar if there is one.
+class _LogLines(logging.Handler):
+    """A log handler that shows one line for each record, above a progress bar if there is one."""
 
-    If it is to `hold` records back at first, `show` ends that: to bad input the answer is one line, not a list of
-    warnings.
-    """
-
-    def __init__(self, console: Console, hold: bool) -> None:
+    def __init__(self, console: Console) -> None:
         super().__init__()
         self._console = console
-        self._held: list[str] | None = [] if hold else None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Show or hold a record."""
-        line = f"safe-ompl: {record.levelname.lower()}: {' '.join(record.getMessage().split())}"
-        if self._held is None:
-            self._console.print(line)
-        else:
-            self._held.append(line)
-
-    def show(self) -> None:
-        """Show what was held back, and from now on everything at once."""
-        held, self._held = self._held, None
-        for line in held or ():
-            self._console.print(line)
+        """Show a record."""
+        self._console.print(f"safe-ompl: {record.levelname.lower()}: {' '.join(record.getMessage().split())}")
 
 
 @contextmanager
-def shown_log(console: Console, verbose: bool) -> Iterator[LogLines]:
-    """Show the package's warnings, and what it is doing if `verbose`, while the block runs."""
+def shown_log(console: Console, verbose: bool) -> Iterator[Callable[[], None]]:
+    """Show the package's warnings, and what it is doing if `verbose`, while the block runs.
+
+    Unless `verbose` they are held back until the function that is yielded is called: to bad input the answer is one
+    line, not a list of warnings.
+    """
+
+    def show() -> None:
+        handler.capacity = 0
+        handler.flush()
+
     logger = logging.getLogger("safe_ompl")
     before, propagates = logger.level, logger.propagate
-    handler = LogLines(console, hold=not verbose)
+    handler = MemoryHandler(0 if verbose else _HELD, _NEVER, _LogLines(console), flushOnClose=False)
     logger.addHandler(handler)
     logger.setLevel(logging.INFO if verbose else logging.WARNING)
     logger.propagate = False
     try:
-        yield handler
+        yield show
     finally:
         logger.removeHandler(handler)
         logger.setLevel(before)

@@ -42,9 +42,13 @@ def main(words: Sequence[str] | None = None) -> int:
         parser = command_line()
         options = parser.parse_args((sys.argv[1:] if words is None else words) or ["--help"])
         output.check_outputs(options)
-        with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as log, ctrl_c_as_such():
+        with (
+            output.ompl_messages(options.verbose),
+            output.shown_log(console, options.verbose) as show,
+            ctrl_c_as_such(),
+        ):
             job = options.prepare(options)
-            log.show()
+            show()
             return int(job())
     except (SafeOmplError, OSError) as error:
         if isinstance(error, BrokenPipeError):

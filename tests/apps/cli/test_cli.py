@@ -405,9 +405,9 @@ def test_messages_of_ompl_come_with_verbose(run, options, shown):
 
 def test_threads_may_log_after_each_other(capsys):
     log = logging.getLogger("safe_ompl.test")
-    with output.shown_log(output.error_console(), verbose=False) as shown:
+    with output.shown_log(output.error_console(), verbose=False) as show:
         log.warning("held back")
-        shown.show()
+        show()
         thread = threading.Thread(target=log.warning, args=("of a thread",), daemon=True)
         thread.start()
         thread.join(10.0)

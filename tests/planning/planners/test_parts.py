@@ -34,7 +34,7 @@ def planned(setup, planner, seed):
     setup.prepare(planner, seed)
     if planner == "SafeRRTConnect":
         setup.getPlanner().setClearance(0.0)
-    before = setup.counts.copy()
+    before = replace(setup.counts)
     assert setup.solve(30.0)
     return setup.solution(), (setup.counts - before).nodes
 
