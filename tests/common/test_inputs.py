@@ -21,7 +21,6 @@ def test_numbers_of_all_kinds_are_floats(value):
     [
         ("3", {}, "x: must be a finite number, got '3'"),
         (True, {}, "x: must be a finite number, got True"),
-        (np.bool_(True), {}, "x: must be a finite number, got np.True_"),
         (None, {}, "x: must be a finite number, got None"),
         (float("nan"), {"at_least": 0}, "x: must be a finite number >= 0, got nan"),
         (float("inf"), {"above": 0}, "x: must be a positive number, got inf"),
@@ -31,7 +30,6 @@ def test_numbers_of_all_kinds_are_floats(value):
         (5, {"above": 0, "at_most": 4}, "x: must be a finite number in (0, 4], got 5"),
         (-1, {"at_least": 0, "at_most": 4}, "x: must be a finite number in [0, 4], got -1"),
         (np.array([1.0]), {}, "x: must be a finite number, got array([1.])"),
-        ([], {}, "x: must be a finite number, got []"),
     ],
 )
 def test_what_is_no_such_number_is_refused(value, bounds, message):
@@ -53,14 +51,11 @@ def test_bounds_that_are_met_exactly():
     [
         (lambda: inputs.fraction("x", 1.1), "x: must be a finite number in [0, 1], got 1.1"),
         (lambda: inputs.whole_number("n", 3.0), "n: must be a whole number, got 3.0"),
-        (lambda: inputs.whole_number("n", 0, at_least=1), "n: must be a whole number >= 1, got 0"),
         (lambda: inputs.whole_number("n", True), "n: must be a whole number, got True"),
         (lambda: inputs.seed(-1), "seed: must be a whole number in [0, 4294967295], got -1"),
         (lambda: inputs.flag("f", 1), "f: must be true or false, got 1"),
         (lambda: inputs.text("t", "  "), "t: must be text that is not empty, got '  '"),
-        (lambda: inputs.text("t", 7), "t: must be text that is not empty, got 7"),
         (lambda: inputs.finite_array([[1, 2], [3]], (None,), "q"), "q: must be numbers, got [[1, 2], [3]]"),
-        (lambda: inputs.finite_array(["1", "2"], (2,), "q"), "q: must be numbers, got ['1', '2']"),
         (lambda: inputs.finite_array([True, False], (2,), "q"), "q: must be numbers, got [True, False]"),
         (lambda: inputs.finite_array(None, (2,), "q"), "q: must be numbers, got None"),
         (lambda: inputs.finite_array([1, 2, 3], (None, 3), "p"), "p: must have shape (any, 3), got (3,)"),
@@ -89,10 +84,6 @@ def test_names_that_are_nearly_right(name, known, meant):
     assert str(UnknownNameError("x", name, known)).startswith(f"unknown x {name!r}; {hint}known: {known[0]}")
     with pytest.raises(InputError, match=re.escape(f"unknown key; {hint}valid keys")):
         documents.check_keys({name: 1}, known)
-
-
-def test_flags_may_be_numpy_s():
-    assert inputs.flag("f", np.bool_(False)) is False
 
 
 def test_a_message_is_short_whatever_is_given():

@@ -261,19 +261,13 @@ def test_a_reach_comes_back_from_its_file(tmp_path):
     ("old", "new", "message"),
     [
         ("gate: 3.0", "gate: 0", r"reach.yaml:2: gate: must be a positive number"),
-        ("gate: 3.0\n", "", r"reach.yaml: gate: missing"),
         ("level: 0.9", "level: 1", r"reach.yaml:3: level: must be between 0 and 1, got 1"),
-        ("units: 20", "units: 2.5", r"reach.yaml:4: units"),
         ("units: 20", "unit: 20", r"reach.yaml:4: unit: unknown key; did you mean 'units'"),
         ("[0.1, 0.2, 0.5]", "[0.1, 0.5, 0.5]", r"reach.yaml:5: horizons: must not fall or stay, got 0.5 after 0.5"),
         ("[0.1, 0.12, 0.5]", "[0.1, 0.09, 0.5]", r"growth.torso\[1\]: must not fall, got 0.09 after 0.1"),
         ("[0.1, 0.12, 0.5]", "[0.1, 0.12]", r"reach.yaml:10: growth.torso\[1\]: must be 3 numbers, got 2"),
-        ("[0.1, 0.12, 0.5]", "[.nan, 0.12, 0.5]", r"reach.yaml:10: growth.torso\[1\]"),
         ("torso:", "tail:", r"reach.yaml:8: growth.tail: unknown key"),
         ("recording12", "recording13", r"reach.yaml:1: skeleton: unknown skeleton 'recording13'"),
-        ("block: 5.0", "block: -1", r"reach.yaml:\d+: block: must be a positive number"),
-        ("refused: 0.01", "refused: 2", r"reach.yaml:\d+: refused"),
-        ("shaped_with: [a]", "shaped_with: [3]", r"reach.yaml:\d+: shaped_with"),
     ],
 )
 def test_files_that_are_none_are_refused_by_file_key_and_value(tmp_path, old, new, message):

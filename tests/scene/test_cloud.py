@@ -10,11 +10,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, strategies as st
 
 from safe_ompl import Box, CollisionChecker, InputError, Obstacle, PointCloud, Scene
 from safe_ompl.common import warn_once
-from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.cloud import cell_tree, touched_cells
 from safe_ompl.geometry.hulls import triangle_tree
 
@@ -309,16 +307,6 @@ def test_clouds_of_arrays_compare_hash_and_read_back():
     assert repr(cloud) == "PointCloud(radius=0.01, points=<60 points>)"
     with pytest.raises(ValueError, match="read-only"):
         cloud.centres[0] = 0
-
-
-@given(st.integers(0, 1000), st.floats(0.01, 0.5), st.booleans())
-def test_thinning_keeps_the_points_that_a_plain_walk_keeps(seed, distance, flat):
-    points = np.random.default_rng(seed).uniform(0, 1, (120, 3)).round(2) * [0 if flat else 1, 1, 1]
-    left, kept = np.unique(points, axis=0), []
-    while len(left):
-        kept.append(left[0])
-        left = left[np.sum((left - left[0]) ** 2, axis=1) > distance**2]
-    assert (surfaces.thinned(points, distance) == kept).all()
 
 
 def test_danger_points_are_points_of_the_cloud():

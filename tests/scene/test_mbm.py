@@ -81,11 +81,8 @@ def test_unknown_families_are_refused(tmp_path):
     ("data", "message"),
     [
         ("{", "line 1: malformed JSON"),
-        ("[1]", "must be a mapping"),
         ("{}", "problems: missing, but needed"),
-        ({"problems": [1]}, "problems: must be a mapping"),
         ({"problems": {"a": 1}}, "problems.a: must be a list"),
-        ({"problems": {}, "joints": [1]}, "joints: must be text"),
     ],
 )
 def test_malformed_files_are_refused(tmp_path, data, message):
@@ -104,9 +101,7 @@ def test_a_missing_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"start": None}, "start: must be a list, got nothing"),
         ({"start": [0]}, "start: must be 2 numbers, got 1"),
-        ({"start": [0, "x"]}, "start: must be a finite number, got 'x'"),
         ({"goals": []}, "goals: must hold at least one goal"),
         ({"goals": [[0, float("nan")]]}, "goals[0]: must be a finite number"),
         ({"index": "one"}, "index: must be a whole number"),
@@ -115,7 +110,6 @@ def test_a_missing_file_is_refused(tmp_path):
             "box[0].half_extents: must be a positive number, got 0",
         ),
         ({"box": [{"name": "a"}]}, "box[0].position: missing"),
-        ({"sphere": 3}, "sphere: must be a list"),
         ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not read; known: box, cylinder, sphere"),
     ],
 )

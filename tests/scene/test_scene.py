@@ -134,11 +134,9 @@ def test_world_keypoints_are_in_the_world():
         ),
         ("obstacles: [{name: a, sphere: {raduis: 1}}]", "sphere.raduis: unknown key; did you mean 'radius'?"),
         ("obstacles: [{name: a, sphere: {}}]", "'a'.sphere.radius: missing, but needed"),
-        ("obstacles: [{name: a, sphere: 3}]", "'a'.sphere: must be a mapping of keys to values, got int 3"),
         ("obstacles: [{name: a, shpere: {radius: 1}}]", "'a'.shpere: unknown key; did you mean 'sphere'?"),
         ("obstacles: [{name: a}]", "'a'.shape: give exactly one of box, sphere"),
         ("obstacles: [{name: a, sphere: {radius: 1}, box: {size: [1, 1, 1]}}]", "found box and sphere"),
-        ("obstacles: [{sphere: {radius: 1}}]", "obstacles[0].name: missing, but needed"),
         ("obstacles: [{name: 7, sphere: {radius: 1}}]", "obstacles[0] 7.name: must be text"),
         ("obstacles: [{name: a, sphere: {radius: 1}, position: [.nan, 0, 0]}]", "'a'.position: must be a finite"),
         (
@@ -151,16 +149,11 @@ def test_world_keypoints_are_in_the_world():
             "'a'.weight: must be a finite number >= 0, got 'heavy'",
         ),
         ("obstacles: [{name: a, sphere: {radius: 1}, color: red}]", "'a'.color: must be '#rrggbb'"),
-        ("obstacles: [{name: a, mesh: {file: no.stl}}]", "'a'.mesh.file: "),
         (
             "obstacles: [{name: a, person: {world_keypoints: {hat: [0, 0, 0]}}}]",
             "'a'.person.world_keypoints.hat: unknown key",
         ),
-        ("obstacles: {a: 1}", "obstacles: must be a list of Obstacle, got {"),
-        ("obstacles: [7]", "obstacles[0]: must be an Obstacle, or a mapping that describes one, got 7"),
         ("obstacle: []", "obstacle: unknown key; did you mean 'obstacles'? valid keys: obstacles, spacing"),
-        ("spacing: 0", "spacing: must be a positive number, got 0"),
-        ("[1, 2]", "must be a mapping of keys to values, got list [1, 2]"),
         ("spacing: 1\nobstacles: [}", "scene.yaml:2: malformed YAML"),
         ("spacing: 1\nspacing: 2", "scene.yaml:2: malformed YAML: the key 'spacing' is given twice"),
         ("spacing: !!python/object:os.system 1", "malformed YAML: could not determine a constructor"),
@@ -179,12 +172,9 @@ def test_errors_name_file_key_and_value(tmp_path, text, message):
     ("old", "new", "place"),
     [
         ("spacing: 0.2", "spacing: -1", "2: spacing: "),
-        ("obstacles:", "obstacle:", "3: obstacle: unknown key"),
         ("0.05]", "0]", "5: obstacles[0] 'table'.box.size: "),
         ("weight: 0.25", "wieght: 0.25", "7: obstacles[0] 'table'.wieght: "),
         ("1.7}", "170}", "9: obstacles[1] 'cook'.person.height: "),
-        ("name: cook", "nam: cook", "8: obstacles[1].nam: unknown key"),
-        ("radius: 1e-1", "radius: wide", "12: obstacles[2] 'pot'.cylinder.radius: "),
         ("name: pot", "name: table", "12: obstacles[2].name: 'table' is already"),
         ("yaw: 3.14", "yaw: 3.14\n    yaw: 1", "12: malformed YAML: the key 'yaw' is given twice"),
     ],
@@ -260,12 +250,6 @@ def test_parts_have_names_and_places(kitchen):
     assert len(set(names)) == len(names) > 10
 
 
-def test_triangles_are_in_the_world(kitchen):
-    vertices, faces = kitchen["table"].triangles()
-    assert vertices.min(axis=0) == pytest.approx([0, -0.3, 0.375])
-    assert faces.max() == len(vertices) - 1
-
-
 # --------------------------------------------------------------------------------- inputs as people have them
 
 
@@ -279,21 +263,16 @@ def test_triangles_are_in_the_world(kitchen):
         ),
         (lambda: Scene(Obstacle("a", Sphere(1))), "obstacles: must be a list of Obstacle, got Obstacle('a',"),
         (lambda: Scene([Obstacle("a", Sphere(1))] * 2), "obstacles[1].name: 'a' is already obstacles[0], the same"),
-        (lambda: Scene(spacing="wide"), "spacing: must be a positive number, got 'wide'"),
         (lambda: Obstacle("a", {}), "shape: must be a shape (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud"),
-        (lambda: Obstacle("a", Sphere), "shape: must be a shape"),
         (lambda: Obstacle("a", Sphere(1), [1, 2]), "pose.position: must be 3 numbers, got 2"),
         (lambda: Obstacle("a", Sphere(1), 7), "pose: must be a Pose, a pin.SE3 or a 4×4 matrix, got 7"),
         (lambda: Obstacle("a", Sphere(1), 2 * np.eye(4)), "pose: must be a rigid transform, got [[2.0"),
         (lambda: Obstacle("a", Sphere(1), np.diag([1, 1, -1, 1])), "pose: must be a rigid transform"),
         (lambda: Box((1e12, 1, 1)), "size: must be a finite number in (0, 10000], got 1000000000000.0"),
-        (lambda: Box((1, -0.2, 1)), "size: must be a finite number in (0, 10000], got -0.2"),
         (lambda: Box((1, 1)), "size: must be 3 numbers, got 2"),
         (lambda: Box("big"), "size: must be a list, got str 'big'"),
-        (lambda: Sphere(0), "radius: must be a finite number in (0, 10000], got 0"),
         (lambda: Sphere(True), "radius: must be a finite number in (0, 10000], got True"),
         (lambda: Cylinder(0.1, float("inf")), "length: must be a finite number in (0, 10000], got inf"),
-        (lambda: Capsule("0.1 m", 1), "radius: must be a finite number in (0, 10000], got '0.1 m'"),
         (lambda: Person(180), "height: must be a finite number in [0.3, 2.8], got 180"),
         (lambda: Person(keypoints={"left_wrst": (0, 0, 1)}), "keypoints.left_wrst: unknown key; did you mean"),
         (lambda: Person(keypoints={"head": (0, 0)}), "keypoints.head: must be 3 numbers"),

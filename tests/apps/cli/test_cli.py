@@ -326,14 +326,6 @@ def test_help_leads_with_what_a_beginner_needs(capsys):
     assert "First steps: safe-ompl view panda_shelf" in " ".join(out.split())
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["plan", "--help"]])
-def test_help_and_version(arguments, capsys):
-    with pytest.raises(SystemExit) as exit_info:
-        main(arguments)
-    assert exit_info.value.code == 0
-    assert "safe-ompl" in capsys.readouterr().out
-
-
 # ------------------------------------------------------------------------------------------------- bad input
 
 
@@ -355,37 +347,25 @@ BAD_OPTIONS = [
     ("plan test.yaml --planner Fly", "'Fly'", *planner_names()),
     ("plan test.yaml --param alfa=1", "SafeRRTConnect", "'alfa'"),
     ("plan test.yaml --param alpha=-1", "alpha", "-1"),
-    ("plan test.yaml --param alpha=nan", "alpha", "nan"),
-    ("plan test.yaml --planner RRTConnect --param range=far", "'range'", "RRTConnect", "'far'"),
     ("plan test.yaml --param alpha", "--param", "'alpha'"),
     ("plan test.yaml --param alpha=1 --param alpha=2", "'alpha'"),
     *((f"plan test.yaml --time {time}", "--time", f"'{time}'") for time in ("0", "-1", "nan", "inf")),
     *((f"plan test.yaml --seed {seed}", "--seed", f"'{seed}'") for seed in ("-3", "1.5")),
     ("plan panda_shelf --package-dir .", "--package-dir: is for robots from a URDF; 'panda' brings its own"),
-    ("verify arm.urdf", "arm.urdf: line 1: malformed JSON"),
     ("verify problems.json", "problems.json: format: must be 'safe-ompl certificate'"),
     ("compare test.yaml --runs 0", "--runs", "'0'"),
-    ("compare test.yaml --planners RRT,", "--planners", "'RRT,'"),
-    ("compare test.yaml --planners RRT,Fly", "'Fly'"),
     ("compare test.yaml --planners RRT,RRT", "'RRT'", "twice"),
     ("compare test.yaml --out arm.urdf", "--out", "'arm.urdf'"),
-    ("plan test.yaml --package-dir no", "no'"),
     ("plan test.yaml --json no/x.json", "--json", "'no/x.json'"),
-    ("plan test.yaml --json .", "--json", "'.'"),
-    ("plan test.yaml --plot no/x.png", "--plot", "'no/x.png'"),
     ("plan test.yaml --plot x.doc", "--plot", "'x.doc'", ".png"),
     ("plan test.yaml --rate 100", "--rate", "--trajectory"),
     ("plan test.yaml --timed --rate 0", "--rate", "a positive number, not '0'"),
-    ("plan test.yaml --timed-plot x.txt", "--timed-plot", "'x.txt'", ".png"),
-    ("mbm no.json", "no.json"),
     ("mbm arm.urdf", "arm.urdf", "JSON"),
     ("mbm problems.json", "problems.json: robot", "'arm'", "--robot"),
     ("mbm problems.json --robot r2d2", "'r2d2'"),
     ("mbm problems.json --robot ur5", "joints", "joint2", "elbow"),
     ("mbm empty.json", "empty.json: holds no problem"),
-    ("mbm problems.json --robot test.yaml --json no/x", "--json", "'no/x'"),
     ("live test.yaml --out drive --place 1,2,nan,0", "--place", "finite", "'1,2,nan,0'"),
-    ("live test.yaml --out drive --late nan", "--late", "[0, 1]", "'nan'"),
     ("live test.yaml --out drive --faster -1", "--faster", "a positive number, not '-1'"),
 ]
 
@@ -427,21 +407,13 @@ def test_where_nothing_is_dangerous_danger_is_zero(run, folder, monkeypatch, com
 
 MOVING = "limits: {moving: {speeds: {%s}, time: %s}}"
 BAD_SCENARIOS = [
-    ("start:", "start: [", "malformed YAML", ".yaml:"),
     ("time: 2.0", "tine: 2.0", "tine", "did you mean 'time'"),
-    ("arm.urdf", "leg.urdf", "robot.urdf", "leg.urdf"),
     ("joint1: 1.2", "joint1: 7", "start", "'joint1'", "7", "[-2.9, 2.9]"),
     ("1.2, joint2: 0.2", "0, joint2: 0", "start", "collision", "'link2'", "'person'"),
     ("-1.2, joint2: -0.2", "0, joint2: 0", "goal", "collision", "'link2'", "'person'"),
-    ("joint1: 1.2", "knee: 1.2", "start", "'knee'", "joint1"),
-    ("radius: 0.1", "radius: -0.1", "obstacles[0]", "'person'", "radius", "-0.1"),
     ("time: 2.0", "danger: {aggregate: sum}", "aggregate", "'sum'", "max"),
     ("time: 2.0", "planners: {Fly: {}}", "planners", "'Fly'"),
     ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", "'alfa'"),
-    ("box: {size: [0.1, 0.1, 0.3]}", "mesh: {file: no.stl}", "obstacles[1]", "'post'", "no.stl"),
-    ("time: 2.0", MOVING % ("", 1), "speeds: must name"),
-    ("time: 2.0", MOVING % ("person: -1", 1), "speeds.person: must be"),
-    ("time: 2.0", MOVING % ("person: 1", 0), "time: must be"),
     ("time: 2.0", MOVING % ("persn: 1", 1), "'persn'", "did you mean 'person'"),
     ("time: 2.0", MOVING % ("person: 9", 9), "'person' may move 81000 mm, and come to"),
 ]
@@ -479,14 +451,9 @@ def test_checking_an_output_file_leaves_it_alone(run, folder):
 
 OUTPUTS = [
     ("plan test.yaml --json old.json", "--json: 'old.json' is there already"),
-    ("plan test.yaml --plot old.svg", "--plot: 'old.svg' is there already"),
-    ("plan test.yaml --trajectory old.json", "--trajectory: 'old.json' is there"),
     ("check old.json --scenario test.yaml --repair old.csv", "--repair: 'old.csv' is there"),
-    ("mbm problems.json --robot test.yaml --json old.json", "--json: 'old.json' is there already"),
     ("new arm.urdf -o old.yaml", "--output: 'old.yaml' is there already"),
     ("srdf arm.urdf -o arm.srdf", "--output: 'arm.srdf' is there already"),
-    ("view test.yaml --html old.html", "--html: 'old.html' is there already"),
-    ("people calibrate a.npz --level 0.9 -o old.yaml", "'old.yaml' is there"),
     ("compare test.yaml --out old", "--out: the folder 'old' holds report.json already"),
     ("live test.yaml --movers 1 --out old", "'old' holds ticks.jsonl already"),
 ]
