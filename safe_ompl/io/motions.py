@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, listed, shown
+from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, float_array, listed, shown
 from safe_ompl.io.problems import Problem
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
@@ -173,28 +173,17 @@ class TimedMotion:
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        times = finite_array(self.times, (None,), "times")
-        if len(times) < 2 or times[0] != 0.0 or (np.diff(times) <= 0).any():
-            raise InputError(f"must increase from 0, two at least, got {len(times)}", "times")
-        count = len(times)
-        configurations = finite_array(self.configurations, (count, self.robot.n), "configurations")
-        speeds = finite_array(self.speeds, (count,), "speeds")
-        bounds = {to: np.asarray(values, dtype=float) for to, values in self.bounds.items()}
-        for to, values in bounds.items():
-            if values.shape != (count,):
-                raise InputError(f"must have {count} values, got shape {values.shape}", f"bounds by {to}")
-        if len(self.binding) != count:
-            raise InputError(f"must have {count} names, got {len(self.binding)}", "binding")
-        if len(self.remarks) not in (0, count):
-            raise InputError(f"must have {count} lines, or none, got {len(self.remarks)}", "remarks")
-        for key, value in (
-            ("times", times),
-            ("configurations", configurations),
-            ("speeds", speeds),
-            ("bounds", bounds),
-            ("binding", tuple(self.binding)),
-        ):
-            object.__setattr__(self, key, value)
+        count = len(self.times)
+        times = finite_array(self.times, (count,), "times")
+        if count < 2 or times[0] != 0.0 or (np.diff(times) <= 0).any():
+            raise InputError(f"must increase from 0, two at least, got {count}", "times")
+        finite_array(self.configurations, (count, self.robot.n), "configurations")
+        finite_array(self.speeds, (count,), "speeds")
+        for to, values in self.bounds.items():
+            float_array(values, (count,), f"bounds by {to}")
+        for key, rows in (("binding", self.binding), ("remarks", self.remarks or self.binding)):
+            if len(rows) != count:
+                raise InputError(f"must have {count} entries, got {len(rows)}", key)
 
     @classmethod
     def of(

@@ -37,31 +37,15 @@ _TOUCHING = 1e-6  # [m] A smaller required distance allows for rounding, and is 
 
 
 class MotionCheck(NamedTuple):
-    """What is proven of a motion; true if everything is.
+    """What is proven of a motion; true if everything is."""
 
-    Attributes
-    ----------
-    motion : Motion
-        The motion, with its joints in the order of the robot's.
-    claims : tuple of str
-        What was to be proven: "joint limits", "collision", "min clearance", "max danger", "velocity", …
-    violations : tuple of Violation
-        What is not proven, by time; none: all of it is.
-    proof : MotionProver
-        By which it was to be proven: robot, scene, distances and the tube, danger and tool.
-    limits, people : RateLimits and People, or None
-        Rates that it was to keep; beside whom it was to be proven to stop.
-    stops : Stops or None
-        How it stops beside them: `stops.stop_from(time)`.
-    """
-
-    motion: Motion
-    claims: tuple[str, ...]
-    violations: tuple[Violation, ...]
-    proof: MotionProver
-    limits: RateLimits | None = None
-    people: People | None = None
-    stops: Stops | None = None
+    motion: Motion  # With its joints in the order of the robot's
+    claims: tuple[str, ...]  # What was to be proven: "joint limits", "collision", "min clearance", "velocity", …
+    violations: tuple[Violation, ...]  # What is not proven, by time; none: all of it is
+    proof: MotionProver  # By which it was to be proven: robot, scene, distances and the tube, danger and tool
+    limits: RateLimits | None = None  # Rates that it was to keep
+    people: People | None = None  # Beside whom it was to be proven to stop,
+    stops: Stops | None = None  # and how: `stops.stop_from(time)`
 
     @property
     def separation(self) -> Separation:

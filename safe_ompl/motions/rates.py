@@ -48,36 +48,22 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True)
 class Violation:
-    """A stretch of a motion that is not proven.
+    """A stretch of a motion that is not proven."""
 
-    Attributes
-    ----------
-    kind : str
-        "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
-        "position", "velocity", "acceleration" or "jerk"; "separation": a stop that begins there is too late.
-    first, last, at : float
-        [s] All of the stretch is between the first two; it is worst, of the places looked at, at the third.
-    names : tuple of str
-        The pair that touches or is too near, or the joint; the link and who comes to it.
-    value, limit : float or None
-        What is found there, and the bound that it exceeds or falls below: distance [m] and the distance required,
-        danger, or the rate of a joint. Of stops the distance that is left to people, negative by how much farther they
-        may have come, and their clearance.
-    decided : bool
-        False: no violation is found, but no proof either.
-    unit : str
-        Of value and limit, other than of distances.
-    """
-
+    # "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
+    # "position", "velocity", "acceleration" or "jerk"; "separation": a stop that begins there is too late
     kind: str
-    first: float
+    first: float  # It is between these [s]
     last: float
-    at: float
-    names: tuple[str, ...]
+    at: float  # It is worst here, of the places looked at [s]
+    names: tuple[str, ...]  # The pair that touches or is too near, or the joint; the link and who comes to it
+    # What is found there, and the bound that it exceeds or falls below: distance [m] and the distance required, danger,
+    # or the rate of a joint. Of stops the distance that is left to people, negative by how much farther they may have
+    # come, and their clearance.
     value: float | None = None
     limit: float | None = None
-    decided: bool = True
-    unit: str = ""
+    decided: bool = True  # False: no violation is found, but no proof either
+    unit: str = ""  # Of value and limit, other than of distances
 
     @property
     def quantities(self) -> tuple[str, str]:

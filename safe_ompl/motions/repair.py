@@ -56,34 +56,18 @@ _STEP = 0.3  # [rad or m] by which any B-spline moves a joint in one attempt at 
 
 @dataclass(frozen=True)
 class Repair:
-    """A repaired motion; true if it is proven.
+    """A repaired motion; true if it is proven."""
 
-    Attributes
-    ----------
-    motion : Motion
-        The repaired motion; the one given where nothing had to change, or nothing near it can be proven.
-    check : MotionCheck
-        What is proven of it.
-    how : str
-        "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; "slowed",
-        or one of these before; or why nothing near could be proven.
-    deviation, tool_deviation, at : float
-        How far any joint [rad or m], and the tip [mm], is from where it was at most, at the places looked at; and when
-        [s] joints are, before it is slowed.
-    changed : tuple of (float, float)
-        [s] The stretches that differ.
-    slower : float
-        How many times as long it takes; all else is what it would be at its own pace.
-    """
-
-    motion: Motion
-    check: MotionCheck
+    motion: Motion  # The one given where nothing had to change, or nothing near it can be proven
+    check: MotionCheck  # What is proven of it
+    # "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; "slowed",
+    # or one of these before; or why nothing near could be proven
     how: str
-    deviation: float = 0.0
-    tool_deviation: float = 0.0
-    at: float = 0.0
-    changed: tuple[tuple[float, float], ...] = ()
-    slower: float = 1.0
+    deviation: float = 0.0  # How far any joint is from where it was at most, at the places looked at [rad or m]
+    tool_deviation: float = 0.0  # The same of the tip [mm]
+    at: float = 0.0  # When joints are farthest, before it is slowed [s]
+    changed: tuple[tuple[float, float], ...] = ()  # The stretches that differ [s]
+    slower: float = 1.0  # How many times as long it takes; all else is what it would be at its own pace
 
     @property
     def path(self) -> FloatArray:

@@ -51,19 +51,10 @@ def _by_joint(key: str, value: Any, **bounds: Any) -> ByJoint:
 
 @dataclass(frozen=True)
 class ToolConstraint(Section):
-    """An axis of the tool that stays within an angle of a direction.
+    """An axis of the tool that stays within an angle of a direction in the world, by default up."""
 
-    Parameters
-    ----------
-    angle : float
-        The largest angle [rad].
-    axis : sequence of 3 float, optional
-        The axis in the frame of the tip; default: the one that points in the direction at the start.
-    direction : sequence of 3 float, optional
-        Where it is to point, in the world frame; default: up.
-    """
-
-    angle: float = key(document.number, above=0.0, at_most=pi)
+    angle: float = key(document.number, above=0.0, at_most=pi)  # The largest [rad]
+    # In the frame of the tip; default: the one that points in the direction at the start
     axis: tuple[float, ...] | None = key(_direction, default=None)
     direction: tuple[float, ...] = key(_direction, default=_UP)
 
@@ -89,76 +80,42 @@ class TipBox(Section):
 
 @dataclass(frozen=True)
 class MovingObstacles(Section):
-    """Obstacles whose place is not certain: each may go anywhere, no faster than its speed.
+    """Obstacles whose place is not certain: each may go anywhere, no faster than its speed."""
 
-    Parameters
-    ----------
-    speeds : mapping of str to float
-        Bound of the speed [m/s] of each, by name.
-    time : float
-        [s] from the moment of the scene to the end of the last motion.
-    """
-
-    speeds: Mapping[str, float] = key(document.numbers_by_name, at_least=0.0, least="obstacle")
-    time: float = key(document.number, above=0.0)
+    speeds: Mapping[str, float] = key(document.numbers_by_name, at_least=0.0, least="obstacle")  # Bounds [m/s]
+    time: float = key(document.number, above=0.0)  # From the moment of the scene to the end of the last motion [s]
 
 
 @dataclass(frozen=True)
 class PathLimits(Section):
-    """Hard limits of paths, proven along whole motions.
+    """Hard limits of paths, proven along whole motions."""
 
-    Parameters
-    ----------
-    max_danger : float, optional
-        No configuration is more dangerous, in the units of the danger field; 0: any danger.
-    min_clearance : float, optional
-        The robot keeps this distance [m]; 0: it only must not touch.
-    obstacles : sequence of str, optional
-        From these; default: from those with a danger weight, such as people.
-    exempt : sequence of (str, str), optional
-        Pairs of a link and an obstacle that need not keep it.
-    tool : ToolConstraint, optional
-        How an axis of the tool must point.
-    tip : TipBox, optional
-        Where the tip must stay.
-    moving : MovingObstacles, optional
-        Obstacles that may come nearer while the path is driven: it is free whatever they do.
-    tube : float, mapping of str to float, or sequence of float, optional
-        How far each joint may be from where it should be: one for all, or all [rad or m].
-    """
-
-    max_danger: float = key(document.number, default=0.0, at_least=0.0)
+    max_danger: float = key(document.number, default=0.0, at_least=0.0)  # Of any configuration; 0: any danger
+    # Distance that the robot keeps [m], 0: it only must not touch; from some obstacles, by default those with a danger
+    # weight; but for pairs of a link and an obstacle
     min_clearance: float = key(document.number, default=0.0, at_least=0.0)
     obstacles: tuple[str, ...] | None = key(document.each, default=None, read=document.text)
     exempt: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
     tool: ToolConstraint | None = key(document.section, default=None, kind=ToolConstraint)
     tip: TipBox | None = key(document.section, default=None, kind=TipBox)
+    # What may come nearer while the path is driven: it is free whatever they do
     moving: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
+    # How far each joint may be from where it should be: one for all, or all [rad or m]
     tube: ByJoint | None = key(_by_joint, default=None, at_least=0.0)
 
 
 @dataclass(frozen=True)
 class MotionLimits(Section):
-    """Limits of trajectories.
+    """Limits of trajectories."""
 
-    Parameters
-    ----------
-    velocity, acceleration : float, mapping of str to float, or sequence of float, optional
-        Of the joints: one for all, those of some, or all [rad/s, rad/s²; m where they slide]; defaults as in
-        `RateLimits.of`.
-    jerk : as these, optional
-        [rad/s³]; not limited unless given.
-    tool_speed, link_speed : float, optional
-        Of the tip, and of any point of any link [m/s].
-    max_danger : float, optional
-        Of the kinetostatic danger, that grows with speed: k2 and gamma are options of the scenario's danger.
-    """
-
+    # Of the joints: one for all, those of some, or all [rad/s, rad/s², rad/s³; m where they slide]; defaults as in
+    # `RateLimits.of`
     velocity: ByJoint | None = key(_by_joint, default=None, **RATE_BOUNDS["velocity"])
     acceleration: ByJoint | None = key(_by_joint, default=None, **RATE_BOUNDS["acceleration"])
     jerk: ByJoint | None = key(_by_joint, default=None, **RATE_BOUNDS["jerk"])
-    tool_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
-    link_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
+    tool_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])  # Of the tip [m/s]
+    link_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])  # Of any point of any link
+    # Of the kinetostatic danger, that grows with speed: k2 and gamma are options of the scenario's danger
     max_danger: float | None = key(document.number, default=None, above=0.0)
 
 
@@ -202,13 +159,6 @@ CONTACT_TABLE: dict[str, BodyRegion] = {
 }
 
 
-def _who(key: str, value: Any) -> tuple[str, ...]:
-    names = document.each(key, value, document.text)
-    if not names:
-        raise InputError("name one obstacle at least, or leave it out", key)
-    return names
-
-
 def _region(key: str, value: Any) -> BodyRegion:
     force, mass, stiffness = document.numbers(key, value, 3)
     document.number(f"{key}[0]", force, at_least=0.0)
@@ -249,7 +199,7 @@ class People(Section):
         If a value cannot be used; the message starts with its key.
     """
 
-    who: tuple[str, ...] | None = key(_who, default=None)
+    who: tuple[str, ...] | None = key(document.each, default=None, read=document.text, least="obstacle")
     speed: float = key(document.number, default=WALKING, at_least=0.0)
     speeds: Mapping[str, float] = key(document.numbers_by_name, factory=dict, valid=LIMBS, at_least=0.0)
     reaction_time: float = key(document.number, default=0.1, at_least=0.0)

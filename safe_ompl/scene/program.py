@@ -33,43 +33,24 @@ class Step(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class _Contact(Step):
-    """A step on which links may touch obstacles.
+    """A step on which links may touch obstacles."""
 
-    Parameters
-    ----------
-    touching : sequence of (str, str), optional
-        Pairs of a link, or an object that is held, and an obstacle that may touch on this step.
-    depth : float
-        How deep they may reach into the obstacle at most [m].
-    """
-
+    # Pairs of a link, or an object that is held, and an obstacle that may touch; no deeper than this [m]
     touching: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
     depth: float = key(document.number, default=_DEPTH, above=0.0)
 
 
 @dataclass(frozen=True)
 class _Target(_Contact):
-    """A step to a place of the tip.
+    """A step to a place of the tip."""
 
-    Parameters
-    ----------
-    pose : Pose, optional
-        Where the tip is to be in the world; in a document `position` and `quaternion_xyzw`, `rpy` or `yaw`.
-    grasp : str, optional
-        An object: the tip is to be at one of its grasps.
-    place : str, optional
-        An object that is held: the tip is to be where the object is at one of its places.
-    up, back : float
-        So much higher in the world, and so far behind along the z axis of the tip [m].
-    arm : str, optional
-        Of several robots in a cell the one that moves, by its prefix; default: the one that has the tip.
-    """
-
+    # In the world; in a document `position` and `quaternion_xyzw`, `rpy` or `yaw`
     pose: Pose | None = key(document.section, default=None, kind=Pose)
-    grasp: str | None = key(document.text, default=None)
-    place: str | None = key(document.text, default=None)
-    up: float = key(document.number, default=0.0)
-    back: float = key(document.number, default=0.0)
+    grasp: str | None = key(document.text, default=None)  # An object: the tip goes to one of its grasps
+    place: str | None = key(document.text, default=None)  # An object that is held: it goes to one of its places
+    up: float = key(document.number, default=0.0)  # So much higher in the world [m],
+    back: float = key(document.number, default=0.0)  # and so far behind along the z axis of the tip [m]
+    # Of several robots in a cell the one that moves, by its prefix; default: the one that has the tip
     arm: str | None = key(document.text, default=None)
 
     @property
@@ -99,15 +80,7 @@ class _Target(_Contact):
 
 @dataclass(frozen=True)
 class Move(_Target):
-    """A planned motion, by whatever way is free.
-
-    Parameters
-    ----------
-    configuration : sequence of float, or mapping of str to float, optional
-        Where the joints of the arm are to be [rad or m], instead of a place of the tip.
-    region : GoalRegion, optional
-        Where the tip may be.
-    """
+    """A planned motion, by whatever way is free: to a place or region of the tip, or a configuration of the arm."""
 
     kind: ClassVar[str] = "move"
     configuration: Configuration | None = key(read_configuration, default=None)
@@ -122,36 +95,20 @@ class Move(_Target):
 
 @dataclass(frozen=True)
 class _Corridor(_Contact):
-    """A tool motion in a corridor.
+    """A tool motion in a corridor."""
 
-    Parameters
-    ----------
-    within, angle : float
-        How near the tip must stay to the curve [m, rad].
-    free_axis : str, optional
-        The axis of the tip, x, y or z, about which it may turn freely.
-    speed : float, optional
-        Of the tip [m/s]; default: as fast as the joints can.
-    """
-
-    within: float = key(document.number, default=0.001, above=0.0)
-    angle: float = key(document.number, default=0.01, above=0.0)
-    free_axis: str | None = key(document.one_of, default=None, known=("x", "y", "z"))
-    speed: float | None = key(document.number, default=None, above=0.0)
+    within: float = key(document.number, default=0.001, above=0.0)  # How near the tip stays to the curve [m],
+    angle: float = key(document.number, default=0.01, above=0.0)  # and to its orientation [rad],
+    free_axis: str | None = key(document.one_of, default=None, known=("x", "y", "z"))  # but for turns about this axis
+    speed: float | None = key(document.number, default=None, above=0.0)  # [m/s]; default: as fast as the joints can
 
 
 @dataclass(frozen=True)
 class Line(_Corridor, _Target):
-    """A straight motion of the tip, proven to stay in its corridor.
-
-    Parameters
-    ----------
-    by : sequence of 3 float, optional
-        How far to go in the world [m], instead of a place of the tip.
-    """
+    """A straight motion of the tip, proven to stay in its corridor."""
 
     kind: ClassVar[str] = "line"
-    by: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
+    by: tuple[float, ...] | None = key(document.numbers, default=None, count=3)  # in the world, instead of a place [m]
 
     @property
     def targets(self) -> dict[str, Any]:
@@ -162,15 +119,7 @@ class Line(_Corridor, _Target):
 
 @dataclass(frozen=True)
 class Seam(_Corridor):
-    """A motion of the tip along a spline through poses in the world, the first of them where the tip is.
-
-    Parameters
-    ----------
-    poses : sequence of Pose
-        The poses after the first.
-    arm : str, optional
-        As for `Move`.
-    """
+    """A motion of the tip along a spline from where it is through poses in the world."""
 
     kind: ClassVar[str] = "seam"
     poses: tuple[Pose, ...] = key(document.each, factory=tuple, read=document.section, kind=Pose, least="pose")

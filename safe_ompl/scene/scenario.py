@@ -25,31 +25,14 @@ class Goal(Section):
     """Where the robot is to go: to one of several configurations, or with its tip to a place.
 
     Both may be given; a planner takes the one that it can use.
-
-    Parameters
-    ----------
-    configurations : sequence of Configuration, optional
-        Goal configurations, any of which will do.
-    position : sequence of 3 float, optional
-        Where the tip of the robot is to be, in the world frame [m].
-    quaternion_xyzw : sequence of 4 float, optional
-        Orientation of the tip, which makes the place a pose.
-    tolerance : float, optional
-        How near to the place or region is near enough [m]; default: 0.01 for a place, 0.001 for a region.
-    region : GoalRegion, optional
-        Where the tip may be, instead of a position.
-
-    Raises
-    ------
-    InputError
-        If there is no configuration, position or region, both of the latter, or a value cannot be used.
     """
 
-    configurations: tuple[Configuration, ...] = key(document.each, default=(), read=read_configuration)
-    position: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
+    configurations: tuple[Configuration, ...] = key(document.each, default=(), read=read_configuration)  # any will do
+    position: tuple[float, ...] | None = key(document.numbers, default=None, count=3)  # Of the tip in the world [m]
     quaternion_xyzw: tuple[float, ...] | None = key(document.numbers, default=None, count=4)
+    # How near to the place or region is near enough [m]; default: 0.01 for a place, 0.001 for a region
     tolerance: Any = key(document.number, default=None, above=0.0)  # becomes a float
-    region: GoalRegion | None = key(document.section, default=None, kind=GoalRegion)
+    region: GoalRegion | None = key(document.section, default=None, kind=GoalRegion)  # instead of a position
 
     def check(self) -> None:
         """Raise InputError unless they say where to go, in one way."""
