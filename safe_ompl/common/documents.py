@@ -106,20 +106,6 @@ def keys_of(cls: type[Any]) -> list[Field[Any]]:
     return [item for item in fields(cls) if "read" in item.metadata]
 
 
-def check_fields(cls: Any, data: Mapping[str, Any]) -> None:
-    """Raise InputError unless the keys of `data` are fields of a dataclass, those without a default among them."""
-    check_keys(data, [item.name for item in fields(cls)])
-    for item in fields(cls):
-        if _default(item) is MISSING:
-            require(data, item.name)
-
-
-def changed_fields(value: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that differ from their defaults."""
-    given = ((item, getattr(value, item.name)) for item in fields(value))
-    return {item.name: found for item, found in given if found != _default(item)}
-
-
 def _default(item: Field[Any]) -> Any:
     return item.default if item.default_factory is MISSING else item.default_factory()
 

@@ -18,7 +18,7 @@ import pinocchio as pin
 import plyfile
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, float_array, warn_once
+from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, float_array, key, warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.shapes import LONGEST, Part, Shape, Sphere, array_digest
@@ -38,6 +38,10 @@ _SINGLE = 1.2e-7  # relative rounding of single precision
 _TABLE = 1 << 25  # cells of a grid that is kept as a table
 _CORNERS = 6  # on every circle of a ball that is drawn
 _MESSAGE_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # `datatype` of a PointCloud2
+
+
+def _points(key: str, value: Any) -> FloatArray:
+    return _finite(_array(value), key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +78,10 @@ class PointCloud(Shape):
     """
 
     kind: ClassVar[str] = "pointcloud"
-    radius: float
-    file: Path | None = None
-    points: ArrayLike | None = None
-    resolution: float | None = None
+    radius: float = key(document.number, at_least=_LEAST_RADIUS, at_most=LONGEST)
+    file: Path | None = key(document.file, default=None, endings=(".ply", ".npy"))
+    points: ArrayLike | None = key(_points, default=None)
+    resolution: float | None = key(document.number, default=None, at_most=LONGEST)
 
     if TYPE_CHECKING:  # what is given, which becomes what the fields say
 
@@ -89,18 +93,13 @@ class PointCloud(Shape):
             resolution: float | None = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        self._set("radius", document.number("radius", self.radius, at_least=_LEAST_RADIUS, at_most=LONGEST))
+    def check(self) -> None:
+        """Raise InputError unless there are points, and cells that fit their radius."""
         if (self.points is None) == (self.file is None):
             raise InputError("give either points or file, one of the two", "points")
-        if self.file is not None:
-            self._set("file", document.file("file", self.file, tuple(_READERS)))
-        self._set("points", None if self.points is None else _finite(_array(self.points), "points"))
         self.centres  # noqa: B018 (reads and checks the file now, so that it is needed no more)
         if self.resolution is not None:
-            least = _FINEST * self.radius
-            edge = document.number("resolution", self.resolution, at_least=least, at_most=LONGEST)
-            self._set("resolution", edge)
+            document.number("resolution", self.resolution, at_least=_FINEST * self.radius, at_most=LONGEST)
 
     @classmethod
     def from_message(cls, message: Any, radius: float, *, resolution: float | None = None) -> PointCloud:
@@ -190,11 +189,6 @@ class PointCloud(Shape):
         first = len(corners) * np.arange(len(centres), dtype=np.intp)
         vertices = (centres[:, None] + corners).reshape(-1, 3)
         return vertices, (first[:, None, None] + faces).reshape(-1, 3)
-
-    def to_mapping(self) -> dict[str, Any]:
-        points = {"points": self.centres.tolist()} if self.file is None else {"file": self.file}
-        resolution = {} if self.resolution is None else {"resolution": self.resolution}
-        return {"radius": self.radius, **points, **resolution}
 
     def canonical(self) -> dict[str, Any]:
         resolution = {} if self.resolution is None else {"resolution": self.resolution}

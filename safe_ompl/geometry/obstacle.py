@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, documents as document, shown
 from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.person import Person
+from safe_ompl.geometry.person import Person, with_own_keypoints
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 from safe_ompl.geometry.surfaces import Triangles
@@ -124,16 +124,14 @@ class Obstacle:
         pose = Pose.from_mapping(data)
         fields = document.mapping(kind, data[kind] if data[kind] is not None else {})
         with document.within(kind):
-            shape = SHAPES[kind].from_mapping(fields, folder, pose)
+            fields = with_own_keypoints(fields, pose) if kind == Person.kind else fields
+            shape = SHAPES[kind].from_mapping(fields, folder)
         more = data.get("weight"), data.get("color"), data.get("touched_by", ())
         return cls(document.require(data, "name"), shape, pose, *more)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return what `from_mapping` reads; files are named relative to `folder`, or in full if there is none."""
-        shape = self.shape.to_mapping()
-        if "file" in shape:
-            shape["file"] = document.file_name(shape["file"], folder)
-        data = {"name": self.name, self.shape.kind: shape, **self.pose.to_mapping()}
+        data = {"name": self.name, self.shape.kind: self.shape.to_mapping(folder), **self.pose.to_mapping()}
         if self.weight != self.shape.default_weight:
             data["weight"] = self.weight
         if self.color is not None:

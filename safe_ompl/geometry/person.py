@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import dist
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document, key
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.shapes import Capsule, Part, Shape, Sphere
@@ -185,6 +184,13 @@ class Limb(NamedTuple):
         return coal.Capsule(self.radius, max(self.length, _SHORTEST))
 
 
+def _limb(key: str, value: Any) -> str:
+    name = document.text(key, value)
+    if name not in LIMBS:
+        raise UnknownNameError("limb", name, LIMBS, key)
+    return name
+
+
 @dataclass(frozen=True)
 class Person(Shape):
     """A person, or part of one: standing upright with the arms down unless key points say otherwise.
@@ -215,33 +221,16 @@ class Person(Shape):
 
     kind: ClassVar[str] = "person"
     default_weight: ClassVar[float] = 1.0
-    height: float = _DEFAULT_HEIGHT
-    keypoints: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    only: tuple[str, ...] = ()
+    height: float = key(document.number, default=_DEFAULT_HEIGHT, at_least=_HEIGHTS[0], at_most=_HEIGHTS[1])
+    keypoints: Mapping[str, Sequence[float]] = key(
+        document.by_name, factory=dict, read=document.numbers, known=STANDING, count=3
+    )
+    only: tuple[str, ...] = key(document.each, default=(), read=_limb)
 
-    def __post_init__(self) -> None:
-        self._set("height", document.number("height", self.height, at_least=_HEIGHTS[0], at_most=_HEIGHTS[1]))
-        points = document.mapping("keypoints", self.keypoints)
-        with document.within("keypoints"):
-            document.check_keys(points, STANDING)
-            self._set("keypoints", {name: document.numbers(name, point, 3) for name, point in points.items()})
-        self._set("only", tuple(document.sequence("only", self.only)))
-        for name in self.only:
-            if name not in LIMBS:
-                raise UnknownNameError("limb", name, LIMBS, "only")
+    def check(self) -> None:
+        """Raise InputError if key points do not fit together."""
         with document.within("keypoints"):
             self.limbs()
-
-    @classmethod
-    def from_mapping(cls, data: Mapping[str, Any], folder: Path, pose: Pose) -> Shape:
-        """Read a person; `world_keypoints` are given in the world frame and win over `keypoints`."""
-        own = dict(data)
-        world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
-        with document.within("world_keypoints"):
-            moved = _in_frame(pose, world)
-        if moved:
-            own["keypoints"] = {**document.mapping("keypoints", own.get("keypoints", {})), **moved}
-        return super().from_mapping(own, folder, pose)
 
     def measured_anew(self, measured: Any, pose: Pose) -> Person:
         """Return the person with these key points, in the world frame, in the place of those known before."""
@@ -290,6 +279,15 @@ class Person(Shape):
     def triangles(self, resolution: int) -> Triangles:
         pieces = [(limb.placement, limb.shape.triangles(resolution)) for limb in self.limbs()]
         return surfaces.joined([(placed(placement, vertices), faces) for placement, (vertices, faces) in pieces])
+
+
+def with_own_keypoints(data: Mapping[str, Any], pose: Pose) -> dict[str, Any]:
+    """Return a person's document in which `world_keypoints`, of the world frame, have become `keypoints`, and win."""
+    own = dict(data)
+    world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
+    with document.within("world_keypoints"):
+        moved = _in_frame(pose, world)
+    return {**own, "keypoints": {**document.mapping("keypoints", own.get("keypoints", {})), **moved}} if moved else own
 
 
 def _in_frame(pose: Pose, points: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
@@ -19,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, shown, warn_once
+from safe_ompl.common import FloatArray, InputError, IntArray, Section, documents as document, key, shown, warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.hulls import convex_hull, triangle_tree
 from safe_ompl.geometry.pose import UNLIKELY, Pose
@@ -54,7 +53,7 @@ class Part(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Shape(ABC):
+class Shape(Section, ABC):
     """What all shapes can do; the fields of a shape are its keys in YAML."""
 
     kind: ClassVar[str]
@@ -101,21 +100,6 @@ class Shape(ABC):
         """Return whether another shape is this one, or this one as it was measured at another time."""
         return self == other
 
-    @classmethod
-    def from_mapping(cls, data: Mapping[str, Any], folder: Path, pose: Pose) -> Shape:
-        """Build the shape from its keys in a document; its files are relative to `folder`.
-
-        Raises InputError, which starts with the key, if one is unknown or missing, or its value cannot be used.
-        """
-        document.check_fields(cls, data)
-        if isinstance(data.get("file"), str):
-            data = {**data, "file": folder / data["file"]}
-        return cls(**data)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the fields that differ from their defaults."""
-        return document.changed_fields(self)
-
     def canonical(self) -> dict[str, Any]:
         """Return what decides how the shape collides and looks, free of file names."""
         return self.to_mapping()
@@ -139,14 +123,11 @@ class Box(Shape):
     """
 
     kind: ClassVar[str] = "box"
-    size: tuple[float, ...]
+    size: tuple[float, ...] = key(document.numbers, count=3, above=0.0, at_most=LONGEST)
 
     if TYPE_CHECKING:  # what is given, which becomes what the fields say
 
         def __init__(self, size: ArrayLike) -> None: ...
-
-    def __post_init__(self) -> None:
-        self._set("size", document.numbers("size", self.size, 3, above=0.0, at_most=LONGEST))
 
     def parts(self) -> list[Part]:
         return [Part("", coal.Box(*self.size), pin.SE3.Identity())]
@@ -169,11 +150,7 @@ class Box(Shape):
 class _Revolved(Shape):
     """A solid of revolution about its z axis, centred at its origin."""
 
-    radius: float
-
-    def __post_init__(self) -> None:
-        for key, value in list(vars(self).items()):  # the radius, and perhaps a length
-            self._set(key, document.number(key, value, above=0.0, at_most=LONGEST))
+    radius: float = key(document.number, above=0.0, at_most=LONGEST)
 
     def core(self, depth: float) -> Shape:
         return replace(self, radius=self.radius - depth)
@@ -226,7 +203,7 @@ class Cylinder(_Revolved):
     """
 
     kind: ClassVar[str] = "cylinder"
-    length: float
+    length: float = key(document.number, above=0.0, at_most=LONGEST)
 
     def core(self, depth: float) -> Shape:
         return Cylinder(self.radius - depth, self.length - 2 * depth)
@@ -251,7 +228,7 @@ class Capsule(_Revolved):
     """
 
     kind: ClassVar[str] = "capsule"
-    length: float
+    length: float = key(document.number, above=0.0, at_most=LONGEST)
 
     def parts(self) -> list[Part]:
         return [Part("", coal.Capsule(self.radius, self.length), pin.SE3.Identity())]
@@ -276,18 +253,16 @@ class Mesh(Shape):
     """
 
     kind: ClassVar[str] = "mesh"
-    file: Path
-    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
-    convex: bool = True
+    file: Path = key(document.file, endings=(".stl", ".obj", ".dae", ".ply"))
+    scale: tuple[float, ...] = key(document.numbers, default=(1.0, 1.0, 1.0), count=3, above=0.0)
+    convex: bool = key(document.flag, default=True)
 
     if TYPE_CHECKING:  # what is given, which becomes what the fields say
 
         def __init__(self, file: str | Path, scale: ArrayLike = ..., convex: bool = ...) -> None: ...
 
-    def __post_init__(self) -> None:
-        self._set("file", document.file("file", self.file, (".stl", ".obj", ".dae", ".ply")))
-        self._set("scale", document.numbers("scale", self.scale, 3, above=0.0))
-        document.flag("convex", self.convex)
+    def check(self) -> None:
+        """Raise InputError if the file is no mesh with a volume."""
         self.surface  # noqa: B018 (reads and checks the file now, so that it is needed no more)
 
     @cached_property

@@ -150,7 +150,7 @@ def test_unreadable_ply_is_refused(tmp_path, content):
         ({"file": "cloud.xyz"}, "file: 'cloud.xyz' must end in .ply or .npy"),
         ({"points": [[0, 0, 0]], "radius": 1e-9}, "radius: must be a finite number in [0.0001, 10000], got 1e-09"),
         ({"points": [[0, 0, 0]], "resolution": 1e-9}, "resolution: must be a finite number in [0.00125, 10000]"),
-        ({"points": [[0, 0, 0]], "resolution": "off"}, "resolution: must be a finite number in [0.00125, 10000]"),
+        ({"points": [[0, 0, 0]], "resolution": "off"}, "resolution: must be a finite number <= 10000, got 'off'"),
         ({"points": [["0", 0, 0]]}, "points: must be numbers, got [['0', 0, 0]]"),
         ({"points": [[0, 0, 0]], "radius": 0}, "radius: must be a finite number in [0.0001, 10000], got 0"),
     ],

@@ -277,7 +277,7 @@ def test_parts_have_names_and_places(kitchen):
         (lambda: Person(keypoints={"left_wrst": (0, 0, 1)}), "keypoints.left_wrst: unknown key; did you mean"),
         (lambda: Person(keypoints={"head": (0, 0)}), "keypoints.head: must be 3 numbers"),
         (lambda: Person(keypoints={"left_hand": (2, 0, 1)}), "keypoints.left_hand: the wrist is"),
-        (lambda: Person(only=["tail"]), "only: unknown limb 'tail'; known: head, neck"),
+        (lambda: Person(only=["tail"]), "only[0]: unknown limb 'tail'; known: head, neck"),
         (lambda: PointCloud(0.01, points=[[1e6, 0, 0]]), "points: point [1000000.0, 0.0, 0.0] is farther than"),
     ],
 )
