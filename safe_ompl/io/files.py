@@ -15,7 +15,7 @@ from safe_ompl.io.problems import Problem, built_scene, carried_scene
 from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.paths import ClearanceReport, DangerReport, PathReport
-from safe_ompl.planning import Improvement, PlanResult
+from safe_ompl.planning import Improvement, PlanResult, ProgramResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
@@ -72,20 +72,20 @@ def _report(data: Mapping[str, Any]) -> PathReport:
     return PathReport(float(data["length"]), danger, ClearanceReport(**clearance), certified)
 
 
-Saveable: TypeAlias = PlanResult | JointPath | Scene | Motion | Trajectory
+Saveable: TypeAlias = PlanResult | ProgramResult | JointPath | Scene | Motion | Trajectory
 Loaded: TypeAlias = PlanResult | JointPath | Scene | Motion | TimedMotion
 
 
 def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> None:
     """Write a result, a path, a motion, a trajectory or a scene to a file that `load` reads back.
 
-    The ending says in which form. JSON is read back exactly, of a trajectory the motion through its points: a result
+    The ending says in which form. JSON is read back exactly, of a program and of a trajectory the motion: a result
     carries its robot and its scene, a scene its meshes and points. All else holds way points, with times and rates
     where there are any: a table (.csv, .tsv, .txt), arrays (.npz), a message trajectory_msgs/JointTrajectory (.yaml).
 
     Parameters
     ----------
-    thing : PlanResult, JointPath, Scene, Motion or Trajectory
+    thing : PlanResult, ProgramResult, JointPath, Scene, Motion or Trajectory
         What to write.
     file : path-like
         The file.
@@ -98,23 +98,23 @@ def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> No
         If it is none of these, the file has another ending or cannot hold it, or a file of the scene is gone.
     """
     if not isinstance(thing, Saveable):
-        raise InputError(
-            f"can be a PlanResult, a JointPath, a Scene, a Motion or a Trajectory, not {type(thing).__name__}",
-            "to save",
-        )
+        kinds = "a PlanResult, a ProgramResult, a JointPath, a Scene, a Motion or a Trajectory"
+        raise InputError(f"can be {kinds}, not {type(thing).__name__}", "to save")
     content: str | bytes
     if Path(file).suffix.lower() == ".json":
         content = strict_json(_saved(thing, meshes)) + "\n"
     elif isinstance(thing, Scene):
         raise InputError(f"{str(file)!r} must end in .json", "scene")
     else:
-        content, _ = motion_content(Motion.of(thing), file)
+        content, _ = motion_content(thing.motion if isinstance(thing, ProgramResult) else Motion.of(thing), file)
     files.write(file, content)
 
 
 def _saved(thing: Saveable, meshes: bool | None) -> dict[str, Any]:
     if isinstance(thing, PlanResult):
         return marked("result", result_to_mapping(thing, meshes))
+    if isinstance(thing, ProgramResult):
+        return marked("motion", {**thing.as_dict(), **thing.motion.to_mapping()})
     if isinstance(thing, JointPath):
         return marked("path", thing.to_mapping())
     if isinstance(thing, Scene):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -102,6 +103,18 @@ class ProgramResult:
             allowance.append(motion.allowance)
         names = self.stretches[0].robot.joint_names
         return Motion(np.concatenate(times), np.concatenate(coefficients), names, rounding=np.concatenate(allowance))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what came of it as plain data: its motion, if there is one, steps, choices and stretches."""
+        steps = () if self.scenario.program is None else self.scenario.program.steps
+        said = self.motion.to_mapping() if self.stretches else {}
+        said |= {"scenario": self.scenario.name, "solved": bool(self), "why": self.why, "duration": self.duration}
+        said |= {"planning_time": self.planning_time, "choices": list(self.choices), "steps": [str(k) for k in steps]}
+        said["stretches"] = [
+            {"step": s.step, "begin": s.begin, "duration": s.motion.duration, "claims": list(s.check.claims)}
+            for s in self.stretches
+        ]
+        return said
 
     def __str__(self) -> str:
         steps = () if self.scenario.program is None else self.scenario.program.steps

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from safe_ompl.view.pictures import (
         ANIMATION_ENDINGS as ANIMATION_ENDINGS,
         draw_plan as draw_plan,
+        draw_program as draw_program,
         render_comparison as render_comparison,
         render_path as render_path,
         save_animation as save_animation,

@@ -17,14 +17,14 @@ from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.geometry import Person
 from safe_ompl.motions import MotionCheck, Repair
 from safe_ompl.paths import PROFILE_POINTS, Curve, PathReport
-from safe_ompl.planning import PlanResult
+from safe_ompl.planning import PlanResult, ProgramResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.drawn_scene import DrawnScene, best_view, resampled
 from safe_ompl.view.page import plot_kind
-from safe_ompl.view.plots import plot_check, plot_motion, plot_plan
+from safe_ompl.view.plots import plot_check, plot_motion, plot_plan, plot_program
 from safe_ompl.view.rasteriser import Camera, Renderer, tone_mapped
 from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
 from safe_ompl.view.surfaces import ColouredSurface, Surface, obstacle_surfaces, tube
@@ -87,6 +87,25 @@ def _draw(
         before = path.planned_path
         if path.report is not None and path.report.clearance.obstacle is not None:
             closest = path.report.clearance.at
+    more = []
+    if before is not None:
+        planned = resampled(drawn.robot, before)
+        more.append(ColouredSurface(trace(drawn, planned, _THIN), mixed(accent, PALE, 0.35)))
+    shares = np.linspace(0.0, 1.0, ghosts + 2)[1:-1]
+    if closest is not None and ghosts:
+        shares[np.argmin(np.abs(shares - closest))] = closest
+    return _postures(drawn, renderer, samples, shares, accent, more)
+
+
+def _postures(
+    drawn: DrawnScene,
+    renderer: Renderer,
+    samples: FloatArray,
+    shares: FloatArray,
+    accent: Colour,
+    more: Sequence[ColouredSurface],
+) -> Image:
+    """Return the picture of a robot along samples (S, n), translucent at some shares of them, and of more things."""
     start, goal = samples[0], samples[-1]
     gap = _COINCIDENCE * drawn.size
     things = [
@@ -94,13 +113,8 @@ def _draw(
         ColouredSurface(drawn.body.posed(goal, moved_from=start).inflated(gap), accent, glossy=True),
         ColouredSurface(trace(drawn, samples, TRACE), accent),
         *drawn.surroundings(),
+        *more,
     ]
-    if before is not None:
-        planned = resampled(drawn.robot, before)
-        things.append(ColouredSurface(trace(drawn, planned, _THIN), mixed(accent, PALE, 0.35)))
-    shares = np.linspace(0.0, 1.0, ghosts + 2)[1:-1]
-    if closest is not None and ghosts:
-        shares[np.argmin(np.abs(shares - closest))] = closest
     postures = [samples[round(share * (len(samples) - 1))] for share in shares]
     bodies = [drawn.body.posed(q, moved_from=start).inflated(-2.0 * gap) for q in postures]
     linear, layers = renderer.render_layers(things, [(body, _glass(body, renderer)) for body in bodies])
@@ -128,6 +142,8 @@ def _glass(body: Surface, renderer: Renderer) -> FloatArray:
 
 
 _COMPRESSION = 3  # of PNG files, from 0 to 9: twice as fast as 6, and hardly larger
+_PROGRAM_SAMPLES = 600
+_NEAR = 0.1  # [m] between tips: of postures that are nearer one is shown
 _QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
 
 
@@ -147,6 +163,27 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
     size = len(right) * 5 // 4, len(right)
     left = render_path(setup.robot, setup.scene, result, size=size)
+    save_picture(np.hstack([left, right]), file)
+
+
+def draw_program(result: ProgramResult, file: str | Path) -> None:
+    """Draw the robot at the ends of the steps of a program, the way of its tip, and its steps in time beside it.
+
+    What changes hands is where it is at first, and where it is in the end. Raises InputError if nothing was planned.
+    """
+    content = ViewerContent.of_program(result)
+    (shown,) = content.motions.values()
+    right = np.asarray(plot_program(result, None, dpi=_QUICK_DPI).canvas.buffer_rgba())[..., :3]
+    size = len(right) * 5 // 4, len(right)
+    drawn = DrawnScene(content.robot, content.scene, [shown.configurations])
+    samples = shown.at(np.linspace(0.0, shown.duration, _PROGRAM_SAMPLES))
+    ends = np.array([stretch.begin + stretch.motion.duration for stretch in result.stretches[:-1]])
+    tips = drawn.trace(shown.at(ends))
+    apart = [k for k in range(len(ends)) if (np.linalg.norm(tips[:k] - tips[k], axis=1) > _NEAR).all()]
+    moved = [] if content.movers is None else content.movers.obstacles_at(shown.duration, content.scene)
+    things = [surface for obstacle in moved for surface in obstacle_surfaces(obstacle)]
+    renderer = Renderer(drawn.floor, best_view(drawn, size), size)
+    left = _postures(drawn, renderer, samples, ends[apart] / shown.duration, ACCENT, things)
     save_picture(np.hstack([left, right]), file)
 
 

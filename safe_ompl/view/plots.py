@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from safe_ompl.io import ACCELERATION
 from safe_ompl.motions import MotionCheck
 from safe_ompl.paths import forced_danger
 from safe_ompl.people.simulation import DriveReport
-from safe_ompl.planning import Tradeoff
+from safe_ompl.planning import ProgramResult, Tradeoff
 from safe_ompl.trajectories import MotionDanger, Trajectory
 from safe_ompl.view.page import ALARM, ALONG, DANGER, DPI, GREY, Page, add_legend_above, curve, draw_limit, natural
 from safe_ompl.view.style import Colour, cap_colours, planner_styles, shades
@@ -281,6 +282,27 @@ def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionPr
     axes.set(ylabel="distance [mm]", ylim=(1.15 * bottom, 1.15 * top))
     if axes.get_legend_handles_labels()[1]:
         add_legend_above(axes, bbox_to_anchor=(0.0, 0.98), columnspacing=1.2)
+
+
+_WORDS = 44  # letters of a step
+
+
+def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = DPI) -> Any:
+    """Draw when a program does which step, one below the other; steps without motion are lines."""
+    steps = () if result.scenario.program is None else result.scenario.program.steps
+    colours = cap_colours(step.kind for step in steps)
+    with Page(file, 7.5, 1.2 + 0.4 * max(len(steps), 10), dpi) as page:
+        axes, time = page.figure.add_subplot(), 0.0
+        for k, step in enumerate(steps):
+            spans = [(s.begin, s.motion.duration) for s in result.stretches if s.step == k]
+            axes.broken_barh(spans or [(time, 0.0)], (k - 0.32, 0.64), color=colours[step.kind], linewidth=1.6)
+            time = max([time, *(begin + span for begin, span in spans)])
+        words = [f"{k + 1}  {shorten(str(step), _WORDS, placeholder=' …')}" for k, step in enumerate(steps)]
+        axes.set_yticks(range(len(steps)), words)
+        axes.grid(axis="y", visible=False)
+        axes.set(xlabel="time [s]", xlim=_span(time), ylim=(len(steps) - 0.4, -0.6))
+        page.set_title(result.scenario.name)
+    return page.figure
 
 
 _HALTED = "0.90"

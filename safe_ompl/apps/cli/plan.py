@@ -26,7 +26,7 @@ from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
 from safe_ompl.trajectories import RATE, RateLimits, Trajectory
-from safe_ompl.view import draw_plan, plots
+from safe_ompl.view import draw_plan, draw_program, plots
 
 _SLOWER = (1.005, 1.02, 1.05, 1.15)  # times as long: what is tried where stops between exported points are too late
 
@@ -228,7 +228,7 @@ def describe_timing(trajectory: Trajectory) -> str:
 
 # ---------------------------------------------------------------------------------------------------- programs
 
-_NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "plot", "timed", "rate", "timed_plot")
+_NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "timed", "rate", "timed_plot")
 
 
 def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callable[[], int]:
@@ -243,15 +243,9 @@ def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callabl
 
 def _plan_program(options: argparse.Namespace, scenario: Scenario) -> int:
     result = plan_program(scenario, seed=options.seed, **({} if options.time is None else {"time": options.time}))
-    steps = [] if scenario.program is None else [str(step) for step in scenario.program.steps]
+    said = result.as_dict()
     if options.json:
-        said = {"scenario": scenario.name, "solved": bool(result), "why": result.why, "duration": result.duration}
-        said |= {"planning_time": result.planning_time, "choices": result.choices, "steps": steps}
-        said["stretches"] = [
-            {"step": s.step, "begin": s.begin, "duration": s.motion.duration, "claims": s.check.claims}
-            for s in result.stretches
-        ]
-        output.write_json(options.json, said)
+        output.write_json(options.json, marked("motion", said))
     if options.json != output.STANDARD_OUTPUT:
         output.say(f"{scenario.name}\n{result}")
     if not result:
@@ -260,7 +254,9 @@ def _plan_program(options: argparse.Namespace, scenario: Scenario) -> int:
         files.write(options.trajectory, motion_content(result.motion, options.trajectory)[0])
     if options.certificate:
         stretches = ((stretch.begin, stretch.check) for stretch in result.stretches)
-        names = [steps[stretch.step] for stretch in result.stretches]
+        names = [said["steps"][stretch.step] for stretch in result.stretches]
         proof = program_certificate(stretches, source_of(scenario, options.certificate), names)
         output.write_json(options.certificate, proof)
+    if options.plot:
+        draw_program(result, options.plot)
     return 0
