@@ -1,4 +1,4 @@
-"""`safe-ompl ros`: a node of ROS 2 that drives a robot to goals beside people and things that move."""
+"""`safe-ompl ros` and `guard`: nodes of ROS 2 that drive a robot beside people and things that move."""
 
 from __future__ import annotations
 
@@ -15,7 +15,17 @@ import numpy as np
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.live import add_mcap, add_reach, people_who_move, program_legs, timed_way
-from safe_ompl.apps.exchange import Cell, ControlOptions, Frames, LiveController, in_metres, limits_of_still
+from safe_ompl.apps.exchange import (
+    ACTION,
+    Cell,
+    ControlOptions,
+    Execution,
+    Frames,
+    LiveController,
+    in_metres,
+    limits_of_still,
+    trajectory_action,
+)
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
@@ -33,7 +43,7 @@ _REHEARSED = 12  # ticks
 
 
 def add_commands(commands: Any) -> None:
-    """Add `ros` to the commands."""
+    """Add `ros` and `guard` to the commands."""
     parser = arguments.add_parser(
         commands,
         "ros",
@@ -43,6 +53,25 @@ def add_commands(commands: Any) -> None:
         "in pieces that end in a stop, with diagnostics and markers. "
         "Obstacles of limits.moving move.",
     )
+    parser.set_defaults(controller="")
+    option(parser, "--shield", "follow what comes on the topic `proposal`, as far as it is proven; no goals")
+    _add_options(parser)
+    parser = arguments.add_parser(
+        commands,
+        "guard",
+        prepare,
+        "a node of ROS 2 in front of a controller: trajectories are proven, stop for people, and go on",
+        f"Serve the action NAME/{ACTION} (control_msgs/action/FollowJointTrajectory), and publish on "
+        "NAME/joint_trajectory what the controller should do, in pieces that end in a stop. People, obstacles and a "
+        "point cloud come as for `safe-ompl ros`.",
+    )
+    parser.set_defaults(shield=False)
+    option(parser, "--controller NAME", "a joint_trajectory_controller of ros2_control", required=True)
+    _add_options(parser)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what both take."""
     arguments.add_scenario(parser)
     option(parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names)
     option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
@@ -57,7 +86,6 @@ def add_commands(commands: Any) -> None:
         ("cloud-radius", 0.02, "of the ball about each point of a cloud [m]"),
     ):
         option(parser, f"--{name} X", what, arguments.limit, usual)
-    option(parser, "--shield", "follow what comes on the topic `proposal`, as far as it is proven; no goals")
     add_mcap(parser)
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
@@ -73,7 +101,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     output.need_extra("ros")
     output.need_extra("mcap")
-    scenario = arguments.load_scenario(options.scenario, options.package_dir)
+    if options.controller:
+        trajectory_action()
+    scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=bool(options.controller))
     if scenario.program is not None:
         arguments.refuse(options, ("shield", "simplify"), "is for paths to goals; the scenario has a program")
     reach = people_who_move(scenario, options).reach
@@ -109,7 +139,7 @@ def trackers_of(scenario: Scenario, options: argparse.Namespace, gate: float | N
 
 def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptions, options: argparse.Namespace) -> int:
     """Start the node, and drive the robot until Ctrl-C."""
-    from safe_ompl.apps.exchange import McapLog, RosNode, ros_context  # needs the extras
+    from safe_ompl.apps.exchange import McapLog, RosNode, lookup_of, ros_context  # needs the extras
 
     around = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
     with ExitStack() as stack:
@@ -122,7 +152,8 @@ def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptio
         if options.mcap is not None:
             header = ticks_header(options.tick, cell.robot, around, cell.moving)
             log = stack.enter_context(closing(McapLog(options.mcap, header)))
-        ros = RosNode(node, controller, Frames(cell.robot, scenario.frames), around.without(*cell.objects), log)
+        frames, still = Frames(cell.robot, scenario.frames, lookup_of(node)), around.without(*cell.objects)
+        ros = RosNode(node, controller, frames, still, log, guarded=options.controller)
         name = node.get_fully_qualified_name()
         ros.run(lambda: output.error_console().print(f"{name}: ready; Ctrl-C ends it"))
     return 0
@@ -149,18 +180,21 @@ def cell_of(
         return Cell(program_robot(limited), trackers, moving, work, program=True, moving=described)
     setup_scenario(limited, robot)  # what cannot be used is said now
 
-    def plan(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Replanner | Shield:
+    def plan(start: FloatArray, goal: Any, cloud: Obstacle | None) -> Replanner | Shield:
         seen, own = () if cloud is None else (cloud,), scenario.motion
-        aim = Goal(configurations=(tuple(goal.tolist()),))
+        aim = Goal(configurations=(tuple((start if isinstance(goal, Execution) else goal).tolist()),))
         asked = replace(limited, scene=still.with_obstacles(*seen), start=tuple(start.tolist()), goal=aim)
         setup = setup_scenario(asked, robot)
         around = Surroundings(scenario.scene.with_obstacles(*seen), trackers, moving, people)
-        if options.shield:
+        if options.shield or isinstance(goal, Execution):
             limits = PathLimits(RateLimits.of(robot, own.velocity, own.acceleration), own.tool_speed, own.link_speed)
             shield = Shield(
                 robot, around, options=replace(control.replanning, limits=limits), prover=setup.motion_prover
             )
-            shield.start(start)
+            if isinstance(goal, Execution):
+                goal.drive_with(shield, start, control.tolerance)
+            else:
+                shield.start(start)
             return shield
         result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
         if result.path is None:
@@ -195,7 +229,8 @@ def legs_of(
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     """Drive a small robot in memory: that compiles every kernel that a tick calls, whatever the robot."""
-    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=options.shield, reach=None)
+    shield = options.shield or bool(options.controller)
+    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=shield, reach=None)
     found = Scenario.load(find_scenario("planar2"))
     motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
     robot, scenario = found.build_robot(), replace(found, motion=motion, people=People(who=(_SOMEBODY,)))

@@ -28,6 +28,14 @@ if TYPE_CHECKING:
         RobotRates as RobotRates,
         open_driver as open_driver,
     )
+    from safe_ompl.apps.exchange.execution import (
+        ACTION as ACTION,
+        Code as Code,
+        Execution as Execution,
+        GoalError as GoalError,
+        Outcome as Outcome,
+        TrajectoryGuard as TrajectoryGuard,
+    )
     from safe_ompl.apps.exchange.logs import McapLog as McapLog, read_joint_log as read_joint_log, read_log as read_log
     from safe_ompl.apps.exchange.messages import Frames as Frames, in_metres as in_metres
     from safe_ompl.apps.exchange.mjcf import world_from_mjcf as world_from_mjcf
@@ -41,6 +49,7 @@ if TYPE_CHECKING:
         limits_of_still as limits_of_still,
         rehearse as rehearse,
     )
-    from safe_ompl.apps.exchange.ros_node import RosNode as RosNode, ros_context as ros_context
+    from safe_ompl.apps.exchange.ros_action import trajectory_action as trajectory_action
+    from safe_ompl.apps.exchange.ros_node import RosNode as RosNode, lookup_of as lookup_of, ros_context as ros_context
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

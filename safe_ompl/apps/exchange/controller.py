@@ -49,9 +49,9 @@ class Cell:
     robot: Robot
     trackers: Mapping[str, Tracker]  # People
     objects: Mapping[str, float]  # Obstacles that move, and bounds of their speeds [m/s]
-    # Of start and goal (n,), and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
+    # Of start (n,) and goal, and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
     # Shields and programs have no goal: they begin at the start.
-    plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner | Shield | Legs]
+    plan: Callable[[FloatArray, Any, Obstacle | None], Replanner | Shield | Legs]
     shielded: bool = False  # Whether proposals are followed, and not goals
     program: bool = False  # Whether a program is driven
     moving: Mapping[str, Any] = field(default_factory=dict)  # Who and what moves, as the header of ticks has it
@@ -91,7 +91,7 @@ class LiveController:
         self._executor = ThreadPoolExecutor(1) if executor is None else executor
         self._now = -np.inf
         self._planning: Future[Replanner | Shield | Legs] | None = None
-        self._goal: FloatArray | None = None
+        self.goal: Any = None  # a configuration (n,), or what else `Cell.plan` takes
         self._wanted = cell.shielded  # whatever the goal
         self._why, self.blocked = "nothing was proposed yet" if cell.shielded else "no goal yet", ""
         if cell.program:
@@ -102,7 +102,7 @@ class LiveController:
         """Forget all that was measured and commanded."""
         lost_after, error = self.options.replanning.lost_after, self.options.clock_error
         self._sightings = Sightings((*self.cell.trackers, *self.cell.objects), lost_after, error)
-        self._joints: Joints | None = None
+        self.joints: Joints | None = None  # as they were measured last
         self._cloud: CloudView | None = None
         self._proven_cloud: CloudView | None = None
         self._strangers: tuple[float, str] = (-np.inf, "")
@@ -111,7 +111,7 @@ class LiveController:
         self.driving = False
         self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
         self.command: Command | None = None
-        self._told_by: Replanner | Shield | None = None
+        self.told_by: Replanner | Shield | None = None
         self._commands: deque[Command] = deque(maxlen=_HISTORY)
 
     # --------------------------------------------------------------------------------------------- what was measured
@@ -122,16 +122,16 @@ class LiveController:
         """Take joint values and velocities; without velocities they follow from the values before."""
         if time > self._clock() + self.options.clock_error:
             raise InputError(f"is {time - self._clock():.3f} s in the future: the clocks differ", "stamp")
-        if self._joints is not None and time <= self._joints.time:
+        if self.joints is not None and time <= self.joints.time:
             return  # out of order
         q = by_name(names, position, self.cell.robot.joint_names)
         if len(velocity):
             qd = by_name(names, velocity, self.cell.robot.joint_names)
-        elif self._joints is None:
+        elif self.joints is None:
             qd = np.full(len(q), np.inf)  # not known yet
         else:
-            qd = self.cell.robot.difference(self._joints.q, q) / (time - self._joints.time)
-        self._joints = Joints(time, q, qd)
+            qd = self.cell.robot.difference(self.joints.q, q) / (time - self.joints.time)
+        self.joints = Joints(time, q, qd)
 
     def see_people(self, time: float, people: Mapping[str, FloatArray]) -> None:
         """Take key points (J, 3) of people in the world, in the order of their skeletons; NaN: not seen."""
@@ -154,18 +154,22 @@ class LiveController:
 
     def see_cloud(self, time: float, points: FloatArray) -> None:
         """Take points (M, 3) in the world [m]; those of the robot and of tracked people are left out."""
-        if self._joints is None or abs(time - self._joints.time) > _JOINTS_LATE:
+        if self.joints is None or abs(time - self.joints.time) > _JOINTS_LATE:
             raise InputError("comes without joint states of its time: the robot's own points are not known")
         around = None if self._pilot is None else self._pilot.surroundings
-        self._cloud = CloudView.seen(points, self.options.cloud_radius, self.cell.robot, self._joints.q, around)
+        self._cloud = CloudView.seen(points, self.options.cloud_radius, self.cell.robot, self.joints.q, around)
 
     def go_to(self, names: Sequence[str], position: Sequence[float]) -> None:
         """Take a goal: the robot stops if it moves, and goes there. Without joints it stops, and stays."""
         if self.cell.program:
             raise InputError("the scenario has a program, which is run", "goal")
-        self._goal = goal_of(self.cell.robot, names, position) if len(names) else None
-        self._planning = None
-        self._halt("a new goal" if self._goal is not None else "no goal")
+        goal = goal_of(self.cell.robot, names, position) if len(names) else None
+        self.pursue(goal, "no goal" if goal is None else "a new goal")
+
+    def pursue(self, goal: Any, why: str) -> None:
+        """Stop, say why, and then do what `Cell.plan` makes of a goal; without one stay."""
+        self.goal, self._planning = goal, None
+        self._halt(why)
 
     def run(self, wanted: bool) -> None:
         """Drive the program, from where it stopped if it was not done; or stop, and stay."""
@@ -209,7 +213,7 @@ class LiveController:
                 self._halt(why)
             else:
                 self._drive()
-        elif (self._goal is not None or self._wanted) and self._planning is None:
+        elif (self.goal is not None or self._wanted) and self._planning is None:
             self._start_planning()
         return self._record()
 
@@ -226,8 +230,8 @@ class LiveController:
         """Return why the robot must be stopped, if it must."""
         if self.blocked:
             return self.blocked
-        late = np.inf if self._joints is None else self._now - self._joints.time
-        if self._joints is None or late > _JOINTS_LATE:
+        late = np.inf if self.joints is None else self._now - self.joints.time
+        if self.joints is None or late > _JOINTS_LATE:
             return "no joint states yet" if np.isinf(late) else f"no joint states for {late:.2f} s"
         if self._now - self._strangers[0] < self.options.replanning.lost_after:
             return f"{self._strangers[1]!r} is seen, but not tracked"
@@ -235,13 +239,20 @@ class LiveController:
             return None
         if self._cloud is not None and (new := self._cloud.news(self._proven_cloud)):
             return f"{new} points of the cloud are new"
-        told = [command for command in self._commands if command.time <= self._joints.time]
-        if told:
-            away = self._apart(told[-1].at(self._joints.time).q, self._joints.q)
-            if away.max() > self.options.tolerance:
-                name = self.cell.robot.joint_names[int(away.argmax())]
-                return f"{name!r} is {away.max():.3f} from where it should be"
+        away, _ = self.errors()
+        if away.max() > self.options.tolerance:
+            name = self.cell.robot.joint_names[int(away.argmax())]
+            return f"{name!r} is {away.max():.3f} from where it should be"
         return None
+
+    def errors(self) -> tuple[FloatArray, FloatArray]:
+        """Return how far joints and velocities (n,) were from what was commanded when they were measured last."""
+        joints = self.joints
+        told = [command for command in self._commands if joints is not None and command.time <= joints.time]
+        if joints is None or not told:
+            return np.zeros(self.cell.robot.n), np.zeros(self.cell.robot.n)
+        state = told[-1].at(joints.time)
+        return self._apart(state.q, joints.q), np.abs(state.qd - joints.qd)
 
     def _apart(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return how far (n,) the joints of two configurations are apart."""
@@ -258,7 +269,7 @@ class LiveController:
                 self._halt(f"the answer came {1e3 * late:.0f} ms too late")
                 return
             self._commands.append(command)
-        self.command, self._told_by, self._why = command, self._pilot, command.reason
+        self.command, self.told_by, self._why = command, self._pilot, command.reason
         if command.doing is not Doing.DONE or self.cell.shielded:
             return
         if self.legs is not None:
@@ -266,7 +277,7 @@ class LiveController:
             self._pilot = self.legs.current.replanner
             if not self.legs.finished:
                 return
-        self._goal, self._wanted, self.driving, self._why = None, False, False, _ARRIVED
+        self.goal, self._wanted, self.driving, self._why = None, False, False, _ARRIVED
 
     def _inform(self, pilot: Replanner | Shield) -> None:
         due = self._sightings.due(self._now)
@@ -287,11 +298,11 @@ class LiveController:
         if why is not None:
             self._why = why
             return
-        assert self._joints is not None
-        stood = self.command is None or self._joints.time > self.command.standstill
-        if not stood or np.abs(self._joints.qd).max() > _RESTING:
+        assert self.joints is not None
+        stood = self.command is None or self.joints.time > self.command.standstill
+        if not stood or np.abs(self.joints.qd).max() > _RESTING:
             return
-        start = self._joints.q
+        start = self.joints.q
         if self.command is not None:  # what it was told is without the errors of its control
             rest = self.command.at(np.inf).q
             away = self._apart(rest, start)
@@ -299,9 +310,9 @@ class LiveController:
                 self._resume(away)
                 return
             start = rest if away.max() <= self.options.tolerance else start
-        goal = start if self._goal is None else self._goal
-        if not self._wanted and self._apart(start, goal).max() < _SAME:
-            self._goal, self._why = None, _ARRIVED
+        goal = start if self.goal is None else self.goal
+        if not self._wanted and isinstance(goal, np.ndarray) and self._apart(start, goal).max() < _SAME:
+            self.goal, self._why = None, _ARRIVED
             return
         self._start, self._proven_cloud = start, self._cloud
         cloud = None if self._cloud is None else self._cloud.obstacle()
@@ -316,7 +327,7 @@ class LiveController:
             self._why = f"{name!r} is {away.max():.3f} from where the program goes on"
             return
         replanner = self.legs.current.replanner
-        replanner.resume(self.command if self._told_by is replanner else None)
+        replanner.resume(self.command if self.told_by is replanner else None)
         self.driving = True
 
     def _take_plan(self) -> None:
@@ -328,9 +339,9 @@ class LiveController:
             found = planning.result()
         except SafeOmplError as error:
             what = "the program cannot be driven" if self.cell.program else "no way to the goal"
-            self._goal, self._wanted, self._why = None, self.cell.shielded, f"{what}: {error}"
+            self.goal, self._wanted, self._why = None, self.cell.shielded, f"{what}: {error}"
             return
-        away = np.inf if self._joints is None else self._apart(self._start, self._joints.q).max()
+        away = np.inf if self.joints is None else self._apart(self._start, self.joints.q).max()
         if away > self.options.tolerance:  # the robot was moved meanwhile: plan anew
             return
         self.legs = found if isinstance(found, Legs) else None
@@ -362,7 +373,7 @@ class LiveController:
 
     def _record(self) -> dict[str, Any]:
         times, states = self.stop()
-        still = np.full(self.cell.robot.n, np.nan) if self._joints is None else self._joints.q
+        still = np.full(self.cell.robot.n, np.nan) if self.joints is None else self.joints.q
         command = self.command
         nothing: dict[str, Any] = {"people": {}, "objects": {}}
         work = {}
@@ -371,9 +382,9 @@ class LiveController:
             work = {"step": leg.step + 1, "holds": ", ".join(item.name for item in leg.robot.spec.attached)}
         return {
             "time": self._now,
-            "joints_measured": None if self._joints is None else self._joints.time,
+            "joints_measured": None if self.joints is None else self.joints.time,
             "q": still.tolist(),
-            "qd": (np.full(len(still), np.nan) if self._joints is None else self._joints.qd).tolist(),
+            "qd": (np.full(len(still), np.nan) if self.joints is None else self.joints.qd).tolist(),
             "stop": stop_as_dict(times, states),
             **(nothing if self._pilot is None else self._pilot.surroundings.seen()),
             "state": self.state,

@@ -7,7 +7,7 @@ Humble, which later releases share for all types that are used here. Times of me
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -211,9 +211,16 @@ def _markers(time: int, found: Mapping[str, Sequence[Message]]) -> Message:
 
 
 class Frames:
-    """Where frames are in the world: the world itself, links that the robot's joints do not move, and given ones."""
+    """Where frames are in the world: the world itself, links that the robot's joints do not move, and given ones.
 
-    def __init__(self, robot: Robot, given: Mapping[str, Pose]) -> None:
+    Other frames are looked up: `lookup(target, frame, header)` is where a frame is in a target at the stamp of the
+    header; None if that is not known.
+    """
+
+    def __init__(
+        self, robot: Robot, given: Mapping[str, Pose], lookup: Callable[[str, str, Any], pin.SE3 | None] | None = None
+    ) -> None:
+        self._lookup = lookup
         fixed = [frame for frame in robot.shared.model.frames if frame.parentJoint == 0]
         self._places = {frame.name: frame.placement for frame in fixed if frame.name != "universe"}
         self._places |= {WORLD: pin.SE3.Identity(), **{name: pose.se3 for name, pose in given.items()}}
@@ -223,9 +230,14 @@ class Frames:
         if not header.frame_id:
             raise InputError("is empty: say in which frame it is", "frame_id")
         name = header.frame_id.removeprefix("/")
-        if name not in self._places:
-            raise UnknownNameError("frame", name, self._places, "frame_id")
-        return self._places[name]
+        if name in self._places:
+            return self._places[name]
+        if self._lookup is not None:
+            for target, place in self._places.items():
+                found = self._lookup(target, name, header)
+                if found is not None:
+                    return place * found
+        raise UnknownNameError("frame", name, self._places, "frame_id")
 
 
 def in_metres(skeleton: Skeleton) -> Skeleton:

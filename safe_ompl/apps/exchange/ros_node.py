@@ -16,11 +16,15 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from safe_ompl.apps.exchange import messages
 from safe_ompl.apps.exchange.controller import LiveController
+from safe_ompl.apps.exchange.execution import ACTION, TrajectoryGuard
 from safe_ompl.apps.exchange.messages import Frames, cloud_of, people_of_markers, pose_of, proposal_of, stamp_of
+from safe_ompl.apps.exchange.ros_action import TrajectoryServer
 from safe_ompl.common import InputError
+from safe_ompl.geometry import Pose
 from safe_ompl.io import TickLog
 from safe_ompl.scene import Scene
 
@@ -70,21 +74,56 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
     )
 
 
+def lookup_of(node: Any) -> Callable[[str, str, Any], pin.SE3 | None] | None:
+    """Return how `Frames` looks up other frames: with tf2, if it is there."""
+    try:
+        tf2 = import_module("tf2_ros")
+    except ImportError:
+        return None
+    buffer = tf2.Buffer(node=node)
+    listener = tf2.TransformListener(buffer, node)
+
+    def lookup(target: str, frame: str, header: Any) -> pin.SE3 | None:
+        assert listener is not None  # it fills the buffer as long as somebody has it
+        time = import_module("rclpy.time").Time(seconds=header.stamp.sec, nanoseconds=header.stamp.nanosec)
+        if not buffer.can_transform(target, frame, time):
+            return None
+        found = buffer.lookup_transform(target, frame, time).transform
+        place, turn = found.translation, found.rotation
+        return Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w)).se3
+
+    return lookup
+
+
 class RosNode:
     """Connects a controller, whose clock is the node's, with topics; `run` drives it until it is interrupted.
 
-    Sensors are in `frames`, what is drawn around the robot is `scene`, and `log` takes the ticks.
+    Sensors are in `frames`, what is drawn around the robot is `scene`, and `log` takes the ticks. In front of a
+    `guarded` controller of ros2_control it serves an action: trajectories take the place of goals.
     """
 
     def __init__(
-        self, node: Any, controller: LiveController, frames: Frames, scene: Scene, log: TickLog | None = None
+        self,
+        node: Any,
+        controller: LiveController,
+        frames: Frames,
+        scene: Scene,
+        log: TickLog | None = None,
+        *,
+        guarded: str = "",
     ) -> None:
         self._node, self._controller, self._frames, self._log = node, controller, frames, log
         self._robot = controller.cell.robot
         self._said: dict[str, float] = {}
         self._units = 10.0
         self._shown: Scene | None = None
-        self._commands = self._publisher(messages.JOINT_TRAJECTORY, "command")
+        self._pilot: LiveController | TrajectoryGuard = controller
+        self._server: TrajectoryServer | None = None
+        self._topic = f"{guarded}/joint_trajectory" if guarded else "command"
+        if guarded:
+            self._pilot = TrajectoryGuard(controller, lambda: node.get_clock().now().nanoseconds / messages.SECOND)
+            self._server = TrajectoryServer(node, self._pilot, f"{guarded}/{ACTION}")
+        self._commands = self._publisher(messages.JOINT_TRAJECTORY, self._topic)
         self._diagnostics = self._publisher(messages.DIAGNOSTICS, "/diagnostics")
         self._tracked = self._publisher(messages.MARKERS, "tracked")
         self._still = self._publisher(messages.MARKERS, "scene", latched=True)
@@ -167,7 +206,7 @@ class RosNode:
         if cell.shielded:
             proposal = messages.JOINT_TRAJECTORY, "proposal"
             self._subscribe(*proposal, lambda message: controller.propose(*proposal_of(message, self._robot)))
-        else:
+        elif self._server is None:
             goal = messages.JOINT_STATE, "goal"
             go_to = controller.go_to
             self._subscribe(*goal, lambda message: go_to(message.name, message.position), reliable=True)
@@ -175,7 +214,9 @@ class RosNode:
     # ----------------------------------------------------------------------------------------------------- ticks
 
     def _tick(self) -> None:
-        tick = self._controller.tick()
+        tick = self._pilot.tick()
+        if self._server is not None:
+            self._server.tell(tick["time"])
         time = messages.nanoseconds(tick["time"])
         if self._controller.legs is not None:
             self._show(self._controller.legs.current.scene)
@@ -212,6 +253,6 @@ class RosNode:
 
     def _look_for_others(self) -> None:
         """Keep the robot still while another node commands it, too."""
-        topic = self._node.resolve_topic_name("command")
+        topic = self._node.resolve_topic_name(self._topic)
         count = self._node.count_publishers(topic)
         self._controller.blocked = f"{count} nodes publish {topic}" if count > 1 else ""

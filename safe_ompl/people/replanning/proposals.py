@@ -24,6 +24,9 @@ _SHORTEST = 1e-3  # [s] of a change of velocity
 _DAMPING = 0.05  # [m/rad] of the inverse of the Jacobian
 _LEFT_OUT = (0, 2)  # of the next positions, where the robot cannot go through them in its direction
 _AT_REST = 1e-9  # [rad/s]
+_CUBIC = 3  # degree of the pieces of a curve
+_EXACT = 0.02  # [s] between the ends of cubics that take the place of pieces of a higher degree
+_CORNER = 1e-4  # [rad/s] a velocity that jumps by more is a corner
 # With a limit of the jerk: what brings a q″ of 1 to 0 within a time of 1, each for a third of that, and leaves no
 # velocity and no way; what share of the jerk that takes; and halves of the times that changes of velocity take [s].
 _BUMP = (-5.5, 3.5, -1.0)
@@ -106,6 +109,29 @@ class Positions:
     def duration(self) -> float:
         """How long it takes [s]."""
         return float(self.times[-1])
+
+    def own_curve(self, motion: Motion) -> BlendedCurve:
+        """Return the curve of the motion that these are positions of, from its start at rest on; corners are stops.
+
+        Cubics are exact; of higher degrees the curve has positions and velocities every 0.02 s. Lines have no
+        velocities: the curve is the spline through the positions, as where the jerk is limited.
+        """
+        motion = motion.for_robot(self.robot)
+        if motion.degree <= 1 or self.limits.jerk is not None:
+            still = np.zeros(motion.n)
+            pieces, *_ = next(self.curves(0.0, State(self.positions[0], still, still), np.inf))
+            return BlendedCurve(pieces, [])
+        if motion.degree > _CUBIC:
+            counts = np.ceil(np.diff(motion.times) / _EXACT).astype(int).tolist()
+            motion = motion.cut({k: np.arange(1, m) / m for k, m in enumerate(counts) if m > 1})
+        powers = motion.coefficients
+        begins, slopes = powers[:, 0], powers[:, 1]
+        ways, after = powers.sum(axis=1) - begins, (powers * np.arange(motion.degree + 1)[:, None]).sum(axis=1)
+        cubics = np.stack([begins, slopes, 3 * ways - 2 * slopes - after, slopes + after - 2 * ways], axis=1)
+        spans = np.diff(motion.times)[:, None]
+        jumps = np.abs(after[:-1] / spans[:-1] - slopes[1:] / spans[1:]).max(axis=1)
+        corners = (1 + np.flatnonzero(jumps > _CORNER)).tolist()
+        return BlendedCurve.of(motion.times - motion.times[0], cubics, corners)
 
     def curves(self, begin: float, state: State, window: float) -> Iterator[Beginning]:
         """Yield curves from a state at `begin` of it on, with ṡ and s̈ where they begin, the nearest to it first.

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import InputError, SafeOmplError, finite_array
+from safe_ompl.motions import Motion
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
@@ -44,6 +45,8 @@ _HARDEST = 100.0  # [1/s²] bound of the braking where the joints hardly move
 _FASTER = 0.1  # by which ṡ may grow in a tick where people make the robot slow
 _CUTS = 4  # halvings of a piece that is not proven
 _SAME = 1e-6  # [s]
+_JOINED = 1e-6  # [rad or m]
+_OVER = 0.2  # [s] that going over to the beginning of a motion takes at least
 _NOTHING = "nothing was proposed"
 
 
@@ -96,7 +99,7 @@ class Shield(Guard):
             raise InputError(f"joint {self.robot.joint_names[i]!r} = {here[i]:g} is outside its limits", "start")
         still = np.zeros(self.robot.n)
         piece = Piece(here, still, still, still, 1.0)
-        self._rest = rest = self._path([piece])
+        self._rest = rest = self._path(BlendedCurve([piece], []))
         # The first proof makes and loads what all need: here, and not within the first tick.
         self._verdict(piece)
         rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
@@ -122,6 +125,41 @@ class Shield(Guard):
             first position. Default: with the next command.
         """
         return self._take(lambda: Positions.of(motion, rate, start, self.robot, self.limits.joints))
+
+    def follow(self, motion: Motion, since: float = 0.0, within: float = _SAME) -> float:
+        """Drive a whole motion on its own curve, from a time `since` of it [s] on; return where on it that begins [s].
+
+        Call it after `start`. All of it is proven among what stands still here, and not in the ticks. Where people are
+        in the way the robot stops on it, and goes on as soon as it may. It stops where velocities jump; a motion of
+        lines is driven along the spline through its positions (see `propose`). A robot that stands elsewhere goes over
+        first, if no joint is farther than `within` [rad or m]. Raises InputError if one is, if a command was given
+        already, or if the motion is not free: what is in its way, and when.
+        """
+        if self._rest is None or self._last is not None:
+            raise InputError("start where the robot stands first")
+        proposal = Positions.of(motion, None, None, self.robot, self.limits.joints)
+        curve = proposal.own_curve(motion)
+        curve = curve.rest(since) if since > 0 else curve
+        stands = self._rest.curve.pieces[0].start
+        away = self.robot.difference(stands, curve.pieces[0].start)
+        farthest = int(np.abs(away).argmax())
+        if abs(away[farthest]) > within:
+            where = f"{abs(away[farthest]):.3g} from where {self.robot.joint_names[farthest]!r} stands"
+            raise InputError(f"begins {where}, and {within:.3g} is allowed", "motion")
+        begin = since
+        if abs(away[farthest]) > _JOINED:
+            begin -= _OVER
+            first = Piece(stands, 0 * away, 6 * away / _OVER**2, -12 * away / _OVER**3, _OVER)
+            curve = BlendedCurve([first, *curve.pieces], [1, *(1 + k for k in curve.stops)])
+        for at, piece in zip((begin + curve.starts).tolist(), curve.pieces, strict=True):
+            verdict = self._verdict(piece)
+            if verdict.verdict is not Verdict.FREE:
+                raise InputError(_blocked(verdict, f"at {at + (verdict.at or 0.0) * piece.length:.2f} s"))
+        path = self._path(curve)
+        _ = path.ceiling  # here, and not within the first tick
+        self._proposal, self._refused, self._clock = proposal, "", np.nan
+        self._way = _Way(proposal, path, begin, whole=True, blocked="")
+        return begin
 
     def propose_velocity(self, velocity: ArrayLike) -> bool:
         """Propose a velocity of the joints (n,) [rad/s or m/s], held until the next tick; returns as `propose`.
@@ -251,13 +289,13 @@ class Shield(Guard):
                 if verdict.verdict is Verdict.FREE:
                     proven.append(piece)
                     break
-                blocked = blocked or _blocked(verdict, begin + end)
+                blocked = blocked or _blocked(verdict, f"before {begin + end:.2f} s")
                 piece = piece._replace(length=0.5 * piece.length)
             if blocked:
                 break
         if not proven:
             return None, blocked
-        path = self._path(proven)
+        path = self._path(BlendedCurve(proven, []))
         if not path.admits(pace, push):
             return None, ""
         return _Way(proposal, path, begin, whole and not blocked, blocked), ""
@@ -268,8 +306,7 @@ class Shield(Guard):
         powers = np.array([piece.start, t * piece.slope, t * t / 2 * piece.bend, t * t * t / 6 * piece.swing])
         return self.prover.check_curve(powers)
 
-    def _path(self, pieces: list[Piece]) -> GuardedPath:
-        curve = BlendedCurve(pieces, [])
+    def _path(self, curve: BlendedCurve) -> GuardedPath:
         path = GuardedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
         return replace(path, brakes=np.minimum(path.brakes, _HARDEST))
 
@@ -299,8 +336,8 @@ def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
     return command
 
 
-def _blocked(verdict: MotionVerdict, before: float) -> str:
+def _blocked(verdict: MotionVerdict, when: str) -> str:
     """Say what stands still in the way."""
     first, second = verdict.pair or ("nothing", "proven free")
     what = f"joint {first!r} leaves its limits" if second == "its limits" else f"{first} and {second}"
-    return f"not free of what stands still before {before:.2f} s: {what}"
+    return f"not free of what stands still {when}: {what}"
