@@ -7,22 +7,11 @@ compression. In the frame that moves with v the energy ½Kc² + ½m(v − ẏ)²
 the mass is at rest first, so Kc ≤ v√(mK). What counts is the speed of the robot where it touches; that of the person is
 not counted.
 
-A limb is *clamped* if it touches a body of the robot and, on its other side, a partner: an obstacle, a part of the
-robot that stands still, or a link that moves otherwise. It cannot yield: half of the force counts, and the robot's mass
-m_R in the place of m_H. There the robot must stop or yield by itself when it touches, and m_R is half of its links'
-mass, the public choice: an infinite one would forbid all motion there. What counts is how fast the gap closes. Two
-points of rigid bodies g and h, with velocity fields V_g and V_h, approach each other by (V_g(p) − V_h(p))·n, because
-V_h changes no distance. So they approach by no more than
-
-    w_gh = Σ_j R̄_gj |q′_j| + Σ_i R̄_hi |q′_i|    per arc length,
-
-with the joints j that move g only and i that move h only, and by no more than the sum of the largest speeds of their
-points. A limb of thickness d touches both only where their distance is d at most. Over a cell of length 2l that is at
-least the proven bound at its centre less l·w_gh. Where that is more than d the limb cannot be clamped; elsewhere the
-robot is so slow that w_gh ṡ stays below what the clamped limb bears.
-
-The thickness of arms, hands, legs and feet is the diameter of their capsule, that of the trunk its breadth across the
-shoulders. Not counted are limbs that are held lengthwise, several of them in a row, and what another person is.
+A limb is *clamped* between a body of the robot and a partner (`docs/mathematics.md` §9). It cannot yield: half of the
+force counts, and m_R, half of the mass of the robot's links, the public choice: an infinite one would forbid all
+motion there. The thickness of arms, hands, legs and feet is the diameter of their capsule, that of the trunk its
+breadth across the shoulders. Not counted are limbs that are held lengthwise, several of them in a row, and what another
+person is.
 """
 
 from __future__ import annotations

@@ -244,11 +244,9 @@ def blended(
 ) -> BlendedCurve:
     """Return the path (N, n) with its corners rounded, within a tolerance [rad]; if it is 0 the robot stops in corners.
 
-    A blend leaves the edges at a distance l from a corner: over the length 2l its q′ goes from one edge's direction to
-    the other's, by Δ. With constant q″ = Δ/2l, a parabola, it is |Δ|l/4 away from the corner at most. With a limit of
-    the jerk q″ rises to Δ/2l(1 − ρ), stays, and falls, the first and the last of these within the share ρ of 2l each.
-    The largest blend within the tolerance is taken that uses no more than half of either edge and is proven; where
-    none is, or nothing proves it, the robot stops in the corner. An InputError if the path does not move.
+    Of the blends of `docs/mathematics.md` §9 the largest within the tolerance is taken that uses no more than half of
+    either edge and is proven; where none is, or nothing proves it, the robot stops in the corner. An InputError if the
+    path does not move.
     """
     steps = robot.difference(path[:-1], path[1:])
     moves = np.linalg.norm(steps, axis=1) > _SAME

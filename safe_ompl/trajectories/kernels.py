@@ -1,24 +1,9 @@
 """Kernels of motions in time: stopping thresholds, the fastest time law, and driving along a path cell by cell.
 
-The stop from (s, ṡ) stays on the path and never brakes harder than it began: from cell j on it decelerates by
-β_k = min(b_j … b_k) in cell k. It must never be in a cell k later than τ_k after it began, or be slow enough there. The
-faster it begins, or the farther on in its cell, the longer such a stop takes, for at the same ṡ it is at a place where
-β is no larger. The latest instant in cell k, of all stops from cell j no faster than V, is
-
-    min(T_stop(V), T_jk),    T_jk: the stop from s_j that ends at the end of cell k.
-
-Slower stops end before that; faster ones have left the cell by then. The cell is reached only if V² > R_k, the ṡ² that
-braking takes away from the end of cell j to the start of cell k, and with ṡ² ≤ V² − R_k. So V is allowed if for every k
-
-    T_jk ≤ τ_k,    or    V² ≤ R_k + u_k²,    or    T_stop(V) ≤ τ_k,
-
-u_k the speed that is harmless in the cell. All three stay true when V falls. And a stop nowhere exceeds the cap of its
-cell, on which b_k rests: V² ≤ R_k + cap_k². At the end of the path, and in corners that are no blends, the robot
-stops: it never is so fast that it could not stop before, V² ≤ 2 Σ β h up to there.
-
-With the arc length s(t) and x = ṡ² the joints have q̈ = q′s̈ + q″x. In a cell s̈ = a is constant, so that x is linear in
-s, a = (x_end − x_start)/2h. Over the cell q′ and q″ stay in boxes; p·a + c·x is linear in each of p, c and x, so that
-|q̈| ≤ limit holds throughout if it holds for all corners of the boxes at both ends of the cell.
+Symbols and proofs are those of `docs/mathematics.md` §9. The stop from (s, ṡ) stays on the path. The faster it begins,
+or the farther on in its cell, the longer it takes, for at the same ṡ it is at a place where β is no larger; what allows
+V stays true when V falls. At the end of the path, and in corners that are no blends, the robot stops: V² ≤ 2 Σ β h up
+to there.
 """
 
 from __future__ import annotations

@@ -1,20 +1,8 @@
-"""Stops beside people of a motion that is driven as it is, from any instant on.
+"""Stops beside people of a motion that is driven as it is, from any instant on (`docs/mathematics.md` §9).
 
-The parameter σ of such a curve is its time: it is driven at σ̇ = 1, and a stop lets σ̇ fall to 0. A stop goes on as the
-motion does to the end of the cell in which it begins. From there x = σ̇² is linear in each cell and falls as far as
-
-    |q̈| = |q″x + q′σ̈| ≤ limit
-
-allows for all q′ and q″ in the boxes of the cell, at both of its ends, and so in between. If x would be y < 0 at the
-end of a cell of size h, the stop ends within it, after 2h√x/(x − y). Where the motion itself accelerates more than the
-limit x stays as it is, and the stop accelerates no more than the motion. A stop also ends where the motion is at rest.
-So all stops that begin in cell j are the same behind it, and are in cell k until
-
-    T_jk = h_j + Σ 2h_i/(√x_i + √x_(i+1)),  i from j + 1 to k,
-
-at the latest, or until they end. They are over before limb m is there if T_jk ≤ τ_km in every cell k, with the bound of
-the time that it needs to any place of the cell. Where contact is allowed, a cell that is entered with √x ≤ u_km, which
-is harmless, counts as well. Nothing is asked where the robot is at rest.
+The parameter σ of such a curve is its time, x = σ̇². If x would be y < 0 at the end of a cell of size h, the stop ends
+within it, after 2h√x/(x − y). Where the motion itself accelerates more than the limit x stays as it is, and the stop
+accelerates no more than the motion. A stop also ends where the motion is at rest; nothing is asked there.
 """
 
 from __future__ import annotations

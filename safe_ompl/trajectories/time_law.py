@@ -1,23 +1,9 @@
 """Time laws: where on its curve a trajectory is at what time, with or without a limit of the jerk.
 
-Without it ṡ² is linear in every cell of the curve. With it such a law, the *plan* σ, is averaged over a window:
-
-    s(t) = 1/w ∫ σ(τ) dτ,  τ from t − w to t,
-
-so that ṡ and s̈ are averages too, and s⃛(t) = (σ̈(t) − σ̈(t − w))/w is bounded: a moving average as filter, as in Biagiotti
-& Melchiorri, *FIR filters for online trajectory planning with time- and frequency-domain specifications* (2012). Where
-the robot must stand the plan waits for w. The average of a stop of the plan is a stop of the robot, that keeps the same
-bounds from any s̈ on.
-
-What holds of s(t) in a cell k is asked of the plan in all cells within reach. If m is the largest σ̇ in the window, all
-σ(τ) in it are within m w/2 of s(t). Let c_k be what ṡ must keep to in cell k. It does if σ̇ ≤ min_k max(c_k, 2 d_jk/w)
-in each cell j, d_jk the distance between the cells: where σ̇ = m, d_jk ≤ m w/2, so m ≤ c_k. So all σ(τ) are within
-c_k w/2 of cell k. In all cells that are so near
-
-* |p σ̈ + c σ̇²| ≤ limit for all p and c in the boxes of q′ and of q″ over cell k, with 0 added to that of q″: then |q̈|
-  keeps to the limit, for ṡ² is no more than the average of σ̇²;
-* −B_k ≤ σ̈ ≤ A_k, with |q′|(A_k + B_k)/w + 3|q″|c_k max(A_k, B_k) + |q‴|c_k³ ≤ limit: so |q⃛| = |q‴ṡ³ + 3q″ṡs̈ + q′s⃛|
-  keeps to the limit. Without people A = B; beside them B is larger, for stops.
+Without it ṡ² is linear in every cell of the curve. With it such a law, the *plan* σ, is averaged over a window w; where
+the robot must stand the plan waits for w. `docs/mathematics.md` §9 says what the plan keeps to in all cells within
+reach, by c_k, A_k and B_k, so that the average keeps the limits. Without people A = B; beside them B is larger, for
+stops.
 """
 
 from __future__ import annotations
