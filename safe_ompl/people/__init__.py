@@ -8,9 +8,16 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.people.calibration import GATE as GATE, calibrate as calibrate
+    from safe_ompl.people.occupancy import (
+        DepthCamera as DepthCamera,
+        DepthFrame as DepthFrame,
+        OccupancyGrid as OccupancyGrid,
+        OccupancyOptions as OccupancyOptions,
+    )
     from safe_ompl.people.reach import (
         CalibratedReach as CalibratedReach,
         ReachSets as ReachSets,
+        ReachViolation as ReachViolation,
         limb_lines as limb_lines,
     )
     from safe_ompl.people.skeletons import (
@@ -25,7 +32,6 @@ if TYPE_CHECKING:
         list_clips as list_clips,
     )
     from safe_ompl.people.tracking import (
-        ReachViolation as ReachViolation,
         Surroundings as Surroundings,
         Tracker as Tracker,
         who_is_where as who_is_where,

@@ -15,7 +15,7 @@ from functools import cached_property, partial
 from itertools import pairwise
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,18 @@ from safe_ompl.scene import People
 
 _ROUNDING = 1e-12  # [m]
 _FINEST = 0.01  # [m] edge of the smallest cells
+
+
+class ReachViolation(NamedTuple):
+    """A body that moved farther than was promised."""
+
+    who: str  # The person or object, and its limb; the limb of an object is empty
+    limb: str
+    excess: float  # How far it was beyond what its reach allows [m]
+
+    def __str__(self) -> str:
+        limb = f" ({self.limb})" if self.limb else ""
+        return f"{self.who!r}{limb} moved {1e3 * self.excess:.0f} mm farther than promised"
 
 
 @dataclass(frozen=True)

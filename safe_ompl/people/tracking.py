@@ -6,7 +6,7 @@ import logging
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +23,8 @@ from safe_ompl.common import (
     number,
 )
 from safe_ompl.geometry import STANDING, Obstacle, PointCloud, Pose, bounding_hull, placed
-from safe_ompl.people.reach import CalibratedReach, ReachSets, ball_cover, limb_lines
+from safe_ompl.people.occupancy import DepthFrame, OccupancyGrid
+from safe_ompl.people.reach import CalibratedReach, ReachSets, ReachViolation, ball_cover, limb_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.scene import People, Scene
 
@@ -34,18 +35,6 @@ _LAG = 0.1  # [s] over which the speed is measured that a calibrated reach depen
 # A reach is doubted once it was left in more of the last measurements than this multiple of what its level allows.
 _WATCHED, _OFTEN, _FEW = 200, 2.0, 4
 _MOST_BALLS = 256  # of the reach sets of a cloud
-
-
-class ReachViolation(NamedTuple):
-    """A body that moved farther than was promised."""
-
-    who: str  # The person or object, and its limb; the limb of an object is empty
-    limb: str
-    excess: float  # How far it was beyond what its reach allows [m]
-
-    def __str__(self) -> str:
-        limb = f" ({self.limb})" if self.limb else ""
-        return f"{self.who!r}{limb} moved {1e3 * self.excess:.0f} mm farther than promised"
 
 
 @dataclass(frozen=True)
@@ -336,11 +325,14 @@ class Surroundings:
     people : People, optional
         How far people go (their reach, or else their speeds), the clearance from the robot that must be left, and
         whether the robot may touch people at speeds that they bear.
+    depth : OccupancyGrid, optional
+        What depth cameras see, whoever or whatever it is.
 
     Raises
     ------
     InputError
-        If an object is no obstacle of the scene, or a person, too; if a reach has another skeleton or gate.
+        If an object is no obstacle of the scene, or a person, too; if a reach has another skeleton or gate; if the
+        grid is of another scene.
     """
 
     def __init__(
@@ -349,6 +341,7 @@ class Surroundings:
         trackers: Mapping[str, Tracker] | None = None,
         objects: Mapping[str, float] | None = None,
         people: People | None = None,
+        depth: OccupancyGrid | None = None,
     ) -> None:
         trackers, objects = trackers or {}, objects or {}
         self.rules = People() if people is None else people
@@ -363,12 +356,16 @@ class Surroundings:
         self.clouds = tuple(name for name, track in self.objects.items() if isinstance(track, CloudTrack))
         self.scene = scene.without(*(name for name in scene.names if name in trackers))
         self.still = self.scene.without(*objects)
+        self.depth = depth
+        if depth is not None and depth.still != self.still:
+            raise InputError(f"stand still for the grid: {depth.still.names}, but here: {self.still.names}", "depth")
         self.time = -np.inf
         self.sets = ReachSets.none()
         self._violations: list[ReachViolation] = []
 
     def __repr__(self) -> str:
-        return f"Surroundings({len(self.people)} people, {len(self.objects)} objects)"
+        cameras = "" if self.depth is None else f", {len(self.depth.cameras)} cameras"
+        return f"Surroundings({len(self.people)} people, {len(self.objects)} objects{cameras})"
 
     @property
     def _tracks(self) -> dict[str, PersonTrack | ObjectTrack]:
@@ -378,6 +375,7 @@ class Surroundings:
     def known(self) -> bool:
         """Whether everybody and everything was seen."""
         seen = all(track.keypoints is not None for track in self.people.values())
+        seen = seen and (self.depth is None or self.depth.known)
         return seen and all(np.isfinite(track.seen) for track in self.objects.values())
 
     def description(self) -> dict[str, Any]:
@@ -394,6 +392,7 @@ class Surroundings:
             }
         rules = self.rules
         assumed = str(self.reach or f"limbs are no faster than {max([rules.speed, *rules.speeds.values()]):g} m/s")
+        assumed += "" if self.depth is None else f"; {self.depth.options}"
         return {
             "people": people,
             "objects": {name: track.speed for name, track in self.objects.items()},
@@ -406,13 +405,20 @@ class Surroundings:
         return who_is_where(people, {name: thing.pose for name, thing in self.objects.items()})
 
     def update(
-        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
+        self,
+        people: Mapping[str, ArrayLike | None],
+        objects: Mapping[str, Any],
+        time: float,
+        depth: Mapping[str, DepthFrame] | None = None,
     ) -> list[ReachViolation]:
         """Take what sensors saw; see `Guard.update`."""
         number("time", time)
+        frames = depth or {}
+        cameras = {} if self.depth is None else self.depth.cameras
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", "time")
-        for kind, given, known in (("person", people, self.people), ("object", objects, self.objects)):
+        asked = (("person", people, self.people), ("object", objects, self.objects), ("camera", frames, cameras))
+        for kind, given, known in asked:
             for name in given:
                 if name not in known:
                     raise UnknownNameError(kind, name, known)
@@ -423,12 +429,18 @@ class Surroundings:
         for name, thing in self.objects.items():
             with document.within(f"objects.{name}", ": "):
                 found.append(thing.observe(objects.get(name), time))
+        for name in sorted(frames, key=lambda name: frames[name].time):
+            assert self.depth is not None
+            with document.within(f"depth.{name}"):
+                found.append(self.depth.observe(name, frames[name], time))
         self.time = float(time)
         self._violations = [violation for violation in found if violation is not None]
         if self.known:
             self.sets = ReachSets.none()
             for track in sorted(self._tracks.values(), key=_is_cloud):
                 self.sets = self.sets.beside(track.sets())
+            if self.depth is not None:
+                self.sets = self.sets.beside(self.depth.sets(time))
         return list(self._violations)
 
     def take_over(self, before: Surroundings) -> None:
@@ -442,7 +454,8 @@ class Surroundings:
             age = time - self.time + track.age
             if age > lost_after:
                 return f"{name!r} was not seen " + ("yet" if np.isinf(age) else f"for {age:.2f} s")
-        return str(self._violations[0]) if self._violations else None
+        trouble = None if self.depth is None else self.depth.trouble(time, lost_after)
+        return str(self._violations[0]) if self._violations else trouble
 
 
 def who_is_where(people: Mapping[str, FloatArray | None], objects: Mapping[str, pin.SE3]) -> dict[str, dict[str, Any]]:

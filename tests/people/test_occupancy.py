@@ -1,0 +1,227 @@
+"""Nothing that keeps to the speed is ever outside of what a grid holds occupied; points of the robot are left out."""
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl import Box, InputError, Obstacle, Pose, Scene, Shield, Surroundings, UnknownNameError
+from safe_ompl.collision import robot_points
+from safe_ompl.geometry import bounding_hull, hull_planes
+from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOptions
+
+SIZE = 160, 120
+Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
+WALL = 5.5  # [m] depth behind all
+FLOOR = Scene((Obstacle("floor", Box((4, 4, 0.1)), Pose((0, 0, -0.6))),))
+
+
+def camera(place, at, **more):
+    """Return a camera at a place that looks at a point."""
+    ahead = (np.array(at) - place) / np.linalg.norm(np.array(at) - place)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = Pose.of(pin.SE3(np.column_stack([right, np.cross(ahead, right), ahead]), np.array(place, dtype=float)))
+    return DepthCamera(*SIZE, (110.0, 110.0), (79.5, 59.5), pose, **{"block": 2, "noise": (0.0, 0.0), **more})
+
+
+CAMERAS = {"left": camera((1.8, -1.2, 1.2), (0, 0, 0.3)), "right": camera((1.8, 1.2, 1.2), (0, 0, 0.3))}
+
+
+def image(of, balls):
+    """Return the depths of balls (centre, radius) in front of a wall, without the robot."""
+    place = of.pose.se3.inverse()
+    v, u = np.mgrid[: of.height, : of.width]
+    rays = np.stack([(u - of.middle[0]) / of.focal[0], (v - of.middle[1]) / of.focal[1], np.ones_like(u)], axis=-1)
+    depths = np.full((of.height, of.width), WALL)
+    for centre, radius in balls:
+        c = place.act(np.array(centre, dtype=float))
+        a, b = (rays**2).sum(axis=-1), rays @ c
+        inside = b * b - a * (c @ c - radius**2)
+        near = (b - np.sqrt(np.maximum(inside, 0))) / a
+        depths = np.where((inside >= 0) & (near > 0), np.minimum(depths, near), depths)
+    return depths
+
+
+def robot_image(of, robot, q):
+    """Return the depths of the robot's convex bodies, infinite beside them."""
+    data, place = robot.model.createData(), of.pose.se3.inverse()
+    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
+    v, u = np.mgrid[: of.height, : of.width]
+    rays = np.stack([(u - of.middle[0]) / of.focal[0], (v - of.middle[1]) / of.focal[1], np.ones_like(u)], axis=-1)
+    depths = np.full((of.height, of.width), np.inf)
+    for body in robot.collision_model.geometryObjects:
+        if isinstance(body.geometry, coal.Convex):
+            normals, heights = hull_planes(body.geometry)
+            there = place * data.oMi[int(body.parentJoint)] * body.placement
+            normals, heights = normals @ there.rotation.T, heights + normals @ there.rotation.T @ there.translation
+            slopes = rays @ normals.T
+            with np.errstate(divide="ignore"):
+                crossed = heights / slopes
+            enter = np.where(slopes < 0, crossed, -np.inf).max(axis=-1)
+            leave = np.where(slopes > 0, crossed, np.inf).min(axis=-1)
+            depths = np.where(enter < leave, np.minimum(depths, enter), depths)
+    return depths
+
+
+def skin(robot, step=1):
+    """Return corners of the robot's hulls in the world."""
+    data, found = robot.model.createData(), []
+    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(Q))
+    for body in robot.collision_model.geometryObjects:
+        place = data.oMi[int(body.parentJoint)] * body.placement
+        found.append(bounding_hull(body.geometry).points[::step] @ place.rotation.T + place.translation)
+    return np.concatenate(found)
+
+
+def grid_of(robot, scene=FLOOR, cameras=CAMERAS, **more):
+    return OccupancyGrid(robot, scene, cameras, OccupancyOptions(**{"min_points": 1, "edge": 0.1, **more}))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_that_keeps_to_the_speed_leaves_what_may_be_occupied(panda, seed):
+    rng, speed = np.random.default_rng(seed), 1.0
+    grid = grid_of(panda, speed=speed)
+    radius, times = 0.15, {"left": 0.0, "right": 0.0}
+    way = np.array([[1.5, 0.8 * (-1) ** seed, 0.8], [0.6, -0.6, 0.9], [0.5, 0.9, 0.1], [0.7, -0.1, 0.5]])
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1)))
+
+    def place(t):
+        return np.array([np.interp(speed * t, lengths, along) for along in way.T])
+
+    directions = rng.normal(size=(400, 3))
+    points = radius * directions / np.linalg.norm(directions, axis=1)[:, None]
+    now, covered = 0.0, 0
+    while speed * now < lengths[-1]:
+        now += rng.uniform(0.01, 0.12)
+        which = str(rng.choice(["left", "right", "none", "both"]))
+        for name in {"both": ["left", "right"], "none": []}.get(which, [which]):
+            late = now - rng.choice([0.0, 0.05])
+            if late > times[name]:
+                times[name] = late
+                grid.observe(name, DepthFrame(image(CAMERAS[name], [(place(late), radius)]), late, Q), now)
+        if not grid.known:
+            continue
+        sets, body = grid.sets(now), place(now) + points
+        least = np.full(len(body), np.inf)
+        for centre, r, grown in zip(sets.points, sets.radii, sets.grown(0.0), strict=True):
+            least = np.minimum(least, np.linalg.norm(body - centre, axis=1) - r - grown)
+        index = np.floor((body - grid.cells.low) / grid.cells.edge).astype(int)
+        within = ((index >= 0) & (index < grid.cells.side)).all(axis=1)
+        deep = np.zeros(len(body), dtype=bool)
+        deep[within] = grid.occupied[tuple(index[within].T)]
+        free = within & ~deep & (least > 1e-9)
+        shell = np.sqrt(3) * grid.cells.edge + grid.options.margin  # which may be taken for the robot's, unseen
+        free[free] = ~robot_points(body[free], panda, Q, shell) if free.any() else False
+        assert not free.any(), (now, body[free][0])
+        covered += int((within & (least <= 1e-9)).sum())
+    assert covered > 1000
+
+
+def test_what_is_left_out_is_a_shell_about_the_robot_and_no_more(panda):
+    rng = np.random.default_rng(0)
+    eye = camera((2.4, 0.0, 0.6), (0, 0, 0.5), error=0.0, block=1)
+    margin = 0.03
+    points = skin(panda)[rng.integers(0, len(skin(panda)), 600)] + rng.normal(0, 0.04, (600, 3))
+    seen = np.zeros(len(points), dtype=int)
+    grid = grid_of(panda, Scene(()), {"eye": eye}, unseen="free", margin=margin)
+    for k, point in enumerate(points):
+        own = eye.pose.se3.actInv(point)
+        pixel = np.rint([own[0] / own[2] * 110 + 79.5, own[1] / own[2] * 110 + 59.5]) - (79.5, 59.5)
+        points[k] = eye.pose.se3.act(np.array([*(pixel / 110 * own[2]), own[2]]))  # where a pixel can be
+        grid.observe("eye", DepthFrame(eye.pose.se3.actInv(points[k])[None], float(k), Q), 1e3)
+        seen[k] = grid.occupied.sum()
+    near, far = (robot_points(points, panda, Q, m) for m in (0.9 * margin, margin + 1e-4))  # to 0.9 of it bounds decide
+    assert not seen[near].any()
+    assert (seen[~far] == 1).all()
+    assert min(near.sum(), (~far).sum()) > 100
+
+
+def test_a_robot_goes_on_until_something_may_come_to_it_seen_or_not(panda):
+    """A ball comes nearer, then no camera sees anything any more."""
+    small = {"width": 64, "height": 48, "focal": (44.0, 44.0), "middle": (31.5, 23.5), "block": 1}
+    eyes = {name: replace(one, **small) for name, one in CAMERAS.items()}
+    arm = panda.with_accelerations(dict.fromkeys(panda.joint_names, 10.0))
+
+    def drive(ball, blind):
+        shield = Shield(arm, Surroundings(FLOOR, depth=grid_of(panda, FLOOR, eyes, clear=2.0, edge=0.1)))
+        shield.start(Q)
+        for k in range(14):
+            now = 0.1 * k
+            q = Q if shield._last is None else shield._last.at(now).q
+            seen = {n: np.minimum(robot_image(eye, panda, q), image(eye, ball(now))) for n, eye in eyes.items()}
+            shield.update({}, {}, now, {} if now >= blind else {n: DepthFrame(seen[n], now, q) for n in seen})
+            shield.propose_velocity([0.3, 0, 0, 0, 0, 0, 0])
+            command = shield.command(now + 0.01)
+        return command
+
+    assert drive(lambda now: [], np.inf).follows
+    near = drive(lambda now: [((1.3 - 0.5 * now, 0.1, 0.5), 0.15)], np.inf)
+    assert not near.follows
+    assert "may come to panda" in near.reason
+    unseen = drive(lambda now: [], 0.4)
+    assert not unseen.follows
+    assert unseen.reason.startswith("'unseen space' may come to")
+
+
+def test_what_cannot_be_is_one_line_and_changes_nothing(panda):
+    grid = grid_of(panda, FLOOR, CAMERAS)
+    around = Surroundings(FLOOR, depth=grid)
+    good = image(CAMERAS["left"], [])
+    for name, frame, message in (
+        ("top", DepthFrame(good, 0.0, Q), "unknown camera 'top'; known: left, right"),
+        ("left", DepthFrame(good[:10], 0.0, Q), r"depth\.left\.depths: must have shape \(120, 160\) or \(N, 3\), got"),
+        ("left", DepthFrame(np.full_like(good, np.nan), 0.0, Q), r"left\.depths: shows nothing between 0\.2 and 6 m"),
+        ("left", DepthFrame(np.zeros((0, 3)), 0.0, Q), r"left\.depths: shows nothing"),
+        ("left", DepthFrame(np.full((5, 3), np.inf), 0.0, Q), r"left\.depths: shows nothing"),
+        ("left", DepthFrame(good > 1, 0.0, Q), r"left\.depths: must be numbers, got bool"),
+        ("left", DepthFrame(good, np.nan, Q), r"left\.time: must be a finite number, got nan"),
+        ("left", DepthFrame(good, 2.0, Q), r"left\.time: is 1\.000 s in the future"),
+        ("left", DepthFrame(good, 0.0, Q[:3]), r"left\.q: must have shape \(7\), got \(3,\)"),
+    ):
+        with pytest.raises(InputError, match=message):
+            around.update({}, {}, 1.0, {name: frame})
+    assert not grid.known
+    assert around.trouble(1.0, 0.5) == "'left' shows nothing yet"
+    around.update({}, {}, 1.0, {"left": DepthFrame(good, 1.0, Q)})
+    with pytest.raises(InputError, match=r"left\.time: must not go backwards: 0\.9 s after 1 s"):
+        around.update({}, {}, 1.1, {"left": DepthFrame(good, 0.9, Q)})
+    for values, message in (
+        ({"focal": (0.0, 110.0)}, "focal: must be a positive number, got 0"),
+        ({"middle": (300.0, 59.5)}, r"middle: \[300.0, 59.5\] lies outside of the image of 160 × 120 pixels"),
+        ({"noise": (0.1,)}, "noise"),
+        ({"far": 0.1}, "far: must be a finite number > 0.2"),
+    ):
+        with pytest.raises(InputError, match=message):
+            DepthCamera(**{"width": 160, "height": 120, "focal": (110.0, 110.0), "middle": (79.5, 59.5), **values})
+    for values, message in (
+        ({"unseen": "maybe"}, "unseen: must be 'occupied' or 'free', got 'maybe'"),
+        ({"edge": 0.01}, "edge: must be at least 0.025 for a reach of 1.6 m"),
+        ({"min_points": 9}, "min_points: is more than the 4 pixels of a block of 'left'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            grid_of(panda, **values)
+    with pytest.raises(InputError, match=r"depth: stand still for the grid: \('floor',\), but here: \(\)"):
+        Surroundings(Scene(()), depth=grid)
+    with pytest.raises(UnknownNameError):
+        Surroundings(FLOOR).update({}, {}, 0.0, {"left": DepthFrame(good, 0.0, Q)})
+
+
+def test_a_camera_that_sees_through_the_robot_or_falls_silent_stops_it(panda):
+    around = Surroundings(FLOOR, depth=grid_of(panda, FLOOR, CAMERAS, unseen="free"))
+    seen = {name: DepthFrame(image(one, []), 0.0, Q) for name, one in CAMERAS.items()}
+    around.update({}, {}, 0.0, seen)
+    assert "sees through panda_link" in around.trouble(0.0, 0.5)
+    small = {"width": 64, "height": 48, "focal": (44.0, 44.0), "middle": (31.5, 23.5), "block": 1}
+    eyes = {name: replace(one, **small) for name, one in CAMERAS.items()}
+    around = Surroundings(FLOOR, depth=grid_of(panda, FLOOR, eyes, unseen="free"))
+    images = {name: np.minimum(robot_image(one, panda, Q), WALL) for name, one in eyes.items()}
+    for k in range(7):
+        millimetres = {name: np.rint(1e3 * depths).astype(np.uint16) for name, depths in images.items()}
+        if k > 0:
+            del millimetres["right"]
+        frames = {name: DepthFrame(depths, 0.1 * k, Q) for name, depths in millimetres.items()}
+        assert not around.update({}, {}, 0.1 * k, frames)
+        assert around.trouble(0.1 * k, 0.5) == (None if k < 6 else "'right' shows nothing for 0.60 s")
