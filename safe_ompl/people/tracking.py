@@ -22,9 +22,10 @@ from safe_ompl.common import (
     float_array,
     number,
 )
-from safe_ompl.geometry import STANDING, Obstacle, PointCloud, Pose, bounding_hull, placed
+from safe_ompl.geometry import STANDING, Pose, placed
+from safe_ompl.people.objects import CloudTrack, ObjectTrack, track_of
 from safe_ompl.people.occupancy import DepthFrame, OccupancyGrid
-from safe_ompl.people.reach import CalibratedReach, ReachSets, ReachViolation, ball_cover, limb_lines
+from safe_ompl.people.reach import CalibratedReach, ReachSets, ReachViolation, limb_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.scene import People, Scene
 
@@ -34,7 +35,6 @@ _ROUNDING = 1e-9  # [m] or [s]
 _LAG = 0.1  # [s] over which the speed is measured that a calibrated reach depends on
 # A reach is doubted once it was left in more of the last measurements than this multiple of what its level allows.
 _WATCHED, _OFTEN, _FEW = 200, 2.0, 4
-_MOST_BALLS = 256  # of the reach sets of a cloud
 
 
 @dataclass(frozen=True)
@@ -222,92 +222,6 @@ class PersonTrack:
         return body.ends(self._completed), np.where(body.weights > 0, ages, 0.0).max(axis=(1, 2))
 
 
-class ObjectTrack:
-    """An object that moves: the hulls of its parts, none of whose points is faster than a bound [m/s].
-
-    At the first pose it counts as unseen.
-    """
-
-    def __init__(self, obstacle: Obstacle, speed: float) -> None:
-        self.name, self.speed, self.obstacle = obstacle.name, speed, obstacle
-        self.time, self.seen = -np.inf, -np.inf
-        hulls = [(bounding_hull(part.geometry), part.placement) for part in obstacle.shape.parts()]
-        self._hulls = [hull.moved(placement) for hull, placement in hulls]
-
-    @property
-    def pose(self) -> pin.SE3:
-        """Where it was seen last."""
-        return self.obstacle.pose.se3
-
-    @property
-    def age(self) -> float:
-        """How long ago it was seen [s]."""
-        return self.time - self.seen
-
-    def observe(self, place: Any, time: float) -> ReachViolation | None:
-        """Take where it was seen, or None; as `PersonTrack.observe`."""
-        if time < self.time:
-            raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
-        violation = None
-        if place is not None:
-            moved = self._moved(place)
-            if np.isfinite(self.seen):
-                excess = self._way_to(moved) - self.speed * (time - self.seen)
-                violation = ReachViolation(self.name, "", excess) if excess > _ROUNDING else None
-            self.obstacle, self.seen = moved, time
-        self.time = time
-        return violation
-
-    def _moved(self, place: Any) -> Obstacle:
-        return self.obstacle.moved(Pose.of(place))
-
-    def _way_to(self, moved: Obstacle) -> float:
-        """Return how far its points went at least [m]."""
-        pairs = zip(self.points_at(moved.pose.se3), self.points_at(self.pose), strict=True)
-        return max(float(np.linalg.norm(new - old, axis=1).max()) for new, old in pairs)
-
-    def points_at(self, pose: pin.SE3) -> list[FloatArray]:
-        """Return the points (K, 3) of its parts, where it is at a pose [m]."""
-        return [placed(pose, hull.points) for hull in self._hulls]
-
-    def sets(self) -> ReachSets:
-        """Return where it may be from the time of the last measurement on."""
-        found = ReachSets.none()
-        growth = np.array([[[self.speed * self.age, self.speed]]])
-        for points, hull in zip(self.points_at(self.pose), self._hulls, strict=True):
-            found = found.beside(ReachSets.of(((self.name, ""),), points[None], np.array([hull.radius]), growth))
-        return found
-
-
-class CloudTrack(ObjectTrack):
-    """A cloud that moves: each point of its balls is no faster than a bound [m/s]; its points are others each time.
-
-    A point that is new counts as farther than promised if it is so from all that were seen before, beyond the sizes of
-    the cells in which they are kept.
-    """
-
-    def _moved(self, place: Any) -> Obstacle:
-        return self.obstacle.moved(place)
-
-    def _balls(self, obstacle: Obstacle) -> tuple[FloatArray, float]:
-        """Return centres (M, 3) in the world and the radius of balls that hold those of the cloud [m]."""
-        shape = obstacle.shape
-        assert isinstance(shape, PointCloud)
-        centres, radius = ball_cover(placed(obstacle.pose.se3, shape.centres), _MOST_BALLS)
-        return centres, radius + shape.radius
-
-    def _way_to(self, moved: Obstacle) -> float:
-        (new, wide), (old, narrow) = self._balls(moved), self._balls(self.obstacle)
-        apart = np.linalg.norm(new[:, None] - old, axis=2).min(axis=1)
-        return float(apart.max()) - wide - narrow
-
-    def sets(self) -> ReachSets:
-        centres, radius = self._balls(self.obstacle)
-        count = len(centres)
-        growth = np.tile([[[self.speed * self.age, self.speed]]], (count, 1, 1))
-        return ReachSets.of(((self.name, ""),) * count, centres[:, None], np.full(count, radius), growth)
-
-
 class Surroundings:
     """What is around a robot: still obstacles, and all people and objects that move, each with its track.
 
@@ -350,7 +264,7 @@ class Surroundings:
                 raise InputError(f"{name!r} is a person and an object: give one of both", "objects")
         self.reach = None if self.rules.reach is None else CalibratedReach.load(self.rules.reach)
         self.people = {name: PersonTrack(name, how, self.rules, self.reach) for name, how in trackers.items()}
-        self.objects = {name: _track(scene[name], speed) for name, speed in objects.items()}
+        self.objects = {name: track_of(scene[name], speed) for name, speed in objects.items()}
         self.shapes = {name: scene[name].shape for name in objects}
         # Their sets come last: how many they are, and which, changes
         self.clouds = tuple(name for name, track in self.objects.items() if isinstance(track, CloudTrack))
@@ -472,11 +386,6 @@ def who_is_where(people: Mapping[str, FloatArray | None], objects: Mapping[str, 
             for name, pose in poses.items()
         },
     }
-
-
-def _track(obstacle: Obstacle, speed: float) -> ObjectTrack:
-    limit = number(f"objects.{obstacle.name}", speed, at_least=0.0)
-    return (CloudTrack if isinstance(obstacle.shape, PointCloud) else ObjectTrack)(obstacle, limit)
 
 
 def _is_cloud(track: PersonTrack | ObjectTrack) -> bool:
