@@ -124,7 +124,8 @@ def mbm_problems(file: str, chosen: slice) -> Iterator[Problem]:
     content = MbmFile.load(file)
     robot = Robot.from_example(content.robot)
     for family in content.families:
-        for problem in list(content.problems(family))[chosen]:
+        for k in range(content.families[family])[chosen]:
+            problem = content.problem(family, k)
             setup = setup_problem(problem, robot)
             goal = problem.goal_configurations(setup.robot)[0]
             setup.setWorkspaceGoal(setup.robot.tip_pose(goal).translation)

@@ -12,7 +12,7 @@ import coal
 import numpy as np
 
 from bench._plain import Judge
-from safe_ompl import Robot
+from safe_ompl import InputError, Robot
 from safe_ompl.robot.spec import EXAMPLES, robots_folder
 from safe_ompl.scene.mbm import MbmFile, MbmProblem
 
@@ -39,15 +39,23 @@ def export(file: MbmFile, positions: slice, folder: Path) -> tuple[Path, list[Pr
     Meshes are written as their convex hulls and fingers are fixed, so that all systems check the same bodies; the
     SRDF leaves just those pairs of links that are checked here; limits hold the ends of all problems.
     """
-    chosen = [p for family in file.families for p in list(file.problems(family))[positions]]
+    chosen = [file.problem(name, k) for name, count in file.families.items() for k in range(count)[positions]]
     robot = Robot.from_example(file.robot)
     limits = {name: bounds for problem in chosen for name, bounds in problem.widened_limits(robot).items()}
     robot = robot.with_limits(limits)
     description = _write_robot(robot, EXAMPLES[file.robot].locked, folder)
     (folder / "robot.json").write_text(json.dumps(description, indent=1))
-    outside = [_name(problem) for problem in chosen if problem.beyond_limits(robot) is not None]
+    outside = [_name(problem) for problem in chosen if not _within_limits(problem, robot)]
     problems = [_problem(problem, robot) for problem in chosen if _name(problem) not in outside]
     return folder / "robot.json", problems, outside
+
+
+def _within_limits(problem: MbmProblem, robot: Robot) -> bool:
+    try:
+        problem.start_configuration(robot), problem.goal_configurations(robot)
+    except InputError:
+        return False
+    return True
 
 
 def _name(problem: MbmProblem) -> str:

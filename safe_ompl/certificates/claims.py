@@ -75,7 +75,7 @@ class Clearance(Section):
 class MovingObstacles(Section):
     """The same holds while obstacles move no faster than their speeds [m/s], for a time [s]."""
 
-    speeds: Mapping[str, float] = key(document.numbers_by_name, at_least=0.0, least="obstacle")
+    speeds: Mapping[str, float] = key(document.by_name, read=document.number, at_least=0.0, least="obstacle")
     time: float = key(document.number, at_least=0.0)
 
     def of(self, obstacle: str) -> float:
@@ -178,7 +178,7 @@ class Stops(Section):
 
     who: tuple[str, ...] = key(document.each, read=document.line, least="obstacle")
     speed: float = key(document.number, at_least=0.0)
-    speeds: Mapping[str, float] = key(document.numbers_by_name, at_least=0.0)
+    speeds: Mapping[str, float] = key(document.by_name, read=document.number, at_least=0.0)
     reaction_time: float = key(document.number, at_least=0.0)
     clearance: float = key(document.number, at_least=0.0)
     brakes: FloatArray = key(document.array)

@@ -178,13 +178,6 @@ def by_name(
         return {line("a name", name): read(name, item, **options) for name, item in given.items()}
 
 
-def numbers_by_name(
-    key: str, value: Any, valid: Iterable[str] | None = None, *, least: str = "", **bounds: Any
-) -> dict[str, float]:
-    """Return `value` as a mapping of names, among `valid` if given, to finite floats within bounds of `number`."""
-    return by_name(key, value, number, valid, least=least, **bounds)
-
-
 # -------------------------------------------------------------------------------------------------------- lists
 
 

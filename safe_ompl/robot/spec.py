@@ -207,7 +207,7 @@ class RobotSpec(Section):
     srdf: Path | None = key(_path, default=None)
     package_dirs: tuple[Path, ...] = key(document.each, read=_path, default=())
     tip: str | None = key(document.line, default=None)
-    locked: Mapping[str, float] | None = key(document.numbers_by_name, default=None)
+    locked: Mapping[str, float] | None = key(document.by_name, read=document.number, default=None)
     free: tuple[str, ...] = key(document.each, read=document.line, default=())
     base: Pose | None = key(_pose, default=None)
     mobile_base: Ranges | None = key(_ranges, default=None)
@@ -216,7 +216,9 @@ class RobotSpec(Section):
     name: str | None = key(document.line, default=None)
     group: str | None = key(document.line, default=None)
     collision: CollisionSource = key(document.one_of, known=get_args(CollisionSource), default="required")
-    accelerations: Mapping[str, float] = key(document.numbers_by_name, factory=dict, **RATE_BOUNDS["acceleration"])
+    accelerations: Mapping[str, float] = key(
+        document.by_name, read=document.number, factory=dict, **RATE_BOUNDS["acceleration"]
+    )
     xacro_args: Mapping[str, str] | None = key(_words, factory=dict)
     limits: Mapping[str, tuple[float, float]] = key(document.by_name, read=document.numbers, count=2, factory=dict)
     models: Models | None = None

@@ -20,7 +20,7 @@ _UP = (0.0, 0.0, 1.0)
 
 def read_configuration(key: str, value: Any) -> Configuration:
     """Return a configuration of finite numbers from a list, or from a mapping of joint names to values."""
-    return document.numbers_by_name(key, value) if isinstance(value, Mapping) else document.numbers(key, value)
+    return document.by_name(key, value, document.number) if isinstance(value, Mapping) else document.numbers(key, value)
 
 
 def _direction(key: str, value: Any) -> tuple[float, ...]:
@@ -43,7 +43,7 @@ def pairs_of_names(key: str, value: Any) -> tuple[tuple[str, str], ...]:
 
 def _by_joint(key: str, value: Any, **bounds: Any) -> ByJoint:
     if isinstance(value, Mapping):
-        return document.numbers_by_name(key, value, **bounds)
+        return document.by_name(key, value, document.number, **bounds)
     if isinstance(value, (list, tuple)):
         return document.each(key, value, document.number, **bounds)
     return document.number(key, value, **bounds)
@@ -82,7 +82,9 @@ class TipBox(Section):
 class MovingObstacles(Section):
     """Obstacles whose place is not certain: each may go anywhere, no faster than its speed."""
 
-    speeds: Mapping[str, float] = key(document.numbers_by_name, at_least=0.0, least="obstacle")  # Bounds [m/s]
+    speeds: Mapping[str, float] = key(
+        document.by_name, read=document.number, at_least=0.0, least="obstacle"
+    )  # Bounds [m/s]
     time: float = key(document.number, above=0.0)  # From the moment of the scene to the end of the last motion [s]
 
 
@@ -201,7 +203,7 @@ class People(Section):
 
     who: tuple[str, ...] | None = key(document.each, default=None, read=document.text, least="obstacle")
     speed: float = key(document.number, default=WALKING, at_least=0.0)
-    speeds: Mapping[str, float] = key(document.numbers_by_name, factory=dict, valid=LIMBS, at_least=0.0)
+    speeds: Mapping[str, float] = key(document.by_name, read=document.number, factory=dict, known=LIMBS, at_least=0.0)
     reaction_time: float = key(document.number, default=0.1, at_least=0.0)
     clearance: float = key(document.number, default=0.0, at_least=0.0)
     contact: bool = key(document.flag, default=False)

@@ -6,14 +6,14 @@ IEEE Robotics and Automation Letters, 2022.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document, files
+from safe_ompl.common import FloatArray, InputError, documents as document, files
 from safe_ompl.robot import Robot
 from safe_ompl.scene.scenario import configuration_for
 from safe_ompl.scene.scene import Scene
@@ -52,16 +52,6 @@ class MbmProblem:
         """Return the goals (G, n) in the order of the robot's joints; errors as `start_configuration`."""
         return np.array([self._for(robot, f"goals[{k}]", goal) for k, goal in enumerate(self.goals)])
 
-    def beyond_limits(self, robot: Robot) -> str | None:
-        """Return which joint is outside its limits at the start or at a goal; None if none is."""
-        with document.within(self.source):
-            for k, values in enumerate((self.start, *self.goals)):
-                key = f"goals[{k - 1}]" if k else "start"
-                beyond = robot.beyond_limits(robot.configuration(self._by_name(values), key))
-                if beyond is not None:
-                    return f"{key}: {beyond}"
-        return None
-
     def widened_limits(self, robot: Robot) -> dict[str, tuple[float, float]]:
         """Return, for each joint that a goal takes slightly beyond its limits, limits that hold the goal."""
         limits = {
@@ -77,11 +67,9 @@ class MbmProblem:
         return {name: wider[name] for name in wider if not robot.continuous[robot.joint_names.index(name)]}
 
     def _for(self, robot: Robot, key: str, values: tuple[float, ...]) -> FloatArray:
+        given = dict(zip(self.joint_names, values, strict=True)) if self.joint_names else values
         with document.within(self.source):
-            return configuration_for(robot, key, self._by_name(values))
-
-    def _by_name(self, values: tuple[float, ...]) -> tuple[float, ...] | dict[str, float]:
-        return dict(zip(self.joint_names, values, strict=True)) if self.joint_names else values
+            return configuration_for(robot, key, given)
 
 
 @dataclass(frozen=True)
@@ -118,27 +106,13 @@ class MbmFile:
         """Number of problems of each family, in the order of the file."""
         return {family: len(items) for family, items in self._families.items()}
 
-    def problems(self, family: str) -> Iterator[MbmProblem]:
-        """Yield the problems of a family, in the order of the file; raise UnknownNameError if there is none.
-
-        Raises InputError, which names file, key and value, if a problem is malformed.
-        """
-        if family not in self._families:
-            raise UnknownNameError("family", family, self._families, str(self.path))
-        return (self.problem(family, k) for k in range(len(self._families[family])))
-
-    def __iter__(self) -> Iterator[MbmProblem]:
-        return (problem for family in self._families for problem in self.problems(family))
-
     def problem(self, family: str, k: int) -> MbmProblem:
-        """Return the k-th problem of a family; raise InputError if it is malformed."""
+        """Return the k-th problem of a family; an InputError names file, key and value if it is malformed."""
         place = f"problems.{family}[{k}]"
         with document.within(str(self.path), ": "):
             data = document.mapping(place, self._families[family][k])
             with document.within(place):
-                index = data.get("index", k)
-                if not isinstance(index, int) or isinstance(index, bool):
-                    raise InputError(f"must be a whole number, not {index!r}", "index")
+                index = document.whole_number("index", data.get("index", k))
                 goals = document.sequence("goals", document.require(data, "goals"))
                 if not goals:
                     raise InputError("must hold at least one goal", "goals")

@@ -131,7 +131,7 @@ class Gripper(_Contact):
     """Joints of a gripper that move to values [rad or m], by name; all others stand still."""
 
     kind: ClassVar[str] = "gripper"
-    joints: Mapping[str, float] = key(document.numbers_by_name, factory=dict, least="joint")
+    joints: Mapping[str, float] = key(document.by_name, read=document.number, factory=dict, least="joint")
 
 
 @dataclass(frozen=True)

@@ -140,8 +140,8 @@ def _curobo_robot(data: Mapping[str, Any], folder: Path) -> _Read:
     grown = kinematics.get("collision_sphere_buffer") or 0.0
     if not isinstance(grown, Mapping):
         grown = dict.fromkeys(spheres, document.number("collision_sphere_buffer", grown))
-    extra = document.numbers_by_name("self_collision_buffer", kinematics.get("self_collision_buffer") or {})
-    locked = document.numbers_by_name("lock_joints", kinematics.get("lock_joints") or {})
+    extra = document.by_name("self_collision_buffer", kinematics.get("self_collision_buffer") or {}, document.number)
+    locked = document.by_name("lock_joints", kinematics.get("lock_joints") or {}, document.number)
     given = {"locked": locked, **({"tip": kinematics["ee_link"]} if "ee_link" in kinematics else {})}
     return spheres, dict(grown), extra, kinematics.get("self_collision_ignore") or {}, given
 
