@@ -44,11 +44,12 @@ SIM = ["--clock-error", "0.05", "--tick", "0.1", "--latency", "0.1", "--ros-args
 
 
 class World:
-    """The clock, a robot that does what it is told, and the tracker of a person who stands at (2.5, 0)."""
+    """The clock, a robot that does what it is told, and the tracker of a person."""
 
     def __init__(self, names=NAMES, start=START):
         self.node = node = rclpy.create_node("world")
         self.names, self.q, self.qd, self.told, self.said = names, np.array(start), np.zeros(len(start)), [], []
+        self.person = np.array([2.5, 0.0, -0.75])
         self.commands: list[JointTrajectory] = []
         self.steps: list[tuple[str, str]] = []
         node.create_subscription(JointTrajectory, "command", self.command, 10)
@@ -86,7 +87,7 @@ class World:
 
     def see(self):
         """Publish all key points of the operator."""
-        places = {name: np.array([2.5, 0, -0.75]) + 1.75 * place * [-1, -1, 1] for name, place in STANDING.items()}
+        places = {name: self.person + 1.75 * place * [-1, -1, 1] for name, place in STANDING.items()}
         self.people.publish(MarkerArray(markers=[self.marker(name, place) for name, place in places.items()]))
 
     def marker(self, text, place, late=0.0, frame="world"):
@@ -147,9 +148,9 @@ class World:
         np.testing.assert_allclose(self.q, goal, atol=1e-6)
 
 
-def start_node(*words, log=subprocess.DEVNULL):
-    """Start `safe-ompl ros` in a process of its own."""
-    return subprocess.Popen([sys.executable, "-m", "safe_ompl", "ros", *words], stderr=log, text=True)
+def start_node(*words, log=subprocess.DEVNULL, command="ros"):
+    """Start `safe-ompl ros`, or another command, in a process of its own."""
+    return subprocess.Popen([sys.executable, "-m", "safe_ompl", command, *words], stderr=log, text=True)
 
 
 def ended(node):
