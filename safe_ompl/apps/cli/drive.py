@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +21,15 @@ from safe_ompl.apps.cli.plan import describe_timing, timed
 from safe_ompl.apps.exchange import DRY, DriveLog, Driver, open_driver
 from safe_ompl.common import FloatArray, files
 from safe_ompl.motions import FACTOR, Motion, measured_tube, tube_of
+from safe_ompl.people.replanning import Command
+from safe_ompl.people.simulation import Simulation
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
 from safe_ompl.trajectories import RateLimits
 
-LOG = output.output_file(".csv", ".npz")
+_REHEARSED = 3.0  # [s]
+LOG = "drive.npz"  # of `live`, in its folder
 
 
 def add_commands(commands: Any) -> None:
@@ -39,7 +45,12 @@ def add_commands(commands: Any) -> None:
     )
     arguments.add_scenario(parser)
     add_robot(parser, required=True)
-    option(parser, "--log FILE", "write what was commanded and measured, for `safe-ompl tube` (.csv, .npz)", LOG)
+    option(
+        parser,
+        "--log FILE",
+        "write what was commanded and measured, for `safe-ompl tube` (.csv, .npz)",
+        output.output_file(".csv", ".npz"),
+    )
     arguments.add_force(parser)
     arguments.add_planner_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
@@ -75,7 +86,8 @@ def _drive(scenario: Scenario, robot: Robot, driver: Driver, options: argparse.N
     if result.path is None:
         output.error_console().print(f"safe-ompl: {options.planner} found no path: {result.status}")
         return 1
-    limits = rates_within(driver, scenario, robot, result.path)
+    scenario = scenario_within(driver, scenario, robot, result.path)
+    limits = RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
     trajectory = timed(result, scenario, limits)
     output.console().print(describe_timing(trajectory))
     cycles = np.arange(np.ceil(trajectory.duration * driver.rates.rate) + 1) / driver.rates.rate
@@ -99,12 +111,42 @@ def _drive(scenario: Scenario, robot: Robot, driver: Driver, options: argparse.N
     return 0 if found else 1
 
 
-def rates_within(driver: Driver, scenario: Scenario, robot: Robot, way: FloatArray) -> RateLimits:
-    """Return the limits of a scenario and of the robot's maker along a way."""
+def scenario_within(driver: Driver, scenario: Scenario, robot: Robot, way: FloatArray) -> Scenario:
+    """Return the scenario with limits that keep to those of the robot's maker along a way, too."""
     own, published = scenario.motion, driver.rates
     said = own.acceleration is not None or robot.accelerations or np.isinf(published.acceleration).any()
     accelerations = own.acceleration if said else published.acceleration
-    return published.within(RateLimits.of(robot, own.velocity, accelerations, own.jerk), way)
+    limits = published.within(RateLimits.of(robot, own.velocity, accelerations, own.jerk), way)
+    kept: dict[str, Any] = {**limits.as_dict()}
+    return replace(scenario, motion=replace(own, **kept))
+
+
+def rehearse(simulation: Simulation) -> None:
+    """Simulate for a while: that compiles, or loads, all that a tick calls."""
+    simulation.follow = lambda command: "" if len(rows(command, 1e3)) else "nothing"
+    simulation.run(_REHEARSED)
+
+
+@contextmanager
+def driven(simulation: Simulation, driver: Driver, log: Path) -> Iterator[tuple[Simulation, Callable[[], FloatArray]]]:
+    """Let a robot follow the commands of a simulation, on its own clock; give that, and what waits for a tick's end."""
+    tick, ticks = simulation.replanner.tick, count(1)
+    simulation.follow = lambda command: driver.follow(command.time, rows(command, driver.rates.rate))
+    gc.collect()
+    gc.freeze()  # looking through all that is there already would take a tick
+    try:
+        yield simulation, lambda: driver.wait(next(ticks) * tick)
+    finally:
+        gc.unfreeze()
+        found = driver.close()
+        write_log(found, simulation.replanner.robot, str(log))
+        measured(found, simulation.replanner.robot)
+
+
+def rows(command: Command, rate: float) -> FloatArray:
+    """Return where the joints (K, n) are to be at each cycle of a command, at a rate [Hz]."""
+    cycles = np.arange(np.ceil(command.time * rate - 1e-6), np.ceil(command.standstill * rate) + 1)
+    return command.positions(cycles / rate)
 
 
 def write_log(log: DriveLog, robot: Robot, file: str | None) -> None:

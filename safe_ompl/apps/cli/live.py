@@ -16,7 +16,8 @@ import pinocchio as pin
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.exchange import limits_of_still
+from safe_ompl.apps.cli.drive import LOG, add_robot, driven, rehearse, robot_driver, scenario_within
+from safe_ompl.apps.exchange import Driver, limits_of_still
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
@@ -85,6 +86,7 @@ def add_commands(commands: Any) -> None:
     option(parser, "--out DIR", "folder for ticks.jsonl and summary.json", required=True)
     option(parser, "--html FILE", "also write a page that plays the simulation offline (.html)", output.PAGE)
     add_mcap(parser)
+    add_robot(parser)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
@@ -116,7 +118,11 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
     latency = min(Faults.latency, options.tick)
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
-    robot = scenario.build_robot()
+    robot, driver = scenario.build_robot(), None
+    if options.robot is not None:
+        if scenario.program is not None:
+            raise InputError("is for a path to a goal; the scenario has a program", "--robot")
+        driver, scenario = robot_driver(options, scenario, robot)
     people = people_who_move(scenario, options)
     found = choose_actors(scenario, robot, people, options)
     if people.reach is not None:
@@ -131,17 +137,21 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         program_robot(still)
         return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
     setup = setup_scenario(still, robot)
-    around = Surroundings(found.scene, trackers, found.speeds, people)
-    replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
-    return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
+
+    def world(ways: list[Trajectory]) -> Simulation:
+        around = Surroundings(found.scene, trackers, found.speeds, people)
+        replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
+        return Simulation(replanner, ways, found.people, found.objects, faults=faults)
+
+    world([])  # what cannot be used is said now
+    return partial(_drive, scenario, setup, world=world, driver=driver, options=options)
 
 
 def _drive(
     scenario: Scenario,
     setup: SafeSetup,
-    replanner: Replanner,
-    actors: Actors,
-    faults: Faults,
+    world: Callable[[list[Trajectory]], Simulation],
+    driver: Driver | None,
     options: argparse.Namespace,
 ) -> int:
     """Plan there and back, and drive that again and again."""
@@ -149,8 +159,15 @@ def _drive(
     if result.path is None:
         output.error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
         return 1
-    ways = [timed_way(way, replanner.robot, replanner.prover, scenario) for way in (result.path, result.path[::-1])]
-    return _simulate(Simulation(replanner, ways, actors.people, actors.objects, faults=faults), options)
+    robot, prover = setup.robot, setup.motion_prover
+    if driver is not None:
+        scenario = scenario_within(driver, scenario, robot, result.path)
+    ways = [timed_way(way, robot, prover, scenario) for way in (result.path, result.path[::-1])]
+    if driver is None:
+        return _simulate(world(ways), options)
+    rehearse(world(ways))
+    with driven(world(ways), driver, Path(options.out) / LOG) as (simulation, wait):
+        return _simulate(simulation, options, wait)
 
 
 def _drive_program(
@@ -200,8 +217,8 @@ def program_legs(
     return legs
 
 
-def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:
-    """Simulate, and write ticks and summary."""
+def _simulate(simulation: Simulation, options: argparse.Namespace, wait: Callable[[], object] | None = None) -> int:
+    """Simulate, and write ticks and summary; `wait` for the end of each tick where time goes by."""
     folder, robot = Path(options.out), simulation.replanner.robot
     header = simulation.replanner.log_header()
     with ExitStack() as stack:
@@ -218,6 +235,8 @@ def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:
         def write(tick: dict[str, Any]) -> None:
             for log in logs:
                 log.write(tick)
+            if wait is not None:
+                wait()
 
         status = output.each_until_ctrl_c(bar.track(ticks, total=number, description="live"), write)
     summary = simulation.summary

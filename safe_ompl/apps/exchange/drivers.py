@@ -38,6 +38,7 @@ _log = logging.getLogger(__name__)
 
 DRY = "dry"
 _ROUNDING = 1 + 1e-6  # relative: what differences of positions may be above a limit
+_KEPT = 0.999  # share of the published limits that motions use: the robot rounds, too
 _JERK = 0.1  # share of the published jerk that is used if nothing is said: more shakes the robot
 _STILL = 3  # cycles at rest after which differences show no jerk any more
 _LONGEST = 300.0  # [s] of what a robot is told at once
@@ -89,9 +90,14 @@ class RobotRates:
         for name, speed, values in zip(own.joint_names, slowest.tolist(), way.T, strict=True):
             if speed <= 0:
                 raise InputError(f"goes from {values.min():.3f} to {values.max():.3f}: too near to its end", name)
-        jerk = np.minimum(_JERK * self.jerk if own.jerk is None else own.jerk, self.jerk)
-        velocity, acceleration = np.minimum(own.velocity, slowest), np.minimum(own.acceleration, self.acceleration)
-        return RateLimits(own.joint_names, velocity, acceleration, jerk if np.isfinite(jerk).all() else None)
+        velocity, acceleration, most = _KEPT * slowest, _KEPT * self.acceleration, _KEPT * self.jerk
+        jerk = np.minimum(_JERK * self.jerk if own.jerk is None else own.jerk, most)
+        return RateLimits(
+            own.joint_names,
+            np.minimum(own.velocity, velocity),
+            np.minimum(own.acceleration, acceleration),
+            jerk if np.isfinite(jerk).all() else None,
+        )
 
 
 _FR3_ENDS = [
@@ -259,7 +265,7 @@ def _go_on(link: Any, pipe: Connection, slots: FloatArray, log: list[tuple[int, 
         q, passed = link.read()
         if driven:
             cycle += passed
-            log.append((cycle, rows[min(cycle - begin, len(rows) - 1)], q))
+            log.append((cycle, rows[min(cycle - begin, len(rows) - 1)].copy(), q))
         link.write(rows[min(cycle + 1 - begin, len(rows) - 1)])
         if ending or not pipe.poll():
             continue
@@ -301,6 +307,8 @@ class RobotDriver(Driver):
     def close(self) -> DriveLog:
         if not self._log:
             self._asked(None)
+        while not self._log:  # Ctrl-C may have left answers
+            self._received()
         return self._log[0]
 
     def _take(self, begin: int, first: int, rows: FloatArray) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping
+import logging
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -18,6 +19,8 @@ from safe_ompl.people.replanning import Command, Doing, Replanner
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
+
+_log = logging.getLogger(__name__)
 
 _FINE = 0.005  # [s] between two observations of the contact monitor
 _STILL = 1e-9  # [rad/s] slower than this is at rest
@@ -205,7 +208,8 @@ class Simulation:
     The trajectories are followed one after the other, and again from the first: each begins where the one before ends.
     `summary` is complete once the simulation has run to its end. Looking for contacts takes most of the time; there is
     none if `monitor` is set to None. `reactions` are times from measurements to their commands, on the clock of this
-    machine [s].
+    machine [s]. What is set to `follow` is told each command at once, and returns why a robot does not do that, which
+    then goes on with the one before; empty: it does.
     """
 
     def __init__(
@@ -222,6 +226,7 @@ class Simulation:
         self.faults = Faults() if faults is None else faults
         self.latency = number("latency", self.faults.latency, at_least=0.0, at_most=replanner.tick)
         self.monitor: ContactMonitor | None = ContactMonitor(replanner.robot)
+        self.follow: Callable[[Command], str] | None = None
         self.summary = Summary()
         self._rng = np.random.default_rng(self.faults.seed)
         self._promised: dict[float, ReachSets] = {}
@@ -283,6 +288,13 @@ class Simulation:
         begin = perf_counter()
         new = self.replanner.command(now + self.latency)
         reaction += perf_counter() - begin
+        why = "" if self.follow is None or (command and new.motion is command.motion) else self.follow(new)
+        if why:
+            _log.warning("%.3f s: the robot goes on as it was told before: %s", now, why)
+            self.summary.deadlines_missed += 1
+            self.summary.tasks -= command is not None and command.doing is Doing.DONE  # it is to start again
+            self.replanner.withdraw(command)
+            return command, None
         self.replanner.think()
         self.reactions.append(reaction)
         return new, reaction

@@ -115,7 +115,7 @@ def test_joints_near_their_ends_must_be_slow():
     far, near = HOME + 0.5 * fourth, HOME + 1.35 * fourth
     assert FRANKA.within(own, np.array([HOME, far])).velocity[3] == 2.0
     slow = FRANKA.within(own, np.array([HOME, near]))
-    assert slow.velocity[3] == pytest.approx(np.sqrt(8.0 * (1.6 - 1.35 - 0.1458)) - 0.3)
+    assert slow.velocity[3] == pytest.approx(0.999 * (np.sqrt(8.0 * (1.6 - 1.35 - 0.1458)) - 0.3))
     assert slow.jerk is not None
     assert UR.within(RateLimits(tuple("abcdef"), np.full(6, 3.0), np.full(6, 5.0)), np.zeros((2, 6))).jerk is None
     rows = rows_to(near - 0.8 * fourth, 0.8 * fourth, seconds=1.0)
@@ -150,6 +150,7 @@ def test_a_robot_is_told_every_row_and_ends_at_rest(stand_in):
     assert driver.follow(0.0, way) == ""
     np.testing.assert_allclose(driver.wait(0.2), HOME + 0.001, atol=0.2)
     assert "too late" in driver.follow(0.1, way[100:])
+    driver._pipe.send(())  # an answer that Ctrl-C leaves there
     log = driver.close()
     np.testing.assert_array_equal(log.commanded[:1001], way)
     np.testing.assert_allclose(log.measured - log.commanded, 0.001, atol=1e-12)
