@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from time import process_time
@@ -44,9 +45,9 @@ _PLACES = 20
 _BOXES = 3
 _SIZE = (640, 480)
 _FOCAL = 337.0  # [px]
+_FIELDS = 8  # of random numbers
 # Where cameras are, and where they look [m].
 _LOOKS = {"front": ((0.7, -1.3, 2.0), (0.1, 0.3, 0.25)), "back": ((-1.0, 0.5, 2.0), (0.35, -0.1, 0.2))}
-_FACE = {coal.Box: mujoco.mjtGeom.mjGEOM_BOX}
 
 
 # -------------------------------------------------------------------------------------------------- cameras
@@ -144,18 +145,29 @@ class Renderer:
         self._data.mocap_pos[k] = place.translation
         self._data.mocap_quat[k] = np.roll(pin.Quaternion(place.rotation).coeffs(), 1)
 
+    @cached_property
+    def _fields(self) -> list[tuple[Any, ...]]:
+        """Random fields, of which every image takes one, shifted: rays, noise, what is mixed and what is gone."""
+        rng, (columns, rows) = self._rng, _SIZE
+        found: list[tuple[Any, ...]] = []
+        for _ in range(_FIELDS):
+            jitter = np.rint(rng.normal(0.0, 0.5, (2, rows, columns))).astype(np.intp)
+            v = np.clip(np.arange(rows)[:, None] + jitter[0], 0, rows - 1)
+            u = np.clip(np.arange(columns) + jitter[1], 0, columns - 1)
+            mixed = np.where(rng.random((rows, columns)) < 0.1, rng.random((rows, columns)), 1.0)
+            noise = rng.normal(size=(rows, columns))
+            found.append((v * columns + u, noise, mixed, rng.random((rows, columns)) < 0.01))
+        return found
+
     def _spoilt(self, true: FloatArray) -> FloatArray:
         """Return an image with the errors of a sensor."""
-        rng, (rows, columns) = self._rng, true.shape
-        jitter = np.rint(rng.normal(0.0, 0.5, (2, rows, columns))).astype(int)
-        v = np.clip(np.arange(rows)[:, None] + jitter[0], 0, rows - 1)
-        u = np.clip(np.arange(columns) + jitter[1], 0, columns - 1)
-        image = true[v, u]
-        mixed = (np.abs(image - true) > 0.05) & (rng.random(true.shape) < 0.1)
-        image = np.where(mixed, true + rng.random(true.shape) * (image - true), image)
-        image = image + rng.normal(size=true.shape) * (0.0012 + 0.0019 * (image - 0.4) ** 2)
-        gone = (rng.random(true.shape) < 0.01) | (true > 10.0)
-        return np.where(gone, np.nan, image).astype(np.float32)
+        rays, noise, mixed, gone = self._fields[self._rng.integers(_FIELDS)]
+        shift = int(self._rng.integers(true.size))
+        image = true.ravel()[rays]
+        image = true + np.roll(mixed.ravel(), shift).reshape(true.shape) * (image - true)
+        image += np.roll(noise.ravel(), shift).reshape(true.shape) * (0.0012 + 0.0019 * (image - 0.4) ** 2)
+        image[gone | (true > 10.0)] = np.nan
+        return image.astype(np.float32)
 
 
 class Seen(Simulation):
