@@ -25,6 +25,7 @@ ORDER = (  # of the page; files with claims only have no section
     *("certify", "certify_danger", "motion", "motions", "motions_time", "motions_repair", "motions_tubes", "stops"),
     *("stops_contact", "stops_motions", "mutations", "timing", "field", "scaling", "scaling_nodes"),
     *("setup", "simplify", "hard", "clearances", "paper", "smoothing", "worth", "live", "shield"),
+    "depth",
     *("reach", "physics", "physics_contact", "physics_live", "tools"),
 )
 INTRODUCTION = """# What was measured
