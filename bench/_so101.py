@@ -218,10 +218,10 @@ def learn(folder: Path, data: tuple[FloatArray, FloatArray, FloatArray], chunk: 
         normalization_mapping=dict.fromkeys(("STATE", "ENV", "ACTION"), mean_std),
         chunk_size=chunk,
         n_action_steps=driven,
-        dim_model=128,
+        dim_model=96,
         n_heads=4,
-        dim_feedforward=256,
-        n_encoder_layers=2,
+        dim_feedforward=192,
+        n_encoder_layers=1,
         use_vae=False,
         dropout=0.0,
         device="cpu",
@@ -239,10 +239,10 @@ def learn(folder: Path, data: tuple[FloatArray, FloatArray, FloatArray], chunk: 
     last = torch.tensor(np.searchsorted(of, of, side="right") - 1)
     padded, rows = rows > last[:, None], torch.minimum(rows, last[:, None])
     optimiser = torch.optim.AdamW(policy.parameters(), lr=1e-3, weight_decay=1e-4)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 1e-3, total_steps=steps)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 2e-3, total_steps=steps)
     policy.train()
     for _ in range(steps):
-        some = torch.randint(len(of), (128,))
+        some = torch.randint(len(of), (64,))
         loss, _ = policy({_STATE: x[some], _AROUND: x[some], _ACTION: y[rows[some]], "action_is_pad": padded[some]})
         optimiser.zero_grad()
         loss.backward()
@@ -252,4 +252,4 @@ def learn(folder: Path, data: tuple[FloatArray, FloatArray, FloatArray], chunk: 
     policy.save_pretrained(folder)
     before.save_pretrained(folder)
     after.save_pretrained(folder)
-    print(f"trained on {len(of)} ticks, loss {float(loss):.3f}", flush=True)
+    print(f"trained on {len(of)} ticks, loss {loss.item():.3f}", flush=True)

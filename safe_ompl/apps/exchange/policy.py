@@ -224,6 +224,10 @@ class PolicyGuard:
         if not waiting:
             self._due = now + self.period
         waiting.append((q, others))
+        limits = self.period * self._limits.velocity  # of a jump: it is approached at half of the speed
+        far = float((np.abs(apart(here, waiting[0][0])) / limits).max())
+        if far * self.period > self._due - now:
+            self._due = now + 2 * far * self.period
         self._spacing = self.period / (_FASTER if len(waiting) > 1 else 1.0)
         known = [one for one, _ in waiting] + list(self._rest_of_chunk(q))
         before = known[-2] if len(known) > 1 else known[-1] if self._before is None else self._before
