@@ -217,3 +217,64 @@ def test_a_robot_that_is_held_is_stopped():
 def test_without_lerobot_one_line_says_so():
     with pytest.raises(ModuleNotFoundError, match=r"needs LeRobot \(.*\): pip install lerobot"):
         import safe_ompl.apps.exchange.lerobot.robot  # noqa: F401
+
+
+def test_a_robot_of_lerobot_is_wrapped(tmp_path, monkeypatch):
+    """LeRobot makes the robot by its name; it looks like the one that it wraps, and guards it."""
+    pytest.importorskip("lerobot")
+    import torch
+    from lerobot.processor import PolicyProcessorPipeline
+    from lerobot.robots import Robot, RobotConfig, make_robot_from_config
+
+    from safe_ompl.apps.exchange.lerobot import SafeOmplChunks, SafeOmplRobot, SafeOmplRobotConfig
+
+    class InnerConfig(RobotConfig):
+        pass
+
+    class Inner(Robot):
+        config_class, name = InnerConfig, "inner"
+        action_features = observation_features = dict.fromkeys(KEYS, float)
+        is_connected, is_calibrated, time = False, True, 0.0
+
+        def connect(self, calibrate=True):
+            self.is_connected, self.at = True, {**Bench.numbers(FREE), "gripper.pos": 0.0}
+
+        def disconnect(self):
+            self.is_connected = False
+
+        def calibrate(self): ...
+
+        def configure(self): ...
+
+        def clock(self):
+            return self.time
+
+        def get_observation(self):
+            return dict(self.at)
+
+        def send_action(self, action):
+            self.at, self.time = dict(action), self.time + 1 / 30
+            return action
+
+    for name, kind in (("calibration_dir", tmp_path), ("id", "me")):
+        monkeypatch.setattr(InnerConfig, name, kind, raising=False)
+    RobotConfig.register_subclass("inner_of_a_test")(InnerConfig)
+    InnerConfig.__module__ = Inner.__module__ = "inner_of_a_test"
+    module = type(np)("inner_of_a_test")
+    module.Inner, module.InnerConfig = Inner, InnerConfig
+    monkeypatch.setitem(__import__("sys").modules, "inner_of_a_test", module)
+    scenario = {"robot": {"type": "inner_of_a_test"}, "scenario": "planar3", "calibration_dir": tmp_path}
+    robot = make_robot_from_config(SafeOmplRobotConfig(**scenario))
+    assert isinstance(robot, SafeOmplRobot)
+    assert (robot.name, robot.action_features) == ("inner", Inner.action_features)
+    robot.connect()
+    assert SafeOmplRobot.connected is robot
+    chunk = np.column_stack([np.degrees([wave(0.2 * k, FREE) for k in range(30)]), np.full(30, 7.0)])
+    step = PolicyProcessorPipeline([SafeOmplChunks()], to_transition=lambda x: {"action": x}, to_output=lambda x: x)
+    assert step(torch.tensor(chunk[None]))["action"].shape == (1, 30, 4)
+    assert len(robot.guard._chunk) == 30
+    for row in chunk:  # whoever does not look is looked for
+        sent = robot.send_action(dict(zip(KEYS, row.tolist(), strict=True)))
+    assert sent == pytest.approx(dict(zip(KEYS, chunk[-1].tolist(), strict=True)), abs=0.2)
+    robot.disconnect()
+    assert SafeOmplRobot.connected is None
