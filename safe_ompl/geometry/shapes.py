@@ -86,7 +86,10 @@ class Shape(Section, ABC):
 
     def core(self, depth: float) -> Shape:
         """Return what is deeper than `depth` [m] under its surface, or InputError if that is not known, or nothing."""
-        raise InputError(f"must be a box, sphere, cylinder or capsule to be touched, got a {self.kind}", "shape")
+        raise InputError(
+            f"must be a box, sphere, cylinder or capsule to be touched, got a {self.kind}: give it as several of these",
+            "shape",
+        )
 
     def measured_anew(self, measured: Any, pose: Pose) -> Shape:
         """Return the same shape as it was measured later, such as a person with other key points, in the world frame.
