@@ -98,9 +98,11 @@ class Body:
         if joint == "elbow" and {f"{side}_wrist", f"{side}_hand"} & set(self.given):
             return self._bent_elbow(side)
         if joint == "wrist" and f"{side}_hand" in self.given:
-            return self._wrist_before_hand(side)
+            hand = self.point(f"{side}_hand")
+            return self._beyond(hand, self.point(f"{side}_shoulder") - hand, side)
         if joint == "hand":
-            return self._hand_beyond_wrist(side)
+            wrist, elbow = (self.point(f"{side}_{name}") for name in ("wrist", "elbow"))
+            return self._beyond(wrist, wrist - elbow, side)
         if joint not in _PARENT:
             return self.height * STANDING[name]
         parent = f"{side}_{_PARENT[joint]}"
@@ -126,18 +128,10 @@ class Body:
         bent: FloatArray = shoulder + along * forward + np.sqrt(max(upper**2 - along**2, 0.0)) * down
         return bent
 
-    def _wrist_before_hand(self, side: str) -> FloatArray:
-        hand = np.array(self.given[f"{side}_hand"])
-        towards = self.point(f"{side}_shoulder") - hand
-        distance = max(float(np.linalg.norm(towards)), 1e-9)
-        wrist: FloatArray = hand + self._segment(side, "wrist", "hand") * towards / distance
-        return wrist
-
-    def _hand_beyond_wrist(self, side: str) -> FloatArray:
-        elbow, wrist = self.point(f"{side}_elbow"), self.point(f"{side}_wrist")
-        distance = max(float(np.linalg.norm(wrist - elbow)), 1e-9)
-        hand: FloatArray = wrist + self._segment(side, "wrist", "hand") * (wrist - elbow) / distance
-        return hand
+    def _beyond(self, point: FloatArray, way: FloatArray, side: str) -> FloatArray:
+        """Return where one comes from a point along a way, as far as the wrist is from the hand."""
+        end: FloatArray = point + self._segment(side, "wrist", "hand") * way / max(float(np.linalg.norm(way)), 1e-9)
+        return end
 
 
 def _perpendicular(vector: FloatArray, axis: FloatArray) -> FloatArray:

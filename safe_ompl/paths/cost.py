@@ -15,21 +15,6 @@ from safe_ompl.danger import DangerField
 from safe_ompl.paths.measures import Curve
 from safe_ompl.robot import Robot, plain
 
-_BESIDE, _CLOSELY = 0.4, 0.02  # [rad] so far from the ends peaks are looked for, at samples so close together
-_EXCESS = 0.02  # share by which a peak is above what is forced
-
-
-def peaks_beside_ends(curve: Curve, field: DangerField, forced: float) -> tuple[FloatArray, FloatArray]:
-    """Return arc lengths (K,) and configurations (K, n) of peaks of danger beside the ends, above what these force."""
-    beside = np.arange(0.0, min(_BESIDE, 0.5 * curve.length), _CLOSELY)
-    s = np.concatenate([beside, curve.length - beside[::-1]])
-    samples = curve.at(s)
-    danger = field.values(samples)
-    inner = danger[1:-1]
-    peak = (inner > (1.0 + _EXCESS) * forced) & (inner >= danger[:-2]) & (inner >= danger[2:])
-    return s[1:-1][peak], samples[1:-1][peak]
-
-
 STEP = 0.05  # [rad] between the samples of the cost of a path, as in its report
 WEIGHT = 5.0  # of danger against length
 _REFERENCE_SAMPLES = 64

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.paths.cost import ActiveSetCost, PathCost, QuadraticModel, factored, peaks_beside_ends, solved
+from safe_ompl.paths.cost import ActiveSetCost, PathCost, QuadraticModel, factored, solved
 from safe_ompl.paths.edges import EdgeProofs, Within
 from safe_ompl.paths.measures import Curve, path_length, with_way_points
 
@@ -148,6 +148,8 @@ _SMALLEST = 0.01  # [rad] steps are not worth taking
 _FAR = 1.0  # [rad] when way points have moved so far, other danger points may matter
 _APART = 0.01  # [rad] of path between way points, at least
 _RESOLUTIONS = 2  # how often peaks are looked for
+_BESIDE, _CLOSELY = 0.4, 0.02  # [rad] so far from the ends, at samples so close together
+_EXCESS = 0.02  # share by which a peak is above what the ends force
 
 
 class Terms(NamedTuple):
@@ -283,12 +285,18 @@ class ProvenDescent:
         """Put way points where danger peaks beside the ends, which no node of the cost sees; return whether it does."""
         field = self._cost.everywhere.field
         forced = float(field.values(self._best.path[[0, -1]]).max())
-        places, peaks = peaks_beside_ends(Curve(field.robot, self.path), field, forced)
-        path = with_way_points(self.path, places, _APART)
+        curve = Curve(field.robot, self.path)
+        beside = np.arange(0.0, min(_BESIDE, 0.5 * curve.length), _CLOSELY)
+        s = np.concatenate([beside, curve.length - beside[::-1]])
+        samples = curve.at(s)
+        danger = field.values(samples)
+        inner = danger[1:-1]
+        peak = (inner > (1.0 + _EXCESS) * forced) & (inner >= danger[:-2]) & (inner >= danger[2:])
+        path = with_way_points(self.path, s[1:-1][peak], _APART)
         if len(path) == len(self.path):
             return False
         self._terms.proofs.inherit(path)
-        self._cost.look_at(self._whole(path), peaks)
+        self._cost.look_at(self._whole(path), samples[1:-1][peak])
         self.path, self.price = path, self._priced(path)
         return True
 

@@ -194,9 +194,16 @@ def clearance_along(curve: Curve, checker: CollisionChecker, s: FloatArray, samp
     if not names:
         return ClearanceReport(np.inf, np.inf, 0.0, None, None, 0.0)
     distances = every.min(axis=1)
-    nearest = every.argmin(axis=1)
-    clearances = [Clearance(float(d), *names[k]) for d, k in zip(distances, nearest, strict=True)]
-    least, at = _refined_minimum(checker, curve, s, clearances)
+    k = int(distances.argmin())
+    least, at = Clearance(float(distances[k]), *names[every[k].argmin()]), float(s[k])
+    step = float(s[1] - s[0])
+    for _ in range(_REFINEMENTS if step else 0):  # beside the least sample there may be less
+        step /= 2
+        for side in (-step, step):
+            place = float(np.clip(at + side, 0.0, curve.length))
+            candidate = checker.clearance(curve.at(np.array([place]))[0])
+            if candidate.distance < least.distance:
+                least, at = candidate, place
     mean = float(np.trapezoid(distances, s) / s[-1]) if s[-1] else least.distance
     near = float(np.trapezoid((distances < NEAR).astype(float), s))
     obstacles: dict[str, float] = {}
@@ -207,19 +214,3 @@ def clearance_along(curve: Curve, checker: CollisionChecker, s: FloatArray, samp
     return ClearanceReport(
         *(least.distance, mean, near, least.link, least.obstacle), at / curve.length if curve.length else 0.0, obstacles
     )
-
-
-def _refined_minimum(
-    checker: CollisionChecker, curve: Curve, s: FloatArray, clearances: list[Clearance]
-) -> tuple[Clearance, float]:
-    """Look between the samples beside the smallest one for a smaller clearance still."""
-    k = int(np.argmin([c.distance for c in clearances]))
-    best, at, step = clearances[k], float(s[k]), float(s[1] - s[0])
-    for _ in range(_REFINEMENTS if best.obstacle and step else 0):
-        step /= 2
-        for side in (-step, step):
-            place = float(np.clip(at + side, 0.0, curve.length))
-            candidate = checker.clearance(curve.at(np.array([place]))[0])
-            if candidate.distance < best.distance:
-                best, at = candidate, place
-    return best, at

@@ -63,6 +63,10 @@ class Place:
         robot, rng = self.robot, np.random.default_rng(0)  # always the same: they belong to the robot
         return np.array([self.jacobian(q) for q in rng.uniform(robot.lower, robot.upper, (_SAMPLES, robot.n))])
 
+    def sample(self, rng: np.random.Generator) -> Place:
+        """Return a place at random of those that will do: this one."""
+        return self
+
     def error(self, q: FloatArray) -> FloatArray:
         """Return Δx (m,) [m] from the tip at `q: (n,)` to the place, in world axes.
 

@@ -172,7 +172,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         precision = _PRECISION * self.tolerance
         for _ in range(seeds):
             seed = self._rng.uniform(robot.lower, robot.upper)
-            q, distance = approach(self._target(), seed, precision)
+            q, distance = approach(self.place.sample(self._rng), seed, precision)
             self._tries += 1
             if distance > precision:
                 self._nearest = min(self._nearest, (self.place.distance(q), q), key=lambda found: found[0])
@@ -189,10 +189,6 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         if self._field is None or not new:
             return new
         return [new[k] for k in np.argsort(self._field.values(np.array(new)), kind="stable")]
-
-    def _target(self) -> Place:
-        """Return where the next solution is to bring the tip."""
-        return self.place
 
 
 REGION_TOLERANCE = 1e-3  # [m]
@@ -211,8 +207,4 @@ class RegionGoal(WorkspaceGoal):
     ) -> None:
         instance("region", region, GoalRegion)
         self.region = region
-        self._inside = RegionPlace(robot, region)
-        super().__init__(si, robot, self._inside, tolerance=tolerance, **options)
-
-    def _target(self) -> Place:
-        return self._inside.sample(self._rng)
+        super().__init__(si, robot, RegionPlace(robot, region), tolerance=tolerance, **options)
