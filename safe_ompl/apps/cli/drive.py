@@ -97,6 +97,9 @@ def _drive(scenario: Scenario, robot: Robot, driver: Driver, options: argparse.N
         return 1
     try:
         driver.wait(float(cycles[-1]))
+    except KeyboardInterrupt:
+        driver.halt(lambda times: trajectory.at(times).q)
+        raise
     finally:
         log = driver.close()
         write_log(log, robot, options.log)

@@ -43,6 +43,7 @@ _JERK = 0.1  # share of the published jerk that is used if nothing is said: more
 _STILL = 3  # cycles at rest after which differences show no jerk any more
 _LONGEST = 300.0  # [s] of what a robot is told at once
 _REALTIME = Path("/sys/kernel/realtime")  # of realtime kernels alone; libfranka looks for it, too
+_AHEAD, _SPANS = 50, (0.2, 0.4, 0.8, 1.6, 3.2)  # cycles until a stop begins, and how long it takes [s]
 _PRIORITY = 50  # of 1 to 99
 _NAP = 0.05  # [s] at most between two looks at the robot's clock
 _LOOKAHEAD, _GAIN = 0.03, 500.0  # of UR's servoJ: the least delay that it allows [s]; of 100 to 2000
@@ -157,6 +158,16 @@ class Driver:
         self._log.append(DriveLog(cycles / self.rates.rate, told, told))
         self._cycle += len(cycles)
         return np.asarray(self._told(self._cycle, self._cycle + 1)[0])
+
+    def halt(self, motion: Callable[[FloatArray], FloatArray]) -> None:
+        """Stop on the path of a motion, positions (K, n) at times (K,) [s], as soon as the maker's limits allow."""
+        self.wait(0.0)
+        begin = (self._cycle + _AHEAD) / self.rates.rate
+        for span in _SPANS:
+            u = np.arange(0.0, 1.0, 1 / (span * self.rates.rate))
+            slower = span * (u - u**4 * (2.5 - 3 * u + u * u))  # its rate goes from 1 to 0, smoothly
+            if not self.follow(begin, motion(begin + np.append(slower, span / 2))):
+                break
 
     def close(self) -> DriveLog:
         """Let the robot come to rest as it was told, leave it, and return what it did."""
@@ -292,6 +303,7 @@ class RobotDriver(Driver):
         memory = spawned.RawArray("d", 2 * n * round(_LONGEST * rates.rate))
         self._slots, self._slot = np.frombuffer(memory).reshape(2, -1, n), 0
         self._pipe, other = spawned.Pipe()
+        self._open = False  # whether a question was asked, and not answered
         atexit.register(self._pipe.close)  # before all processes are waited for
         spawned.Process(target=_serve, args=(other, kind, host, memory), name=self._name).start()
         other.close()
@@ -307,8 +319,6 @@ class RobotDriver(Driver):
     def close(self) -> DriveLog:
         if not self._log:
             self._asked(None)
-        while not self._log:  # Ctrl-C may have left answers
-            self._received()
         return self._log[0]
 
     def _take(self, begin: int, first: int, rows: FloatArray) -> str:
@@ -321,9 +331,14 @@ class RobotDriver(Driver):
         return late
 
     def _asked(self, question: Any) -> Any:
+        if self._open and self._pipe.poll(1.0):  # Ctrl-C has left an answer
+            self._received()
+        self._open = True
         with suppress(OSError):  # the process may have ended: why, it has said
             self._pipe.send(question)
-        return self._received()
+        found = self._received()
+        self._open = False
+        return found
 
     def _received(self) -> Any:
         try:

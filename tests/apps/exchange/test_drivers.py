@@ -151,6 +151,7 @@ def test_a_robot_is_told_every_row_and_ends_at_rest(stand_in):
     np.testing.assert_allclose(driver.wait(0.2), HOME + 0.001, atol=0.2)
     assert "too late" in driver.follow(0.1, way[100:])
     driver._pipe.send(())  # an answer that Ctrl-C leaves there
+    driver._open = True
     log = driver.close()
     np.testing.assert_array_equal(log.commanded[:1001], way)
     np.testing.assert_allclose(log.measured - log.commanded, 0.001, atol=1e-12)
@@ -159,6 +160,22 @@ def test_a_robot_is_told_every_row_and_ends_at_rest(stand_in):
     np.testing.assert_array_equal(came[-1], way[-1])
     first = next(k for k, q in enumerate(came) if (q != HOME).any())
     np.testing.assert_array_equal(came[first : first + 1000], way[1:])
+
+
+@pytest.mark.parametrize("robot", ["franka://dry", "franka://127.0.0.1"])
+def test_a_robot_stops_on_its_path(stand_in, robot):
+    stand_in()
+    driver = open_driver(robot, HOME)
+    way = rows_to(HOME, 0.8 * np.ones(7), seconds=2.0)
+    assert driver.follow(0.0, way) == ""
+    driver.wait(0.8)
+    driver.halt(lambda t: HOME + 0.8 * ((t / 2) ** 3 * (10 - 15 * (t / 2) + 6 * (t / 2) ** 2))[:, None])
+    told = driver.close().commanded
+    assert not FRANKA.breach(told)
+    np.testing.assert_allclose(
+        told - told[:, :1], (HOME - HOME[0]) * np.ones_like(told), atol=1e-9
+    )  # still on the line
+    assert 0.3 < told[-1, 0] - HOME[0] < 0.7
 
 
 def test_lost_cycles_do_not_make_the_robot_late(stand_in):
