@@ -282,8 +282,9 @@ class OccupancyGrid:
         if first and options.unseen == "occupied":
             self.occupied &= ~self._near(self._known.robot, options.clear) | self._beyond
         fast = self._advance(one, time, image, hits, marked)
-        one.wrong = self._looks_through(name, view, depths - noise)
-        return ReachViolation(SEEN, "", self.cells.edge) if fast else None
+        violation = ReachViolation(SEEN, "", self.cells.edge) if fast else None
+        one.wrong = self._looks_through(name, view, depths - noise) or str(violation or "")
+        return violation
 
     def _blocks(self, camera: DepthCamera, view: View, given: ArrayLike) -> tuple[FloatArray, IntArray]:
         """Return depths and pixels of the blocks of an image or a cloud."""
@@ -367,7 +368,7 @@ class OccupancyGrid:
         found, marks = cover(front, self.cells, self._known, _SHARE, _MOST_BALLS)
         names = tuple((SEEN if each & _HIT else UNSEEN, "") for each in marks.tolist())
         speed = self.options.speed
-        growth = np.tile([[[speed * (now - self.time), speed]]], (len(found), 1, 1))
+        growth = np.tile([[[speed * max(now - self.time, 0.0), speed]]], (len(found), 1, 1))
         return ReachSets.of(names, plain(found[:, None, :3]), found[:, 3].copy(), growth)
 
     def trouble(self, now: float, lost_after: float) -> str | None:

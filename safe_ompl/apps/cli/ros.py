@@ -19,6 +19,7 @@ from safe_ompl.apps.exchange import (
     ACTION,
     Cell,
     ControlOptions,
+    DepthEyes,
     Execution,
     Frames,
     LiveController,
@@ -29,7 +30,15 @@ from safe_ompl.apps.exchange import (
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
-from safe_ompl.people import CalibratedReach, Surroundings, TrackedBody, Tracker, find_skeleton
+from safe_ompl.people import (
+    CalibratedReach,
+    OccupancyGrid,
+    OccupancyOptions,
+    Surroundings,
+    TrackedBody,
+    Tracker,
+    find_skeleton,
+)
 from safe_ompl.people.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.planning import plan_program, program_robot, setup_scenario
@@ -77,6 +86,10 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
     add_reach(parser)
     option(parser, "--noise M", "largest error of key points [m]", arguments.noise, 0.0)
+    cameras = "depth cameras: topics NAME/camera_info, and NAME/image or NAME/points"
+    option(parser, "--depth NAME[,…]", cameras, arguments.names)
+    option(parser, "--unseen RULE", "what no camera sees is 'occupied' or 'free'; default: occupied")
+    option(parser, "--clear M", "what no camera sees so near to the robot is free at first", arguments.noise, 0.2)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     for name, usual, what in (
         ("latency", 0.05, "from a tick until its command holds, at most a tick [s]"),
@@ -105,7 +118,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         trajectory_action()
     scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=bool(options.controller))
     if scenario.program is not None:
-        arguments.refuse(options, ("shield", "simplify"), "is for paths to goals; the scenario has a program")
+        arguments.refuse(options, ("shield", "simplify", "depth"), "is for paths to goals; the scenario has a program")
     reach = people_who_move(scenario, options).reach
     gate = None if reach is None else CalibratedReach.load(reach).gate
     trackers = trackers_of(scenario, options, gate)
@@ -179,13 +192,19 @@ def cell_of(
 
         return Cell(program_robot(limited), trackers, moving, work, program=True, moving=described)
     setup_scenario(limited, robot)  # what cannot be used is said now
+    eyes = None
+    if options.depth is not None:
+        seen_as = OccupancyOptions(max([people.speed, *people.speeds.values()]), options.unseen or "occupied")
+        wide = replace(seen_as, clear=options.clear)
+        eyes = DepthEyes(options.depth, lambda cameras: OccupancyGrid(robot, still, cameras, wide))
 
     def plan(start: FloatArray, goal: Any, cloud: Obstacle | None) -> Replanner | Shield:
         seen, own = () if cloud is None else (cloud,), scenario.motion
         aim = Goal(configurations=(tuple((start if isinstance(goal, Execution) else goal).tolist()),))
         asked = replace(limited, scene=still.with_obstacles(*seen), start=tuple(start.tolist()), goal=aim)
         setup = setup_scenario(asked, robot)
-        around = Surroundings(scenario.scene.with_obstacles(*seen), trackers, moving, people)
+        grid = None if eyes is None else eyes.grid
+        around = Surroundings(scenario.scene.with_obstacles(*seen), trackers, moving, people, grid)
         if options.shield or isinstance(goal, Execution):
             limits = PathLimits(RateLimits.of(robot, own.velocity, own.acceleration), own.tool_speed, own.link_speed)
             shield = Shield(
@@ -203,7 +222,7 @@ def cell_of(
         replanner.start(timed_way(result.path, robot, setup.motion_prover, scenario))
         return replanner
 
-    return Cell(robot, trackers, moving, plan, options.shield, moving=described)
+    return Cell(robot, trackers, moving, plan, options.shield, moving=described, eyes=eyes)
 
 
 def legs_of(
@@ -229,8 +248,12 @@ def legs_of(
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     """Drive a small robot in memory: that compiles every kernel that a tick calls, whatever the robot."""
+    if options.depth is not None:
+        from safe_ompl.apps.cli.doctor import ask_for_depth  # which imports what draws
+
+        ask_for_depth()
     shield = options.shield or bool(options.controller)
-    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=shield, reach=None)
+    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=shield, reach=None, depth=None)
     found = Scenario.load(find_scenario("planar2"))
     motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
     robot, scenario = found.build_robot(), replace(found, motion=motion, people=People(who=(_SOMEBODY,)))

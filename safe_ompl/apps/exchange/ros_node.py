@@ -21,7 +21,16 @@ import pinocchio as pin
 from safe_ompl.apps.exchange import messages
 from safe_ompl.apps.exchange.controller import LiveController
 from safe_ompl.apps.exchange.execution import ACTION, TrajectoryGuard
-from safe_ompl.apps.exchange.messages import Frames, cloud_of, people_of_markers, pose_of, proposal_of, stamp_of
+from safe_ompl.apps.exchange.messages import (
+    Frames,
+    camera_of,
+    cloud_of,
+    depths_of,
+    people_of_markers,
+    pose_of,
+    proposal_of,
+    stamp_of,
+)
 from safe_ompl.apps.exchange.ros_action import TrajectoryServer
 from safe_ompl.common import InputError
 from safe_ompl.geometry import Pose
@@ -195,14 +204,20 @@ class RosNode:
             time, pose = pose_of(message, frames)
             controller.see_object(time, name, pose)
 
+        def cloud(message: Any) -> None:
+            controller.see_cloud(*cloud_of(message, cloud_radius, frames))
+
         self._subscribe(messages.JOINT_STATE, "joint_states", joints)
         self._subscribe(messages.MARKERS, "people", people)
         for name in cell.objects:
             self._subscribe(POSE, f"obstacles/{name}", partial(thing, name))
+        for name in () if cell.eyes is None else cell.eyes.names:
+            self._subscribe_to_camera(name)
         if cell.program:  # a cloud would have points of what it carries
             self._subscribe(messages.BOOL, "run", lambda message: controller.run(message.data), reliable=True)
             return
-        self._subscribe(CLOUD, "cloud", lambda message: controller.see_cloud(*cloud_of(message, cloud_radius, frames)))
+        if cell.eyes is None:
+            self._subscribe(CLOUD, "cloud", cloud)
         if cell.shielded:
             proposal = messages.JOINT_TRAJECTORY, "proposal"
             self._subscribe(*proposal, lambda message: controller.propose(*proposal_of(message, self._robot)))
@@ -210,6 +225,19 @@ class RosNode:
             goal = messages.JOINT_STATE, "goal"
             go_to = controller.go_to
             self._subscribe(*goal, lambda message: go_to(message.name, message.position), reliable=True)
+
+    def _subscribe_to_camera(self, name: str) -> None:
+        """Take what a depth camera is, and its images or clouds."""
+        controller, frames = self._controller, self._frames
+        eyes = controller.cell.eyes
+        assert eyes is not None
+
+        def seen(message: Any) -> None:
+            controller.see_depth(name, *depths_of(message, frames))
+
+        self._subscribe(messages.CAMERA_INFO, f"{name}/camera_info", lambda info: eyes.introduce(name, camera_of(info)))
+        self._subscribe(messages.IMAGE, f"{name}/image", seen)
+        self._subscribe(CLOUD, f"{name}/points", seen)
 
     # ----------------------------------------------------------------------------------------------------- ticks
 

@@ -25,6 +25,7 @@ OPTIONS = {
     "simplify": False,
     "reach": None,
     "controller": "",
+    "depth": None,
 }
 
 
