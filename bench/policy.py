@@ -34,7 +34,9 @@ from safe_ompl.people import Surroundings
 from safe_ompl.people.simulation import ContactMonitor, Walker, World
 from safe_ompl.scene import Scenario
 
-CLAIM = "a policy of LeRobot behind the shield touches nothing that the guard knows, and mostly drives what it proposed"
+CLAIM = (
+    "what a policy of LeRobot does behind the shield and without it: blocks carried, contacts, what is sent unchanged"
+)
 CHUNK, STEPS = 30, 15  # targets that the policy proposes, and those of them that are driven
 PATIENCE = {"free": 12.0, "post": 12.0, "person": 40.0}  # [s] of an episode
 NOISE = 0.6  # [° or %] of what is sent in episodes to learn from, not of their labels
