@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from time import process_time
 from typing import Any, NamedTuple
 
@@ -49,7 +50,7 @@ def cpu_limit(seconds: float) -> Any:
 def run(setup: SafeSetup, planner: str, seed: int, limit: float, parameters: Any = None, simplify: str = "") -> Run:
     """Plan for at most so much CPU time [s]; a path is simplified by "ours" or "ompl" until that ends by itself."""
     setup.prepare(planner, seed, parameters)
-    before, begin = setup.counts.copy(), process_time()
+    before, begin = replace(setup.counts), process_time()
     setup.solve(cpu_limit(limit))
     solved = setup.haveExactSolutionPath()
     if solved and simplify:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import replace
 from math import ceil
 
 import numpy as np
@@ -57,7 +58,7 @@ def time_free_edges(name: str, scene_name: str, scene: Scene, number: int, round
 
     checker.counts.reset()
     assert all(motion.is_free(*edge) for edge in edges)
-    counts = checker.counts.copy()
+    counts = replace(checker.counts)
     queries = (counts.bound_queries, counts.margin_queries, counts.collision_queries)
     times = in_turn(
         {

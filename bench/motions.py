@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from time import process_time
 from typing import NamedTuple
 
@@ -170,7 +171,7 @@ def pieces(options: argparse.Namespace, report: Report) -> int:
         else:
             (piece, _), kind = near_piece(proof.checker.robot, plain, rng), f"{name}, near"
         counts = found.setdefault(kind, Counter())
-        before, begin = proof.checker.counts.copy(), process_time()
+        before, begin = replace(proof.checker.counts), process_time()
         verdict = next(iter(piece_proofs(piece.motion, proof))).verdict()
         counts["time"] += int(1e9 * (process_time() - begin))
         work = proof.checker.counts - before
@@ -263,7 +264,7 @@ def times(options: argparse.Namespace, report: Report) -> int:
             contradicted = 0
             for motion in (next(made) for _ in range(options.splines)):
                 list(piece_proofs(motion, proof))  # what proves it within its rounding
-                before, begin = proof.checker.counts.copy(), process_time()
+                before, begin = replace(proof.checker.counts), process_time()
                 proven = all(piece.proven() for piece in piece_proofs(motion, proof))
                 milliseconds = 1e3 * (process_time() - begin)
                 work = proof.checker.counts - before

@@ -1,5 +1,6 @@
 """Proofs of edges by distance bounds: what they prove is free, and they change no verdict."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -118,7 +119,7 @@ def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, nam
     motion = MotionProver(checker, separation=Separation(margin=margin))
     asked = [(start, start + delta) for start, delta in edges(robot, 60)]
     found = [motion.check(*edge).verdict for edge in asked]
-    by_bounds = checker.counts.copy()
+    by_bounds = replace(checker.counts)
     checker.counts.reset()
     monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
     assert [motion.check(*edge).verdict for edge in asked] == found

@@ -151,5 +151,7 @@ def test_meshes_that_are_none(meshed, tmp_path, name, data, words):
 
 
 def test_other_things_are_not_saved(tmp_path):
-    with pytest.raises(InputError, match="PlanResult, a JointPath, a Scene, a Motion or a Trajectory, not int"):
+    with pytest.raises(
+        InputError, match="PlanResult, a ProgramResult, a JointPath, a Scene, a Motion or a Trajectory, not int"
+    ):
         save(3, tmp_path / "x.json")

@@ -84,7 +84,17 @@ def test_nobody_is_reached_whenever_she_begins_to_run(
 
 def test_whoever_keeps_to_a_calibrated_reach_is_not_reached(timed, operator, tmp_path, shelf):
     def reach(growth):
-        made = CalibratedReach("recording12", 4.0, 0.9, 20, (0.05, 0.1, 0.4), growth, ("a",), ("b",))
+        made = CalibratedReach(
+            "recording12",
+            4.0,
+            0.9,
+            20,
+            (0.05, 0.1, 0.4),
+            (),
+            {limb: (far,) for limb, far in growth.items()},
+            ("a",),
+            ("b",),
+        )
         made.save(tmp_path / "reach.yaml")
         return tmp_path / "reach.yaml"
 

@@ -92,8 +92,8 @@ def test_noise_drops_and_late_answers_touch_nobody_and_the_same_world_gives_the_
 
 def reach_with_a_gate(file, speed=2.0):
     """Save a reach that says no more than its gate does, of the limbs of the recordings."""
-    growth = dict.fromkeys(measured_limbs(RECORDING), (0.5 * speed,))
-    reach = CalibratedReach("recording12", speed, 0.9, 20, (0.5,), growth, ("a",), ("b",))
+    growth = dict.fromkeys(measured_limbs(RECORDING), ((0.5 * speed,),))
+    reach = CalibratedReach("recording12", speed, 0.9, 20, (0.5,), (), growth, ("a",), ("b",))
     reach.save(file)
     return reach
 
