@@ -10,7 +10,7 @@ speeds that `live` takes, without a gate.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,13 +28,19 @@ TIMES = (0.1, 0.3)  # [s]
 SPEEDS = "  speeds of 1.6 and 2 m/s, no gate"
 
 
-def kept(recordings: list[Recording], lines: Mapping[str, FloatArray], gate: float | None, within: float) -> FloatArray:
+def kept(
+    recordings: list[Recording],
+    lines: Mapping[str, FloatArray],
+    speeds: Sequence[float],
+    gate: float | None,
+    within: float,
+) -> FloatArray:
     """Return counts (7,): recordings, those that keep to it; frames, those that do, and raw; key points, refused."""
     counts = np.zeros(7)
     for recording in recordings:
         for glitches in (False, True):
             windows = Windows.of(recording, within, gate, glitches=glitches)
-            over = windows.ratios([lines[limb] for limb in windows.limbs]) > 1 + 1e-9
+            over = windows.ratios([lines[limb] for limb in windows.limbs], speeds) > 1 + 1e-9
             left = np.zeros(len(over), dtype=bool)
             for k in range(1, over.shape[1] + 1):
                 left[k:] |= over[:-k, k - 1]
@@ -54,7 +60,7 @@ def row(name: str, units: str, counts: FloatArray, lines: Mapping[str, FloatArra
 
 
 def _sizes(lines: FloatArray) -> str:
-    return "/".join(f"{(lines @ [1.0, time]).min():.2f}" for time in TIMES)
+    return "/".join(f"{(lines[-1] @ [1.0, time]).min():.2f}" for time in TIMES)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -78,9 +84,9 @@ def main(options: argparse.Namespace, report: Report) -> None:
     for name, recordings in kinds.items():
         others = [r for other, rs in kinds.items() if other != name for r in rs]
         reach = calibrate(others, options.level, gate=options.gate, block=options.block)
-        counts = kept(recordings, reach.lines, options.gate, options.within)
-        speeds = {limb: np.array([[0.0, people.speed_of(limb)]]) for limb in reach.limbs}
-        plain = kept(recordings, speeds, None, options.within)
+        counts = kept(recordings, reach.lines, reach.speeds, options.gate, options.within)
+        speeds = {limb: np.array([[[0.0, people.speed_of(limb)]]]) for limb in reach.limbs}
+        plain = kept(recordings, speeds, (), None, options.within)
         rows += [row(name, str(reach.units), counts, reach.lines), row(SPEEDS, "", plain, speeds)]
         totals += [counts, plain]
     rows += [row("all", "", totals[0]), row(SPEEDS, "", totals[1])]

@@ -235,7 +235,7 @@ def test_what_cannot_be_is_refused(timed, panda, shelf_path, panda_limits):
         timed(People(who=("nobody",)))
     with pytest.raises(InputError, match=r"^people.contact: contact is not proven .* leave one out"):
         timed(People(contact=True), replace(panda_limits, jerk=np.full(7, 1e3)))
-    with pytest.raises(InputError, match="time must be"):
+    with pytest.raises(InputError, match="time: must be"):
         timed(People()).stop_from(-1)
     with pytest.raises(InputError, match="made without people"):
         timed(None).stop_from(0.1)
@@ -250,7 +250,7 @@ def test_what_cannot_be_is_refused(timed, panda, shelf_path, panda_limits):
         ({"speeds": {"right_hand": -2}}, "speeds.right_hand: must be"),
         ({"speeds": {"tail": 2}}, "speeds"),
         ({"regions": {"hand": [1, 0, 1]}}, r"regions.hand\[1\]: must be"),
-        ({"who": []}, "who: name one"),
+        ({"who": []}, "who: must name one"),
         ({"contact": "yes"}, "contact: must be"),
         ({"robot_mass": 5}, "robot_mass: unknown key"),
     ],
