@@ -50,6 +50,7 @@ CLAIM = (
     "no contact while moving, and every trajectory goes on when its way is free, sooner than where it is planned anew"
 )
 TICK, FINE, PATIENCE = 0.05, 0.01, 40.0  # [s]
+STANDS = 0.3  # [s] without motion, after which the planner cancels
 SPEED, THING = 1.5, "ball"  # [m/s] of who and what comes
 LOST, LATE, MOST = 0.1, 0.3, 0.12  # shares of messages that are lost, and late, and by how much at most [s]
 AWAY = np.array([2.5, 0.0, 0.0])
@@ -167,7 +168,7 @@ def drive(work: Work, visit: Visit, *, replans: bool, seed: int) -> dict[str, An
     guard.take(work.execution(work.way, outcomes.append))
     monitor, mail = ContactMonitor(robot), list[tuple[float, Callable[[], Any]]]()
     contacts, stopped, left, again, plans, least = 0, 0.0, 0.0, np.inf, 0, np.inf
-    ready: Any = None
+    stands, ready = 0.0, None
     for k in range(round(PATIENCE / FINE)):
         now = k * FINE
         executor.go_on(now)
@@ -207,7 +208,8 @@ def drive(work: Work, visit: Visit, *, replans: bool, seed: int) -> dict[str, An
         if controller.driving and controller.command is not None and (not told or controller.command is not told[-1]):
             told = [*told[-9:], controller.command]
         waits = guard.execution is not None and guard.execution.done > 0 and not guard.execution.arrived
-        if replans and waits and told and not qd.any():
+        stands = stands + TICK if waits and not qd.any() else 0.0
+        if replans and stands > STANDS:
             guard.cancel()
         if outcomes and outcomes[-1].cancelled:
             outcomes.clear()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from safe_ompl.apps.exchange import lookup_of
 from safe_ompl.apps.exchange.messages import Frames, cloud_of, people_of_markers, pose_of, stamp_of
 from safe_ompl.apps.exchange.sightings import CloudView, Sightings
 from safe_ompl.common import InputError
@@ -54,6 +56,36 @@ def test_frames_are_the_world_fixed_links_and_those_of_the_scenario(frames):
     for name, said in (("", "frame_id: is empty"), ("panda_link1", "unknown frame 'panda_link1'; did you ")):
         with pytest.raises(InputError, match=said):
             frames.place(message(frame_id=name))
+
+
+def test_other_frames_are_looked_up_with_tf2_at_the_stamp(monkeypatch):
+    """With a stand-in of tf2_ros: a camera that is turned about the base of the robot, from 7 s on."""
+    place = {"translation": point(1.0, 0.0, 2.0), "rotation": {**point(0.0, 0.0, np.sqrt(0.5)), "w": np.sqrt(0.5)}}
+
+    class Buffer:
+        def __init__(self, node):
+            assert node == "node"
+
+        def can_transform(self, target, frame, time):
+            return (target, frame) == ("panda_link0", "hand_camera") and time.seconds >= 7
+
+        def lookup_transform(self, target, frame, time):
+            assert self.can_transform(target, frame, time)
+            return message(transform=place)
+
+    def time(seconds, nanoseconds):
+        return SimpleNamespace(seconds=seconds + 1e-9 * nanoseconds)
+
+    tf2 = SimpleNamespace(Buffer=Buffer, TransformListener=lambda buffer, node: object())
+    monkeypatch.setitem(sys.modules, "tf2_ros", None)
+    assert lookup_of("node") is None
+    monkeypatch.setitem(sys.modules, "tf2_ros", tf2)
+    monkeypatch.setitem(sys.modules, "rclpy.time", SimpleNamespace(Time=time))
+    frames = Frames(Robot.from_example("panda"), {}, lookup_of("node"))
+    assert frames.place(message(**header("/hand_camera"))).isApprox(TURNED.se3)
+    for late in (header("hand_camera", sec=6), header("camera")):
+        with pytest.raises(InputError, match="unknown frame"):
+            frames.place(message(**late))
 
 
 def test_a_stamp_is_needed():
