@@ -91,8 +91,8 @@ def test_a_time_limit_and_a_problem_without_solution(beside_a_worker):
     [
         ({"weights": ()}, "weights"),
         ({"weights": "10"}, "weights"),
-        ({"weights": (0, -1)}, "weight .*-1"),
-        ({"weights": (0, np.nan)}, "weight .*nan"),
+        ({"weights": (0, -1)}, "weight: .*-1"),
+        ({"weights": (0, np.nan)}, "weight: .*nan"),
         ({"planners": ("SafeRRTConect",)}, "SafeRRTConnect"),
         ({"time": 0}, "time limit"),
         ({"seed": -1}, "seed"),
