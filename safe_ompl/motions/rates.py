@@ -76,11 +76,15 @@ class Violation:
         return value, limit
 
     def __str__(self) -> str:
+        return self.told(f"{self.at:.4g} s")
+
+    def told(self, at: str) -> str:
+        """Return what it is in a line; where says `at`, with its unit."""
         value, limit = self.quantities
         names = " and ".join(map(repr, self.names))
         found, bound = f", {value}" * bool(value), f" (limit {limit})" * bool(limit)
         kind = self.kind if self.decided else f"{self.kind} undecided"
-        return f"{kind} at {self.at:.4g} s{': ' * bool(names)}{names}{found}{bound}"
+        return f"{kind} at {at}{': ' * bool(names)}{names}{found}{bound}"
 
 
 def extremes(

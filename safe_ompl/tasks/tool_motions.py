@@ -278,7 +278,8 @@ class _Search:
             return replace(made, why=f"the arm leaves the corridor at {at:.0f} mm, near a limit or a singularity")
         check = check_with(motion, self._prover)
         if not check:
-            return replace(made, check=check, why=str(check.violations[0]))
+            worst = check.violations[0]
+            return replace(made, check=check, why=worst.told(f"{1e3 * worst.at:.0f} mm"))
         samples = motion.at(np.linspace(0.0, self.path.length, 101))
         dangers = np.full(1, np.nan) if self._field is None else self._field.values(samples)
         return replace(

@@ -1,5 +1,7 @@
 """Tool motions: corridors that hold at every instant, motions that are free, and why there is none."""
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -150,7 +152,7 @@ def test_why_there_is_none(end, obstacle, words):
     found = tool_motion(ToolPath.line(at(0.4, -0.2, 0.4), end), robot, Scene([obstacle] if obstacle else []))
     assert not found
     assert 0.0 < found.fraction < 1.0
-    assert pytest.importorskip("re").search(words, found.why), found.why
+    assert re.search(words, found.why), found.why
     assert str(found).startswith("no tool motion")
 
 
@@ -177,3 +179,16 @@ def test_it_is_about_as_safe_as_the_safest_of_many_configurations(axis):
         )
         least.append(min(field.value(q) for q in Q[arrived] if not checker.in_collision(q)))
     assert tool_motion(path, robot, SCENE, corridor).danger_mean < 1.03 * np.mean(least)
+
+
+def test_a_limit_of_danger_is_named_with_its_place_on_the_curve():
+    scene = Scene.from_yaml("obstacles: [{name: ann, person: {height: 1.75}, position: [0.9, 0.0, -0.75], yaw: 3.14}]")
+    setup = safe_ompl.SafeSetup(Robot.from_example("ur5"), scene)
+    path = ToolPath.line(at(0.4, -0.2, 0.4), at(0.4, 0.2, 0.4))
+    free = setup.planTool(path)
+    setup.setMaxDanger(0.9 * free.danger_max)
+    found = setup.planTool(path)
+    assert not found
+    named = re.fullmatch(r"danger at ([\d.]+) mm, [\d.]+ \(limit [\d.]+\)", found.why)
+    assert named, found.why
+    assert 0.0 <= float(named[1]) <= 400.0
