@@ -180,12 +180,17 @@ def _nearest(
             continue
         solids: list[Solid] = []
         for name, points in (tick.get("people") or {}).items():
-            solids += limb_solids(name, bodies[name], np.array(list(points.values())))
+            solids += limb_solids(name, bodies[name], _keypoints(points))
         for name, place in (tick.get("objects") or {}).items():
             pose = Pose(tuple(place["position"]), tuple(place["quaternion_xyzw"]))
             solids += part_solids(name, scene[name].shape, pose.se3)
         found.append(monitor.nearest(np.array(tick["q"]), solids))
     return found
+
+
+def _keypoints(points: Mapping[str, Any]) -> FloatArray:
+    """Return the key points (18, 3) of a person in a tick; null in the log, what is not known, becomes NaN."""
+    return np.array(list(points.values()), dtype=float)
 
 
 def _growth(header: Mapping[str, Any], who: str | None, limb: str | None, time: float) -> float:
@@ -249,7 +254,7 @@ def _went_too_far(header: Mapping[str, Any], before: Mapping[str, Any], after: M
         if None in places or "growth" not in person:
             continue
         body = TrackedBody(float(person["height"]), tuple(person["limbs"]))
-        first, then = (body.ends(np.array(list(points.values()))) for points in places if points is not None)
+        first, then = (body.ends(_keypoints(points)) for points in places if points is not None)
         went = np.linalg.norm(then - first, axis=-1).max(axis=1)
         for limb, far in zip(body.limbs, went.tolist(), strict=True):
             if far > _growth(header, name, limb, since) + person.get("noise", 0.0) + _ROUNDING:
