@@ -26,7 +26,7 @@ def outside(angle, depth, bend=0.0, radius=5e-4):
 
 
 CASES = {
-    # MoveIt by default: states are checked 5 % of the space's extent apart; something thin stands between two of them.
+    # moveit#236: by default states are checked 5 % of the space's extent apart; something thin stands between two.
     "thin": (SWEEP, np.linspace(-1, 1, 4)[:, None] * [1, 0], outside(0.0, 0.1)),
     # moveit2#3759: a thousand way points, all of them verified, and yet it touches.
     "graze": (SWEEP, np.linspace(-1, 1, 1000)[:, None] * [1, 0], outside(0.0, 9e-6)),

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         scene_from_moveit as scene_from_moveit,
         scene_from_octomap as scene_from_octomap,
     )
+    from safe_ompl.apps.exchange.pieces import proven_pieces as proven_pieces
     from safe_ompl.apps.exchange.policy import (
         PolicyGuard as PolicyGuard,
         PolicyOptions as PolicyOptions,

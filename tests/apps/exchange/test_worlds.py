@@ -300,7 +300,7 @@ def test_a_robot_of_spheres_is_as_far_away_as_its_spheres(form, extra, tmp_path)
     joints = Robot.from_example("ur5", locked={"wrist_3_joint": 0.3})  # another reading of the same joints
     model, data = joints.shared.model, joints.shared.model.createData()
     frames = {link: model.getFrameId(link) for link in LINKS}
-    for q in RNG.uniform(joints.lower, joints.upper, (PLACES // 4, joints.n)):
+    for q in RNG.uniform(joints.lower, joints.upper, (PLACES, joints.n)):
         pin.framesForwardKinematics(model, data, q)
         balls = [
             (link, data.oMf[frames[link]].act(np.array(ball["center"])), ball["radius"] + 0.004, extra.get(link, 0.0))

@@ -1,0 +1,95 @@
+"""Concave meshes as convex pieces of another program, such as CoACD, which are proven to contain them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import FloatArray, InputError, files, finite_array, number
+from safe_ompl.geometry import Mesh, hull_planes
+
+_CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+_FINEST = 0.1  # margins: edge of the smallest triangles that are looked at
+_ROUNDING = 1e-9  # [m] that a point must be inside
+_CHUNK = 20_000  # triangles at a time
+_MOST = 2_000_000  # triangles that are left to look at
+
+
+def proven_pieces(
+    file: str | Path,
+    pieces: Iterable[ArrayLike],
+    folder: str | Path,
+    *,
+    scale: ArrayLike = (1.0, 1.0, 1.0),
+    margin: float = 0.002,
+) -> list[Mesh]:
+    """Return convex meshes that contain the surface of a mesh, each grown by a margin; they are written to a folder.
+
+    Each is the shape of an obstacle, or a collision mesh of a URDF. That every triangle of the mesh lies in them is
+    proven: it is divided until each part has its three corners, and so all of it, in one of the pieces. A body that is
+    wholly inside of the mesh, and of none of the pieces, does not collide.
+
+    Parameters
+    ----------
+    file : path-like
+        The mesh, as of `Mesh`.
+    pieces : iterable of array_like of shape (V, 3)
+        Corners of the pieces, in the units of the file.
+    folder : path-like
+        Where ``NAME_0.obj``, … are written, in metres.
+    scale : sequence of 3 float, optional
+        Factors that turn the file's units into metres.
+    margin : float, optional
+        How much each piece is grown along each axis [m]; CoACD's pieces touch each other, and are not quite the mesh.
+
+    Raises
+    ------
+    InputError
+        If a piece has no volume, or the mesh is not contained; the message says where.
+    """
+    source = Mesh(file, scale, convex=False)
+    grown = number("margin", margin, above=0.0) * _CUBE
+    factors, place = np.array(source.scale), Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    meshes = []
+    for k, piece in enumerate(pieces):
+        corners = finite_array(piece, (None, 3), f"pieces[{k}]") * factors
+        rows = [f"v {x!r} {y!r} {z!r}" for x, y, z in (corners[:, None] + grown).reshape(-1, 3).tolist()]
+        rows += [f"f {i} {i + 1} {i + 2}" for i in range(1, len(rows) - 1)]  # the hull is taken of all corners
+        name = place / f"{source.file.stem}_{k}.obj"
+        files.write(name, "\n".join([*rows, ""]))
+        meshes.append(Mesh(name))
+    vertices, faces = source.surface
+    missed = _uncovered(vertices[faces], meshes, _FINEST * margin)
+    if missed is not None:
+        x, y, z = missed
+        words = f"not in the pieces at ({x:.4f}, {y:.4f}, {z:.4f}) m: take a larger margin, finer pieces, or the hull"
+        raise InputError(words, source.file.name)
+    return meshes
+
+
+def _uncovered(triangles: FloatArray, meshes: list[Mesh], finest: float) -> FloatArray | None:
+    """Return the middle (3,) of a triangle of (T, 3, 3) that is not proven to be in the meshes' hulls [m], if any."""
+    planes = [hull_planes(mesh.parts()[0].geometry) for mesh in meshes]  # what collides, as it was read again
+    while len(triangles):
+        left = [_outside(part, planes) for part in np.array_split(triangles, 1 + len(triangles) // _CHUNK)]
+        triangles = np.concatenate(left)
+        edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+        small = np.flatnonzero(edges < finest)
+        if len(small) or 4 * len(triangles) > _MOST:
+            return np.asarray(triangles[small[0] if len(small) else edges.argmin()].mean(axis=0))
+        middles = (triangles + np.roll(triangles, -1, axis=1)) / 2  # of each corner and the next one
+        at_corners = np.stack([triangles, middles, np.roll(middles, 1, axis=1)], axis=2)  # (T, 3, 3 corners, 3)
+        triangles = np.concatenate([at_corners.reshape(-1, 3, 3), middles])
+    return None
+
+
+def _outside(triangles: FloatArray, planes: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """Return those of triangles (T, 3, 3) that no convex body of some planes holds."""
+    for normals, offsets in planes:
+        inside = (triangles.reshape(-1, 3) @ normals.T <= offsets - _ROUNDING).all(axis=1)
+        triangles = triangles[~inside.reshape(-1, 3).all(axis=1)]
+    return triangles
