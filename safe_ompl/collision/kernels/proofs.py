@@ -127,7 +127,8 @@ def _half_length(
             continue
         if not known[p]:
             begin_axis(axes[p], u, v, w, x, y, z)
-        found, most_apart, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, required[p])
+        least = required[p] - pairs.certain[p]
+        found, most_apart, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, least)
         known[p] = True
         lower = max(lower, found)
         if lower >= enough:
@@ -135,7 +136,7 @@ def _half_length(
         bounding = p
         if not lower > required[p]:
             # The upper bound is −∞ where the hulls overlap, and so is the right side where bodies are within theirs.
-            return -1.0 if most_apart < required[p] - pairs.certain[p] else 0.0, p
+            return -1.0 if most_apart < least else 0.0, p
         half = (lower - required[p]) / rate
     return half, bounding
 
@@ -153,8 +154,9 @@ def _is_too_near(p: int, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _
     u, v, w = from_box(bodies[B], poses[B], a)
     axis = search.axes[len(pairs.bodies)]
     begin_axis(axis, u, v, w, x, y, z)
-    lower, most_apart, _ = distance_bounds(shapes, poses, A, B, axis, search.simplex, required, required)
-    return not lower > required and most_apart < required - pairs.certain[p]
+    least = required - pairs.certain[p]
+    lower, most_apart, _ = distance_bounds(shapes, poses, A, B, axis, search.simplex, required, least)
+    return not lower > required and most_apart < least
 
 
 @part

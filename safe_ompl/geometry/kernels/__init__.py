@@ -253,7 +253,7 @@ def distance_bounds(
     """Return a lower and an upper bound of the distance [m] of bodies a and b; −∞ as the upper one if they overlap.
 
     The algorithm of Gilbert, Johnson and Keerthi. It begins with an `axis: (3,)` from b to a, and ends as soon as the
-    lower bound is `enough`, or tight, or the upper one shows that `least` cannot be reached; the best axis is left in
+    lower bound is `enough`, or tight and above `least`, or the upper one is not above `least`; the best axis is left in
     `axis`. `simplex: (4, 3)` is working memory. With six columns it has points of a − b, each beside the point of a,
     without its ball; the nearest point lies between so many of them as the last number says, and bounds are tight to
     a millionth then.
@@ -273,7 +273,7 @@ def distance_bounds(
         if bound > lower:
             lower = bound
             axis[0], axis[1], axis[2] = x, y, z
-        if lower >= enough or lower >= tight * upper:
+        if lower >= enough or (lower > least and lower >= tight * upper):
             break
         simplex[corners, 0], simplex[corners, 1], simplex[corners, 2] = u, v, w
         if wide:
