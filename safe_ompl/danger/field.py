@@ -216,13 +216,12 @@ class DangerField:
         lengths: FloatArray = np.linalg.norm(end - start, axis=-1)
         return lengths
 
-    def for_kernels(self) -> kernel.PointDanger | None:
-        """Return what `safe_ompl.danger.kernels.dangers` needs for the danger at present; None where it is zero.
+    def for_kernels(self) -> kernel.PointDanger:
+        """Return what `safe_ompl.danger.kernels.dangers` needs for the danger at present; without points it is zero.
 
         The joints of its values and gradients are those of Pinocchio's model. Whoever calls it counts the evaluations.
         """
-        points = self._points
-        return kernel.PointDanger(self.tables, points.prepared, self._measure) if len(points) else None
+        return kernel.PointDanger(self.tables, self._points.prepared, self._measure)
 
     def count(self, configurations: int, points: int) -> None:
         """Count an evaluation of so many points at every one of so many configurations."""

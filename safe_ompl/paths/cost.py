@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import CollisionChecker, PairDistances, Witnesses
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, number
+from safe_ompl.collision import CollisionChecker, PairDistances, Witnesses, hinge_costs
+from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, number
 from safe_ompl.danger import DangerField
+from safe_ompl.danger.kernels import PointDanger, dangers
 from safe_ompl.paths.measures import Curve
 from safe_ompl.robot import Robot, plain
 
@@ -23,23 +24,42 @@ _TINY = 1e-12  # [rad]
 _SHORT = 0.1  # shorter segments than this share of the mean count as such a share
 
 
-class Expansion(NamedTuple):
-    """A density (B,), its gradients (B, n), and vectors v (C, n): at `rows: (C,)` it bends like Σ vvᵀ."""
+class Densities(NamedTuple):
+    """What kernels need of the cost near a path: danger and λ, witnesses of C pairs, hinges, and coupling."""
 
-    values: FloatArray
-    gradients: FloatArray
+    danger: PointDanger
+    weight: float
     rows: IntArray
+    carriers: IntArray
+    places: FloatArray
+    normals: FloatArray
+    offsets: FloatArray
+    hinges: FloatArray
+    matrix: FloatArray
+    shift: FloatArray
+
+
+class AtNodes(NamedTuple):
+    """Danger (B,) and obstacle cost (B,) at Gauss points, their gradients (B, m), and what bends, (C, m)."""
+
+    danger: FloatArray
+    slopes: FloatArray
+    near: FloatArray
+    pushes: FloatArray
     bends: FloatArray
 
 
 class QuadraticModel(NamedTuple):
-    """Cost, gradient (N, n), about the Hessian, blocks (N, n, n) and (N − 1, n, n) beside; the densities' shares."""
+    """Cost, and the part of it that obstacles are; gradient (N, n); about the Hessian, by blocks.
+
+    These are (N, n, n) on the diagonal, and (N − 1, n, n) beside it.
+    """
 
     value: float
+    near: float
     gradient: FloatArray
     blocks: FloatArray
     beside: FloatArray
-    shares: tuple[float, ...]
 
 
 class DangerDensity:
@@ -49,31 +69,16 @@ class DangerDensity:
         self.field = field
         self.reference = number("reference", reference, above=0.0)
         self.weight = number("weight", weight, at_least=0.0)
-        self._last: tuple[FloatArray, int, FloatArray, FloatArray] | None = None
 
     def values(self, Q: FloatArray) -> FloatArray:
         """Return the density (B,) at `Q: (B, n)`."""
         density: FloatArray = self.weight * (self.field.values(Q) / self.reference) ** 2
         return density
 
-    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
-        revision = self.field.revision
-        self._last = Q.copy(), revision, *self.field.values_and_gradients(Q)
-        return self._graded(*self._last[2:])
-
-    def expansion(self, Q: FloatArray) -> Expansion:
-        """Return the density and its derivatives at `Q: (B, n)`, the second ones as if the danger were linear."""
-        last = self._last  # a descent asks for its last path again
-        known = last is not None and last[1] == self.field.revision and np.array_equal(last[0], Q)
-        danger, slopes = last[2:] if last is not None and known else self.field.values_and_gradients(Q)
-        bends = np.sqrt(2.0 * self.weight) / self.reference * slopes
-        return Expansion(*self._graded(danger, slopes), np.arange(len(Q)), bends)
-
-    def _graded(self, danger: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        relative = danger / self.reference
-        rates = self.weight * 2.0 / self.reference * relative
-        return self.weight * relative**2, rates[:, None] * slopes
+    @property
+    def factor(self) -> float:
+        """λ."""
+        return self.weight / self.reference**2
 
     def restricted(self, field: DangerField) -> DangerDensity:
         """Return the same density of another field, such as one of fewer danger points."""
@@ -111,56 +116,11 @@ class PathCost:
         costs: FloatArray = np.add.reduceat(total, first) / samples * np.linalg.norm(deltas, axis=1)
         return costs
 
-    def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
-        """Return J with two Gauss points on each segment of an unrolled path (N, n), and its exact gradient (N, n)."""
-        nodes = self.nodes(path)
-        found = [density.values_and_gradients(nodes) for density in self.densities]
-        return self._integrated(path, found)
-
-    def model(self, path: FloatArray) -> QuadraticModel:
-        """Return the same with about the Hessian of J.
-
-        Length resists bending like springs, Σ f/2ℓ·‖x_{k+1} − x_k‖² with the path's mean density f. What the
-        densities add is their Gauss-Newton part; so the whole is positive.
-        """
-        nodes = self.nodes(path)
-        expansions = [density.expansion(nodes) for density in self.densities]
-        value, gradient = self._integrated(path, [expansion[:2] for expansion in expansions])
-        lengths = np.linalg.norm(path[1:] - path[:-1], axis=1)
-        mean = value / max(lengths.sum(), _TINY)
-        blocks, beside = _springs(mean / np.maximum(lengths, max(_SHORT * lengths.mean(), _TINY)), path.shape[1])
-        for expansion in expansions:
-            _add_bends(plain(path), expansion.rows, plain(expansion.bends), blocks, beside)
-        each = np.repeat(0.5 * lengths, 2)
-        shares = tuple(float(each @ expansion.values) for expansion in expansions)
-        return QuadraticModel(value, gradient, blocks, beside, shares)
-
-    def nodes(self, path: FloatArray) -> FloatArray:
-        """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
-        return gauss_points(plain(path))
-
-    def _integrated(self, path: FloatArray, found: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, FloatArray]:
-        values, slopes = np.ones(2 * len(path) - 2), np.zeros((2 * len(path) - 2, path.shape[1]))
-        for more, steeper in found:
-            values += more
-            slopes += steeper
-        return _integrated(plain(path), values, slopes)
-
     def _total(self, Q: FloatArray) -> FloatArray:
         total = np.ones(len(Q))
         for density in self.densities:
             total += density.values(Q)
         return total
-
-
-def _springs(stiffness: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the Hessian of springs of stiffness (N − 1,) between way points: on the diagonal and beside it."""
-    blocks, beside = np.zeros((len(stiffness) + 1, n, n)), np.zeros((len(stiffness), n, n))
-    joint = np.arange(n)
-    blocks[:-1, joint, joint] += stiffness[:, None]
-    blocks[1:, joint, joint] += stiffness[:, None]
-    beside[:, joint, joint] -= stiffness[:, None]
-    return blocks, beside
 
 
 _OBSTACLE_WEIGHT = 20.0
@@ -211,20 +171,21 @@ class ObstacleCost:
 
     def values(self, Q: FloatArray) -> FloatArray:
         """Return the density (B,) at `Q: (B, n)`."""
-        return self.values_and_gradients(Q)[0]
+        return self.expansion(Q)[0]
 
-    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
-        return self.expansion(Q)[:2]
+    def expansion(self, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the density (B,) at `Q: (B, n)`, its gradients (B, n), and vectors v (C, n): it bends like Σ vvᵀ."""
+        return self.witnesses(Q).hinge_costs(Q, self.hinges)
 
-    def expansion(self, Q: FloatArray) -> Expansion:
-        """Return the density and its derivatives at `Q: (B, n)`, the second ones by Gauss-Newton."""
-        witnesses = self._anchored or self._distances.witnesses(Q, self.distance)
-        hinges = [(self.distance, _OBSTACLE_WEIGHT)]
-        if self.allowed > 0:
-            hinges.append((self.allowed, _STEEPNESS * _OBSTACLE_WEIGHT))
-        values, gradients, bends = witnesses.hinge_costs(Q, np.array(hinges))
-        return Expansion(values, gradients, witnesses.rows, bends)
+    def witnesses(self, Q: FloatArray) -> Witnesses:
+        """Return the witnesses that were anchored, or else those at `Q: (B, n)`."""
+        return self._anchored or self._distances.witnesses(Q, self.distance)
+
+    @property
+    def hinges(self) -> FloatArray:
+        """D and w, and d₀ and 10 w if that counts, (1 or 2, 2)."""
+        hinges = [(self.distance, _OBSTACLE_WEIGHT), (self.allowed, _STEEPNESS * _OBSTACLE_WEIGHT)]
+        return np.array(hinges[: 1 + (self.allowed > 0)])
 
 
 _SCAN = 0.5  # [rad] between the configurations at which all danger points are looked at
@@ -234,14 +195,16 @@ _SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
 class ActiveSetCost:
     """J of a path for the danger points that matter near the path last looked at: others can only add to it.
 
-    `danger` is J alone; `total` has the obstacle cost, by the witnesses of the path that was last anchored;
-    `everywhere` is the density of all danger points.
+    `danger` is J alone, a `model` has the obstacle cost, too; `everywhere` is the density of all danger points.
     """
 
     def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
         self.everywhere = danger
         self._obstacles = obstacles
         self._active: bytes | None = None
+        coupling, none = danger.field.robot.coupling, np.zeros(0, dtype=np.intp)
+        self._coupling = np.array(coupling.matrix), np.array(coupling.offsets)
+        self._near = Witnesses(danger.field.robot, none, none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
         self.look_at(path)
 
     def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
@@ -256,130 +219,140 @@ class ActiveSetCost:
         if known == self._active:
             return False
         self._active = known
-        danger = self.everywhere.restricted(active)
-        self.danger = PathCost(robot, [danger])
-        obstacles = [] if self._obstacles is None else [self._obstacles]
-        self.total = PathCost(robot, [danger, *obstacles])
+        self.danger = PathCost(robot, [self.everywhere.restricted(active)])
+        self._about_danger = active.for_kernels(), self.everywhere.factor
         return True
 
     def of(self, path: FloatArray) -> float:
         """Return J of a path (N, n), without obstacle cost."""
         return self.danger.of(path)
 
-    def anchored(self, path: FloatArray) -> tuple[float, QuadraticModel]:
-        """Return the obstacle cost of a path (N, n), and the model of `total` there; it is anchored then."""
-        self.anchor(path)
-        model = self.total.model(path)
-        return sum(model.shares[1:]), model
-
     def anchor(self, path: FloatArray) -> None:
         """From here on take the witnesses of obstacles along a path (N, n)."""
         if self._obstacles is not None:
-            self._obstacles.anchor(self.total.nodes(path))
+            self._obstacles.anchor(self.nodes(path))
+            self._near = self._obstacles.witnesses(path)
 
-    def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
-        """Return value and gradient (N, n) of both costs together at a path (N, n), by the witnesses."""
-        return self.total.value_and_gradient(path)
+    def nodes(self, path: FloatArray) -> FloatArray:
+        """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
+        n = path.shape[1]
+        return gauss_points(plain(path), np.eye(n), np.zeros(n))
 
-    def model(self, path: FloatArray) -> QuadraticModel:
-        """Return the same, and about the Hessian."""
-        return self.total.model(path)
+    def densities(self) -> Densities:
+        """Return what kernels need of both costs near the path that was last anchored."""
+        hinges = np.zeros((0, 2)) if self._obstacles is None else self._obstacles.hinges
+        near, (danger, weight) = self._near, self._about_danger
+        return Densities(
+            danger, weight, near.rows, near.joints, near.points, near.normals, near.offsets, hinges, *self._coupling
+        )
+
+    def model(self, path: FloatArray, known: tuple[FloatArray, FloatArray] | None = None) -> QuadraticModel:
+        """Return J and obstacle cost, by two Gauss points on each segment of an unrolled path (N, n).
+
+        Length resists bending like springs, Σ f/2ℓ·‖x_{k+1} − x_k‖² with the path's mean density f. What the
+        densities add is their Gauss-Newton part; so the whole is positive. Danger (B,) and its gradients (B, m) at the
+        Gauss points may be `known`.
+        """
+        path, densities = plain(path), self.densities()
+        (N, n), count = path.shape, 0 if known else 2 * len(path) - 2
+        self.everywhere.field.count(count, len(densities.danger.points.charges))
+        nothing = np.empty(0), np.empty((0, len(densities.shift)))
+        found = at_nodes(densities, path, *(known or nothing))
+        blocks, beside = np.zeros((N, n, n)), np.zeros((N - 1, n, n))
+        value, near, gradient = integrated(path, found, densities, blocks, beside)
+        return QuadraticModel(value, near, gradient, blocks, beside)
 
 
 # ------------------------------------------------------------------------------------------------------------ kernels
 
 # Of a segment Δ of length ℓ = ‖Δ‖ with nodes at the shares t_j of its way J is ℓ·mean_j f_j. With way points x_k it has
-# the gradients mean f·Δ/ℓ + ℓ·mean_j t_j ∇f_j at its end and −mean f·Δ/ℓ + ℓ·mean_j (1 − t_j) ∇f_j at its start. Row i
-# of a band holds the entries (i, i − w) … (i, i) of the lower triangle, w = 2n − 1 for blocks (n, n).
-
-
-@compiled
-def factored(blocks: FloatArray, beside: FloatArray) -> FloatArray:
-    """Return the factor's band (N·n, 2n) of a matrix with blocks (N, n, n), and (N − 1, n, n) right of them."""
-    count, n = blocks.shape[:2]
-    w = 2 * n - 1
-    band = np.zeros((count * n, 2 * n))
-    for k in range(count):
-        for a in range(n):
-            row = band[k * n + a]
-            for b in range(a + 1):
-                row[w + b - a] = blocks[k, a, b]
-            if k > 0:
-                for b in range(n):
-                    row[w - n + b - a] = beside[k - 1, b, a]
-    for i in range(len(band)):
-        for j in range(max(0, i - w), i + 1):
-            rest = band[i, j - i + w]
-            for k in range(max(0, i - w), j):
-                rest -= band[i, k - i + w] * band[j, k - j + w]
-            band[i, j - i + w] = sqrt(rest) if i == j else rest / band[j, w]
-    return band
-
-
-@compiled
-def solved(band: FloatArray, right: FloatArray) -> FloatArray:
-    """Return x with L Lᵀ x = `right: (N·n,)`, L given by its band (N·n, 2n)."""
-    w, x = band.shape[1] - 1, right.copy()
-    for i in range(len(x)):
-        for j in range(max(0, i - w), i):
-            x[i] -= band[i, j - i + w] * x[j]
-        x[i] /= band[i, w]
-    for i in range(len(x) - 1, -1, -1):
-        x[i] /= band[i, w]
-        for j in range(max(0, i - w), i):
-            x[j] -= band[i, j - i + w] * x[i]
-    return x
-
+# the gradients mean f·Δ/ℓ + ℓ·mean_j t_j ∇f_j at its end and −mean f·Δ/ℓ + ℓ·mean_j (1 − t_j) ∇f_j at its start.
 
 _OFFSET = 0.5 / sqrt(3.0)
 _FIRST, _SECOND = 0.5 - _OFFSET, 0.5 + _OFFSET  # t_j: exact to the third order
 
 
 @compiled
-def gauss_points(path: FloatArray) -> FloatArray:
-    """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
-    out = np.empty((2 * len(path) - 2, path.shape[1]))
-    for k in range(len(path) - 1):
-        for i in range(path.shape[1]):
-            delta = path[k + 1, i] - path[k, i]
-            out[2 * k, i] = path[k, i] + _FIRST * delta
-            out[2 * k + 1, i] = path[k, i] + _SECOND * delta
+def gauss_points(path: FloatArray, matrix: FloatArray, shift: FloatArray) -> FloatArray:
+    """Return the Gauss points q (2N − 2, n) of the segments of a path (N, n), as matrix (m, n)·q + shift (m,)."""
+    out, q = np.empty((2 * len(path) - 2, len(shift))), np.empty(path.shape[1])
+    for b in range(len(out)):
+        for i in range(len(q)):
+            q[i] = path[b // 2, i] + (_SECOND if b % 2 else _FIRST) * (path[b // 2 + 1, i] - path[b // 2, i])
+        for j in range(len(shift)):
+            out[b, j] = shift[j]
+            for i in range(len(q)):
+                out[b, j] += matrix[j, i] * q[i]
     return out
 
 
-@compiled
-def _integrated(path: FloatArray, values: FloatArray, slopes: FloatArray) -> tuple[float, FloatArray]:
-    """Return the cost of a path (N, n), and its gradient (N, n), from f (2N − 2,) and ∇f (2N − 2, n) at the nodes."""
-    total, gradient = 0.0, np.zeros(path.shape)
-    for k in range(len(path) - 1):
-        squared = 0.0
-        for i in range(path.shape[1]):
-            squared += (path[k + 1, i] - path[k, i]) ** 2
-        length, mean = sqrt(squared), 0.5 * (values[2 * k] + values[2 * k + 1])
-        total += length * mean
-        for i in range(path.shape[1]):
-            stretch = mean / max(length, _TINY) * (path[k + 1, i] - path[k, i])
-            before, after = 0.5 * length * slopes[2 * k, i], 0.5 * length * slopes[2 * k + 1, i]
-            gradient[k, i] += _SECOND * before + _FIRST * after - stretch
-            gradient[k + 1, i] += _FIRST * before + _SECOND * after + stretch
-    return total, gradient
+@caller
+def at_nodes(densities: Densities, path: FloatArray, danger: FloatArray, slopes: FloatArray) -> AtNodes:
+    """Return what the densities are at the Gauss points of a path (N, n); the danger may be known, with its slopes."""
+    nodes = gauss_points(path, densities.matrix, densities.shift)
+    if len(danger) == 0:
+        danger, slopes = np.zeros(len(nodes)), np.zeros(nodes.shape)
+        if len(densities.danger.points.charges) > 0:
+            tables, points, aggregate = densities.danger
+            danger = dangers(tables, nodes, points, aggregate, slopes)
+    near, pushes, bends = hinge_costs(
+        densities.danger.tables.joints, nodes, densities.rows, densities.carriers, densities.places, densities.normals,
+        densities.offsets, densities.hinges,
+    )  # fmt: skip
+    return AtNodes(danger, slopes, near, pushes, bends)
 
 
 @compiled
-def _add_bends(path: FloatArray, rows: IntArray, bends: FloatArray, blocks: FloatArray, beside: FloatArray) -> None:
-    """Add to the Hessian's blocks on and beside the diagonal what bends at nodes, rows (C,), like Σ vvᵀ: v (C, n)."""
-    for c in range(len(rows)):
-        k, t = rows[c] // 2, _SECOND if rows[c] % 2 else _FIRST
-        squared = 0.0
-        for i in range(path.shape[1]):
-            squared += (path[k + 1, i] - path[k, i]) ** 2
-        share = 0.5 * sqrt(squared)
-        for a in range(path.shape[1]):
-            for b in range(path.shape[1]):
-                square = share * bends[c, a] * bends[c, b]
-                blocks[k, a, b] += (1.0 - t) ** 2 * square
-                blocks[k + 1, a, b] += t**2 * square
-                beside[k, a, b] += t * (1.0 - t) * square
+def integrated(
+    path: FloatArray, found: AtNodes, densities: Densities, blocks: FloatArray, beside: FloatArray
+) -> tuple[float, float, FloatArray]:
+    """Return the cost of a path (N, n), the part of it that obstacles are, and its gradient (N, n).
+
+    Where there is room, about the Hessian is added to blocks (N or 0, n, n), and (N − 1 or 0, n, n) beside them.
+    """
+    (N, n), matrix, rate = path.shape, densities.matrix, 2.0 * densities.weight
+    total, close, gradient, slope, bend = 0.0, 0.0, np.zeros(path.shape), np.zeros((2, n)), np.zeros(n)
+    lengths = np.zeros(N - 1)
+    for k in range(N - 1):
+        for i in range(n):
+            lengths[k] += (path[k + 1, i] - path[k, i]) ** 2
+        lengths[k] = sqrt(lengths[k])
+        mean, slope[:] = 1.0, 0.0
+        for side in range(2):
+            b = 2 * k + side
+            mean += 0.5 * (0.5 * rate * found.danger[b] ** 2 + found.near[b])
+            close += 0.5 * lengths[k] * found.near[b]
+            for j in range(len(matrix)):
+                steepness = rate * found.danger[b] * found.slopes[b, j] + found.pushes[b, j]
+                for i in range(n):
+                    slope[side, i] += 0.5 * lengths[k] * steepness * matrix[j, i]
+        total += lengths[k] * mean
+        for i in range(n):
+            stretch = mean / max(lengths[k], _TINY) * (path[k + 1, i] - path[k, i])
+            gradient[k, i] += _SECOND * slope[0, i] + _FIRST * slope[1, i] - stretch
+            gradient[k + 1, i] += _FIRST * slope[0, i] + _SECOND * slope[1, i] + stretch
+    whole = max(lengths.sum(), _TINY)
+    for k in range(len(beside)):
+        stiffness = total / whole / max(lengths[k], _SHORT * whole / (N - 1))
+        for i in range(n):
+            blocks[k, i, i] += stiffness
+            blocks[k + 1, i, i] += stiffness
+            beside[k, i, i] -= stiffness
+    for c in range(2 * len(beside) + len(found.bends) if len(beside) > 0 else 0):
+        b = c if c < 2 * len(beside) else densities.rows[c - 2 * len(beside)]
+        k, t = b // 2, _SECOND if b % 2 else _FIRST
+        bend[:] = 0.0
+        for j in range(len(matrix)):
+            each = sqrt(rate) * found.slopes[b, j] if c < 2 * len(beside) else found.bends[c - 2 * len(beside), j]
+            for i in range(n):
+                bend[i] += each * matrix[j, i]
+        for i in range(n):
+            for j in range(n):
+                square = 0.5 * lengths[k] * bend[i] * bend[j]
+                blocks[k, i, j] += (1.0 - t) ** 2 * square
+                blocks[k + 1, i, j] += t**2 * square
+                beside[k, i, j] += t * (1.0 - t) * square
+    return total, close, gradient
 
 
 @compiled

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.paths.cost import ActiveSetCost, PathCost, QuadraticModel, factored, solved
-from safe_ompl.paths.edges import EdgeProofs, Within
+from safe_ompl.common import BoolArray, FloatArray, caller, compiled
+from safe_ompl.paths.cost import ActiveSetCost, Densities, QuadraticModel, at_nodes, integrated
+from safe_ompl.paths.edges import EdgeProofs
 from safe_ompl.paths.measures import Curve, path_length, with_way_points
+from safe_ompl.robot import StepLimits
 
 LARGEST = 0.4  # [rad] a way point moves no farther in one step
 _MEMORY = 6  # pairs of steps and changes of the gradient that are remembered
@@ -19,87 +20,210 @@ _SUFFICIENT = 1e-4  # share of the fall that the gradient promises which a step 
 _GROWTH = 2.0  # a step may be longer than the last one by this factor,
 _SHORTEST, _LONGEST = 0.1, 0.5  # and one that fails is shortened to between these shares of it
 _TRIALS = 6
+_AT_ONCE = 4  # steps between two looks at the clock
+_IDLE_STEPS = 2  # idle steps that end a round; one alone may have met a kink of the danger
+
+
+class Walk(NamedTuple):
+    """Where a descent is: a path, which way points move (N,), J's gradient, the Hessian's factor, and the memory.
+
+    That is steps (M, N, n), changes of the gradient, and their products (M,). Of the path the danger (2N − 2,) and its
+    gradients (2N − 2, m) at the nodes are kept. `state` has J, the size of the last step, how many steps are
+    remembered, how many of the last ones were idle, and how often J was evaluated.
+    """
+
+    path: FloatArray
+    moving: BoolArray
+    gradient: FloatArray
+    band: FloatArray
+    steps: FloatArray
+    changes: FloatArray
+    products: FloatArray
+    danger: FloatArray
+    slopes: FloatArray
+    state: FloatArray
 
 
 class Descent:
-    """Minimises a cost over a path's way points (N, n), by L-BFGS (Nocedal & Wright, alg. 7.4 and 7.5).
+    """Minimises the cost of a path over its way points (N, n), by L-BFGS (Nocedal & Wright, alg. 7.4 and 7.5).
 
     The first Hessian of every step is a chain of springs between way points, as in CHOMP (Ratliff et al. 2009), and the
     Gauss-Newton part of the densities: blocks on and beside the diagonal, solved in O(N). A step that does not lower
     the cost is shortened to where a parabola has its minimum.
     """
 
-    def __init__(
-        self, cost: PathCost | ActiveSetCost, path: FloatArray, within: Within, model: QuadraticModel | None = None
-    ) -> None:
-        self._cost, self._within = cost, within
-        self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
-        self.restart(path, model=model)
+    def __init__(self, cost: ActiveSetCost, limits: StepLimits, path: FloatArray, model: QuadraticModel) -> None:
+        self._cost, self._limits = cost, limits
+        self.restart(path, model)
 
-    def restart(self, path: FloatArray, held: BoolArray | None = None, model: QuadraticModel | None = None) -> None:
+    def restart(self, path: FloatArray, model: QuadraticModel, held: BoolArray | None = None) -> None:
         """Go on from another path of as many way points; those that are `held: (N,)` stay where they are."""
-        self._moving = np.ones(len(path), dtype=bool) if held is None else ~held
-        self._moving[0] = False
-        self._pairs.clear()
-        self._size = 1.0
+        N, n = path.shape
+        self._moving = np.ones(N, dtype=bool) if held is None else ~held
+        self._moving[[0, -1]] = False
+        self._memory = np.empty((_MEMORY, N, n)), np.empty((_MEMORY, N, n)), np.empty(_MEMORY)
+        self._state = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
         self.resume(path, model)
 
-    def resume(self, path: FloatArray, model: QuadraticModel | None = None) -> None:
-        """Evaluate the cost anew, at a path near the last one, or after it has changed a little, or take its model."""
-        model = model or self._cost.model(path)
-        self.path, self.value, self._gradient = path, model.value, self._allowed(model.gradient.copy())
-        moving = self._moving  # rows and columns of the others are those of the unit matrix
-        blocks = np.where(moving[:, None, None], model.blocks, np.eye(path.shape[1]))
-        self._hessian = factored(blocks, model.beside * (moving[1:] & moving[:-1])[:, None, None])
+    def resume(self, path: FloatArray, model: QuadraticModel) -> None:
+        """Go on from a path near the last one, or with another model of the cost, without what was known of it."""
+        self._densities, moving = self._cost.densities(), self._moving
+        band = factored(model.blocks, model.beside, moving)
+        nodes, m = 2 * len(path) - 2, len(self._densities.shift)
+        self._state[0], self._state[3:] = model.value, 0.0
+        about_nodes = np.empty(nodes), np.empty((nodes, m))
+        gradient = model.gradient * moving[:, None]
+        self._walk = Walk(path.copy(), moving, gradient, band, *self._memory, *about_nodes, self._state)
 
-    def step(self, largest: float = LARGEST) -> bool:
-        """Take one step, in which no joint moves farther than `largest`; return False if none lowers the cost."""
-        direction = self._direction()
-        slope = float(np.vdot(direction, self._gradient))
-        if slope < 0:
-            size = min(1.0, largest / float(np.abs(direction).max()), _GROWTH * self._size)
-            for _ in range(_TRIALS):
-                path = self._within(self.path + size * direction)
-                value, gradient = self._cost.value_and_gradient(path)
-                if value < self.value + _SUFFICIENT * size * slope:
-                    gradient = self._allowed(gradient)
-                    self._remember(path - self.path, gradient - self._gradient)
-                    self.path, self.value, self._gradient, self._size = path, value, gradient, size
+    def run(self, stop: Callable[[], bool], most: int, largest: float, idle: float) -> bool:
+        """Take so many steps, in which no joint moves farther than `largest`; return whether they are not worthwhile.
+
+        That is where none lowers the cost, where the last ones lowered it by less than a share `idle`, or it is time to
+        stop.
+        """
+        settled, before = False, self._state[4]
+        for done in range(0, most, _AT_ONCE):
+            settled = stop() or descend(
+                self._densities, self._walk, *self._limits, min(_AT_ONCE, most - done), largest, idle
+            )
+            if settled:
+                break
+        nodes, points = len(self._walk.danger), len(self._densities.danger.points.charges)
+        self._cost.everywhere.field.count(int(self._state[4] - before) * nodes, points)
+        return settled
+
+    @property
+    def path(self) -> FloatArray:
+        """The path (N, n)."""
+        return self._walk.path
+
+    @property
+    def value(self) -> float:
+        """The cost of the path."""
+        return float(self._state[0])
+
+    @property
+    def danger(self) -> tuple[FloatArray, FloatArray] | None:
+        """The danger and its gradients at the path's Gauss points, where it has been evaluated."""
+        return (self._walk.danger, self._walk.slopes) if self._state[4] else None
+
+
+@caller
+def descend(
+    densities: Densities, walk: Walk, lower: FloatArray, upper: FloatArray, most: int, largest: float, idle: float
+) -> bool:
+    """Take so many steps within the limits (n,), as `Descent.run`; return whether they are not worthwhile."""
+    state, nothing, none = walk.state, np.empty(0), np.empty((0, 0))
+    no_blocks = np.empty((0, 0, 0))
+    for _ in range(most):
+        before, lowered = state[0], False
+        while not lowered:
+            direction, slope, length = directed(walk)
+            size = min(1.0, largest / length, _GROWTH * state[1]) if slope < 0.0 else 0.0
+            for _ in range(_TRIALS if slope < 0.0 else 0):
+                path = np.minimum(np.maximum(walk.path + size * direction, lower), upper)
+                found = at_nodes(densities, path, nothing, none)
+                value, _, gradient = integrated(path, found, densities, no_blocks, no_blocks)
+                state[4] += 1.0
+                if value < before + _SUFFICIENT * size * slope:
+                    state[0], state[1], lowered = value, size, True
+                    accept(walk, path, gradient, found.danger, found.slopes)
+                    break
+                bend = value - before - size * slope
+                share = min(_LONGEST, max(_SHORTEST, -0.5 * size * slope / bend)) if bend < np.inf else _SHORTEST
+                size *= share
+            if not lowered:
+                if state[2] == 0.0:
                     return True
-                size *= _shortened(size * slope, value - self.value)
-        if not self._pairs:
-            return False
-        self._pairs.clear()
-        return self.step(largest)
-
-    def _allowed(self, change: FloatArray) -> FloatArray:
-        """Return the part of a change (N, n) of the path that way points may make."""
-        change[-1] = 0.0
-        change[~self._moving] = 0.0
-        return change
-
-    def _direction(self) -> FloatArray:
-        """Return −H⁻¹∇J with the Hessian H that the remembered steps make of the path's."""
-        q, shares = self._gradient.copy(), []
-        for step, change, curvature in reversed(self._pairs):
-            share = float(np.vdot(step, q)) / curvature
-            q -= share * change
-            shares.append(share)
-        direction = solved(self._hessian, q.ravel()).reshape(q.shape)
-        for (step, change, curvature), share in zip(self._pairs, reversed(shares), strict=True):
-            direction += (share - float(np.vdot(change, direction)) / curvature) * step
-        return -self._allowed(direction)
-
-    def _remember(self, step: FloatArray, change: FloatArray) -> None:
-        curvature = float(np.vdot(step, change))
-        if curvature > 1e-10:
-            self._pairs.append((step, change, curvature))
+                state[2] = 0.0
+        state[3] = state[3] + 1.0 if before - value < idle * before else 0.0
+        if state[3] == _IDLE_STEPS:
+            return True
+    return False
 
 
-def _shortened(promised: float, change: float) -> float:
-    """Return the share of a step that is best by the parabola through the slope before and the cost after it."""
-    bend = change - promised
-    return min(_LONGEST, max(_SHORTEST, -0.5 * promised / bend)) if bend < np.inf else _SHORTEST
+@compiled
+def factored(blocks: FloatArray, beside: FloatArray, moving: BoolArray) -> FloatArray:
+    """Return the factor's band (N·n, 2n) of a matrix with blocks (N, n, n), and (N − 1, n, n) right of them.
+
+    Row i of a band holds the entries (i, i − w) … (i, i) of the lower triangle, w = 2n − 1. Rows and columns of way
+    points that are not `moving: (N,)` are those of the unit matrix.
+    """
+    count, n = blocks.shape[:2]
+    w = 2 * n - 1
+    band = np.zeros((count * n, 2 * n))
+    for k in range(count):
+        for a in range(n):
+            row = band[k * n + a]
+            if not moving[k]:
+                row[w] = 1.0
+                continue
+            for b in range(a + 1):
+                row[w + b - a] = blocks[k, a, b]
+            if k > 0 and moving[k - 1]:
+                for b in range(n):
+                    row[w - n + b - a] = beside[k - 1, b, a]
+    for i in range(len(band)):
+        for j in range(max(0, i - w), i + 1):
+            rest = band[i, j - i + w]
+            for k in range(max(0, i - w), j):
+                rest -= band[i, k - i + w] * band[j, k - j + w]
+            band[i, j - i + w] = sqrt(rest) if i == j else rest / band[j, w]
+    return band
+
+
+@compiled
+def directed(walk: Walk) -> tuple[FloatArray, float, float]:
+    """Return x = −H⁻¹∇J (N, n) with the Hessian H that the remembered steps make of L Lᵀ; ∇J·x, and the largest |x|."""
+    band, w, out = walk.band, walk.band.shape[1] - 1, walk.gradient.copy()
+    gradient, x, remembered = walk.gradient.ravel(), out.ravel(), int(walk.state[2])
+    shares, kept = np.zeros(_MEMORY), min(remembered, _MEMORY)
+    for age in range(kept):
+        row = (remembered - 1 - age) % _MEMORY
+        step, change, share = walk.steps[row].ravel(), walk.changes[row].ravel(), 0.0
+        for i in range(len(x)):
+            share += step[i] * x[i]
+        shares[row] = share / walk.products[row]
+        for i in range(len(x)):
+            x[i] -= shares[row] * change[i]
+    for i in range(len(x)):
+        for j in range(max(0, i - w), i):
+            x[i] -= band[i, j - i + w] * x[j]
+        x[i] /= band[i, w]
+    for i in range(len(x) - 1, -1, -1):
+        x[i] /= band[i, w]
+        for j in range(max(0, i - w), i):
+            x[j] -= band[i, j - i + w] * x[i]
+    for age in range(kept - 1, -1, -1):
+        row = (remembered - 1 - age) % _MEMORY
+        step, change, share = walk.steps[row].ravel(), walk.changes[row].ravel(), 0.0
+        for i in range(len(x)):
+            share += change[i] * x[i]
+        for i in range(len(x)):
+            x[i] += (shares[row] - share / walk.products[row]) * step[i]
+    slope, largest = 0.0, 0.0
+    for i in range(len(x)):
+        x[i] = -x[i]
+        slope += x[i] * gradient[i]
+        largest = max(largest, abs(x[i]))
+    return out, slope, largest
+
+
+@compiled
+def accept(walk: Walk, path: FloatArray, gradient: FloatArray, danger: FloatArray, slopes: FloatArray) -> None:
+    """Go on to a path with a gradient (N, n), and remember the step; danger and slopes are those at its nodes."""
+    row, product = int(walk.state[2]) % _MEMORY, 0.0
+    for k in range(len(path)):
+        for i in range(path.shape[1]):
+            slope = gradient[k, i] if walk.moving[k] else 0.0
+            walk.steps[row, k, i] = path[k, i] - walk.path[k, i]
+            walk.changes[row, k, i] = slope - walk.gradient[k, i]
+            product += walk.steps[row, k, i] * walk.changes[row, k, i]
+            walk.path[k, i], walk.gradient[k, i] = path[k, i], slope
+    walk.danger[:], walk.slopes[:] = danger, slopes
+    walk.products[row] = product
+    if product > 1e-10:
+        walk.state[2] += 1.0
 
 
 Better = Callable[[FloatArray, float], None]
@@ -142,7 +266,6 @@ class BestPath:
 
 _ROUNDS = (4, 10, 16)  # steps between two proofs: more, as long as the proofs succeed
 _IDLE = 0.05  # of what a round must save: a step that saves less is idle
-_IDLE_STEPS = 2  # idle steps that end a round; one alone may have met a kink of the danger
 _CAUTION = 0.5  # a round that fails is tried again with this share of the step
 _SMALLEST = 0.01  # [rad] steps are not worth taking
 _FAR = 1.0  # [rad] when way points have moved so far, other danger points may matter
@@ -156,17 +279,17 @@ class Terms(NamedTuple):
     """Requirements of a path; `precision` is the share of the cost that a round must save, or it is the last one."""
 
     proofs: EdgeProofs
-    within: Within
+    limits: StepLimits
     longest: float
     precision: float
 
 
 class Price(NamedTuple):
-    """What a path costs: `cost`, its J, and `total`, with the obstacle cost of the part that moves; perhaps a model."""
+    """What a path costs: `cost`, its J, and `total`, with the obstacle cost of the part that moves; a model of that."""
 
     cost: float
     total: float
-    model: QuadraticModel | None
+    model: QuadraticModel
 
 
 class ProvenDescent:
@@ -198,27 +321,28 @@ class ProvenDescent:
     def _converge(self) -> bool:
         """Descend until a round gains little; return False if the path turns out to be too dear."""
         seen, largest, round_ = self.path, LARGEST, 0
-        descent = Descent(self._cost, self.path, self._terms.within, self.price.model)
+        descent = Descent(self._cost, self._terms.limits, self.path, self.price.model)
+        idle = _IDLE * self._terms.precision
         while largest >= _SMALLEST:
-            settled = self._step(descent, largest, _ROUNDS[round_])
+            settled = descent.run(self._stop, _ROUNDS[round_], largest, idle)
             if self._stop():
                 break
-            if descent.path is self.path:
+            if not (known := descent.danger):
                 break
-            gain, back = self._take(descent.path)
+            gain, back = self._take(descent.path.copy(), known)
             if not gain:
                 largest, round_ = _CAUTION * largest, 0
                 self._cost.anchor(self.path)
-                descent.restart(self.path, model=self.price.model)
+                descent.restart(self.path, self.price.model)
             elif back.any():
                 largest, round_ = _CAUTION * largest, 0
-                descent.restart(self.path, back, self.price.model)
+                descent.restart(self.path, self.price.model, back)
             elif gain < self._terms.precision * self.price.total:
                 if settled:
                     break
                 # The witnesses promised more: they hold for smaller steps.
                 largest, round_ = _CAUTION * largest, 0
-                descent.restart(self.path, model=self.price.model)
+                descent.restart(self.path, self.price.model)
             else:
                 largest, round_ = min(LARGEST, largest / _CAUTION), min(round_ + 1, len(_ROUNDS) - 1)
                 if float(np.abs(self.path - seen).max()) > _FAR:
@@ -228,22 +352,13 @@ class ProvenDescent:
                 descent.resume(self.path, self.price.model)
         return True
 
-    def _step(self, descent: Descent, largest: float, most: int) -> bool:
-        """Take so many steps at most, as long as they are worthwhile; return whether they are no longer."""
-        idle = 0
-        for _ in range(most):
-            before = descent.value
-            if self._stop() or not descent.step(largest):
-                return True
-            idle = idle + 1 if before - descent.value < _IDLE * self._terms.precision * before else 0
-            if idle == _IDLE_STEPS:
-                return True
-        return False
+    def _take(self, path: FloatArray, known: tuple[FloatArray, FloatArray]) -> tuple[float, BoolArray]:
+        """Go on from what is proven of a path (N, n), if cheaper; return the gain, and which points stay (N,).
 
-    def _take(self, path: FloatArray) -> tuple[float, BoolArray]:
-        """Go on from what is proven of a path (N, n), if cheaper; return the gain, and which points stay (N,)."""
+        The danger at its Gauss points is known.
+        """
         back = np.zeros(len(path), dtype=bool)
-        price = self._price_if_better(path)  # a price costs less than a proof
+        price = self._price_if_better(path, known)  # a price costs less than a proof
         if price is not None:
             wanted = path
             path, back = self._terms.proofs.held_back(wanted, self.path)
@@ -256,29 +371,33 @@ class ProvenDescent:
         self.leads = self._best.take(self._whole(path), price.cost) or self.leads
         return gain, back
 
-    def _price_if_better(self, path: FloatArray) -> Price | None:
+    def _price_if_better(self, path: FloatArray, known: tuple[FloatArray, FloatArray] | None = None) -> Price | None:
         """Return the price of a path, unless it is not lower, or the path is too long."""
-        if np.array_equal(path, self.path) or path_length(self._whole(path)) > self._terms.longest:
+        whole = self._whole(path)
+        if np.array_equal(path, self.path) or path_length(whole) > self._terms.longest:
             return None
-        cost = self._cost.of(self._whole(path))
+        cost = self._cost.of(whole)  # more samples than the descent has: it may have got a peak between two of them
         if not cost < self.price.total or (self.leads and not cost <= self._best.ceiling):
             return None  # whatever the obstacle cost adds
-        price = self._priced(path, cost)
+        price = self._priced(path, cost, known)
         return price if price.total < self.price.total else None
 
-    def _priced(self, path: FloatArray, cost: float | None = None) -> Price:
+    def _priced(
+        self, path: FloatArray, cost: float | None = None, known: tuple[FloatArray, FloatArray] | None = None
+    ) -> Price:
         """Return the price of a path between the retreats, whose J may be known; the cost is anchored at it then."""
         cost = self._cost.of(self._whole(path)) if cost is None else cost
-        near, model = self._cost.anchored(path)
-        return Price(cost, cost + near, model)
+        self._cost.anchor(path)
+        model = self._cost.model(path, known)
+        return Price(cost, cost + model.near, model)
 
     def _look_again(self) -> bool:
         """Take the danger points that matter now; return whether the path is still no dearer than the given one."""
         whole = self._whole(self.path)
-        if self._cost.look_at(whole):
-            cost = self._cost.of(whole)
-            self.price = Price(cost, cost + self.price.total - self.price.cost, None)
-        cost = self.price.cost
+        if not self._cost.look_at(whole):
+            return not self.leads or self._best.confirm(self.price.cost)
+        cost, model = self._cost.of(whole), self._cost.model(self.path)
+        self.price = Price(cost, cost + model.near, model)
         return not self.leads or self._best.confirm(cost)
 
     def _resolve_peaks(self) -> bool:

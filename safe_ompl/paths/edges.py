@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import compress, pairwise
-from typing import TypeAlias
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost, chained
 from safe_ompl.paths.measures import arc_lengths
-from safe_ompl.robot import Robot, motion_limits
+from safe_ompl.robot import StepLimits
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
@@ -103,15 +102,6 @@ def _keys(path: FloatArray) -> Iterator[bytes]:
     return (start.tobytes() + end.tobytes() for start, end in pairwise(path))
 
 
-Within: TypeAlias = Callable[[FloatArray], FloatArray]
-
-
-def within_limits(robot: Robot) -> Within:
-    """Return what brings configurations `Q: (…, n)` to the nearest ones within the joint limits."""
-    lower, upper = motion_limits(robot)
-    return lambda Q: np.minimum(np.maximum(Q, lower), upper)
-
-
 RETREAT_STEP = 0.02  # [rad]
 _LONGEST = 1.0  # [rad]
 _LEFT = 0.3  # a retreat is over when this share of the cost of its end is left
@@ -123,7 +113,7 @@ _NEWTON_STEPS, _PRECISION = 30, 1e-9
 
 
 def retreat(
-    end: FloatArray, obstacles: ObstacleCost, field: DangerField, within: Within, stop: Callable[[], bool]
+    end: FloatArray, obstacles: ObstacleCost, field: DangerField, limits: StepLimits, stop: Callable[[], bool]
 ) -> FloatArray:
     """Return a way (K, n) from an end (n,) of a path to where obstacles and danger are less; K = 1: there is none.
 
@@ -139,7 +129,7 @@ def retreat(
         enough = _LEFT * cost if enough is None else enough
         if cost <= enough:
             return np.array(way)
-        q = within(q + _step(gradient, bends.T @ bends))
+        q = np.clip(q + _step(gradient, bends.T @ bends), *limits)
         if np.linalg.norm(q - way[-1]) < _STUCK * RETREAT_STEP:
             break
         way.append(q)
@@ -152,7 +142,7 @@ def _model(
     """Return what `q: (n,)` costs, the gradient (n,), and vectors v (C, n): it bends like Σ vvᵀ."""
     Q = q[None]
     obstacles.anchor(Q)
-    near, slopes, _, bends = obstacles.expansion(Q)
+    near, slopes, bends = obstacles.expansion(Q)
     if not near[0] or not 0 < reference < np.inf:
         return float(near[0]), slopes[0], bends
     _, danger, rises = field.terms_above(Q, _ONSET * reference)

@@ -14,13 +14,13 @@ from safe_ompl.common import FloatArray, InputError, clock, finite_array, number
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import WEIGHT, ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
 from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
-from safe_ompl.paths.edges import MOST, EdgeProofs, joined, retreat, shortcut, within_limits
+from safe_ompl.paths.edges import MOST, EdgeProofs, joined, retreat, shortcut
 from safe_ompl.paths.measures import divided, path_length, refined
-from safe_ompl.robot import Robot
+from safe_ompl.robot import Robot, motion_limits
 
 Stop = Callable[[], bool]
 
-_SPACING = 0.4  # [rad] way points are no farther apart when the descent begins; then they move
+_SPACING = 0.5  # [rad] way points are no farther apart when the descent begins; then they move
 _LONGER = 1.25  # times the given path no path becomes longer
 _CONVERGED = 0.03  # a round that lowers the cost by less than this share is the last
 _SAME = 1e-4  # [m] clearances that differ by less are the same
@@ -196,14 +196,14 @@ class SimplificationRun:
         self._robot = simplifier.robot
         self._stop = stop
         self._best = BestPath(path, on_better)
-        self._within = within_limits(self._robot)
+        self._limits = motion_limits(self._robot)
         self._proofs = EdgeProofs(simplifier.motion, stop)
         if proven:
             self._proofs.accept(path)
         else:
             self._proofs.check(path)
         longest = _LONGER * path_length(path)
-        self._terms = Terms(self._proofs, self._within, longest, simplifier.precision)
+        self._terms = Terms(self._proofs, self._limits, longest, simplifier.precision)
 
     @property
     def best(self) -> FloatArray:
@@ -284,7 +284,7 @@ class SimplificationRun:
     def _retreat(self, end: FloatArray) -> FloatArray:
         if self._obstacles is None:
             return end[None]
-        return retreat(end, self._obstacles, self._danger.field, self._within, self._stop)
+        return retreat(end, self._obstacles, self._danger.field, self._limits, self._stop)
 
     def _shortcut(self, method: Callable[..., FloatArray | None], path: FloatArray) -> FloatArray | None:
         found = method(path, self._cost.danger, self._proofs, self._stop)

@@ -262,7 +262,7 @@ class SafeStep:
         frozen = field.frozen()
         if self._field is None or self._field[0] is not frozen:
             coupled = not field.robot.coupling.trivial
-            self._field = frozen, None if coupled else frozen.for_kernels()
+            self._field = frozen, frozen.for_kernels() if len(frozen.points) and not coupled else None
         return self._field[1]
 
     def _composed(self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float) -> tuple[Extension, int]:

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from safe_ompl import CollisionChecker, DangerField, InputError, Scene
-from safe_ompl.paths.cost import DangerDensity, Expansion, PathCost, reference_danger
+from safe_ompl import CollisionChecker, DangerField, InputError, Obstacle, Pose, Scene, Sphere
+from safe_ompl.paths.cost import ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
+from safe_ompl.paths.measures import divided
 
 
 class Plane:
@@ -17,23 +18,16 @@ class Plane:
 
 
 class Density:
-    """A density given by a function of configurations, with its gradient."""
+    """A density given by a function of configurations."""
 
-    def __init__(self, value, gradient):
-        self.value, self.gradient = value, gradient
+    def __init__(self, value):
+        self.value = value
 
     def values(self, Q):
         return self.value(Q)
 
-    def values_and_gradients(self, Q):
-        return self.value(Q), self.gradient(Q)
 
-    def expansion(self, Q):
-        nowhere, nothing = np.zeros(0, dtype=np.intp), np.zeros((0, Q.shape[1]))
-        return Expansion(self.value(Q), self.gradient(Q), nowhere, nothing)
-
-
-SQUARES = Density(lambda Q: Q[:, 0] ** 2, lambda Q: np.stack([2 * Q[:, 0], 0 * Q[:, 0]], axis=1))
+SQUARES = Density(lambda Q: Q[:, 0] ** 2)
 POINTS = np.array([[0.4, 0.2, 0.3], [-0.3, 0.5, 0.6], [0.1, -0.6, 0.4]])
 
 
@@ -41,24 +35,34 @@ def test_the_cost_of_a_known_path():
     path = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])  # ∫₀² (1 + x²) dx, then 1 · (1 + 4)
     assert PathCost(Plane(), [SQUARES]).of(path) == pytest.approx(2 + 8 / 3 + 5, rel=1e-3)
     assert PathCost(Plane(), []).of(path) == pytest.approx(3.0)
-    cubic = Density(lambda Q: Q[:, 0] ** 3, lambda Q: np.stack([3 * Q[:, 0] ** 2, 0 * Q[:, 0]], axis=1))
-    value, _ = PathCost(Plane(), [cubic]).value_and_gradient(np.array([[0.0, 0.0], [2.0, 0.0]]))
-    assert value == pytest.approx(2 + 4, rel=1e-12), "Gauss points integrate cubic densities exactly"
     starts, ends = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[2.0, 0.0], [1.0, 3.0]])
     found = PathCost(Plane(), [SQUARES]).of_edges(starts, ends, np.array([200, 3]))
     np.testing.assert_allclose(found, [2 + 8 / 3, 3 * 2], rtol=1e-4)
 
 
-def test_the_gradient_of_the_discretised_cost(panda, rng):
-    field = DangerField(panda, POINTS, aggregate="softmax", sharpness=2.0)
-    cost = PathCost(panda, [DangerDensity(field, 10.0)])
-    path = rng.uniform(panda.lower, panda.upper, (4, 7))
-    _, gradient = cost.value_and_gradient(path)
-    for k, i in ((0, 0), (1, 3), (2, 5), (3, 1)):
+BALL = Obstacle("ball", Sphere(0.2), Pose((0.5, 0.3, 0.4)))
+
+
+@pytest.mark.parametrize("name", ["panda", "gripper"])  # joints of the latter mimic each other
+def test_the_model_of_a_cost_with_obstacles(robot_named, rng, name):
+    robot = robot_named(name)
+    field = DangerField(robot, POINTS, aggregate="softmax", sharpness=0.5)
+    obstacles = ObstacleCost(CollisionChecker(robot, Scene((BALL,))), 0.4)
+    path = rng.uniform(robot.lower, robot.upper, (5, robot.n)) / 3
+    cost = ActiveSetCost(DangerDensity(field, 10.0), obstacles, path)
+    cost.anchor(path)
+    found = cost.model(path)
+    fine = divided(path, 0.002)  # the trapezoidal rule on many samples
+    assert found.value - found.near == pytest.approx(cost.of(fine), rel=0.02)
+    assert found.near > 0
+    for k, i in ((0, 0), (1, 1), (2, robot.n - 1), (4, 1)):
         step = np.zeros_like(path)
         step[k, i] = 1e-5
-        rise = cost.value_and_gradient(path + step)[0] - cost.value_and_gradient(path - step)[0]
-        assert gradient[k, i] == pytest.approx(rise / 2e-5, rel=1e-5, abs=1e-5)
+        rise = cost.model(path + step).value - cost.model(path - step).value
+        assert found.gradient[k, i] == pytest.approx(rise / 2e-5, rel=1e-4, abs=1e-4)
+    straight = cost.model(divided(path[[0, 1]], 0.1))
+    np.testing.assert_allclose(straight.blocks, straight.blocks.transpose(0, 2, 1), rtol=1e-12)
+    assert (np.linalg.eigvalsh(straight.blocks) > 0).all()
 
 
 def test_the_weight_is_in_the_scale_of_robot_and_scene(ur5):

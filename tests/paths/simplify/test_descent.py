@@ -1,41 +1,52 @@
-"""Descent on costs whose cheapest paths are known."""
+"""Descent: what it ends at, and its linear algebra."""
 
 import numpy as np
 import pytest
-from test_cost import Density, Plane
 
-from safe_ompl.paths.cost import PathCost, factored, solved
-from safe_ompl.paths.descent import Descent
+from safe_ompl import DangerField
+from safe_ompl.paths.cost import ActiveSetCost, DangerDensity
+from safe_ompl.paths.descent import Descent, Walk, directed, factored
 from safe_ompl.paths.measures import Curve, divided
-
-# In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
-# between two points is arcosh(1 + distance²/(2 y₁ y₂)) (Poincaré).
-HYPERBOLIC = Density(lambda Q: 1 / Q[:, 1] - 1, lambda Q: np.stack([np.zeros(len(Q)), -1 / Q[:, 1] ** 2], axis=1))
+from safe_ompl.robot import motion_limits
 
 
-def anywhere(Q):
-    return Q
+def never():
+    return False
 
 
-def descended(path, steps=60):
-    descent = Descent(PathCost(Plane(), [HYPERBOLIC]), path, anywhere)
+def descended(robot, field, path, steps=60):
+    cost = ActiveSetCost(DangerDensity(field, 10.0), None, path)
+    descent = Descent(cost, motion_limits(robot), path, cost.model(path))
     values = [descent.value]
-    for _ in range(steps):
-        if not descent.step():
-            break
+    while len(values) <= steps and not descent.run(never, 1, 0.4, 0.0):
         values.append(descent.value)
-    return descent, values
+    return descent, np.array(values), cost
 
 
-def test_the_cheapest_path_of_the_half_plane():
-    path = divided(np.array([[-2.0, 0.5], [2.0, 0.5]]), 0.2)
-    descent, values = descended(path)
-    best = np.arccosh(1 + 16 / (2 * 0.25))
-    assert values[-1] == pytest.approx(best, rel=2e-3)
-    assert values[12] - best < 0.05 * (values[0] - best), "few steps go most of the way"
+def test_a_path_among_dangers_that_no_small_change_makes_cheaper(panda, rng):
+    ends = np.array([[-1.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.7], [1.0, 0.6, 0.2, -1.5, 0.0, 2.2, 0.7]])
+    path = divided(ends, 0.15)
+    field = DangerField(panda, [[0.7, 0.0, 0.4], [0.5, 0.3, 0.8]], aggregate="softmax", sharpness=0.2)
+    descent, values, cost = descended(panda, field, path)
+    assert values[12] - values[-1] < 0.01 * (values[0] - values[-1]), "few steps go most of the way"
     assert (np.diff(values) < 0).all()
-    np.testing.assert_allclose(np.linalg.norm(descent.path, axis=1), np.hypot(2, 0.5), atol=0.05)
-    np.testing.assert_array_equal(descent.path[[0, -1]], path[[0, -1]])
+    assert values[-1] < 0.75 * values[0]
+    best = descent.path
+    assert cost.of(best) == pytest.approx(values[-1], rel=1e-3)
+    np.testing.assert_array_equal(best[[0, -1]], path[[0, -1]])
+    np.testing.assert_allclose(descent.danger[0], field.values(cost.nodes(best)), rtol=1e-12)
+    for _ in range(20):
+        change = np.zeros_like(path)
+        change[1:-1] = rng.normal(0.0, 0.01, change[1:-1].shape)
+        assert cost.of(best + change) > 0.9995 * values[-1]
+
+
+def test_without_danger_paths_become_straight(panda, rng):
+    ends = rng.uniform(0.8 * panda.lower + 0.2 * panda.upper, 0.2 * panda.lower + 0.8 * panda.upper, (2, 7))
+    path = divided(ends, 0.3)
+    path[1:-1] += rng.normal(0.0, 0.1, path[1:-1].shape)
+    _, values, _ = descended(panda, DangerField(panda, []), path)
+    assert values[-1] == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=1e-3)
 
 
 # ----------------------------------------------------------- cholesky's factor of a chain of blocks against numpy's
@@ -55,7 +66,17 @@ def test_it_solves_what_the_whole_matrix_solves(rng, count, n):
     whole += max(0.0, 1.0 - np.linalg.eigvalsh(whole).min()) * np.eye(count * n)
     blocks = np.array([whole[k * n : (k + 1) * n, k * n : (k + 1) * n] for k in range(count)])
     right = rng.normal(size=count * n)
-    np.testing.assert_allclose(solved(factored(blocks, beside), right), np.linalg.solve(whole, right), atol=1e-10)
+    held = rng.uniform(size=count) < 0.3
+    right.reshape(count, n)[held] = 0.0
+    whole[np.repeat(held, n)], whole[:, np.repeat(held, n)] = 0.0, 0.0
+    whole[np.diag_indices(count * n)] += np.repeat(held, n)
+    memory, nodes = np.empty((6, count, n)), np.empty((2 * count - 2, n))
+    band, gradient = factored(blocks, beside, ~held), right.reshape(count, n)
+    walk = Walk(gradient, ~held, gradient, band, memory, memory, np.empty(6), nodes[:, 0].copy(), nodes, np.zeros(5))
+    direction, slope, largest = directed(walk)
+    np.testing.assert_allclose(direction.ravel(), -np.linalg.solve(whole, right), atol=1e-10)
+    assert slope == pytest.approx(direction.ravel() @ right)
+    assert largest == np.abs(direction).max()
 
 
 # ---------------------------------------------------------------------------------------------------- the best path

@@ -27,7 +27,8 @@ from safe_ompl import (
 from safe_ompl.common import until_ctrl_c
 from safe_ompl.paths import PathReport, Simplifier, timed, unrolled
 from safe_ompl.paths.cost import ObstacleCost
-from safe_ompl.paths.edges import retreat, within_limits
+from safe_ompl.paths.edges import retreat
+from safe_ompl.robot import motion_limits
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])
@@ -274,4 +275,4 @@ def test_where_no_joint_changes_what_is_near_there_is_no_way_out(planar2):
     stretched, field = np.zeros(2), DangerField(planar2, [[1.3, 0.0, 0.0]])
     assert nearness.near(stretched[None])
     assert not field.gradient(stretched).any()
-    np.testing.assert_array_equal(retreat(stretched, nearness, field, within_limits(planar2), never), [stretched])
+    np.testing.assert_array_equal(retreat(stretched, nearness, field, motion_limits(planar2), never), [stretched])
