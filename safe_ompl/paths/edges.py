@@ -49,30 +49,22 @@ class EdgeProofs:
         wider = replace(separation, margin=max(margin, separation.margin))
         self._clear = replace(self._free, separation=wider)
 
-    def accepts(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether the edge between two configurations (n,) is proven."""
-        key = start.tobytes() + end.tobytes()
-        if key in self._proven:
-            return True
-        motion = self._free if key in self._inherited else self._clear
-        proven = not self._stop() and motion.is_free(start, end)
-        if proven:
-            self._proven.add(key)
-        return proven
-
     def refused(self, path: FloatArray) -> list[int]:
-        """Return the edges of a path (N, n) that are not proven."""
-        self._prove_together(path)
-        return [k for k, (start, end) in enumerate(pairwise(path)) if not self.accepts(start, end)]
+        """Return the edges of a path (N, n) that are not proven.
 
-    def _prove_together(self, path: FloatArray) -> None:
-        """Accept what is proven without a query of coal, which is most: it takes less time than one by one."""
+        What bounds prove, which is most, they prove together, in less time than one by one.
+        """
         unknown = {key: k for k, key in enumerate(_keys(path)) if key not in self._proven}
-        for motion in () if self._stop() else (self._clear, self._free):
-            keys = [key for key in unknown if (key in self._inherited) is (motion is self._free)]
+        for inherited, motion in () if self._stop() else ((False, self._clear), (True, self._free)):
+            keys = [key for key in unknown if (key in self._inherited) is inherited]
             rows = [unknown[key] for key in keys]
-            proven = motion.proven_by_bounds(path[rows], path[[row + 1 for row in rows]])
-            self._proven.update(compress(keys, proven.tolist()))
+            if rows:
+                proven = motion.proven_by_bounds(path[rows], path[[row + 1 for row in rows]])
+                self._proven.update(compress(keys, proven.tolist()))
+            for key, row in zip(keys, rows, strict=True):
+                if key not in self._proven and not self._stop() and motion.is_free(path[row], path[row + 1]):
+                    self._proven.add(key)
+        return [k for k, key in enumerate(_keys(path)) if key not in self._proven]
 
     def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return `path: (N, n)`, held back to an accepted one where edges are refused, and which way points are there.
@@ -226,11 +218,11 @@ def _cheapest_proven_chain(
         expected = sum(float(costs[edge]) for edge in pairwise(chain))
         if not expected <= most or expected == np.inf:
             return None
-        refused = [(i, j) for i, j in pairwise(chain) if not proofs.accepts(path[i], path[j])]
+        refused = proofs.refused(path[chain])
         if not refused:
             return path[chain]
-        for edge in refused:
-            costs[edge] = np.inf
+        for k in refused:
+            costs[chain[k], chain[k + 1]] = np.inf
     return None
 
 
