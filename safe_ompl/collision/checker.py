@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairSet, PairTable
-from safe_ompl.collision.queries import Distances
+from safe_ompl.collision.queries import Distances, Queries
 from safe_ompl.common import Changes, Counts, FloatArray, configuration, instance
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -82,7 +82,6 @@ class CollisionChecker:
         self.changes = Changes()
         self._pair_sets: dict[float, PairSet] = {}  # by the reach that they are of
         self.pairs = self.pairs_within(0.0)
-        self._contact = self.pairs.new_queries()
 
     def __reduce__(self) -> tuple[Any, ...]:  # it is made anew, and its counts begin at zero
         return partial(CollisionChecker, movable=tuple(self.movable)), (self.robot, self.scene)
@@ -90,6 +89,10 @@ class CollisionChecker:
     def __repr__(self) -> str:
         obstacles, pairs = len(self.scene.obstacles), len(self.pair_names)
         return f"CollisionChecker({self.robot.name!r}, {obstacles} obstacles, {pairs} pairs)"
+
+    @cached_property
+    def _contact(self) -> Queries:
+        return self.pairs.new_queries()
 
     @property
     def pair_names(self) -> tuple[tuple[str, str], ...]:
@@ -113,7 +116,7 @@ class CollisionChecker:
         if level not in self._pair_sets:
             with self.changes.none():
                 rows = self._table.within(level)
-                same = (known for known in list(self._pair_sets.values()) if len(known.names) == len(rows))
+                same = (known for known in list(self._pair_sets.values()) if len(known.bodies) == len(rows))
                 found = next(same, None) or PairSet(self._table, rows, self.counts, self.changes)
                 self._pair_sets.setdefault(level, found)
         return self._pair_sets[level]

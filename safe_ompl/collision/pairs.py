@@ -205,8 +205,8 @@ class PairTable:
     def within(self, reach: float) -> IntArray:
         """Return the rows of the pairs that may touch, then of those that may come nearer than a reach [m]."""
         touching = self._nearer_than(DISTANCE_ERROR)
-        near = self._nearer_than(reach + DISTANCE_ERROR)
-        return np.concatenate([np.flatnonzero(touching), np.flatnonzero(near & ~touching)])
+        near = self._nearer_than(reach + DISTANCE_ERROR) & ~touching if reach > 0 else touching[:0]
+        return np.concatenate([np.flatnonzero(touching), np.flatnonzero(near)])
 
     def _nearer_than(self, distance: float) -> BoolArray:
         """Return for each pair (T,) whether its bodies can come nearer to each other than a distance [m]."""
@@ -252,8 +252,8 @@ class PairSet:
 
     Attributes
     ----------
-    names, bodies : tuple of (str, str), ndarray of int, shape (P, 2)
-        Names of the pairs, link and obstacle, or link and link; their indices in the geometry, the smaller one first.
+    bodies : ndarray of int, shape (P, 2)
+        Indices of the pairs in the geometry, the smaller one first.
     revision : int
         How often obstacles have moved.
     radii : ndarray, shape (P, n)
@@ -265,13 +265,17 @@ class PairSet:
 
     def __init__(self, table: PairTable, rows: IntArray, counts: Counts, changes: Changes) -> None:
         self._table, self._robot, self._counts, self.changes = table, table.robot, counts, changes
-        self.names = table.names(rows)
-        self.bodies: IntArray = table.bodies[rows]
-        self.meets_obstacle: BoolArray = np.isin(rows, table.with_obstacle)
+        self._rows, self.bodies = rows, table.bodies[rows]
+        self.meets_obstacle: BoolArray = rows >= len(table.bodies) - len(table.with_obstacle)
         for array in (self.bodies, self.meets_obstacle):
             array.setflags(write=False)
         self.revision = 0
         self._take_radii()
+
+    @cached_property
+    def names(self) -> tuple[tuple[str, str], ...]:
+        """Names of the pairs: link and obstacle, or link and link."""
+        return self._table.names(self._rows)
 
     @cached_property
     def geometry(self) -> pin.GeometryModel:
@@ -307,7 +311,7 @@ class PairSet:
         self.revision += 1
 
     def __repr__(self) -> str:
-        return f"PairSet({self._robot.name!r}, {len(self.names)} pairs)"
+        return f"PairSet({self._robot.name!r}, {len(self.bodies)} pairs)"
 
     @cached_property
     def bounds(self) -> DistanceBounds:
