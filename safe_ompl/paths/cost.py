@@ -50,10 +50,7 @@ class AtNodes(NamedTuple):
 
 
 class QuadraticModel(NamedTuple):
-    """Cost, and the part of it that obstacles are; gradient (N, n); about the Hessian, by blocks.
-
-    These are (N, n, n) on the diagonal, and (N − 1, n, n) beside it.
-    """
+    """Cost, and that of obstacles in it; gradient (N, n); about the Hessian, blocks (N, n, n), (N − 1, n, n) beside."""
 
     value: float
     near: float
@@ -74,11 +71,6 @@ class DangerDensity:
         """Return the density (B,) at `Q: (B, n)`."""
         density: FloatArray = self.weight * (self.field.values(Q) / self.reference) ** 2
         return density
-
-    @property
-    def factor(self) -> float:
-        """λ."""
-        return self.weight / self.reference**2
 
     def restricted(self, field: DangerField) -> DangerDensity:
         """Return the same density of another field, such as one of fewer danger points."""
@@ -220,7 +212,7 @@ class ActiveSetCost:
             return False
         self._active = known
         self.danger = PathCost(robot, [self.everywhere.restricted(active)])
-        self._about_danger = active.for_kernels(), self.everywhere.factor
+        self._about_danger = active.for_kernels(), self.everywhere.weight / self.everywhere.reference**2
         return True
 
     def of(self, path: FloatArray) -> float:

@@ -73,39 +73,23 @@ class Descent:
         self._state[0], self._state[3:] = model.value, 0.0
         about_nodes = np.empty(nodes), np.empty((nodes, m))
         gradient = model.gradient * moving[:, None]
-        self._walk = Walk(path.copy(), moving, gradient, band, *self._memory, *about_nodes, self._state)
+        self.walk = Walk(path.copy(), moving, gradient, band, *self._memory, *about_nodes, self._state)
 
     def run(self, stop: Callable[[], bool], most: int, largest: float, idle: float) -> bool:
-        """Take so many steps, in which no joint moves farther than `largest`; return whether they are not worthwhile.
+        """Take up to so many steps, in which no joint moves farther than `largest`; return whether that is to `stop`.
 
-        That is where none lowers the cost, where the last ones lowered it by less than a share `idle`, or it is time to
-        stop.
+        It is, too, where no step lowers the cost, or the last ones did by less than a share `idle`.
         """
         settled, before = False, self._state[4]
         for done in range(0, most, _AT_ONCE):
             settled = stop() or descend(
-                self._densities, self._walk, *self._limits, min(_AT_ONCE, most - done), largest, idle
+                self._densities, self.walk, *self._limits, min(_AT_ONCE, most - done), largest, idle
             )
             if settled:
                 break
-        nodes, points = len(self._walk.danger), len(self._densities.danger.points.charges)
+        nodes, points = len(self.walk.danger), len(self._densities.danger.points.charges)
         self._cost.everywhere.field.count(int(self._state[4] - before) * nodes, points)
         return settled
-
-    @property
-    def path(self) -> FloatArray:
-        """The path (N, n)."""
-        return self._walk.path
-
-    @property
-    def value(self) -> float:
-        """The cost of the path."""
-        return float(self._state[0])
-
-    @property
-    def danger(self) -> tuple[FloatArray, FloatArray] | None:
-        """The danger and its gradients at the path's Gauss points, where it has been evaluated."""
-        return (self._walk.danger, self._walk.slopes) if self._state[4] else None
 
 
 @caller
@@ -325,24 +309,18 @@ class ProvenDescent:
         idle = _IDLE * self._terms.precision
         while largest >= _SMALLEST:
             settled = descent.run(self._stop, _ROUNDS[round_], largest, idle)
-            if self._stop():
+            walk = descent.walk
+            if self._stop() or not walk.state[4]:
                 break
-            if not (known := descent.danger):
-                break
-            gain, back = self._take(descent.path.copy(), known)
-            if not gain:
-                largest, round_ = _CAUTION * largest, 0
-                self._cost.anchor(self.path)
-                descent.restart(self.path, self.price.model)
-            elif back.any():
-                largest, round_ = _CAUTION * largest, 0
-                descent.restart(self.path, self.price.model, back)
-            elif gain < self._terms.precision * self.price.total:
-                if settled:
+            gain, back = self._take(walk.path.copy(), (walk.danger, walk.slopes))
+            if not gain or back.any() or gain < self._terms.precision * self.price.total:
+                if gain and settled and not back.any():
                     break
                 # The witnesses promised more: they hold for smaller steps.
                 largest, round_ = _CAUTION * largest, 0
-                descent.restart(self.path, self.price.model)
+                if not gain:
+                    self._cost.anchor(self.path)
+                descent.restart(self.path, self.price.model, back if gain else None)
             else:
                 largest, round_ = min(LARGEST, largest / _CAUTION), min(round_ + 1, len(_ROUNDS) - 1)
                 if float(np.abs(self.path - seen).max()) > _FAR:
@@ -353,10 +331,7 @@ class ProvenDescent:
         return True
 
     def _take(self, path: FloatArray, known: tuple[FloatArray, FloatArray]) -> tuple[float, BoolArray]:
-        """Go on from what is proven of a path (N, n), if cheaper; return the gain, and which points stay (N,).
-
-        The danger at its Gauss points is known.
-        """
+        """Go on from what is proven of a path (N, n), with `known` danger, if cheaper; return gain, and what stays."""
         back = np.zeros(len(path), dtype=bool)
         price = self._price_if_better(path, known)  # a price costs less than a proof
         if price is not None:

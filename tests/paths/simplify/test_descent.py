@@ -17,9 +17,9 @@ def never():
 def descended(robot, field, path, steps=60):
     cost = ActiveSetCost(DangerDensity(field, 10.0), None, path)
     descent = Descent(cost, motion_limits(robot), path, cost.model(path))
-    values = [descent.value]
+    values = [descent.walk.state[0]]
     while len(values) <= steps and not descent.run(never, 1, 0.4, 0.0):
-        values.append(descent.value)
+        values.append(descent.walk.state[0])
     return descent, np.array(values), cost
 
 
@@ -31,10 +31,10 @@ def test_a_path_among_dangers_that_no_small_change_makes_cheaper(panda, rng):
     assert values[12] - values[-1] < 0.01 * (values[0] - values[-1]), "few steps go most of the way"
     assert (np.diff(values) < 0).all()
     assert values[-1] < 0.75 * values[0]
-    best = descent.path
+    best = descent.walk.path
     assert cost.of(best) == pytest.approx(values[-1], rel=1e-3)
     np.testing.assert_array_equal(best[[0, -1]], path[[0, -1]])
-    np.testing.assert_allclose(descent.danger[0], field.values(cost.nodes(best)), rtol=1e-12)
+    np.testing.assert_allclose(descent.walk.danger, field.values(cost.nodes(best)), rtol=1e-12)
     for _ in range(20):
         change = np.zeros_like(path)
         change[1:-1] = rng.normal(0.0, 0.01, change[1:-1].shape)
