@@ -14,6 +14,7 @@ import argparse
 import logging
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from itertools import permutations
 from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
@@ -26,19 +27,22 @@ from bench._scenes import ACCELERATIONS
 from bench._touches import TouchJudge
 from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Surroundings, Tracker, Trajectory, time_path
 from safe_ompl.collision import MotionProver
+from safe_ompl.danger import DangerField
 from safe_ompl.people import CalibratedReach, Recording, TrackedBody, facing, list_clips
 from safe_ompl.people.replanning import Command, Doing, ReplanningOptions
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin
 from safe_ompl.people.replanning.stop_motion import StopMotion
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Faults, Simulation
+from safe_ompl.people.simulation.tour import Tour
 from safe_ompl.scene import find_scenario
 from safe_ompl.trajectories.contact import CONTACT_RULES
 
 CLAIM = "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"
 HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]
 TICK = 0.05  # [s]
-OURS = ("ours", "contact", "staying")
+OURS = ("ours", "far-side", "in-order", "any-order", "any-far", "contact", "staying")
+_DANGER = 0.3  # [m] weight of danger in the detours of those that keep to the far side
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
 _ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
 _HIP = 0.15  # [m] above the base
@@ -48,7 +52,10 @@ _LATENCY = 0.4  # of a tick, from a measurement to the command that answers it
 _BESIDE = 0.4  # [m] who is nearer than that is beside the robot
 GLITCH = 6.0  # [m/s] no key point of these people is so fast
 
+_BETWEEN = ([0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785])  # start and goal
+
 Situation = tuple[Path, str, int]  # file, clip and place
+Ways = dict[tuple[int, int], Trajectory]
 
 
 # -------------------------------------------------------------------------------------------------- rivals
@@ -120,6 +127,10 @@ class Careless(Replanner):
 
 POLICIES: dict[str, Any] = {
     "ours": Replanner,
+    "far-side": Replanner,  # with detours by danger
+    "in-order": Replanner,  # between four places, in their order
+    "any-order": Replanner,  # in any order
+    "any-far": Replanner,  # both
     "contact": Replanner,  # where contact is allowed
     "staying": Replanner,  # without retreats
     "stop-and-go": StopAndGo,
@@ -151,8 +162,16 @@ def situations(folder: Path, places: int, sample: int) -> list[Situation]:
 def to_and_fro(scenario: Scenario, robot: Robot, limits: RateLimits, prover: MotionProver) -> list[Trajectory]:
     """Return the ways of `panda_shelf` there and back, in time."""
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
-    path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
+    path = [start, *_BETWEEN, goal]
     return [time_path(way, robot, limits, motion=prover) for way in (path, path[::-1])]
+
+
+def between_places(scenario: Scenario, robot: Robot, limits: RateLimits, prover: MotionProver) -> Ways:
+    """Return the ways between each two of four places, those along `to_and_fro`, by their numbers."""
+    path = [scenario.start_configuration(robot), *_BETWEEN, scenario.goal_configurations(robot)[0]]
+    pairs = permutations(range(len(path)), 2)
+    slices = {(i, j): path[i : j + 1] if i < j else path[j : i + 1][::-1] for i, j in pairs}
+    return {pair: time_path(way, robot, limits, motion=prover) for pair, way in slices.items()}
 
 
 def places(recording: Recording, count: int, seed: int, *, near: bool = False) -> list[Pose]:
@@ -204,10 +223,20 @@ def simulation(
     replanner = POLICIES[policy](
         robot,
         Surroundings(scenario.scene, {"operator": tracker}, people=people),
-        options=ReplanningOptions(tick, detours=policy in OURS, retreats=policy in OURS[:2]),
+        options=ReplanningOptions(
+            tick,
+            detours=policy in OURS,
+            retreats=policy in OURS[:-1],
+            danger=_DANGER if policy.endswith("far") or policy == "far-side" else 0.0,
+        ),
     )
     limits = RateLimits.of(robot, acceleration=ACCELERATIONS["panda"])
-    ways = to_and_fro(scenario, robot, limits, replanner.prover)
+    ways: list[Trajectory] | Tour = []
+    if "any" in policy or policy == "in-order":
+        between = between_places(scenario, robot, limits, replanner.prover)
+        ways = [between[k, (k + 1) % 4] for k in range(4)] if policy == "in-order" else Tour(between)
+    else:
+        ways = to_and_fro(scenario, robot, limits, replanner.prover)
     operator, faults = Playback(recording, tracker), Faults(latency=_LATENCY * tick)
     one = Simulation(replanner, ways, {"operator": operator}, faults=faults)
     one.monitor = TouchJudge(robot, replanner.surroundings.still, people, tracker.body.height)
@@ -236,8 +265,16 @@ def run(job: tuple[Path, str, int, str, float, int, str | None, bool, float | No
         "standing": sum(state == "standing" for state in beside) * one.replanner.tick,
         "rules": [sum(tick["rule"] == rule for tick in ticks) for rule in CONTACT_RULES],
         "judged": (judge.too_fast, judge.clamped, judge.fastest, judge.closing, judge.relative),
+        "danger": danger_of(ticks, one.replanner.robot),
         "cpu": process_time() - begin,
     }
+
+
+def danger_of(ticks: list[dict[str, Any]], robot: Robot) -> float:
+    """Return the mean danger of the robot at the key points of people where they truly were [1/m]."""
+    people = [np.array([p for points in tick["people"].values() for p in points.values()]) for tick in ticks]
+    rows = zip(ticks, people, strict=True)
+    return float(np.mean([DangerField(robot, points).value(tick["q"]) for tick, points in rows if len(points)]))
 
 
 def show(report: Report, rows: list[dict[str, Any]]) -> None:
@@ -251,7 +288,8 @@ def show(report: Report, rows: list[dict[str, Any]]) -> None:
         counts = [sum(row[f"contacts_{key}"] for row in mine) for key in _CONTACTS]
         shares = [np.average([row[key] for row in mine], weights=seconds) for key in _SHARES]
         reaction = [1e3 * float(np.median([row["reaction"][key] for row in mine])) for key in ("median", "p99")]
-        cells = (round(per_hour[policy]), total["stops"], *counts, *(f"{share:.2%}" for share in shares))
+        danger = float(np.average([row["danger"] for row in mine], weights=seconds))
+        cells = (round(per_hour[policy]), total["stops"], *counts, *(f"{share:.2%}" for share in shares), danger)
         table.append((policy, *cells, *reaction))
         too_fast, clamped, *worst = zip(*(row["judged"] for row in mine), strict=True)
         bound = dict(zip(CONTACT_RULES, np.sum([row["rules"] for row in mine], axis=0).tolist(), strict=True))
@@ -260,7 +298,7 @@ def show(report: Report, rows: list[dict[str, Any]]) -> None:
         said = ", ".join(f"{rule} {number}" for rule, number in bound.items())
         contacts.append((policy, round(total["beside"]), standing, sum(too_fast), sum(clamped), *most, said))
     header = ("", "tasks/h", "stops", "contacts moving", "after violation", "at rest", "retreating", "obeyed")
-    report.table((*header, "raw", "refused", "moving", "reaction 50 % [ms]", "99 %"), table)
+    report.table((*header, "raw", "refused", "moving", "danger", "reaction 50 % [ms]", "99 %"), table)
     header = ("", "beside a person [s]", "standing", "too fast for the limb", "clamped above it")
     header += ("speed, at most", "gap, at most", "relative [m/s]", "ticks bound by")
     report.table(header, contacts)

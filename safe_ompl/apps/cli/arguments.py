@@ -77,7 +77,7 @@ def add_force(parser: argparse.ArgumentParser) -> None:
 def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
     """Raise InputError if one of some options is given."""
     for name in names:
-        if getattr(options, name) not in (None, [], False):
+        if getattr(options, name) not in (None, [], False, 0.0):
             raise InputError(why, f"--{name.replace('_', '-')}")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -19,7 +19,7 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.drive import LOG, add_robot, driven, rehearse, robot_driver, scenario_within
 from safe_ompl.apps.exchange import Driver, limits_of_still
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
 from safe_ompl.people import HEIGHT, PELVIS, CalibratedReach, Recording, Surroundings, TrackedBody, Tracker, facing
@@ -33,7 +33,7 @@ from safe_ompl.people.simulation import (
     Playback,
     ProgramSimulation,
     Simulation,
-    Summary,
+    Tour,
     Walker,
     part_solids,
 )
@@ -88,6 +88,10 @@ def add_commands(commands: Any) -> None:
     add_mcap(parser)
     add_robot(parser)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
+    words = "reach each of the goal's configurations, and the start, in whichever order is soonest"
+    option(parser, "--any-order", words)
+    words = "weight of danger in detours [m]: a way past people at this distance counts twice"
+    option(parser, "--danger W", words, arguments.noise, 0.0)
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
     group = parser.add_argument_group("faults")
@@ -132,15 +136,19 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     still = limits_of_still(scenario, found.still, beside_people=bool(found.people))
     output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
+    if options.any_order and driver is not None:
+        raise InputError("is for the simulation; a robot that is there drives there and back", "--any-order")
     if scenario.program is not None:
-        arguments.refuse(options, ("simplify",), "is for a path to a goal; the scenario has a program")
+        wrong = ("simplify", "any_order", "danger")
+        arguments.refuse(options, wrong, "is for a path to a goal; the scenario has a program")
         program_robot(still)
         return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
     setup = setup_scenario(still, robot)
 
-    def world(ways: list[Trajectory]) -> Simulation:
+    def world(ways: Sequence[Trajectory] | Tour) -> Simulation:
         around = Surroundings(found.scene, trackers, found.speeds, people)
-        replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
+        how = ReplanningOptions(options.tick, danger=options.danger)
+        replanner = Replanner(robot, around, options=how, prover=setup.motion_prover)
         return Simulation(replanner, ways, found.people, found.objects, faults=faults)
 
     world([])  # what cannot be used is said now
@@ -150,11 +158,13 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 def _drive(
     scenario: Scenario,
     setup: SafeSetup,
-    world: Callable[[list[Trajectory]], Simulation],
+    world: Callable[[Sequence[Trajectory] | Tour], Simulation],
     driver: Driver | None,
     options: argparse.Namespace,
 ) -> int:
-    """Plan there and back, and drive that again and again."""
+    """Plan there and back, or between all places in any order, and drive that again and again."""
+    if options.any_order:
+        return _simulate(world(_tour(scenario, setup, options)), options)
     result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
     if result.path is None:
         output.error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
@@ -168,6 +178,21 @@ def _drive(
     rehearse(world(ways))
     with driven(world(ways), driver, Path(options.out) / LOG) as (simulation, wait):
         return _simulate(simulation, options, wait)
+
+
+def _tour(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) -> Tour:
+    """Plan between each two of the start and the goal's configurations."""
+
+    def to_and_fro(start: FloatArray, goal: FloatArray) -> list[Trajectory]:
+        setup.setConfigurations(start, goal)
+        result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
+        if result.path is None:
+            raise SafeOmplError(f"{_PLANNER} found no path to {goal.round(3).tolist()}: {result.status}")
+        ways = result.path, result.path[::-1]
+        return [timed_way(way, setup.robot, setup.motion_prover, scenario) for way in ways]
+
+    robot = setup.robot
+    return Tour.between([scenario.start_configuration(robot), *scenario.goal_configurations(robot)], to_and_fro)
 
 
 def _drive_program(
@@ -241,7 +266,7 @@ def _simulate(simulation: Simulation, options: argparse.Namespace, wait: Callabl
         status = output.each_until_ctrl_c(bar.track(ticks, total=number, description="live"), write)
     summary = simulation.summary
     output.write_json(str(folder / "summary.json"), summary.as_dict())
-    output.console().print(describe(summary))
+    output.console().print(str(summary))
     output.error_console().print(f"ticks and summary in {folder}")
     if options.mcap is not None:
         output.error_console().print(f"log in {options.mcap}")
@@ -258,23 +283,6 @@ def timed_way(way: FloatArray, robot: Robot, motion: MotionProver, scenario: Sce
     own = scenario.motion
     rates = RateLimits.of(robot, own.velocity, own.acceleration, own.jerk)
     return time_path(way, robot, rates, motion=motion, tool_speed=own.tool_speed, link_speed=own.link_speed)
-
-
-def describe(summary: Summary) -> str:
-    """Return the summary of a simulation in one line."""
-    median, late = (1e3 * t for t in summary.reaction)
-    fast = f" (the robot at {summary.contact_speed:.2f} m/s at most)" if summary.contacts_while_moving else ""
-    gated = ""
-    if summary.refused:
-        raw, refused = 100 * summary.model_obeyed_raw, 100 * summary.refused
-        gated = f" ({raw:.1f} % with the {refused:.2g} % of the key points that the gate refused)"
-    return (
-        f"{summary.seconds:g} s: {summary.tasks} tasks, {summary.stops} stops; contacts while moving "
-        f"{summary.contacts_while_moving}{fast}, after violations {summary.contacts_after_violations}, at rest "
-        f"{summary.contacts_at_rest}, in retreats {summary.contacts_retreating}; "
-        f"model obeyed {100 * summary.model_obeyed:.1f} % of the time{gated}; reaction "
-        f"{median:.1f} ms (99 %: {late:.1f}); deadlines missed {summary.deadlines_missed}"
-    )
 
 
 def _place(text: str) -> Pose:

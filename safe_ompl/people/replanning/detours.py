@@ -1,10 +1,17 @@
-"""Detours: when the path ahead is barred or slow, a quicker one is searched on a roadmap among still obstacles."""
+"""Detours: when the path ahead is barred or slow, a quicker one is searched on a roadmap among still obstacles.
+
+Where all ways are barred, people are expected to leave what they bar after a wait: the robot drives as far as it can on
+the way that is the quickest then, and waits there. Where danger counts, each second costs 1 + w D/L: w is its weight
+[m], and D the danger of the L links at the limbs of people, which are predicted at constant velocity, so that ways on
+their far side are preferred.
+"""
 
 from __future__ import annotations
 
 import heapq
 import logging
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -13,6 +20,7 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.danger import DangerField
 from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.guard import Command
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, line
@@ -34,6 +42,7 @@ _SLOW = 1.2  # a detour is searched if the rest takes so many times as long as w
 # Detours are not wanted that take longer [s], and so many times as long as the rest alone.
 _LONGEST, _TIMES = 30.0, 10.0
 _SMALL = 1e-6  # [rad]
+_WAIT = 2.0  # [s] until what is barred is free again, where all is barred
 _TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
 
 
@@ -43,7 +52,7 @@ class _Edge:
 
     free: bool | None = None  # of what stands still: proven once, for ever
     full: float | None = None  # how long it takes with nobody near, at least [s]
-    time: float = 0.0  # how long beside people [s]; inf: it is barred
+    time: float = 0.0  # what it costs beside people [s]; inf: it is barred
     until: float = -np.inf  # when that ends to hold [s]: before that nobody can be near enough to slow it down
 
 
@@ -53,7 +62,8 @@ class Detours:
     Milestones are drawn around the trajectories that `cover` is given. An edge between two is proven free of still
     obstacles when it is first needed. An estimate of how long it takes beside people holds until anyone can be near
     enough to slow it down, at the earliest: for T = (distance − what a full-speed stop needs)/v. Paths keep `limits`;
-    `left` units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories.
+    `left` units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories. The `danger`
+    is what its weight is [m].
     """
 
     def __init__(
@@ -63,8 +73,12 @@ class Detours:
         limits: PathLimits,
         tick: float,
         movable: BoolArray | bool = True,
+        danger: float = 0.0,
     ) -> None:
         self._prover, self._bodies, self._tick, self.limits, self._movable = prover, bodies, tick, limits, movable
+        self._danger = danger
+        self._field: DangerField | None = None  # of people as they are predicted
+        self._wait = np.inf  # how long what is barred is expected to be so [s]
         self._robot = prover.checker.robot
         self._rng, self.left = np.random.default_rng(0), 0
         self.milestones: FloatArray = np.empty((0, self._robot.n))
@@ -140,7 +154,7 @@ class Detours:
         return self._edges[min(a, b), max(a, b)]
 
     def _time(self, a: int, b: int, around: Around, now: float) -> float | None:
-        """Return how long an edge takes [s], inf where it is not free; None if there are too few units to find out."""
+        """Return what an edge costs [s], inf where it is not free; None if there are too few units to find out."""
         edge, start, end = self._edge(a, b), self.milestones[min(a, b)], self.milestones[max(a, b)]
         if edge.free is None:
             if not self._spend(_PROOF):
@@ -149,10 +163,29 @@ class Detours:
         if edge.free and now > edge.until:
             if not self._spend(_ESTIMATE):
                 return None
-            times, left = self._between(start, end).pace(around, self._tick)
+            wait, self._wait = self._wait, np.inf
+            costs, left = self.costs(self._between(start, end), around)
+            self._wait = wait
             fastest = max(float((around.sets.grown(1.0) - around.sets.grown(0.0)).max(initial=0.0)), _SLOWEST)
-            edge.time, edge.until = float(times.sum()), now + max(_STALE, _AWAY / fastest, left)
+            edge.time, edge.until = float(costs.sum()), now + max(_STALE, _AWAY / fastest, left)
         return edge.time if edge.free else np.inf
+
+    def predict(self, limbs: FloatArray) -> None:
+        """Take where points (M, 3) of limbs are expected to be [m], for the danger."""
+        known = self._danger > 0 and len(limbs) > 0
+        self._field = DangerField(self._robot, limbs, aggregate="mean") if known else None
+
+    def costs(self, path: GuardedPath, around: Around) -> tuple[FloatArray, float]:
+        """Return what (N,) the cells of a path are expected to cost, a wait included [s], and how long that holds."""
+        times, left = path.pace(around, self._tick)
+        if self._field is not None:
+            middles = 0.5 * (path.edges[1:] + path.edges[:-1])
+            per_link = self._field.values(path.curve.at(middles).q) / len(self._robot.segments)
+            times = times * (1 + self._danger * per_link)
+        if np.isfinite(self._wait):
+            barred = np.isinf(times)
+            times = np.where(barred, alone(path), times) + self._wait * (barred & ~np.append(False, barred[:-1]))
+        return times, left
 
     def _between(self, start: FloatArray, end: FloatArray) -> GuardedPath:
         """Return the straight motion between two configurations (n,), in coarse cells."""
@@ -167,10 +200,10 @@ class Detours:
     def quickest(
         self, start: FloatArray, goal: FloatArray, around: Around, now: float, within: float
     ) -> tuple[list[FloatArray], float] | None:
-        """Return the quickest path (n,) to (n,) beside people as they are now, and how long it takes [s].
+        """Return the quickest path (n,) to (n,) beside people as they are now, and what it costs [s].
 
         A lazy A*: edges count with their time at full speed until they lie on the best path; then they are proven, and
-        their time is estimated. Paths that take longer than `within` [s] are not wanted. What was learnt with the units
+        their cost is estimated. Paths that cost more than `within` [s] are not wanted. What was learnt with the units
         that are left is kept for the next call.
         """
         first, last = self._end("start", start), self._end("goal", goal)
@@ -213,7 +246,9 @@ class Detours:
             return np.inf
         if edge.full is None:
             edge.full = float(self._full_times(self.milestones[min(a, b)])[max(a, b)])
-        return edge.full if now > edge.until else max(edge.full, edge.time)
+        if now > edge.until:
+            return edge.full
+        return max(edge.full, edge.time) if np.isfinite(edge.time) else edge.full + self._wait
 
     def _best(self, first: int, last: int, now: float, ahead: FloatArray, within: float) -> list[int] | None:
         """Return the best path by what is known, or None if it takes longer than wanted."""
@@ -238,8 +273,12 @@ class Detours:
                     heapq.heappush(queue, (cost + float(ahead[other]), other))
         return None
 
-    def search(self, command: Command, around: Around, now: float, units: int) -> tuple[GuardedPath, float] | None:
-        """Return a quicker path to the goal that leaves the command's path where its stop ends; None if none is found.
+    def search(
+        self, command: Command, around: Around, now: float, units: int, others: Sequence[FloatArray] = ()
+    ) -> tuple[GuardedPath, float] | None:
+        """Return a quicker path to a goal that leaves the command's path where its stop ends; None if none is found.
+
+        The goal is the end of that path, or one of the `others`, each (n,).
 
         It begins with the rest of the command's path up to there, so that the robot can change over at any time before
         that. The arc length of the command's path at which it begins is returned as well. At most so many units of work
@@ -249,28 +288,32 @@ class Detours:
         rest = float(command.motion.places[-1])
         if path.length - rest < _SMALL:
             return None
-        if self._undisturbed[0] is path and now < self._undisturbed[1]:
+        if self._undisturbed[0] is path and now < self._undisturbed[1] and self._field is None:
             return None
-        rough = path.coarse
-        times, left = rough.pace(around, self._tick)
-        self._undisturbed = path, now + left
-        ahead = rough.edges[1:] > rest
-        stay = float(times[ahead].sum())
-        alone = float((np.diff(rough.edges) / np.sqrt(rough.squares))[ahead].sum())
-        if stay < _SLOW * alone + _WORTH:
-            return None
-        start, goal = path.curve.at(np.array([rest, path.length])).q
-        within = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * alone))
-        found = self.quickest(start, goal, around, now, within)
+        for self._wait in (np.inf, _WAIT):
+            expected, left = self.costs(path.coarse, around)
+            self._undisturbed = path, now + left
+            ahead = path.coarse.edges[1:] > rest
+            stay, least = float(expected[ahead].sum()), float(alone(path.coarse)[ahead].sum())
+            if stay < _SLOW * least + _WORTH:
+                return None
+            start, goal = path.curve.at(np.array([rest, path.length])).q
+            within, found = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * least)), None
+            for end in (goal, *others):
+                better = self.quickest(start, end, around, now, within)
+                if better is not None:
+                    found, within = better, better[1]
+            if found is not None or np.isfinite(stay):
+                break
         if found is None:
             return None
         points = self._shortened(found[0], around)
         curve = blended(np.array(points), self._robot, _TOLERANCE, self._prover, self.limits.joints)
         way = GuardedPath.along(self._bodies, curve, self.limits)
-        takes = float(way.coarse.pace(around, self._tick)[0].sum())
-        if takes > within:
+        costs = float(self.costs(way.coarse, around)[0].sum())
+        if costs > min(_GAIN * stay, stay - _WORTH):
             return None
-        _log.info("%.3f s: a detour of %.2f rad takes %.1f s instead of %.1f s", now, way.length, takes, stay)
+        _log.info("%.3f s: a detour of %.2f rad costs %.1f s instead of %.1f s", now, way.length, costs, stay)
         first = command.motion.at(now - command.time)[0]
         if rest - first <= _SMALL:  # it stands
             return way, rest
@@ -280,9 +323,9 @@ class Detours:
     def _shortened(self, points: list[FloatArray], around: Around) -> list[FloatArray]:
         """Return the path without the points that a free and no slower straight motion can leave out."""
 
-        def takes(*through: FloatArray) -> float:
-            paces = (self._between(a, b).pace(around, self._tick) for a, b in pairwise(through))
-            return sum(float(times.sum()) for times, _ in paces)
+        def cost(*through: FloatArray) -> float:
+            every = (self.costs(self._between(a, b), around)[0] for a, b in pairwise(through))
+            return sum(float(costs.sum()) for costs in every)
 
         kept, k = [points[0]], 0
         while k < len(points) - 1:
@@ -290,9 +333,14 @@ class Detours:
                 if other == k + 1 or (
                     self._spend(_SHORTCUT)
                     and self._prover.is_free(points[k], points[other])
-                    and takes(points[k], points[other]) <= takes(*points[k : other + 1])
+                    and cost(points[k], points[other]) <= cost(*points[k : other + 1])
                 ):
                     kept.append(points[other])
                     k = other
                     break
         return kept
+
+
+def alone(path: GuardedPath) -> FloatArray:
+    """Return how long (N,) the cells of a path take with nobody near, at least [s]."""
+    return np.asarray(np.diff(path.edges) / np.sqrt(path.squares))

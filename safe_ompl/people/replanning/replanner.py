@@ -18,6 +18,7 @@ What does not recede must be kept from as ever. A body that must recede is no fa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -44,6 +45,7 @@ _NUDGE = 1e-4  # [rad]
 _STILL = 3  # so many of the first joints may stay still: links near the base cannot get away
 _ROUNDS = 40  # of the search for a direction
 _FAR = 0.35  # [m] who is farther away need not be looked at
+_AHEAD = (0.0, 0.3, 0.6)  # [s] for which limbs are predicted, for the danger of detours
 _LEAST = 0.02  # [m/rad] distances must grow by this at least
 
 
@@ -63,12 +65,13 @@ class Replanner(Guard):
 
     detours: Detours | None = None  # None before the first trajectory, and if they are not searched
     _path: GuardedPath | None = None
+    _others: tuple[FloatArray, ...] = ()  # goals that would do as well
     _detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
     _retreat: GuardedPath | None = None  # from where the robot stands
     _retreats: Retreats | None = None
 
-    def start(self, trajectory: Trajectory) -> None:
-        """Take a trajectory to follow, from where the robot stands.
+    def start(self, trajectory: Trajectory, others: Sequence[FloatArray] = ()) -> None:
+        """Take a trajectory to follow, from where the robot stands; detours may lead to `others`, goals (n,), instead.
 
         Its curve is proven anew against all still obstacles. Its limits and caps are kept, except those by people; its
         time law is not: the robot is as fast as limits and people let it. Raises InputError if the robot moves, or
@@ -91,15 +94,34 @@ class Replanner(Guard):
             if not piece.is_free(self.prover):
                 where = f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on"
                 raise InputError(f"{where}, is not free of what stands still")
-        self._path, self._last, self._detour, self._retreat = path, None, None, None
+        self._path, self._last, self._detour, self._retreat, self._others = path, None, None, None, tuple(others)
         retreats = self.options.retreats and not self.prover.separation.tube
         joints = self.robot.joint_names if self.options.joints is None else self.options.joints
         movable = np.isin(self.robot.joint_names, joints)
         self._retreats = Retreats(self.prover, self.bodies, path.limits, movable) if retreats else None
         if self.options.detours:
             if self.detours is None or not path.limits.same_as(self.detours.limits):
-                self.detours = Detours(self.prover, self.bodies, path.limits, self.tick, movable)
+                danger = self.options.danger
+                self.detours = Detours(self.prover, self.bodies, path.limits, self.tick, movable, danger)
             self.detours.cover(trajectory.curve)
+
+    def soonest(self, trajectories: Sequence[Trajectory]) -> int:
+        """Return the number of the trajectory, from where the robot stands, that is expected to end first.
+
+        That is the shortest one where nobody was seen yet, or no detours are searched.
+        """
+        if self.detours is None or not self.surroundings.known:
+            return int(np.argmin([trajectory.duration for trajectory in trajectories]))
+        around = self._around(self.surroundings.time)
+        self._predict()
+        paths = (GuardedPath.along(self.bodies, one.curve, PathLimits.of(one)) for one in trajectories)
+        return int(np.argmin([self.detours.costs(path.coarse, around)[0].sum() for path in paths]))
+
+    def _predict(self) -> None:
+        """Tell the detours where limbs are expected to be."""
+        if self.detours is not None and self.options.danger:
+            limbs = [track.ahead(_AHEAD) for track in self.surroundings.people.values()]
+            self.detours.predict(np.concatenate([np.zeros((0, 3)), *limbs]))
 
     def resume(self, command: Command | None) -> None:
         """Go on where the robot stands: at the stop of a command of this replanner; None: where it began."""
@@ -148,7 +170,8 @@ class Replanner(Guard):
         now = max(command.time, self.surroundings.time)
         around = self._around(now)
         if self.detours is not None:
-            self._detour = self.detours.search(command, around, now, units)
+            self._predict()
+            self._detour = self.detours.search(command, around, now, units, self._others)
         if self._detour is None and self._retreats is not None and command.doing is Doing.STANDING:
             at = float(command.motion.places[-1])
             self._retreat = self._retreats.search(command.path, at, around.sets)

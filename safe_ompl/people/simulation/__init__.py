@@ -28,5 +28,6 @@ if TYPE_CHECKING:
         Simulation as Simulation,
         Summary as Summary,
     )
+    from safe_ompl.people.simulation.tour import Tour as Tour
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

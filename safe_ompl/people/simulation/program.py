@@ -6,6 +6,7 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from typing import Any
 
+from safe_ompl.common import FloatArray
 from safe_ompl.people.replanning import Leg, Legs
 from safe_ompl.people.simulation.movers import Drifting, PersonMover
 from safe_ompl.people.simulation.simulation import ContactMonitor, Faults, Simulation
@@ -36,7 +37,7 @@ class ProgramSimulation(Simulation):
                 if self.legs.finished:
                     return
 
-    def _go_on(self, now: float) -> None:
+    def _go_on(self, now: float, q: FloatArray) -> None:
         self.legs.go_on(now)
         self.summary.tasks = self.legs.done
         leg = self.legs.current

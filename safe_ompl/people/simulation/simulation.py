@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from safe_ompl.common import FloatArray, fraction, number
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Command, Doing, Replanner
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
+from safe_ompl.people.simulation.tour import Tour
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
 
@@ -201,11 +202,27 @@ class Summary:
         found["reaction"] = {"median": self.reaction[0], "p99": self.reaction[1]}
         return found
 
+    def __str__(self) -> str:
+        median, late = (1e3 * t for t in self.reaction)
+        fast = f" (the robot at {self.contact_speed:.2f} m/s at most)" if self.contacts_while_moving else ""
+        gated = ""
+        if self.refused:
+            raw, refused = 100 * self.model_obeyed_raw, 100 * self.refused
+            gated = f" ({raw:.1f} % with the {refused:.2g} % of the key points that the gate refused)"
+        return (
+            f"{self.seconds:g} s: {self.tasks} tasks, {self.stops} stops; contacts while moving "
+            f"{self.contacts_while_moving}{fast}, after violations {self.contacts_after_violations}, at rest "
+            f"{self.contacts_at_rest}, in retreats {self.contacts_retreating}; "
+            f"model obeyed {100 * self.model_obeyed:.1f} % of the time{gated}; reaction "
+            f"{median:.1f} ms (99 %: {late:.1f}); deadlines missed {self.deadlines_missed}"
+        )
+
 
 class Simulation:
     """A robot that follows trajectories, beside people and objects that move, which its replanner tracks.
 
-    The trajectories are followed one after the other, and again from the first: each begins where the one before ends.
+    The trajectories are followed one after the other, and again from the first: each begins where the one before ends;
+    or the places of a `Tour` are visited in any order.
     `summary` is complete once the simulation has run to its end. Looking for contacts takes most of the time; there is
     none if `monitor` is set to None. `reactions` are times from measurements to their commands, on the clock of this
     machine [s]. What is set to `follow` is told each command at once, and returns why a robot does not do that, which
@@ -215,7 +232,7 @@ class Simulation:
     def __init__(
         self,
         replanner: Replanner,
-        trajectories: list[Trajectory],
+        trajectories: Sequence[Trajectory] | Tour,
         people: Mapping[str, PersonMover],
         objects: Mapping[str, Drifting] | None = None,
         *,
@@ -241,7 +258,9 @@ class Simulation:
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
         """Run for a time [s], and yield ticks as `safe_ompl.io.ticks` describes them."""
         tick = self.replanner.tick
-        if self.trajectories:
+        if isinstance(self.trajectories, Tour):
+            self.trajectories.start(self.replanner, self.trajectories.places[0])
+        elif self.trajectories:
             self.replanner.start(self.trajectories[0])
         command: Command | None = None
         logged: Command | None = None
@@ -284,7 +303,7 @@ class Simulation:
             return command, None
         reaction = self._measure(now)
         if command is not None and command.doing is Doing.DONE:
-            self._go_on(now)
+            self._go_on(now, command.at(np.inf).q)
         begin = perf_counter()
         new = self.replanner.command(now + self.latency)
         reaction += perf_counter() - begin
@@ -299,9 +318,12 @@ class Simulation:
         self.reactions.append(reaction)
         return new, reaction
 
-    def _go_on(self, now: float) -> None:
-        """Start what comes after a trajectory that is done."""
+    def _go_on(self, now: float, q: FloatArray) -> None:
+        """Start what comes after a trajectory that is done, from `q: (n,)`."""
         self.summary.tasks += 1
+        if isinstance(self.trajectories, Tour):
+            self.trajectories.start(self.replanner, q)
+            return
         self.replanner.start(self.trajectories[self.summary.tasks % len(self.trajectories)])
 
     def _count(self, old: Command | None, new: Command) -> None:

@@ -71,8 +71,8 @@ def to_and_fro(panda):
 def drive():
     """Return a function that drives with what is seen at each tick, checks the commands, and returns them."""
 
-    def run(replanner, trajectory, see, seconds, think=True):
-        replanner.start(trajectory)
+    def run(replanner, trajectory, see, seconds, think=True, others=()):
+        replanner.start(trajectory, others)
         commands = []
         for k in range(round(seconds / replanner.tick)):
             seen = see(k * replanner.tick)

@@ -5,12 +5,23 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, Surroundings
+from safe_ompl import (
+    CollisionChecker,
+    DangerField,
+    InputError,
+    MotionProver,
+    RateLimits,
+    Replanner,
+    Scene,
+    Surroundings,
+    time_path,
+)
 from safe_ompl.collision import Separation
 from safe_ompl.geometry import Box, Obstacle, Pose
+from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Doing, PathLimits
 from safe_ompl.people.replanning.bodies import RobotBodies
-from safe_ompl.people.replanning.detours import Detours
+from safe_ompl.people.replanning.detours import Detours, alone
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, line
 
 BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}
@@ -100,6 +111,61 @@ def test_other_limits_make_other_detours(replanner_for, to_and_fro):
     replanner.start(to_and_fro(replanner, tool_speed=1.0)[0])
     assert replanner.detours is not first
     assert replanner.detours.limits.tool_speed == 1.0
+
+
+def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro, drive, panda):
+    replanner = replanner_for("ball", ball=0.1)
+    there = to_and_fro(replanner)[0]
+    middle, goal = there.at([0.5 * there.duration, there.duration]).q
+    other = middle + 0.3 * np.eye(7)[1]
+    on_goal = {}, {"ball": Pose(panda.tip_pose(goal).translation)}
+    commands = drive(replanner, there, lambda t: on_goal, 4.0)
+    assert commands[-1].doing is not Doing.DONE
+    short = time_path([there.at(0.0).q, middle], panda, there.limits, motion=replanner.prover)
+    far = time_path([there.at(0.0).q, [-2.4, 0.0, 0, -2.0, 0, 2.2, 0.785]], panda, there.limits)
+    replanner.update(*on_goal, 10.0)
+    assert replanner.soonest([there, short]) == 1
+    replanner.update({}, {"ball": Pose(panda.tip_pose(middle).translation)}, 10.05)
+    assert replanner.soonest([there, far, short]) == 1  # the others are barred
+    replanner = replanner_for("ball", ball=0.1)
+    commands = drive(replanner, there, lambda t: on_goal, 20.0, others=[other])
+    assert commands[-1].doing is Doing.DONE
+    np.testing.assert_allclose(commands[-1].at(100.0).q, other, atol=1e-6)
+
+
+def test_what_is_barred_costs_a_wait_where_no_way_is_free(replanner_for, to_and_fro, panda):
+    replanner = replanner_for("ball", ball=0.1)
+    way = to_and_fro(replanner)[0]
+    replanner.start(way)
+    replanner.update(*BARRED, 1.0)
+    path, around = GuardedPath.along(replanner.bodies, way.curve, PathLimits.of(way)).coarse, replanner._around(1.0)
+    roadmap = replanner.detours
+    free, _ = roadmap.costs(path, around)
+    barred = np.isinf(free)
+    assert barred.any()
+    assert not barred.all()
+    roadmap._wait = 2.0
+    costs, _ = roadmap.costs(path, around)
+    stretches = np.count_nonzero(np.diff(barred.astype(int), prepend=0) == 1)
+    assert costs[barred].sum() == pytest.approx(alone(path)[barred].sum() + 2.0 * stretches)
+    np.testing.assert_array_equal(costs[~barred], free[~barred])
+
+
+def test_danger_of_predicted_limbs_leads_to_their_far_side(replanner_for, to_and_fro, panda):
+    replanner = replanner_for("ball", ball=0.1)
+    way = to_and_fro(replanner)[0]
+    limits = PathLimits(RateLimits.of(panda, acceleration=10.0))
+    start, goal = way.at([0.0, way.duration]).q
+    limbs, dangers = np.array([[0.7, 0.0, 0.3], [0.8, 0.1, 0.3]]), []
+    for weight in (0.0, 1.0):
+        roadmap = Detours(replanner.prover, replanner.bodies, limits, 0.05, danger=weight)
+        roadmap.cover(way.curve)
+        roadmap.predict(limbs)
+        roadmap.left = 10_000
+        found, _ = roadmap.quickest(start, goal, Around(ReachSets.none()), 0.0, 60.0)
+        edges = [np.linspace(a, b, 20) for a, b in pairwise(found)]
+        dangers.append(DangerField(panda, limbs, aggregate="mean").values(np.concatenate(edges)).mean())
+    assert dangers[1] < 0.9 * dangers[0]
 
 
 # ------------------------------------------------------------------------------------------------- guarded paths
