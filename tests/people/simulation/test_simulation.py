@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 from safe_ompl import InputError, People, Tracker
 from safe_ompl.apps import main
@@ -215,6 +216,26 @@ def test_recordings_that_are_none(clips, tmp_path):
 
 def live(tmp_path, *words, scenario="panda_shelf"):
     return ["live", scenario, "--out", str(tmp_path / "out"), "--force", *words]
+
+
+def test_all_places_are_reached_in_whichever_order_is_soonest(tmp_path, capsys):
+    source = find_scenario("planar3").resolve()
+    data = yaml.safe_load(source.read_text())
+    for key in ("urdf", "srdf"):
+        data["robot"][key] = str(source.parent / data["robot"][key])
+    near = {name: q + 0.1 for name, q in data["start"].items()}
+    data["goal"] = {"configurations": [data["goal"]["configuration"], near]}
+    file = tmp_path / "places.yaml"
+    file.write_text(yaml.safe_dump(data))
+    words = ["--movers", "1", "--any-order", "--danger", "0.3"]
+    assert main(live(tmp_path, *words, "--seconds", "12", scenario=str(file))) == 0
+    ticks = [json.loads(line) for line in (tmp_path / "out" / "ticks.jsonl").read_text().splitlines()[1:]]
+    places = [list(q.values()) for q in (data["start"], *data["goal"]["configurations"])]
+    done = [int(np.abs(np.array(places) - tick["q"]).max(axis=1).argmin()) for tick in ticks if tick["state"] == "done"]
+    visited = [place for place, before in pairwise([*done, None]) if place != before]
+    assert visited[:2] == [2, 1]  # the nearest one, though it is listed last
+    assert main(live(tmp_path, *words, scenario="panda_pick_place")) == 2
+    assert "--any-order: is for a path to a goal" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_command_plays_a_person_in_the_place_of_the_scenarios_with_a_reach_and_its_gate(clips, tmp_path, capsys):
