@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -68,10 +69,10 @@ def _tell(report: DriveReport, name: str, options: argparse.Namespace) -> int:
     if options.json:
         output.write_json(options.json, {"log": name, **found})
     if options.html:
-        output.write_text(options.html, page(report, name))
+        output.write_text(options.html, page(report, name, found))
     if options.json == output.STANDARD_OUTPUT:
         return 0
-    output.say("\n".join(_lines(report)))
+    output.say("\n".join(_lines(found)))
     for title, columns, rows in tables(report):
         table = output.plain_table(*columns, title=title)
         for row in rows[:_SHOWN]:
@@ -81,21 +82,19 @@ def _tell(report: DriveReport, name: str, options: argparse.Namespace) -> int:
     return 0
 
 
-def _lines(report: DriveReport) -> list[str]:
-    """Return the summary of a drive."""
-    found = report.as_dict()
+def _lines(found: Mapping[str, Any]) -> list[str]:
+    """Return the summary of a drive from the figures of its report."""
     least, reaction = found["least_while_moving"], found["reaction"]
-    shares = ", ".join(f"{state} {100 * share:.1f} %" for state, share in report.shares.items())
+    shares = ", ".join(f"{state} {100 * share:.1f} %" for state, share in found['shares'].items())
     lines = [f"{found['seconds']:.2f} s, {found['ticks']} ticks: {shares}"]
     if least.get("distance") is not None:
         proven = "" if least["margin"] is None else f", the least proven margin {1e3 * least['margin']:.0f} mm"
         lines.append(f"while it moved: the least distance {1e3 * least['distance']:.0f} mm{proven}")
-    lines.append(
-        f"largest speed of a key point {found['largest_speed']:.2f} m/s; deadlines missed {len(report.missed)}"
-    )
+    missed = len(found["deadlines_missed"])
+    lines.append(f"largest speed of a key point {found['largest_speed']:.2f} m/s; deadlines missed {missed}")
     if reaction is not None:
         lines.append(f"reaction {1e3 * reaction['median']:.1f} ms (99 %: {1e3 * reaction['p99']:.1f})")
-    lines.append(f"assumed of people: {report.assumed}; broken {len(report.broken)} times")
+    lines.append(f"assumed of people: {found['assumed']}; broken {len(found['broken'])} times")
     return lines
 
 
@@ -122,14 +121,14 @@ def tables(report: DriveReport) -> list[tuple[str, tuple[str, ...], Rows]]:
     ]
 
 
-def page(report: DriveReport, name: str) -> str:
-    """Return a page (HTML) with summary, picture and tables, which needs nothing else."""
+def page(report: DriveReport, name: str, found: Mapping[str, Any]) -> str:
+    """Return a page (HTML) with summary, picture and tables, which needs nothing else; `found` are its figures."""
     picture = io.StringIO()
     plots.plot_drive(report, None).savefig(picture, format="svg")
     svg = picture.getvalue()
     parts = [
         f"<h1>{escape(name)}</h1>",
-        *(f"<p>{escape(line)}</p>" for line in _lines(report)),
+        *(f"<p>{escape(line)}</p>" for line in _lines(found)),
         svg[svg.index("<svg") :],
     ]
     for title, columns, rows in tables(report):
