@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.apps.exchange.controller import LiveController
-from safe_ompl.apps.exchange.messages import by_name
+from safe_ompl.apps.exchange.messages import rows_of, seconds
 from safe_ompl.common import FloatArray, InputError, SafeOmplError
 from safe_ompl.motions import Motion
 from safe_ompl.people.replanning import Shield
@@ -101,20 +101,15 @@ class Execution:
             raise GoalError(Code.INVALID_JOINTS, f"{strange[0]!r} is not one of {robot.joint_names}", "joint_names")
         if not points or not all(len(point.positions) for point in points):
             raise GoalError(Code.INVALID_GOAL, "must have positions in every point, and one point at least", "points")
-        times = [_seconds(point.time_from_start) for point in points]
+        times = [seconds(point.time_from_start) for point in points]
         if times[0] < 0 or (np.diff(times) <= 0).any():
             raise GoalError(Code.INVALID_GOAL, f"must increase from 0 on, got {times}", "time_from_start")
         try:
-            rows = tuple(
-                [by_name(given.joint_names, getattr(point, key), robot.joint_names) for point in points]
-                if any(len(getattr(point, key)) for point in points)
-                else None
-                for key in ("positions", "velocities", "accelerations")
-            )
+            rows = tuple(rows_of(given, robot))
         except InputError as error:
             missing = set(robot.joint_names) - set(given.joint_names)
             raise GoalError(Code.INVALID_JOINTS if missing else Code.INVALID_GOAL, str(error)) from None
-        begin, late = _seconds(given.header.stamp), _seconds(goal.goal_time_tolerance)
+        begin, late = seconds(given.header.stamp), seconds(goal.goal_time_tolerance)
         return cls(
             times,
             rows,
@@ -155,10 +150,6 @@ class Execution:
             rows = tuple(None if row is None else [first, *row] for row, first in zip(rows, firsts, strict=True))
         positions, velocities, accelerations = rows
         return Motion.hermite(times, positions, velocities, accelerations, robot.joint_names)
-
-
-def _seconds(stamp: Any) -> float:
-    return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def _tolerance(given: Any, what: str, robot: Robot, usual: float) -> Tolerance:

@@ -7,7 +7,7 @@ Humble, which later releases share for all types that are used here. Times of me
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -247,12 +247,24 @@ def in_metres(skeleton: Skeleton) -> Skeleton:
     return Skeleton(skeleton.name, skeleton.points, skeleton.sources)
 
 
+def seconds(time: Any) -> float:
+    """Return a Time or Duration [s]."""
+    return float(time.sec + 1e-9 * time.nanosec)
+
+
 def stamp_of(header: Any) -> float:
     """Return the time of a header [s]; raise InputError if it has none."""
-    time = header.stamp.sec + 1e-9 * header.stamp.nanosec
-    if time <= 0:
+    if seconds(header.stamp) <= 0:
         raise InputError("is missing, but needed: when was it measured?", "stamp")
-    return float(time)
+    return seconds(header.stamp)
+
+
+def rows_of(trajectory: Any, robot: Robot) -> Iterator[list[FloatArray] | None]:
+    """Yield positions, velocities and accelerations (n,) of all points; None: none has them. Errors as `by_name`."""
+    for key in ("positions", "velocities", "accelerations"):
+        rows = [getattr(point, key) for point in trajectory.points]
+        names = trajectory.joint_names
+        yield [by_name(names, row, robot.joint_names) for row in rows] if any(map(len, rows)) else None
 
 
 def people_of_markers(message: Any, skeleton: Skeleton, frames: Frames) -> tuple[float, dict[str, FloatArray]]:
@@ -305,15 +317,10 @@ def proposal_of(message: Any, robot: Robot) -> tuple[Motion | FloatArray, float 
         raise InputError("has no points", "points")
     if not len(points[0].positions):
         return by_name(message.joint_names, points[0].velocities, robot.joint_names), None
-    times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
-    positions, velocities, accelerations = (
-        [by_name(message.joint_names, getattr(point, key), robot.joint_names) for point in points]
-        if any(len(getattr(point, key)) for point in points)
-        else None
-        for key in ("positions", "velocities", "accelerations")
-    )
+    times = [seconds(point.time_from_start) for point in points]
+    positions, velocities, accelerations = rows_of(message, robot)
     assert positions is not None
-    begin = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    begin = seconds(message.header.stamp)
     start = begin + times[0] if begin > 0 else None
     return Motion.hermite(times, positions, velocities, accelerations, robot.joint_names), start
 

@@ -178,8 +178,7 @@ class _Moveit:
             got = f"binary {tree.get('binary')!r}, id {tree.get('id')!r}"
             raise InputError(f"must be a binary OcTree, got {got}", "octomap")
         place = self.frame(data) * _pose(data.get("origin", {}))
-        found = _leaves(bytes(value % 256 for value in tree["data"]), document.number("resolution", tree["resolution"]))
-        return [Obstacle(f"octomap/{k}", box, place * at) for k, (box, at) in enumerate(found)]
+        return _leaves(bytes(value % 256 for value in tree["data"]), tree["resolution"], place)
 
     def allowed(self, names: Collection[str]) -> dict[str, set[str]]:
         """Return for each object what may touch it."""
@@ -285,12 +284,11 @@ def scene_from_octomap(file: str | Path, *, pose: Any = None) -> Scene:
         except ValueError:
             raise InputError(f"must be a number [m], got {keys['res']!r}", "res") from None
         place = pin.SE3.Identity() if pose is None else Pose.of(pose).se3
-        boxes = _leaves(data, resolution)
-    return Scene([Obstacle(f"octomap/{k}", box, place * at) for k, (box, at) in enumerate(boxes)])
+        return Scene(_leaves(data, resolution, place))
 
 
-def _leaves(data: bytes, resolution: float) -> Iterator[tuple[Box, pin.SE3]]:
-    """Return the occupied leaves of a binary tree as boxes.
+def _leaves(data: bytes, resolution: Any, place: pin.SE3) -> list[Obstacle]:
+    """Return the occupied leaves of a binary tree, whose origin is at a place, as boxes.
 
     Each node has two bits for each child, x the fastest: 01 occupied, 10 free, 11 a node that follows, depth first.
     """
@@ -308,7 +306,7 @@ def _leaves(data: bytes, resolution: float) -> Iterator[tuple[Box, pin.SE3]]:
             state = bits >> 2 * child & 3  # the first bit is the lower one: 2 is occupied, 1 is free
             low = tuple(corner[axis] + edge * (child >> axis & 1) for axis in range(3))
             if state == 2:
-                boxes.append((*low, *(place + edge for place in low)))
+                boxes.append((*low, *(least + edge for least in low)))
             elif state == 3:
                 node(low, edge // 2)  # type: ignore[arg-type]
 
@@ -318,9 +316,11 @@ def _leaves(data: bytes, resolution: float) -> Iterator[tuple[Box, pin.SE3]]:
         raise InputError(f"has {len(data)} bytes, {position} expected", "data")
     for axis in range(3):
         boxes = _joined(boxes, axis)
-    for box in boxes:
+    found = []
+    for k, box in enumerate(boxes):
         low, high = size * np.array(box[:3]), size * np.array(box[3:])
-        yield Box(high - low), pin.SE3(np.eye(3), (low + high) / 2)
+        found.append(Obstacle(f"octomap/{k}", Box(high - low), place * pin.SE3(np.eye(3), (low + high) / 2)))
+    return found
 
 
 def _joined(boxes: list[tuple[int, ...]], axis: int) -> list[tuple[int, ...]]:
