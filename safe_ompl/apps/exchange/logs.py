@@ -78,10 +78,8 @@ class McapLog:
         measured = messages.nanoseconds(tick.get("joints_measured", tick["time"]))
         self._add("/joint_states", time, messages.joint_state(measured, names, tick["q"], tick["qd"]))
         if stop["times"]:
-            begin, after = stop["times"][0], np.asarray(stop["times"]) - stop["times"][0]
             rows = {"positions": stop["q"], "velocities": stop["qd"]}
-            command = messages.joint_trajectory(messages.nanoseconds(begin), names, after.tolist(), **rows)
-            self._add("/command", time, command)
+            self._add("/command", time, messages.joint_trajectory(names, stop["times"], **rows))
         self._add("/people", time, messages.people_markers(time, people))
         self._add("/diagnostics", time, messages.diagnostics(time, self._name, tick))
 

@@ -132,16 +132,14 @@ def joint_state(time: int, names: Sequence[str], q: ArrayLike, qd: ArrayLike) ->
     return {"header": header(time), "name": list(names), "position": q, "velocity": qd}
 
 
-def joint_trajectory(time: int, names: Sequence[str], times: Iterable[float], **rows: Sequence[ArrayLike]) -> Message:
-    """Return a `trajectory_msgs/JointTrajectory` that begins at a time [ns].
-
-    Its points are `times` after that [s]; rows are positions, velocities and accelerations, each (K, n).
-    """
+def joint_trajectory(names: Sequence[str], times: ArrayLike, **rows: Sequence[ArrayLike]) -> Message:
+    """Return a `trajectory_msgs/JointTrajectory`: positions, velocities, accelerations (K, n) at times (K,) [s]."""
+    given = np.asarray(times, dtype=float)
     points = [
         {"time_from_start": stamp(nanoseconds(after)), **{key: row[k] for key, row in rows.items()}}
-        for k, after in enumerate(times)
+        for k, after in enumerate((given - given[0]).tolist())
     ]
-    return {"header": header(time), "joint_names": list(names), "points": points}
+    return {"header": header(nanoseconds(float(given[0]))), "joint_names": list(names), "points": points}
 
 
 def people_markers(time: int, people: Mapping[str, Mapping[str, ArrayLike]]) -> Message:

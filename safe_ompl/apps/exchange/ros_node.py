@@ -270,14 +270,9 @@ class RosNode:
     def _command(self) -> None:
         """Publish the rest of the command until the robot stands."""
         times, states = self._controller.stop()
-        rows = {
-            "positions": [state.q for state in states],
-            "velocities": [state.qd for state in states],
-            "accelerations": [state.qdd for state in states],
-        }
-        begin = messages.nanoseconds(times[0])
-        after = (times - times[0]).tolist()
-        self._commands(messages.joint_trajectory(begin, self._robot.joint_names, after, **rows))
+        kinds = {"positions": "q", "velocities": "qd", "accelerations": "qdd"}
+        rows = {key: [getattr(state, kind) for state in states] for key, kind in kinds.items()}
+        self._commands(messages.joint_trajectory(self._robot.joint_names, times, **rows))
 
     def _look_for_others(self) -> None:
         """Keep the robot still while another node commands it, too."""

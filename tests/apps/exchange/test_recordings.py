@@ -77,7 +77,7 @@ def test_commands_replace_each_other_from_where_they_begin(tmp_path):
         begin = 0.1 * k
         points = [begin, begin + 0.1, begin + 0.2]
         rows_of = [asked(t) + (9.0 if i == 2 and k < 9 else 0.0) for i, t in enumerate(points)]
-        content = messages.joint_trajectory(round(1e9 * (50 + begin)), JOINTS, [0.0, 0.1, 0.2], positions=rows_of)
+        content = messages.joint_trajectory(JOINTS, 50 + begin + np.array([0.0, 0.1, 0.2]), positions=rows_of)
         rows.append(("/command", messages.JOINT_TRAJECTORY, begin, content))
     for t in np.arange(0, 1, 0.02):
         names = ("gripper", "elbow", "shoulder")
