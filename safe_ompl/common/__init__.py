@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         compiled as compiled,
         ctrl_c_as_such as ctrl_c_as_such,
         maker as maker,
+        origin as origin,
         part as part,
         until_ctrl_c as until_ctrl_c,
     )

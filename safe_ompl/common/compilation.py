@@ -1,8 +1,9 @@
 """Decorators of the kernels, which are compiled once per installation and kept on disk; a warning announces it.
 
-Numba keeps what it has compiled beside the source, or in the user's cache folder where that cannot be written to, or
-where `NUMBA_CACHE_DIR` says; files are replaced as a whole, so that processes may share them. Where no folder can be
-written to, every process compiles for itself.
+A wheel may hold the machine code of all kernels: `.ci/machine_code.py` builds it. What it does not hold for this
+Python, Numba and processor is compiled. Numba keeps that beside the source, or in the user's cache folder where that
+cannot be written to, or where `NUMBA_CACHE_DIR` says; files are replaced as a whole, so that processes may share them.
+Where no folder can be written to, every process compiles for itself.
 
 A kernel is its formula as a loop. Kernels check nothing. They take C-contiguous, writable arrays of the types that
 their docstrings name: for any other sort of array Numba would compile them once more.
@@ -13,6 +14,7 @@ from __future__ import annotations
 import gc
 import logging
 import os
+import pickle
 import re
 import signal
 import sys
@@ -20,6 +22,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
+from hashlib import blake2b
 from pathlib import Path
 from pkgutil import resolve_name
 from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
@@ -27,10 +30,13 @@ from time import perf_counter
 from types import FrameType
 from typing import Any, TypeVar
 
+import llvmlite
+import numba
 from numba import njit
 from numba.core import event, serialize
+from numba.core.caching import IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.typed_passes import NativeLowering
 from numba.core.types.misc import unliteral
@@ -40,6 +46,9 @@ from safe_ompl.common.errors import warn_once
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = __name__.partition(".")[0] + "."
+_ROOT = Path(__file__).parents[__name__.count(".") - 1]
+_MACHINE_CODE = _ROOT / "machine_code"  # of a wheel that holds it: folders for some Python and Numba each, named so:
+PLATFORM = f"{sys.implementation.cache_tag}-numba-{numba.__version__}-llvmlite-{llvmlite.__version__}"
 _BEGINNING = 8000  # bytes of a file that hold its imports
 _WORDS = b"compiled", b"part", b"caller"
 _IMPORTED = re.compile(
@@ -67,15 +76,16 @@ def caller(function: _Function) -> _Function:
 
 
 def _kernel(function: _Function, options: dict[str, Any]) -> _Function:
+    kernel: Any = njit(**options)(function)
     try:
-        kernel: Any = njit(cache=True, **options)(function)
+        kernel.enable_caching()
     except RuntimeError as error:  # Numba finds no folder that can be written to
         _log.info("%s", error)
         _compilation.kept = _NOT_KEPT
-        kernel = njit(**options)(function)
-    else:
-        _depend_on_all_kernels(kernel)
-        _load_whole(kernel._cache)
+    else:  # Numba looks at the kernel's own file only, although what other kernels do is compiled into it
+        files = kernel._cache._cache_file
+        files._source_stamp = files._source_stamp, _SOURCES
+    _load_whole(kernel)
     fast: _Function = _without_literals(kernel)
     return fast
 
@@ -240,18 +250,50 @@ def until_ctrl_c() -> Iterator[None]:
         yield
 
 
-def _load_whole(cache: Any) -> None:
+def shipped_files(kernel: Any, folder: Path | None = None) -> IndexDataCacheFile:
+    """Return the files of a kernel's machine code in a folder: that of the wheel for this Python and Numba if None."""
+    name = f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}"
+    return IndexDataCacheFile(str(folder or _MACHINE_CODE / PLATFORM), name, _SOURCES)
+
+
+def origin(kernel: Any) -> str:
+    """Say in a line where the machine code of kernels comes from, by one of them: the wheel, or this machine."""
+    if _shipped(kernel):
+        return "machine code of the wheel"
+    held = ", ".join(sorted(path.name for path in _MACHINE_CODE.glob("*")))
+    return f"compiled here: the wheel's are for {held}, or other instructions" if held else "compiled here"
+
+
+def _shipped(kernel: Any) -> dict[Any, Path]:
+    """Return by signature the files with a kernel's machine code that the wheel holds and this processor can run.
+
+    It was compiled from the same sources for some instructions, all of which this process may use.
+    """
+    files = shipped_files(kernel)
+    triple, _, features = kernel.targetctx.codegen().magic_tuple()
+    return {
+        signature: Path(files._data_path(name))
+        for (signature, (known, _, needed), _), name in files._load_index().items()
+        if known == triple and set(needed.split(",")) <= {"", *features.split(",")}
+    }
+
+
+def _load_whole(kernel: Any) -> None:
     """Let a kernel be loaded as a whole or not at all: anew where its files are damaged, and Ctrl-C waits.
 
     The loader calls Python back from C, where an exception cannot pass: with half a kernel the process crashes. Numba
     itself stays broken where Ctrl-C comes while it prepares for the first one.
     """
+    cache = kernel._cache
     load = cache.load_overload
 
-    def loaded(*arguments: Any) -> Any:
+    def loaded(signature: Any, context: Any) -> Any:
         with _ctrl_c_waits():
             try:
-                return load(*arguments)
+                found = load(signature, context)
+                if found is None and (path := _shipped(kernel).get(signature)):
+                    found = CompileResult._rebuild(context, *pickle.loads(path.read_bytes()))
+                return found
             except Exception as error:  # of any kind: what is damaged may say anything
                 _log.warning("%s: a kernel that was kept is damaged (%s), and compiled anew", cache.cache_path, error)
                 cache.flush()
@@ -279,7 +321,7 @@ def _ctrl_c_waits() -> Iterator[None]:
 def _kept(kernel: Any) -> dict[Any, Any] | None:
     """Return what is on disk of a kernel by its signatures, or None where nothing can be kept."""
     index = getattr(getattr(getattr(kernel, "_cache", None), "_cache_file", None), "_load_index", None)
-    return None if index is None else dict(index())
+    return None if index is None else index() or _shipped(kernel)
 
 
 def do_jobs(queue: int, jobs: Sequence[str]) -> None:
@@ -293,16 +335,6 @@ def do_jobs(queue: int, jobs: Sequence[str]) -> None:
         _compilation.shared = False
         if collects:
             gc.enable()
-
-
-def _depend_on_all_kernels(kernel: Any) -> None:
-    """Invalidate the cache of a kernel when any file with kernels changes, and not only its own.
-
-    Numba looks at the file of the kernel only, although what other kernels do is compiled into it.
-    """
-    files: Any = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
-    if hasattr(files, "_source_stamp"):
-        files._source_stamp = files._source_stamp, _SOURCES
 
 
 def sources(package: Path) -> list[Path]:
@@ -321,10 +353,12 @@ def sources(package: Path) -> list[Path]:
     return sorted(found)
 
 
-def _stamps(package: Path) -> tuple[tuple[str, float, int], ...]:
-    """Return names, times and sizes of the files with kernels, and of this one."""
-    files = ((path, path.stat()) for path in (Path(__file__), *sources(package)))
-    return tuple((str(path.relative_to(package)), stat.st_mtime, stat.st_size) for path, stat in files)
+def _digest(package: Path) -> str:
+    """Return a digest of the files with kernels, and of this one: of what stands in them, wherever they are."""
+    found = blake2b()
+    for path in (Path(__file__), *sources(package)):
+        found.update(str(path.relative_to(package)).encode() + path.read_bytes())
+    return found.hexdigest()
 
 
 class _Compilation(event.Listener):  # type: ignore[misc]
@@ -394,6 +428,6 @@ class _Compilation(event.Listener):  # type: ignore[misc]
 # A kernel that returns arrays looks their class up by this function. Where Python is called a Ctrl-C may be raised, and
 # Numba ends with a SystemError then. In C, as a memory of functools, nothing can be raised.
 serialize._numba_unpickle = lru_cache(None)(serialize._numba_unpickle)
-_SOURCES = _stamps(Path(__file__).parents[__name__.count(".") - 1])
+_SOURCES = _digest(_ROOT)
 _compilation = _Compilation()
 event.register("numba:compile", _compilation)

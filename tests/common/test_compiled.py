@@ -4,6 +4,7 @@ import ast
 import ctypes
 import gc
 import os
+import platform
 import re
 import shutil
 import signal
@@ -204,6 +205,95 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_in_another_folder_changes(
     assert answer() == ["20.0", "1"], "a file without kernels leaves them as they are"
 
 
+SHIP = """
+import runpy, sys
+from pathlib import Path
+from safe_ompl.other.caller import two
+two(1.0)
+runpy.run_path(sys.argv[1])["copy_kept"]([two], Path("safe_ompl"))
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Return a folder with a package that holds the machine code of a kernel for a processor with AVX."""
+    folder = tmp_path_factory.mktemp("wheel")
+    package = folder / "safe_ompl"
+    shutil.copytree(Path(safe_ompl.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for name, text in (("caller", CALLER.format("compiled")), ("callee", CALLEE.format("part", 1.0))):
+        place = package / {"caller": "other", "callee": "third"}[name]
+        place.mkdir()
+        (place / "__init__.py").touch()
+        (place / f"{name}.py").write_text(text)
+    hook = Path(__file__).parents[2] / ".ci" / "machine_code.py"
+    _answer(folder, [SHIP, str(hook)], NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES=_HAS)
+    shutil.rmtree(folder / "cache")
+    return folder
+
+
+_HAS = "" if platform.machine() != "x86_64" else "+avx"
+
+
+def _answer(folder, program, **variables):
+    variables = {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(folder)} | variables
+    words = [sys.executable, "-c", *program]
+    done = subprocess.run(words, cwd=folder, env=os.environ | variables, capture_output=True, text=True)
+    assert not done.returncode, done.stderr
+    return done.stdout.split(), done.stderr
+
+
+def _damage(folder):
+    (file,) = folder.rglob("machine_code/*/*.nbc")
+    file.write_bytes(file.read_bytes()[:40])
+
+
+@pytest.mark.parametrize(
+    ("change", "variables", "answer", "said"),
+    [
+        (None, {}, "2.0 1 0", ""),
+        (None, {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}, "2.0 1 0", ""),  # no folder to write to
+        (lambda folder: [os.utime(file, (0, 0)) for file in folder.rglob("*.py")], {}, "2.0 1 0", ""),
+        (None, {"NUMBA_CPU_FEATURES": "+sse2"}, "2.0 0 1", "compiling"),  # it may be asked for what it may use
+        (
+            lambda folder: (folder / "safe_ompl/third/callee.py").write_text(CALLEE.format("part", 10.0)),
+            {},
+            "20.0 0 1",
+            "compiling",
+        ),
+        (
+            lambda folder: [file.rename(f"{file}0") for file in folder.glob("safe_ompl/machine_code/*")],
+            {},
+            "2.0 0 1",
+            "compiling",
+        ),
+        (_damage, {}, "2.0 0 1", "damaged"),
+    ],
+    ids=[
+        "as it is",
+        "nothing can be kept",
+        "other times",
+        "a lesser processor",
+        "other sources",
+        "other versions",
+        "damaged",
+    ],
+)
+def test_machine_code_of_the_wheel_is_loaded_where_it_fits(wheel, tmp_path, change, variables, answer, said):
+    """What runs is of these sources, versions and instructions, and never of others."""
+    shutil.copytree(wheel, tmp_path, dirs_exist_ok=True)
+    if change:
+        change(tmp_path)
+    program = """if True:
+        import logging; logging.basicConfig()
+        from pathlib import Path
+        from safe_ompl.other.caller import two
+        print(two(1.0), sum(two.stats.cache_hits.values()), len(list(Path("cache").rglob("*.nbc"))))
+    """
+    found, heard = _answer(tmp_path, [program], **variables)
+    assert found == answer.split()
+    assert (said in heard) if said else not heard
+
+
 def test_kernels_call_and_use_nothing_of_files_that_are_not_watched():
     """Constants of other modules are compiled into kernels, too."""
     package = Path(safe_ompl.__file__).parent
@@ -348,8 +438,9 @@ def cold(monkeypatch):
 
     monkeypatch.setattr(compiled, "Popen", Popen)
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    files = SimpleNamespace(_load_index=dict)
-    return SimpleNamespace(_cache=SimpleNamespace(_cache_file=files)), started
+    files, real = SimpleNamespace(_load_index=dict), danger.aggregates
+    cache = SimpleNamespace(_cache_file=files)
+    return SimpleNamespace(_cache=cache, py_func=real.py_func, targetctx=real.targetctx), started
 
 
 def test_either_process_takes_the_next_job_and_each_job_is_done_once(cold, jobs, tmp_path):
@@ -395,7 +486,8 @@ os.environ["PARENT"] = str(os.getpid())
 os.cpu_count = lambda: 2
 from types import SimpleNamespace
 from safe_ompl.common import compilation
-kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=SimpleNamespace(_load_index=dict)))
+kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=SimpleNamespace(_load_index=lambda: {})))
+compilation._shipped = lambda kernel: {}
 compilation.compile_together([kernel], ["jobs:dies", "jobs:dies"])
 """
 

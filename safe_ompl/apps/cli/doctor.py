@@ -1,4 +1,4 @@
-"""`safe-ompl doctor`: what is installed, and what of it fails; it compiles the kernels of all commands.
+"""`safe-ompl doctor`: what is installed, and what of it fails; it compiles kernels that the wheel does not hold.
 
 Two processes compile them, so that nobody waits for them later. Kernels are compiled for one kind of arguments,
 whatever the robot: a small one beside somebody has nearly all of them.
@@ -22,7 +22,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from safe_ompl.apps.cli import arguments, output
-from safe_ompl.common import PlanningError, compile_together
+from safe_ompl.common import PlanningError, compile_together, origin
 from safe_ompl.danger import CertifiedDanger, DangerField, KinetostaticField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person, Pose
@@ -64,6 +64,7 @@ def examine() -> int:
         table.add_row(name, found or "missing", escape(f"needs {bounds}" if bounds else ""))
         healthy &= found is not None or bool(extra)
     output.console().print(table)
+    output.console().print(escape(f"kernels: {origin(dangers)}"), soft_wrap=True)
     compile_all()
     trials: dict[str, Callable[[], Any]] = {f"kernels: {job.rpartition(':')[2]}": resolve_name(job) for job in ALL_JOBS}
     trials["plan"] = _plan

@@ -1,9 +1,10 @@
-"""`doctor` compiles all kernels that there are, and none of them needs SciPy."""
+"""`doctor` compiles all kernels that there are, none of them needs SciPy, and a wheel with their machine code none."""
 
 import os
+import runpy
+import shutil
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 from pkgutil import resolve_name
 
@@ -11,28 +12,41 @@ import pytest
 
 import safe_ompl
 from safe_ompl.apps.cli.doctor import ALL_JOBS
-from safe_ompl.common.compilation import sources
+
+ROOT = Path(__file__).parents[3]
+HOOK = runpy.run_path(str(ROOT / ".ci" / "machine_code.py"))
 
 
 def test_jobs_ask_for_all_kernels():
     for job in ALL_JOBS:
         resolve_name(job)()
-    package = Path(safe_ompl.__file__).parent
-    for path in sources(package):
-        parts = path.relative_to(package).with_suffix("").parts
-        module = import_module(".".join(("safe_ompl", *(part for part in parts if part != "__init__"))))
-        for name, kernel in vars(module).items():
-            if hasattr(kernel, "py_func") and kernel.__module__ == module.__name__:
-                loaded = kernel.signatures or sum(kernel.stats.cache_hits.values())
-                assert loaded or not hasattr(kernel._cache, "_cache_file"), f"{module.__name__}.{name}"
+    kernels = list(HOOK["all_kernels"]())
+    assert len(kernels) > len(ALL_JOBS)
+    for kernel in kernels:
+        assert kernel.signatures or sum(kernel.stats.cache_hits.values()), kernel
 
 
 @pytest.mark.end_to_end
-def test_no_kernel_needs_scipy_to_be_compiled(tmp_path):
-    """Numba asks for SciPy when it compiles `@` or np.linalg, and not when it loads them from its cache."""
+def test_a_wheel_with_machine_code_compiles_nothing_and_finds_the_same_paths_bit_for_bit(tmp_path):
+    """It is built where SciPy cannot be imported: Numba asks for it when it compiles `@` or np.linalg."""
+    package = tmp_path / "safe_ompl"
+    shutil.copytree(Path(safe_ompl.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "scipy.py").write_text("raise ImportError('scipy is missing')\n")
-    paths = os.pathsep.join([str(tmp_path), str(Path(safe_ompl.__file__).parents[1])])
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": paths}
-    program = f"import runpy; runpy.run_path({__file__!r})['test_jobs_ask_for_all_kernels']()"
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
-    assert not done.returncode, done.stderr[-2000:]
+    HOOK["build"](str(tmp_path), package)
+    assert any((package / "cache").rglob("*.nbc"))
+    shutil.rmtree(package / "cache")
+    (tmp_path / "scipy.py").unlink()
+
+    def paths(root, **variables):
+        program = "from bench.same import runs; print(dict(runs(['planar3', 'ur5_handover'])))"
+        variables = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(ROOT), *sys.path])} | variables
+        done = subprocess.run([sys.executable, "-c", program], env=variables, capture_output=True, text=True)
+        assert not done.returncode, done.stderr[-2000:]
+        return done.stdout, done.stderr
+
+    shutil.copytree(ROOT / "scenarios", package / "scenarios")
+    found, said = paths(tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert found.count("simplified") > 10
+    assert found == paths(Path(safe_ompl.__file__).parents[1])[0]
+    assert "compiling" not in said
+    assert not list((tmp_path / "cache").rglob("*.nb?"))

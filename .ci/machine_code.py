@@ -1,0 +1,99 @@
+"""Hook of the wheel's build that adds the machine code of all kernels: who installs it waits for no compilation.
+
+HATCH_BUILD_HOOK_ENABLE_CUSTOM=true python -m build
+
+The code is for the Python that builds, for the newest Numba, which is installed for the build, and for all processors
+with the instructions named here. Without the variable the wheel is for all machines, and kernels are compiled there.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from importlib import import_module
+from importlib.metadata import distribution
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+CPU = {  # name and instructions, as LLVM calls them; elsewhere the instructions that all have
+    "x86_64": (  # Intel's since Haswell, AMD's since Excavator
+        "x86-64-v3",
+        "+avx,+avx2,+bmi,+bmi2,+crc32,+cx16,+f16c,+fma,+lzcnt,+movbe,+popcnt,+sahf,+sse3,+sse4.1,+sse4.2,+ssse3,+xsave",
+    )
+}
+
+
+def all_kernels() -> Iterator[Any]:
+    """Yield all kernels of the package that are kept: not parts of them."""
+    import safe_ompl
+    from safe_ompl.common.compilation import sources
+
+    package = Path(safe_ompl.__file__).parent
+    for path in sources(package):
+        parts = ("safe_ompl", *path.relative_to(package).with_suffix("").parts)
+        module = import_module(".".join(part for part in parts if part != "__init__"))
+        for kernel in vars(module).values():
+            if hasattr(getattr(kernel, "_cache", None), "_cache_file") and kernel.__module__ == module.__name__:
+                yield kernel
+
+
+def copy_kept(kernels: Iterable[Any], package: Path) -> None:
+    """Copy what is kept of kernels to where a package would hold it."""
+    from safe_ompl.common.compilation import PLATFORM, shipped_files
+
+    folder = package / "machine_code" / PLATFORM
+    folder.mkdir(parents=True)
+    for kernel in kernels:
+        kept, copied = kernel._cache._cache_file, shipped_files(kernel, folder)
+        index = kept._load_index()
+        copied._save_index({key: copied._data_name(number) for number, key in enumerate(index)})
+        for number, name in enumerate(index.values()):
+            shutil.copyfile(kept._data_path(name), copied._data_path(copied._data_name(number)))
+
+
+def build(root: str, folder: Path) -> None:
+    """Compile the kernels of the package in `root` to a folder, in a process of its own: for `CPU`, and all of them."""
+    name, features = CPU.get(platform.machine(), ("generic", ""))
+    variables = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "NUMBA_CACHE_DIR": str(folder / "cache")}
+    variables |= {"PYTHONPATH": os.pathsep.join([root, *sys.path])}
+    subprocess.run([sys.executable, __file__, str(folder)], env=os.environ | variables, check=True)
+
+
+try:
+    from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+except ImportError:  # in the process that compiles, where there may be none
+    BuildHookInterface = object
+
+
+class MachineCode(BuildHookInterface):
+    """Hatch's hook: kernels become data of the wheel, which is then for one Python and one kind of machine."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Add the folder and the tag; there are no kernels in what an editable install makes."""
+        if version == "editable":
+            return
+        self.folder = Path(tempfile.mkdtemp())
+        build(self.root, self.folder)
+        build_data["force_include"][str(self.folder / "machine_code")] = "safe_ompl/machine_code"
+        lines = distribution("numba").read_text("WHEEL").splitlines()  # it is for the same machines
+        machines = sorted(line.rpartition("-")[2] for line in lines if line.startswith("Tag: "))
+        build_data["tag"] = f"cp{sys.version_info[0]}{sys.version_info[1]}-none-{'.'.join(machines)}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove what was built."""
+        if version != "editable":
+            shutil.rmtree(self.folder)
+
+
+if __name__ == "__main__":
+    from safe_ompl.apps.cli.doctor import ALL_JOBS
+
+    for job in ALL_JOBS:
+        resolve_name(job)()
+    copy_kept(all_kernels(), Path(sys.argv[1]))
