@@ -40,7 +40,8 @@ def test_a_wheel_with_machine_code_compiles_nothing_and_finds_the_same_paths_bit
     def paths(root, **variables):
         program = "from bench.same import runs; print(dict(runs(['planar3', 'ur5_handover'])))"
         variables = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(ROOT), *sys.path])} | variables
-        done = subprocess.run([sys.executable, "-c", program], env=variables, capture_output=True, text=True)
+        words = [sys.executable, "-c", program]
+        done = subprocess.run(words, cwd=root, env=variables, capture_output=True, text=True)
         assert not done.returncode, done.stderr[-2000:]
         return done.stdout, done.stderr
 
