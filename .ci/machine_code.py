@@ -51,7 +51,8 @@ def copy_kept(kernels: Iterable[Any], package: Path) -> None:
     folder.mkdir(parents=True)
     for kernel in kernels:
         kept, copied = kernel._cache._cache_file, shipped_files(kernel, folder)
-        index = kept._load_index()
+        if not (index := kept._load_index()):
+            sys.exit(f"{kernel.__module__}.{kernel.__name__} has no machine code: no job of the doctor calls it")
         copied._save_index({key: copied._data_name(number) for number, key in enumerate(index)})
         for number, name in enumerate(index.values()):
             shutil.copyfile(kept._data_path(name), copied._data_path(copied._data_name(number)))

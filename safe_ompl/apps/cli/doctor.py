@@ -37,7 +37,7 @@ from safe_ompl.trajectories import RateLimits, time_path
 from safe_ompl.version import __version__
 from safe_ompl.view import render_path
 
-_SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
+_SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 60.0  # [s]: a slow machine must not end before all is called
 _MANY = 1000  # points, which are put into balls
 _TICKS = 8
 ALL_JOBS = (  # those that need what a plan needs come after it
@@ -153,7 +153,7 @@ def ask_for_simplification() -> None:
     robot = small_robot()
     setup = SafeSetup(robot, Scene((Obstacle("person", Person(), Pose((1.4, 0.0, -1.0))),)))
     setup.setConfigurations([-1.0, 0.0], [1.0, 0.0])
-    result = setup.plan("SafeRRTConnect", seed=0, simplify=True)
+    result = setup.plan(_PLANNER, time=_TIME, seed=0, simplify=True)
     result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=People(speed=1.6))
     contact = People(speed=1.6, contact=True)
     result.timed(RateLimits.of(robot, acceleration=10.0), people=contact)
