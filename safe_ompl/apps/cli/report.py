@@ -85,7 +85,7 @@ def _tell(report: DriveReport, name: str, options: argparse.Namespace) -> int:
 def _lines(found: Mapping[str, Any]) -> list[str]:
     """Return the summary of a drive from the figures of its report."""
     least, reaction = found["least_while_moving"], found["reaction"]
-    shares = ", ".join(f"{state} {100 * share:.1f} %" for state, share in found['shares'].items())
+    shares = ", ".join(f"{state} {100 * share:.1f} %" for state, share in found["shares"].items())
     lines = [f"{found['seconds']:.2f} s, {found['ticks']} ticks: {shares}"]
     if least.get("distance") is not None:
         proven = "" if least["margin"] is None else f", the least proven margin {1e3 * least['margin']:.0f} mm"
