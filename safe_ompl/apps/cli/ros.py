@@ -206,7 +206,8 @@ def cell_of(
         grid = None if eyes is None else eyes.grid
         around = Surroundings(scenario.scene.with_obstacles(*seen), trackers, moving, people, grid)
         if options.shield or isinstance(goal, Execution):
-            limits = PathLimits(RateLimits.of(robot, own.velocity, own.acceleration), own.tool_speed, own.link_speed)
+            rates = RateLimits.of(robot, own.velocity, own.acceleration, own.jerk)
+            limits = PathLimits(rates, own.tool_speed, own.link_speed)
             shield = Shield(
                 robot, around, options=replace(control.replanning, limits=limits), prover=setup.motion_prover
             )

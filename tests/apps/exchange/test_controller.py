@@ -272,6 +272,15 @@ def test_points_of_robot_and_person_are_left_out_and_new_ones_stop_the_robot(dri
     assert min(monitor.nearest(np.array(tick["q"]), solids).distance for tick in drive.ticks[-150:]) > 0
 
 
+def test_behind_a_shield_the_jerk_of_the_scenario_is_kept():
+    given, options = Scenario.load(find_scenario("panda_shelf")), argparse.Namespace(**OPTIONS, shield=True)
+    given = replace(given, motion=replace(given.motion, jerk=500.0))
+    found = cell_of(given, given.build_robot(), trackers_of(given, options), options, ControlOptions())
+    start = given.start_configuration(found.robot)
+    shield = found.plan(start, start, None)
+    np.testing.assert_array_equal(shield.limits.joints.jerk, 500.0)
+
+
 def test_behind_a_shield_proposals_are_followed_as_far_as_they_are_proven():
     drive = Drive(panda(shield=True))
     with pytest.raises(InputError, match="is not followed: nothing was proposed yet"):
