@@ -57,8 +57,9 @@ SYSTEMS = (
     System("hpp-core, dichotomy", "hpp_", "hpp", _HPP, {"validation": "dichotomy"}, libraries=True),
     System("TrajOpt after OMPL, 25 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.025}, after=_OMPL),
     System("TrajOpt after OMPL, 50 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.05}, after=_OMPL),
+    *(System(f"plainmp, {x}", "plainmp_", "plainmp", ("plainmp",), {"resolution": x}) for x in (0.05, 0.005)),
     System("VAMP", "vamp_", "vamp", ("vamp-planner",)),
 )
 
 REPAIR = System("our proof and repair", "repair_")  # of every path of another system
-REPAIRED = ("roboplan, 0.05", _OMPL)  # whose repaired paths are rows of their own
+REPAIRED = ("roboplan, 0.05", "plainmp, 0.05", _OMPL)  # whose repaired paths are rows of their own
