@@ -6,14 +6,18 @@ and on a Panda at a bookshelf. Clearance decides: in the first scene of the UR5 
 
 Margins are an argument of every query: what a query costs with the same read-only array as before, with an array of
 the same content, and with other margins each time.
+
+Many free edges are proven one by one, together in one loop, and by two threads that share it. Rates are of the wall
+clock, which other work on the machine lowers; CPU times are of all threads.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from math import ceil
+from time import perf_counter, process_time
 
 import numpy as np
 
@@ -24,6 +28,7 @@ from safe_ompl.common import FloatArray
 
 CLAIM = "the proof of an edge costs a fraction of sampling it"
 COARSE = 0.01  # [rad]
+LENGTHS, TURNS = (0.2, 0.5, 1.0), 7
 
 
 def random_edges(
@@ -93,19 +98,63 @@ def time_margins(name: str, scene_name: str, scene: Scene, number: int, rounds: 
     return name, scene_name, len(pairs.names), *map(times.microseconds, ("same", "equal", "other"))
 
 
+def together(name: str, scene_name: str, scene: Scene, length: float, number: int) -> tuple[object, ...]:
+    """Return a row of the table of many free edges: of some turns of each way to ask, the shortest times."""
+    robot = Robot.from_example(name)
+    motion = MotionProver(CollisionChecker(robot, scene))
+    candidates, edges = random_edges(robot, np.random.default_rng(2), length, length), list[FloatArray]()
+    while len(edges) < number:
+        some = np.array([next(candidates) for _ in range(number)])
+        edges += list(some[motion.are_free(some[:, 0], some[:, 1])])
+    starts, ends = np.array(edges[:number]).transpose(1, 0, 2)
+    ways: dict[str, Callable[[], object]] = {
+        "loop": lambda: [motion.is_free(*edge) for edge in edges[:number]],
+        "1": lambda: motion.are_free(starts, ends),
+        "2": lambda: motion.are_free(starts, ends, workers=2),
+    }
+    wall: dict[str, list[float]] = {way: [] for way in ways}
+    cpu: dict[str, list[float]] = {way: [] for way in ways}
+    for _ in range(TURNS):
+        for way, ask in ways.items():
+            begin, worked = perf_counter(), process_time()
+            ask()
+            wall[way].append(perf_counter() - begin)
+            cpu[way].append(process_time() - worked)
+    rates = [number / min(times) for times in wall.values()]
+    return name, scene_name, length, *rates, rates[2] / rates[1], *(1e6 * min(times) / number for times in cpu.values())
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("--edges", type=int, default=300, help="free edges that are timed")
+    parser.add_argument("--edges", type=int, default=300, help="free edges that are timed; of many at once 20 times")
     parser.add_argument("--rounds", type=int, default=9, help="how often each is timed")
 
 
-def main(options: argparse.Namespace, report: Report) -> None:
-    """Report both tables."""
-    shelf = ("panda", "bookshelf", bookshelf())
-    clutter = [("ur5", f"6 obstacles, no. {seed}", scattered(6, seed)) for seed in range(5)]
-    rows = [time_free_edges(*problem, options.edges, options.rounds) for problem in (*clutter, shelf)]
+SHELF = ("panda", "bookshelf", bookshelf())
+CLUTTER = [("ur5", f"6 obstacles, no. {seed}", scattered(6, seed)) for seed in range(5)]
+
+
+def edges(options: argparse.Namespace, report: Report) -> None:
+    """Report times of edges, by proof and by samples."""
+    rows = [time_free_edges(*problem, options.edges, options.rounds) for problem in (*CLUTTER, SHELF)]
     queries = ("bound queries", "margin queries", "plain queries")
     report.table(("robot", "scene", *queries, "certified [µs]", "sampled [µs]", "ratio"), rows)
-    rows = [time_margins(*problem, options.edges, options.rounds) for problem in (clutter[0], shelf)]
+
+
+def margins(options: argparse.Namespace, report: Report) -> None:
+    """Report times of queries with margins."""
+    rows = [time_margins(*problem, options.edges, options.rounds) for problem in (CLUTTER[0], SHELF)]
     kinds = ("same array [µs]", "equal margins [µs]", "others each time [µs]")
     report.table(("robot", "scene", "pairs", *kinds), rows)
+
+
+def many(options: argparse.Namespace, report: Report) -> None:
+    """Report how many free edges a second are proven one by one, together, and by two workers."""
+    lengths = ((problem, length) for problem in (CLUTTER[0], SHELF) for length in LENGTHS)
+    rows = [together(*problem, length, 20 * options.edges) for problem, length in lengths]
+    rates = ("one by one [1/s]", "together [1/s]", "2 workers [1/s]", "2 workers/1")
+    times = ("one by one [CPU µs]", "together [CPU µs]", "2 workers [CPU µs]")
+    report.table(("robot", "scene", "length [rad]", *rates, *times), rows)
+
+
+PARTS = {"edges": edges, "margins": margins, "many": many}

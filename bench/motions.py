@@ -33,7 +33,7 @@ from safe_ompl import CollisionChecker, Motion, MotionProver, Robot, SafeSetup, 
 from safe_ompl.collision import Separation
 from safe_ompl.common import FloatArray, polynomials
 from safe_ompl.motions import check_with, repair_with
-from safe_ompl.motions.checks import piece_proofs
+from safe_ompl.motions.pieces import piece_proofs
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import find_scenario
 

@@ -18,7 +18,7 @@ for planner in ("SafeRRTConnect", "ClassicRRTConnect", "RRTConnect"):
     benchmark.addPlanner(planner)
 
 if __name__ == "__main__":
-    benchmark.benchmark(request)  # one process for each core; times are cleanest with processes=1
+    benchmark.benchmark(request)  # one process for each core; times are cleanest with workers=1
     for planner in benchmark.getRecordedExperimentData().planners:
         runs = [run for run in planner.runs if run["solved"]]
         danger = sorted(run["danger mean"] for run in runs)[len(runs) // 2]

@@ -45,7 +45,14 @@ if TYPE_CHECKING:
         Sphere as Sphere,
     )
     from safe_ompl.io import JointPath as JointPath, load as load, read_motion as read_motion, save as save
-    from safe_ompl.motions import Motion as Motion, check as check, retime as retime, widest_tube as widest_tube
+    from safe_ompl.motions import (
+        Motion as Motion,
+        check as check,
+        check_many as check_many,
+        prove_many as prove_many,
+        retime as retime,
+        widest_tube as widest_tube,
+    )
     from safe_ompl.paths import Constraints as Constraints, PathReport as PathReport, Simplifier as Simplifier
     from safe_ompl.people import Surroundings as Surroundings, Tracker as Tracker
     from safe_ompl.people.replanning import Replanner as Replanner, Shield as Shield

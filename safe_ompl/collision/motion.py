@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pairs import BoundsProof, Curve
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, number, shaped_configuration
+from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, number, shaped_configuration, whole_number
 from safe_ompl.robot import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
@@ -148,19 +148,29 @@ class MotionProver:
             return False
         return all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in self.limits)
 
-    def proven_by_bounds(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
-        """Return for motions between `starts` and `ends: (E, n)` whether bounds of distances alone prove them, (E,).
+    def are_free(self, starts: ArrayLike, ends: ArrayLike, *, workers: int = 1) -> BoolArray:
+        """Return for straight motions between `starts` and `ends: (E, n)` whether each is proven free, (E,).
 
-        Those are free; of others nothing is said. It takes much less time than to ask `is_free` of one after the other.
+        The answers are those of `is_free`, in a fraction of the time, and all of one scene: whoever moves obstacles
+        waits. One compiled loop proves most motions; the workers, threads, share them. What bounds of distances do not
+        decide, and further `limits`, are asked one after the other. Raises InputError if the shapes do not match, a
+        value is not finite, or there are less than 1 workers.
         """
-        required, changes = self.required, self.checker.changes
-        if self.limits:
-            return np.zeros(len(starts), dtype=bool)
-        with changes.none():
-            within = self._joint_limits.all_hold(starts) & self._joint_limits.all_hold(ends)
-            ways = self.checker.robot.difference(starts, ends)
-            bounds = required.pairs.bounds
-            return within & bounds.prove_edges(starts, ways, required.allowed_for, self.floor)
+        starts, ends = (self._rows(Q, f"{word} of motions") for Q, word in ((starts, "starts"), (ends, "ends")))
+        if len(starts) != len(ends):
+            raise InputError(f"motions need as many starts as ends, got {len(starts)} and {len(ends)}")
+        workers, robot = whole_number("workers", workers, at_least=1), self.checker.robot
+        free: BoolArray = self._joint_limits.all_hold(starts) & self._joint_limits.all_hold(ends)
+        coupling, rows, required = robot.coupling, np.flatnonzero(free), self.required
+        curves = np.empty((len(rows), 2, len(coupling.offsets)))
+        curves[:, 0] = coupling.values(starts[rows])
+        curves[:, 1] = coupling.motions(robot.difference(starts[rows], ends[rows]))
+        with self.checker.changes.none():
+            found = required.pairs.bounds.prove_many(curves, required.allowed_for, self.floor, workers)
+            free[rows] = found > 0
+            for k in rows[found == 0] if not self.limits else rows[found >= 0]:
+                free[k] = self.is_free(starts[k], ends[k])
+        return free
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
@@ -219,6 +229,9 @@ class MotionProver:
         n = self.checker.robot.n
         first = shaped_configuration(start, n, "start of a motion")
         return first, shaped_configuration(end, n, "end of a motion")
+
+    def _rows(self, Q: ArrayLike, what: str) -> FloatArray:
+        return finite_array(Q, (None, self.checker.robot.n), what)
 
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):

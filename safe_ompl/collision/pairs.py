@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
 from typing import Any, NamedTuple, TypeAlias
 
@@ -12,7 +13,7 @@ import pinocchio as pin
 
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels.distances import nearest_points, pair_bounds
-from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_edges
+from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_curves
 from safe_ompl.collision.queries import DISTANCE_ERROR, Queries
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import ConvexBodies, Hull
@@ -23,6 +24,7 @@ from safe_ompl.robot import JointLimits, Robot, plain
 ALLOWANCE = 2 * DISTANCE_ERROR
 
 _INTERVALS = 64  # the most that may wait to be proven
+_TOGETHER = 256  # motions that a thread proves in one go: Ctrl-C waits for that
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
 _ROUNDING = 1e-9  # [m] of distances between balls
 _REQUEST = coal.DistanceRequest()
@@ -140,14 +142,27 @@ class DistanceBounds:
             return _FREE
         return BoundsProof(False, at, left[:number].tolist() if number > 0 else _UNKNOWN.left, number < 0)
 
-    def prove_edges(self, starts: FloatArray, ways: FloatArray, required: FloatArray, floor: float) -> BoolArray:
-        """Return which edges (E,) are proven, as `prove` does one by one; ends are `starts` + `ways: (E, n)`."""
-        proven = np.zeros(len(starts), dtype=bool)
-        if self._bounded and len(starts):
-            joints, shapes, known = self._data
-            edges = np.stack([self._coupling.values(starts), self._coupling.motions(ways)], axis=1)
-            self._counts.bound_queries += prove_edges(joints, shapes, known, edges, required, floor, proven)
-        return proven
+    def prove_many(self, curves: FloatArray, required: FloatArray, floor: float, workers: int = 1) -> IntArray:
+        """Return what `prove` says of motions of the joints of Pinocchio's model, `curves: (E, d + 1, m)`, (E,).
+
+        That is 1 of those that are proven, −1 of those that are blocked, 0 of others. Each of the workers is a thread.
+        """
+        found: IntArray = np.zeros(len(curves), np.intp)
+        joints, shapes, known = self._data
+        nothing: IntArray = np.empty(0, np.intp)  # what blocks the edges of a batch differs: to suspect it costs time
+
+        def prove(some: slice) -> int:
+            left = self._memory.own[1]
+            return int(prove_curves(joints, shapes, known, curves[some], required, floor, left, nothing, found[some]))
+
+        if self._bounded:
+            parts = [slice(k, k + _TOGETHER) for k in range(0, len(curves), _TOGETHER)]
+            if workers == 1 or len(parts) == 1:
+                self._counts.bound_queries += sum(map(prove, parts))
+            else:
+                with ThreadPoolExecutor(workers) as pool:
+                    self._counts.bound_queries += sum(pool.map(prove, parts))
+        return found
 
 
 def edge_memory(joints: int, pairs: int) -> tuple[FloatArray, FloatArray, IntArray]:

@@ -58,5 +58,6 @@ if TYPE_CHECKING:
         PerThread as PerThread,
         notebook_html as notebook_html,
     )
+    from safe_ompl.common.workers import in_order as in_order
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Separation, ToolLimit, Verdict
+from safe_ompl.collision import CollisionChecker, MotionProver, Separation, Verdict
 from safe_ompl.common import (
+    BoolArray,
     FloatArray,
     InputError,
     PlanningError,
     clock,
+    documents as document,
     finite_array,
+    in_order,
     instance,
     notebook_html,
     number,
-    polynomials,
 )
-from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
+from safe_ompl.motions.pieces import piece_proofs
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations, stops_of
 from safe_ompl.motions.tube import tube_of
 from safe_ompl.paths import Constraints, claims_of
@@ -30,10 +32,8 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import RateLimits, Stops, Trajectory, time_path
 
+_TOGETHER = 8  # motions that a process checks in one go
 TIME = 60.0  # [s] that a check may take by default
-_OUT_OF_TIME = "out of time"
-_FINEST = 2.0**-7  # of a piece: the shortest stretch that is reported as not proven
-_TOUCHING = 1e-6  # [m] A smaller required distance allows for rounding, and is not called a clearance.
 
 
 class MotionCheck(NamedTuple):
@@ -122,10 +122,65 @@ def check(
     itself (`docs/mathematics.md` §4), and so are stops (§9). Of bare samples with a bound of the speed, it is proven of
     all motions between.
     """
-    wanted = Constraints() if constraints is None else instance("constraints", constraints, Constraints)
-    if tube is not None:
-        wanted = wanted.with_separation(tube=tube_of(tube, robot))
-    return check_with(motion, _proof(robot, scene, wanted), limits, people)
+    return check_with(motion, _proof(robot, scene, constraints, tube), limits, people)
+
+
+_Told = tuple[Motion, tuple[str, ...], tuple[Violation, ...], RateLimits | None]  # of a check; sent in little time
+
+
+def check_many(
+    motions: Iterable[Any],
+    robot: Robot,
+    scene: Scene,
+    *,
+    constraints: Constraints | None = None,
+    tube: ArrayLike | Mapping[str, float] | None = None,
+    limits: RateLimits | None = None,
+    people: People | None = None,
+    workers: int = 1,
+) -> list[MotionCheck]:
+    """Return what `check` says of each of some motions, in their order; but the checks hold no `stops`.
+
+    Robot and scene are made ready once. Several workers are as many processes; an InputError also for less than one.
+    Other arguments and errors are those of `check`; an error says which motion it is of, counted from 0.
+    """
+    proof, given = _proof(robot, scene, constraints, tube), list(motions)
+
+    def found(some: range) -> list[_Told]:
+        told = list[_Told]()
+        for k in some:
+            with document.within(f"motion {k}", ": "):
+                check = check_with(given[k], proof, limits, people)
+            told.append((check.motion, check.claims, check.violations, check.limits))
+        return told
+
+    def lost(some: range, words: str) -> list[_Told]:
+        raise PlanningError(f"the check of motions {some.start} to {some.stop - 1} was lost: {words}")
+
+    parts = [range(k, min(k + _TOGETHER, len(given))) for k in range(0, len(given), _TOGETHER)]
+    parts_told = in_order(found, parts, workers, lost)
+    return [
+        MotionCheck(motion, claims, violations, proof, rates, people)
+        for told in parts_told
+        for motion, claims, violations, rates in told
+    ]
+
+
+def prove_many(
+    starts: ArrayLike,
+    ends: ArrayLike,
+    robot: Robot,
+    scene: Scene,
+    *,
+    constraints: Constraints | None = None,
+    workers: int = 1,
+) -> BoolArray:
+    """Return for straight motions between `starts` and `ends: (B, n)` whether each is proven free, (B,).
+
+    The same as `MotionProver.is_free` says one by one, with the constraints; the workers are threads that share them.
+    Who asks often makes the prover once, and calls `MotionProver.are_free`. Errors as there and as those of `check`.
+    """
+    return _proof(robot, scene, constraints).are_free(starts, ends, workers=workers)
 
 
 def check_with(
@@ -190,7 +245,7 @@ def widest_tube(
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance must be between 0 and 1, got {tolerance!r}")
     motion = Motion.of(motion, space=robot).for_robot(robot)
-    proof = _proof(robot, scene, Constraints() if constraints is None else constraints)
+    proof = _proof(robot, scene, constraints)
     order = list(range(motion.pieces))  # the pieces that failed last come first
 
     def proven(width: float) -> bool:
@@ -217,70 +272,12 @@ def widest_tube(
     return widest
 
 
-class PieceProof(NamedTuple):
-    """The proof of piece `number` of a motion, and of parts of it: coefficients (d + 1, n), in a time span [s].
-
-    `proof` has the allowance of the piece in its tube.
-    """
-
-    number: int
-    curve: FloatArray
-    span: tuple[float, float]
-    proof: MotionProver
-
-    def place(self, u: float) -> FloatArray:
-        """Return the joint values (n,) at a fraction of the piece."""
-        return np.array(np.polynomial.polynomial.polyval(u, self.curve))
-
-    def proven(self) -> bool:
-        """Return whether the whole piece is proven."""
-        return self.verdict().verdict is Verdict.FREE
-
-    def time(self, u: float) -> float:
-        """Return the time [s] at a fraction of the piece."""
-        return self.span[0] + u * (self.span[1] - self.span[0])
-
-    def verdict(self, low: float = 0.0, high: float = 1.0) -> MotionVerdict:
-        """Return the verdict on the piece from one fraction to another; its `at` is a fraction of this part."""
-        if self.proof.stop():
-            return MotionVerdict(Verdict.UNDECIDED, 0.0)
-        whole = (low, high) == (0.0, 1.0)
-        return self.proof.check_curve(self.curve if whole else polynomials.restricted(self.curve, low, high))
-
-    def unproven(self, low: float = 0.0, high: float = 1.0) -> Iterator[Violation]:
-        """Yield short stretches between two fractions of the piece that are not proven, by time."""
-        found = self.verdict(low, high)
-        if found.verdict is Verdict.FREE:
-            return
-        if self.proof.stop():
-            first, last = self.time(low), self.time(high)
-            yield Violation(_OUT_OF_TIME, first, last, first, (), decided=False)
-            return
-        if high - low > _FINEST:
-            middle = 0.5 * (low + high)
-            yield from self.unproven(low, middle)
-            yield from self.unproven(middle, high)
-            return
-        u = low + (0.5 if found.at is None else found.at) * (high - low)
-        kind, names, value, bound = _values(self.proof, found, self.place(u))
-        decided = found.verdict is Verdict.BLOCKED
-        yield Violation(kind, self.time(low), self.time(high), self.time(u), names, value, bound, decided)
-
-
-def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
-    """Yield the proofs of the pieces of a motion, its joints in the order of the robot's."""
-    separation, allowance = proof.separation, motion.allowance
-    if motion.slack is None:  # rounding alone: the same for all pieces
-        allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
-    within: dict[bytes, MotionProver] = {}
-    for k, row in enumerate(np.array(separation.tube or np.zeros(motion.n)) + allowance):
-        if row.tobytes() not in within:
-            within[row.tobytes()] = replace(proof, separation=replace(separation, tube=tuple(row.tolist())))
-        span = float(motion.times[k]), float(motion.times[k + 1])
-        yield PieceProof(k, motion.coefficients[k], span, within[row.tobytes()])
-
-
-def _proof(robot: Robot, scene: Scene, wanted: Constraints) -> MotionProver:
+def _proof(
+    robot: Robot, scene: Scene, constraints: Constraints | None, tube: ArrayLike | Mapping[str, float] | None = None
+) -> MotionProver:
+    wanted = Constraints() if constraints is None else instance("constraints", constraints, Constraints)
+    if tube is not None:
+        wanted = wanted.with_separation(tube=tube_of(tube, robot))
     return MotionProver(CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits)
 
 
@@ -302,32 +299,6 @@ def _joined(stretches: list[Violation]) -> Iterator[Violation]:
     for group in groups:
         worst = max([violation for violation in group if violation.decided] or group, key=depth)
         yield replace(worst, first=group[0].first, last=group[-1].last)
-
-
-def _values(
-    proof: MotionProver, found: MotionVerdict, q: FloatArray
-) -> tuple[str, tuple[str, ...], float | None, float | None]:
-    """Return what kind of violation it is, of what, what is found at `q: (n,)`, and its bound."""
-    name = None if found.pair is None else found.pair[0]
-    robot = proof.checker.robot
-    if name in robot.joint_names and found.pair is not None and found.pair[1] == "its limits":
-        return "position", (str(name),), float(q[robot.joint_names.index(str(name))]), None
-    for limit in proof.limits:
-        if getattr(limit, "name", type(limit).__name__) == name:
-            if isinstance(limit, DangerLimit):
-                return "danger", (), limit.danger(q), limit.limit
-            if isinstance(limit, ToolLimit):
-                return limit.name, (), limit.excess(q), 0.0
-            return str(name), (), None, None
-    checker, required = proof.checker, proof.required
-    distances = checker.pair_distances(q)  # of the pairs that may touch, the first of those required
-    if not len(distances):
-        return "collision", (), None, None
-    least = required.least[: len(distances)]
-    worst = int((distances - least).argmin())
-    distance, bound = float(distances[worst]), float(least[worst])
-    kind = "clearance" if distance > 0.0 and bound > _TOUCHING else "collision"
-    return kind, checker.pair_names[worst], distance, bound if kind == "clearance" else 0.0
 
 
 def _late(stops: Stops, people: People) -> Iterator[Violation]:

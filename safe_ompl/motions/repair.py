@@ -18,8 +18,9 @@ import pinocchio as pin
 
 from safe_ompl.collision import MotionProver, Verdict, fresh_data
 from safe_ompl.common import FloatArray, InputError, IntArray, notebook_html, polynomials
-from safe_ompl.motions.checks import MotionCheck, PieceProof, check_with, piece_proofs
+from safe_ompl.motions.checks import MotionCheck, check_with
 from safe_ompl.motions.motion import Motion
+from safe_ompl.motions.pieces import PieceProof, piece_proofs
 from safe_ompl.paths import unrolled
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People

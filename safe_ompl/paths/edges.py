@@ -23,7 +23,7 @@ class EdgeProofs:
     """Proves that every edge of a path is free, and keeps more than a margin from obstacles, until `stop` says so."""
 
     def __init__(self, motion: MotionProver, stop: Callable[[], bool] = lambda: False) -> None:
-        self._free = self._clear = motion
+        self._free = self._clear = replace(motion, stop=stop)
         self._stop = stop
         self._proven: set[bytes] = set()
         self._inherited: set[bytes] = set()
@@ -50,20 +50,14 @@ class EdgeProofs:
         self._clear = replace(self._free, separation=wider)
 
     def refused(self, path: FloatArray) -> list[int]:
-        """Return the edges of a path (N, n) that are not proven.
-
-        What bounds prove, which is most, they prove together, in less time than one by one.
-        """
+        """Return the edges of a path (N, n) that are not proven."""
         unknown = {key: k for k, key in enumerate(_keys(path)) if key not in self._proven}
         for inherited, motion in () if self._stop() else ((False, self._clear), (True, self._free)):
             keys = [key for key in unknown if (key in self._inherited) is inherited]
             rows = [unknown[key] for key in keys]
             if rows:
-                proven = motion.proven_by_bounds(path[rows], path[[row + 1 for row in rows]])
-                self._proven.update(compress(keys, proven.tolist()))
-            for key, row in zip(keys, rows, strict=True):
-                if key not in self._proven and not self._stop() and motion.is_free(path[row], path[row + 1]):
-                    self._proven.add(key)
+                free = motion.are_free(path[rows], path[[row + 1 for row in rows]])
+                self._proven.update(compress(keys, free.tolist()))
         return [k for k, key in enumerate(_keys(path)) if key not in self._proven]
 
     def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from threading import current_thread, main_thread
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.common import Counts, FloatArray, PlanningError, clock, number, until_ctrl_c
+from safe_ompl.common import Counts, FloatArray, PlanningError, clock, in_order, number, until_ctrl_c
 from safe_ompl.paths import Simplifier, Stop, timed
 from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
@@ -191,30 +191,6 @@ class PlanningRun:
         said = {"status": status, "path": path, "improvements": improvements}
         return self._result(before, nodes, first, elapsed - first, said)
 
-    def validated(self, result: PlanResult, begin: float) -> PlanResult:
-        """Return a result with the report on its path; a PlanningError if it is not proven, or leads elsewhere."""
-        setup, path = self._setup, result.path
-        setup_time = clock() - begin - result.planning_time - result.simplification_time
-        begin, report = clock(), None
-        if path is not None:
-            report = setup.report(path)
-            if not report.certified:
-                raise PlanningError(f"{self.name} returned a path that is not proven free: {report.validation.why}")
-            setup.problem.check_ends(path, self.name)
-        separation = setup.getConstraints().separation
-        moving = {"speeds": dict(separation.speeds), "time": separation.time} if separation.speeds else None
-        return replace(
-            result,
-            report=report,
-            setup_time=setup_time,
-            validation_time=clock() - begin,
-            robot=setup.robot,
-            scene=setup.scene,
-            danger=setup.danger_options,
-            moving_obstacles=moving,
-            motion=setup.motion_prover,
-        )
-
     def _result(
         self, before: Counts, nodes: int, planning_time: float, simplification_time: float, found: dict[str, Any]
     ) -> PlanResult:
@@ -231,3 +207,64 @@ class PlanningRun:
             counts=counts,
             **found,
         )
+
+
+def best_start(
+    setup: Any, plan: Callable[[int], PlanResult], seeds: Sequence[int], workers: int, interrupts: list[int]
+) -> PlanResult:
+    """Plan with each seed; return the result whose path costs least by the setup's objective, of equal ones the first.
+
+    The setup gets this path, and keeps nothing else of any start. Several workers are as many processes. Ctrl-C ends it
+    early: the best path so far stands, or else it is raised.
+    """
+    results = list[PlanResult]()
+
+    def lost(seed: int, words: str) -> PlanResult:
+        raise PlanningError(f"the start with seed {seed} was lost: {words}")
+
+    with until_ctrl_c():
+        for result in in_order(plan, seeds, workers, lost):
+            results.append(result)
+            if interrupts:
+                break
+    setup.clear()
+    objective = setup.getOptimizationObjective() or ob.PathLengthOptimizationObjective(setup.getSpaceInformation())
+    best, least = None, objective.infiniteCost()
+    for result in results:
+        if result.path is None:
+            continue
+        setup.set_solution(result.path)
+        cost = setup.getSolutionPath().cost(objective)
+        if best is None or objective.isCostBetterThan(cost, least):
+            best, least = result, cost
+    if not results:
+        raise KeyboardInterrupt
+    if best is None:
+        return results[0]
+    setup.set_solution(best.path)
+    return best
+
+
+def validated(setup: Any, result: PlanResult, begin: float) -> PlanResult:
+    """Return a result with the report on its path; a PlanningError if it is not proven, or leads elsewhere."""
+    path = result.path
+    setup_time = clock() - begin - result.planning_time - result.simplification_time
+    begin, report = clock(), None
+    if path is not None:
+        report = setup.report(path)
+        if not report.certified:
+            raise PlanningError(f"{result.planner} returned a path that is not proven free: {report.validation.why}")
+        setup.problem.check_ends(path, result.planner)
+    separation = setup.getConstraints().separation
+    moving = {"speeds": dict(separation.speeds), "time": separation.time} if separation.speeds else None
+    return replace(
+        result,
+        report=report,
+        setup_time=setup_time,
+        validation_time=clock() - begin,
+        robot=setup.robot,
+        scene=setup.scene,
+        danger=setup.danger_options,
+        moving_obstacles=moving,
+        motion=setup.motion_prover,
+    )

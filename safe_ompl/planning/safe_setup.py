@@ -25,13 +25,14 @@ from safe_ompl.common import (
     documents as document,
     number,
     seed as checked_seed,
+    whole_number,
 )
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning.ompl import DangerObjective
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.run import PlanningRun, noted_ctrl_c, stopping, told
+from safe_ompl.planning.run import PlanningRun, best_start, noted_ctrl_c, stopping, told, validated
 from safe_ompl.robot import Robot
 from safe_ompl.scene import MbmProblem, People, Scenario, Scene, find_scenario
 
@@ -127,6 +128,8 @@ class SafeSetup(ProblemSetup):
         parameters: Mapping[str, Any] | None = None,
         simplify: bool | float = False,
         optimise: float | None = None,
+        starts: int = 1,
+        workers: int = 1,
     ) -> PlanResult:
         """Plan from the start to a goal, and validate the path.
 
@@ -145,11 +148,18 @@ class SafeSetup(ProblemSetup):
             no longer than the time limit allows.
         optimise : float, optional
             Go on for so many seconds in all, instead of `time`: simplify, start anew, and return the best path.
+        starts : int
+            Plan so often, with seeds that count up from `seed`, and return the best path: that of least cost by this
+            setup's objective, of equal ones the first. The time limit is that of each start.
+        workers : int
+            How many processes share the starts, which then take ⌈starts/workers⌉ time limits at most. The result does
+            not depend on it, as long as no start runs into its limit.
 
         Raises
         ------
         InputError
-            Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger.
+            Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger;
+            less than 1 start or worker.
         PlanningError
             If a planner returns a path that the validator refuses, or that is not from a start to the goal.
         KeyboardInterrupt
@@ -159,17 +169,21 @@ class SafeSetup(ProblemSetup):
         begin = clock()
         time = number("time limit", time if optimise is None else optimise, above=0.0, kind="number of seconds")
         simplification = simplification_time(simplify)
-        run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
-        if simplification is None and optimise is None:
-            return run.validated(run.planned(time), begin)
-        if self.field is not None or optimise is not None:
-            self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
-        with noted_ctrl_c() as interrupts:
+        starts, seed = whole_number("starts", starts, at_least=1), checked_seed(seed)
+        keeps = starts > 1 or simplification is not None or optimise is not None  # the best path at Ctrl-C
+
+        def once(seed: int) -> PlanResult:
+            run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
+            if optimise is not None or (simplification is not None and self.field is not None):
+                self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
             if optimise is not None:
-                result = run.optimised(time, told(run.name, time, lambda: bool(interrupts)))
-            else:
-                result = run.planned(time, simplification)
-        result = run.validated(result, begin)
+                return run.optimised(time, told(run.name, time, lambda: bool(interrupts)))
+            return run.planned(time, simplification)
+
+        with noted_ctrl_c() if keeps else nullcontext(list[int]()) as interrupts:
+            seeds = [(seed + k) % 2**32 for k in range(starts)]
+            result = once(seed) if starts == 1 else best_start(self, once, seeds, workers, interrupts)
+        result = validated(self, result, begin)
         if interrupts and not result:
             raise KeyboardInterrupt
         return replace(result, interrupted=bool(interrupts))
@@ -314,6 +328,8 @@ def plan(
     *,
     simplify: bool | float = False,
     optimise: float | None = None,
+    starts: int = 1,
+    workers: int = 1,
 ) -> PlanResult:
     """Plan a scenario: the problem itself, or the name or file of one; all else as in `SafeSetup.plan`.
 
@@ -333,6 +349,8 @@ def plan(
         parameters={**own, **(parameters or {})},
         simplify=simplify,
         optimise=optimise,
+        starts=starts,
+        workers=workers,
     )
     return replace(result, setup_time=built + result.setup_time)
 

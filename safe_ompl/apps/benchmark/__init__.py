@@ -15,6 +15,6 @@ if TYPE_CHECKING:
         default_planners as default_planners,
         summarize as summarize,
     )
-    from safe_ompl.apps.benchmark.runs import Run as Run, failure as failure, run_planner as run_planner
+    from safe_ompl.apps.benchmark.runs import Run as Run, failure as failure, lost as lost, run_planner as run_planner
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

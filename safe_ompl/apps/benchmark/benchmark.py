@@ -21,8 +21,8 @@ import numpy as np
 from ompl import base as ob, tools as ot
 
 from safe_ompl.apps.benchmark.campaign import Value, run_measures
-from safe_ompl.apps.benchmark.runs import Run, results_of, rounds, run_planner
-from safe_ompl.common import InputError, files, whole_number
+from safe_ompl.apps.benchmark.runs import Run, lost, rounds, run_planner
+from safe_ompl.common import InputError, files, in_order
 from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.planning.planners import check_usable, make_planner
 
@@ -125,7 +125,7 @@ class Benchmark:
         check_usable(planner)
         return planner
 
-    def benchmark(self, request: Any = None, *, seed: int = 0, processes: int | None = None) -> None:
+    def benchmark(self, request: Any = None, *, seed: int = 0, workers: int | None = None) -> None:
         """Do the runs.
 
         Parameters
@@ -135,21 +135,20 @@ class Benchmark:
         seed : int
             Seed of the first run of each planner; the next ones count up. Planners that are made anew for every run
             (by name or allocator) do the same in any process.
-        processes : int, optional
-            How many runs go on at the same time; times are most accurate with 1. By default one for each processor.
+        workers : int, optional
+            How many processes do the runs; times are most accurate with 1. By default one for each processor.
 
         Raises
         ------
         InputError
-            No planner, or a number of runs or processes below 1.
+            No planner, or a number of runs or workers below 1.
         """
         request = request or ot.Request()
         if request.runCount < 1:
             raise InputError(f"runCount must be at least 1, got {request.runCount!r}")
         runs = rounds(list(self._sources), request.runCount, seed)
-        if processes is None:
-            processes = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-        whole_number("processes", processes, at_least=1)
+        if workers is None:
+            workers = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
         def do(run: Run) -> PlanResult:
             planner = self._planner(self._sources[run.planner])
@@ -160,7 +159,7 @@ class Benchmark:
             self._experiment.name, list(planners.values()), repr(self._setup), request.maxTime, request.runCount, seed
         )
         begin = perf_counter()
-        for k, (run, result) in enumerate(zip(runs, results_of(do, runs, processes), strict=True), 1):
+        for k, (run, result) in enumerate(zip(runs, in_order(do, runs, workers, lost), strict=True), 1):
             crashed = result.status.startswith("Error: ")
             error = {"error": result.status.removeprefix("Error: ")} if crashed else {}
             planners[run.planner].runs.append({**run_measures(result), **error})

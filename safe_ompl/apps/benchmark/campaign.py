@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.apps.benchmark.runs import Run, results_of, rounds, run_planner
-from safe_ompl.common import FloatArray, documents as document, whole_number
+from safe_ompl.apps.benchmark.runs import Run, lost, rounds, run_planner
+from safe_ompl.common import FloatArray, documents as document, in_order
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.scene import Scenario
@@ -45,22 +45,22 @@ class Campaign:
         for planner in self.planners:
             check_named_planner(self.scenario, planner, setup)
 
-    def results(self, setup: SafeSetup | None = None, processes: int = 1) -> Iterator[PlanResult]:
+    def results(self, setup: SafeSetup | None = None, workers: int = 1) -> Iterator[PlanResult]:
         """Do the runs and yield their results as they come, round after round.
 
-        The setup already holds the scenario's start and goal; it is built by default. Times are most accurate with one
-        process. Raises InputError if the scenario cannot be planned, or a planner or parameter does not exist.
+        The setup already holds the scenario's start and goal; it is built by default. Several workers are as many
+        processes, and find the same; times are most accurate with one. Raises InputError if the scenario cannot be
+        planned, a planner or parameter does not exist, or there are less than 1 workers.
         """
         setup = setup or setup_scenario(self.scenario)
         self.check(setup)
-        whole_number("processes", processes, at_least=1)
         time = self.scenario.time if self.time is None else self.time
 
         def do(run: Run) -> PlanResult:
             parameters = self.scenario.planners.get(run.planner)
             return run_planner(setup, run, time=time, parameters=parameters, simplify=self.simplify)
 
-        return results_of(do, rounds(self.planners, self.runs, self.seed), processes)
+        return in_order(do, rounds(self.planners, self.runs, self.seed), workers, lost)
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:

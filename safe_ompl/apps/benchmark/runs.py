@@ -1,16 +1,12 @@
-"""Runs of planners: one run, many in an order, and in other processes."""
+"""Runs of planners: one run, and many in an order."""
 
 from __future__ import annotations
 
 import logging
-import multiprocessing
-import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from logging.handlers import QueueHandler
-from multiprocessing.connection import Connection, wait
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from safe_ompl.common import InputError, ctrl_c_as_such, pass_on, whole_number
+from safe_ompl.common import InputError, ctrl_c_as_such, whole_number
 from safe_ompl.planning import PlanResult, SafeSetup
 
 _log = logging.getLogger(__name__)
@@ -58,7 +54,7 @@ def run_planner(
     except InputError:
         raise
     except Exception as error:
-        return _failed(run, str(error), setup.robot.joint_names)
+        return lost(run, str(error), setup.robot.joint_names)
     if result.interrupted:  # Ctrl-C is for all the runs
         raise KeyboardInterrupt
     return result
@@ -69,101 +65,7 @@ def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) 
     return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
 
 
-def _failed(run: Run, words: str, joint_names: tuple[str, ...] = ()) -> PlanResult:
+def lost(run: Run, words: str, joint_names: tuple[str, ...] = ()) -> PlanResult:
+    """Return the result of a run that went wrong, and log why."""
     _log.warning("%s, seed %d: %s", run.planner, run.seed, words)
     return failure(f"Error: {words}", run.planner, run.seed, joint_names)
-
-
-def results_of(do: Callable[[Run], PlanResult], runs: Sequence[Run], processes: int = 1) -> Iterator[PlanResult]:
-    """Do runs, and yield their results in their order; one process is this one, more are forked.
-
-    A run whose process dies has no path. An InputError ends all. Log records of the processes are logged here.
-    """
-    if whole_number("processes", processes, at_least=1) == 1:
-        yield from map(do, runs)
-        return
-    waiting: dict[Run, PlanResult] = {}
-    done = _in_processes(do, runs, min(processes, len(runs)))
-    for run in runs:
-        while run not in waiting:
-            waiting.update([next(done)])
-        yield waiting.pop(run)
-
-
-def _in_processes(
-    do: Callable[[Run], PlanResult], runs: Sequence[Run], number: int
-) -> Iterator[tuple[Run, PlanResult]]:
-    """Do runs in processes that are forked, so that setup and planners need not be pickled; yield them as they come."""
-    context = multiprocessing.get_context("fork")
-    left = list(reversed(runs))
-    working: dict[Connection, tuple[Any, Run]] = {}
-
-    def start() -> None:
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(do, theirs, [*working, ours]), daemon=True)
-        process.start()
-        theirs.close()
-        give(ours, process)
-
-    def give(pipe: Connection, process: Any) -> None:
-        working[pipe] = process, left.pop()
-        pipe.send(working[pipe][1])
-
-    try:
-        while left or working:
-            while left and len(working) < number:
-                start()
-            for pipe in wait(list(working)):
-                assert isinstance(pipe, Connection)
-                process, run = working[pipe]
-                try:
-                    message = pipe.recv()
-                except (EOFError, ConnectionResetError):
-                    process.join()
-                    message = _failed(run, f"the process ended with exit code {process.exitcode}")
-                if isinstance(message, logging.LogRecord):
-                    pass_on(message)
-                    continue
-                if isinstance(message, Exception):
-                    raise message
-                del working[pipe]
-                yield run, message
-                if left and process.is_alive():
-                    give(pipe, process)
-                else:
-                    pipe.close()
-    finally:
-        for process, _ in working.values():
-            process.terminate()
-        for process, _ in working.values():
-            process.join()
-
-
-class _LogPipe(QueueHandler):
-    """Sends log records through a pipe: handlers of the parent may hold locks that a fork copies and nobody frees."""
-
-    def __init__(self, pipe: Connection) -> None:
-        super().__init__(pipe)  # type: ignore[arg-type]
-        self._pipe = pipe
-
-    def enqueue(self, record: logging.LogRecord) -> None:
-        """Send a record."""
-        self._pipe.send(record)
-
-
-def _work(do: Callable[[Run], PlanResult], pipe: Connection, others: Sequence[Connection]) -> None:
-    """Do the runs that come through a pipe until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    logger = logging.getLogger("safe_ompl")
-    logger.handlers, logger.propagate = [_LogPipe(pipe)], False
-    for other in others:  # inherited ends would keep the others from noticing that the parent has gone
-        other.close()
-    while True:
-        try:
-            run = pipe.recv()
-        except EOFError:
-            return
-        try:
-            pipe.send(do(run))
-        except Exception as error:
-            pipe.send(error)

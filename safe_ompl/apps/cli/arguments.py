@@ -109,6 +109,11 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplif
     )
 
 
+def add_workers(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add how many processes there are for what a command does many times."""
+    option(parser, "--workers N", f"processes that share the {what} (default: 1, for the cleanest times)", count)
+
+
 def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -> dict[str, Any]:
     """Return the arguments of `SafeSetup.plan` for a planner; options take precedence over the scenario."""
     return {

@@ -8,16 +8,16 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from rich.table import Table
 from rich.text import Text
 
-from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, run_planner, summarize
+from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, lost, run_planner, summarize
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, in_order
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem, setup_scenario, tradeoff
 from safe_ompl.planning.planners import make_planner
@@ -48,7 +48,7 @@ def add_commands(commands: Any) -> None:
         action="store_false",
         help="compare the paths as they are planned, without simplification",
     )
-    option(parser, "--processes N", "runs at the same time; times are cleanest with one", arguments.count, 1)
+    arguments.add_workers(parser, "runs")
     option(parser, "--out DIR", "folder for report and pictures (default: compare-SCENARIO)", Path)
     arguments.add_force(parser)
     arguments.add_package_dirs(parser)
@@ -75,14 +75,14 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     campaign.check(setup)
     folder = options.out or Path(f"compare-{scenario.name}")
     output.make_folder(folder, "--out", ("report.json",), force=options.force)
-    return partial(_compare, campaign, setup, options.processes, folder)
+    return partial(_compare, campaign, setup, options.workers or 1, folder)
 
 
-def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path) -> int:
+def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -> int:
     """Run the campaign, show the table, write the report, draw the pictures."""
     name, robot = campaign.scenario.name, setup.robot
     with output.progress_bar(output.error_console()) as progress:
-        runs = campaign.results(setup, processes)
+        runs = campaign.results(setup, workers)
         results: list[PlanResult] = []
         tracked = progress.track(runs, total=len(campaign), description=f"planning {name}")
         status = output.each_until_ctrl_c(tracked, results.append)
@@ -201,6 +201,7 @@ def summary_table(name: str, summaries: Sequence[Summary], title: str | None = N
 # ------------------------------------------------------------------------------------------------ mbm
 
 USUAL_TIME = 5.0  # [s]
+_Solved: TypeAlias = tuple[str, int, dict[str, Any], PlanResult]  # family, index, limits that were widened, result
 
 
 def _add_mbm(commands: Any) -> None:
@@ -216,6 +217,7 @@ def _add_mbm(commands: Any) -> None:
     arguments.add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
     read = output.output_file(".jsonl", ".json", output.STANDARD_OUTPUT)
     option(parser, "--json FILE", "a line for each; default: standard output", read, output.STANDARD_OUTPUT)
+    arguments.add_workers(parser, "problems")
     arguments.add_force(parser)
     option(parser, "--robot ROBOT", "an example robot, or a scenario with the robot; default: the file's")
     arguments.add_package_dirs(parser)
@@ -240,24 +242,33 @@ def _solve_all(file: MbmFile, robot: Robot, parameters: dict[str, Any], options:
     results: dict[str, list[PlanResult]] = {}
     run, time = Run(options.planner, options.seed), options.time or USUAL_TIME
     problems = [(family, k) for family, count in file.families.items() for k in range(count)]
+
+    def solve(at: tuple[str, int]) -> _Solved:
+        family, index, widened = *at, dict[str, Any]()
+        try:
+            problem = file.problem(*at)
+            index, widened = problem.index, problem.widened_limits(robot)
+            setup = setup_problem(problem, robot)
+            result = run_planner(setup, run, time=time, parameters=parameters, simplify=options.simplify)
+        except InputError as error:
+            result = failure(f"Invalid input: {error}", *run, robot.joint_names)
+        return family, index, widened, result
+
+    def lost_problem(at: tuple[str, int], words: str) -> _Solved:
+        return *at, {}, lost(run, words, robot.joint_names)
+
     with output.opened(options.json) as stream, output.progress_bar(console, hidden=to_terminal) as progress:
 
-        def solve(at: tuple[str, int]) -> None:
-            family, index = at
-            widened = {}
-            try:
-                problem = file.problem(*at)
-                index, widened = problem.index, problem.widened_limits(robot)
-                setup = setup_problem(problem, robot)
-                result = run_planner(setup, run, time=time, parameters=parameters, simplify=options.simplify)
-            except InputError as error:
-                result = failure(f"Invalid input: {error}", *run, robot.joint_names)
+        def write(solved: _Solved) -> None:
+            family, index, widened, result = solved
             told = record(f"{family}/{index}", robot, result)
             line = {"family": family, "index": index, **told, "widened_limits": widened}
             print(json_line(line), file=stream, flush=True)
             results.setdefault(family, []).append(result)
 
-        status = output.each_until_ctrl_c(progress.track(problems, description=file.path.name), solve)
+        solutions = in_order(solve, problems, options.workers or 1, lost_problem)
+        tracked = progress.track(solutions, total=len(problems), description=file.path.name)
+        status = output.each_until_ctrl_c(tracked, write)
     console.print(summary_table("family", [Summary.of(*of_family) for of_family in results.items()]))
     return status or int(not all(result for of_family in results.values() for result in of_family))
 

@@ -37,6 +37,9 @@ def add_commands(commands: Any) -> None:
     arguments.add_scenario(parser)
     arguments.add_planner_options(parser, usual_time="the scenario's")
     option(parser, "--optimise SECONDS", "the best path that this time allows, refined", arguments.seconds)
+    words = "the best of K plans, whose seeds count up; each has the time limit"
+    option(parser, "--starts K", words, arguments.count)
+    arguments.add_workers(parser, "starts")
     words = "write the result as JSON, for `safe-ompl view`; -: print it, and no table"
     option(parser, "--json FILE", words, output.JSON_FILE)
     option(parser, "--plot FILE", "draw the path, its danger and its clearance (.png, …)", output.PICTURE)
@@ -52,6 +55,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     begin = perf_counter()
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
+    if options.workers and not options.starts:
+        raise InputError("share starts: give --starts K, too", "--workers")
     if scenario.program is not None:
         return _prepare_program(options, scenario)
     robot = scenario.build_robot()
@@ -68,7 +73,8 @@ def _plan(
 ) -> int:
     """Plan, and show and write the result as the options say; the time [s] is what it took to get ready."""
     chosen = arguments.run_options(options, scenario, options.planner)
-    result = setup.plan(options.planner, **chosen, optimise=options.optimise)
+    chosen |= {"optimise": options.optimise, "starts": options.starts or 1, "workers": options.workers or 1}
+    result = setup.plan(options.planner, **chosen)
     result = replace(result, setup_time=setup_time + result.setup_time)
     if result.interrupted:
         output.error_console().print("safe-ompl: interrupted: this is the best path so far")
@@ -228,7 +234,7 @@ def describe_timing(trajectory: Trajectory) -> str:
 
 # ---------------------------------------------------------------------------------------------------- programs
 
-_NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "timed", "rate", "timed_plot")
+_NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "starts", "workers", "timed", "rate", "timed_plot")
 
 
 def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callable[[], int]:

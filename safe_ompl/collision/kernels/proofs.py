@@ -300,20 +300,28 @@ def prove_curve(
 
 
 @caller
-def prove_edges(
-    joints: Any, shapes: Shapes, pairs: Pairs, edges: FloatArray, required: FloatArray, least: float, proven: BoolArray
+def prove_curves(
+    joints: Any,
+    shapes: Shapes,
+    pairs: Pairs,
+    curves: FloatArray,
+    required: FloatArray,
+    least: float,
+    left: FloatArray,
+    suspects: IntArray,
+    found: IntArray,
 ) -> int:
-    """Write which of E edges are proven (E,), as `prove_curve` does; return how many places it took.
+    """Write what `prove_curve` says of E motions, `curves: (E, d + 1, m)`; return how many places it took.
 
-    `edges: (E, 2, m)` are starts and ways to the ends, of which those that are not finite are not proven.
+    To `found: (E,)` a 1 is written for those that are proven, −1 for those in which some pair is certainly too near,
+    and 0 for others, as those that are not finite.
     """
-    left, suspects, places = np.empty((8, 2)), np.empty(0, np.intp), 0
-    bodies, starts, vertices = shapes.bodies, shapes.starts, shapes.vertices
-    for k in range(len(edges)):
+    places, bodies, starts, vertices = 0, shapes.bodies, shapes.starts, shapes.vertices
+    for k in range(len(curves)):
         number, _, looked = prove_curve(
-            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.moved, pairs.certain, edges[k],
+            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.moved, pairs.certain, curves[k],
             required, least, left, suspects,
         )  # fmt: skip
-        proven[k] = number == 0
+        found[k] = 1 if number == 0 else min(number, 0)
         places += looked
     return places

@@ -14,8 +14,8 @@ from ompl import geometric as og, tools as ot
 
 from safe_ompl import Benchmark, InputError, PlanningError, SafeRRTConnect, SafeSetup, Scenario, UnknownNameError
 from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, summarize
-from safe_ompl.apps.benchmark.runs import results_of
-from safe_ompl.common import warn_once
+from safe_ompl.apps.benchmark.runs import lost
+from safe_ompl.common import in_order, warn_once
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import is_ours, planner_names
 from safe_ompl.scene import find_scenario
@@ -43,34 +43,32 @@ def results(scenario, setup):
 
 def test_planners_take_turns_with_the_same_seeds_in_any_process(scenario, setup, results):
     assert [(r.planner, r.seed) for r in results] == [(planner, seed) for seed in range(10, 15) for planner in PLANNERS]
-    for result, other in zip(results, Campaign(scenario, PLANNERS, 5, seed=10).results(processes=2), strict=True):
+    for result, other in zip(results, Campaign(scenario, PLANNERS, 5, seed=10).results(workers=2), strict=True):
         np.testing.assert_array_equal(result.path, other.path)
         np.testing.assert_array_equal(result.path, setup.plan(result.planner, seed=result.seed).path)
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("error", [PlanningError("edge 3 is not proven free"), RuntimeError("no; not\nthis one")])
-def test_what_goes_wrong_in_a_run_is_of_that_run_and_logged_here(
-    scenario, setup, monkeypatch, caplog, processes, error
-):
+def test_what_goes_wrong_in_a_run_is_of_that_run_and_logged_here(scenario, setup, monkeypatch, caplog, workers, error):
     def refuse(self, planner, **options):
         raise error
 
     monkeypatch.setattr(SafeSetup, "plan", refuse)
-    failed = list(Campaign(scenario, PLANNERS, runs=1).results(setup, processes))
+    failed = list(Campaign(scenario, PLANNERS, runs=1).results(setup, workers))
     assert [result.status for result in failed] == [f"Error: {error}"] * 2
     said = sorted(record.getMessage() for record in caplog.records)
     assert said == [f"{planner}, seed 0: {error}" for planner in PLANNERS]
 
 
-@pytest.mark.parametrize("processes", [1, 2])
-def test_input_that_is_wrong_for_all_runs_ends_them(scenario, setup, monkeypatch, processes):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_input_that_is_wrong_for_all_runs_ends_them(scenario, setup, monkeypatch, workers):
     def confused(self, planner, **options):
         raise UnknownNameError("joint", "knee", self.robot.joint_names)
 
     monkeypatch.setattr(SafeSetup, "plan", confused)
     with pytest.raises(UnknownNameError, match=r"'knee'.*joint1"):
-        list(Campaign(scenario, PLANNERS, runs=2).results(setup, processes))
+        list(Campaign(scenario, PLANNERS, runs=2).results(setup, workers))
 
 
 def test_a_run_that_kills_its_process_has_no_path_and_the_others_have():
@@ -79,7 +77,7 @@ def test_a_run_that_kills_its_process_has_no_path_and_the_others_have():
             os.kill(os.getpid(), signal.SIGKILL)
         return failure("Timeout", *run, ())
 
-    statuses = [result.status for result in results_of(do, [Run("a", seed) for seed in range(4)], 2)]
+    statuses = [result.status for result in in_order(do, [Run("a", seed) for seed in range(4)], 2, lost)]
     assert statuses == ["Timeout", "Error: the process ended with exit code -9", "Timeout", "Timeout"]
 
 
@@ -88,24 +86,24 @@ def test_what_is_said_once_is_said_once_though_every_process_has_to_say_it(caplo
         warn_once(logging.getLogger("safe_ompl.talk"), "said by every process")
         return failure("Timeout", *run, ())
 
-    assert len(list(results_of(do, [Run("a", seed) for seed in range(4)], 2))) == 4
+    assert len(list(in_order(do, [Run("a", seed) for seed in range(4)], 2, lost))) == 4
     assert [record.getMessage() for record in caplog.records] == ["said by every process"]
 
 
 @pytest.mark.parametrize(
-    ("planners", "runs", "processes", "said"),
+    ("planners", "runs", "workers", "said"),
     [
         ((), 1, 1, "at least one"),
         (("RRT", "RRT"), 1, 1, "twice"),
         (PLANNERS, 0, 1, "runs"),
         (PLANNERS, 1.5, 1, "runs"),
         (("RRTConnect", "Fly"), 1, 1, "'Fly'"),
-        (PLANNERS, 1, 0, "processes"),
+        (PLANNERS, 1, 0, "workers"),
     ],
 )
-def test_bad_campaigns_are_refused_before_any_run(scenario, setup, planners, runs, processes, said):
+def test_bad_campaigns_are_refused_before_any_run(scenario, setup, planners, runs, workers, said):
     with pytest.raises(InputError, match=said):
-        Campaign(scenario, planners, runs).results(setup, processes)
+        Campaign(scenario, planners, runs).results(setup, workers)
 
 
 def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scenario):
@@ -157,7 +155,7 @@ def test_measurements_reach_the_database(setup, tmp_path):
     benchmark.addPlannerAllocator(lambda si: SafeRRTConnect(si, "eager", alpha=2.0))
     benchmark.addPlanner(og.RRTConnect(setup.getSpaceInformation()))
     benchmark.addPlanner("RRTConnect")
-    benchmark.benchmark(request(simplify=True), processes=1)
+    benchmark.benchmark(request(simplify=True), workers=1)
     runs = runs_of(benchmark, tmp_path)
     names = ["SafePRM", "eager", "RRTConnect", "RRTConnect 2"]
     assert [(run["planner"], run["seed"]) for run in runs] == [(name, seed) for name in names for seed in (0, 1)]
@@ -177,8 +175,8 @@ def test_measurements_reach_the_database(setup, tmp_path):
     assert rows == [("planar_arm", 20.0, 2)] * 2, "a second log adds to the database"
 
 
-@pytest.mark.parametrize("processes", [1, 2])
-def test_an_exception_is_a_crash_of_its_run_only(tmp_path, processes, setup):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_exception_is_a_crash_of_its_run_only(tmp_path, workers, setup):
     class Doubtful(SafeRRTConnect):
         def _search(self, ptc):
             if self.getSeed() == 1:
@@ -187,15 +185,15 @@ def test_an_exception_is_a_crash_of_its_run_only(tmp_path, processes, setup):
 
     benchmark = Benchmark(setup, "doubt")
     benchmark.addPlannerAllocator(Doubtful)
-    benchmark.benchmark(request(runCount=3), processes=processes)
+    benchmark.benchmark(request(runCount=3), workers=workers)
     runs = runs_of(benchmark, tmp_path)
     assert [run["status"] for run in runs] == ["Exact solution", "Crash", "Exact solution"]
     assert [run["error"] for run in runs] == [None, "no not this one", None]
     assert runs[1]["danger_mean"] is None
 
 
-@pytest.mark.parametrize("processes", [1, 2])
-def test_ctrl_c_keeps_what_was_done(setup, tmp_path, monkeypatch, processes):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_keeps_what_was_done(setup, tmp_path, monkeypatch, workers):
     benchmark, done = Benchmark(setup, "interrupted"), iter(range(100))
     benchmark.addPlanner("SafeRRTConnect")
 
@@ -206,7 +204,7 @@ def test_ctrl_c_keeps_what_was_done(setup, tmp_path, monkeypatch, processes):
 
     monkeypatch.setattr("safe_ompl.apps.benchmark.benchmark.run_measures", measured)
     with pytest.raises(KeyboardInterrupt):
-        benchmark.benchmark(request(runCount=50), processes=processes)
+        benchmark.benchmark(request(runCount=50), workers=workers)
     assert [run["solved"] for run in runs_of(benchmark, tmp_path)] == [1] * 4
     assert setup.plan("SafeRRTConnect")
 
@@ -222,7 +220,7 @@ def test_bad_benchmarks_are_refused(setup):
         with pytest.raises(InputError, match=str(wrong)):
             benchmark.addPlanner(wrong)
     benchmark.addPlanner("RRT")
-    with pytest.raises(InputError, match="processes"):
-        benchmark.benchmark(request(), processes=0)
+    with pytest.raises(InputError, match="workers"):
+        benchmark.benchmark(request(), workers=0)
     with pytest.raises(InputError, match="runCount"):
         benchmark.benchmark(request(runCount=0))

@@ -239,6 +239,22 @@ def test_compare_draws_pictures(run, folder):
     assert drawn == {"profiles.png", "paths.png"}
 
 
+def test_plan_takes_the_best_of_several_starts_whatever_the_number_of_workers(run):
+    def planned(*options):
+        status, out, _ = run("plan", "test.yaml", "--planner", "RRTConnect", "--json", "-", *options)
+        assert status == 0
+        return strict(out)
+
+    alone = [planned("--seed", k) for k in range(4, 8)]
+    shared = [planned("--seed", 4, "--starts", 4, *workers) for workers in ((), ("--workers", 2))]
+    assert shared[0]["path"] == shared[1]["path"]
+    assert {"seed": shared[0]["seed"], "path": shared[0]["path"]} in [
+        {"seed": one["seed"], "path": one["path"]} for one in alone
+    ]
+    status, _, err = run("plan", "test.yaml", "--workers", 2)
+    assert (status, "--starts" in err) == (2, True)
+
+
 # ----------------------------------------------------------------------------------------------------- mbm
 
 FREE: dict[str, Any] = {
@@ -267,8 +283,9 @@ def problems(folder):
 ARM = ("--robot", "test.yaml")
 
 
-def test_mbm_writes_a_line_for_each_problem_bad_ones_too(run, problems):
-    status, out, err = run("mbm", problems, *ARM, "--seed", 2, "--json", "lines.json")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_mbm_writes_a_line_for_each_problem_bad_ones_too(run, problems, workers):
+    status, out, err = run("mbm", problems, *ARM, "--seed", 2, "--json", "lines.json", "--workers", workers)
     lines = [strict(line) for line in (problems.parent / "lines.json").read_text().splitlines()]
     assert (status, out) == (1, "")
     assert "easy" in err

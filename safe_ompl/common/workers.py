@@ -1,0 +1,121 @@
+"""Tasks in several processes, which are forked: what they need is not pickled, only what comes of them."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from logging.handlers import QueueHandler
+from multiprocessing.connection import Connection, wait
+from typing import Any, TypeVar
+
+from safe_ompl.common.errors import pass_on
+from safe_ompl.common.inputs import whole_number
+
+_Task = TypeVar("_Task")
+_Outcome = TypeVar("_Outcome")
+
+
+def in_order(
+    do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], workers: int, lost: Callable[[_Task, str], _Outcome]
+) -> Iterator[_Outcome]:
+    """Do tasks, and yield what comes of them in their order; one worker is this process, more are forked.
+
+    `lost(task, words)` takes the place of what a task returns whose process dies. An exception in a task ends all, and
+    is raised here, where log records of the processes are logged, too. Raises InputError for less than 1 worker.
+    """
+    if whole_number("workers", workers, at_least=1) == 1:
+        return map(do, tasks)
+    return _sorted(_in_processes(do, tasks, min(workers, len(tasks)), lost))
+
+
+def _sorted(done: Iterator[tuple[int, _Outcome]]) -> Iterator[_Outcome]:
+    """Yield what comes with the numbers 0, 1, 2, … in the order of these."""
+    waiting: dict[int, _Outcome] = {}
+    number = 0
+    for k, outcome in done:
+        waiting[k] = outcome
+        while number in waiting:
+            yield waiting.pop(number)
+            number += 1
+
+
+def _in_processes(
+    do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], workers: int, lost: Callable[[_Task, str], _Outcome]
+) -> Iterator[tuple[int, _Outcome]]:
+    """Do tasks in forked processes; yield the number of each with what comes of it, as they come."""
+    context = multiprocessing.get_context("fork")
+    left = list(reversed(range(len(tasks))))
+    working: dict[Connection, tuple[Any, int]] = {}
+
+    def start() -> None:
+        ours, theirs = context.Pipe()
+        work = (lambda k: do(tasks[k])), theirs, [*working, ours]
+        process = context.Process(target=_work, args=work, daemon=True)
+        process.start()
+        theirs.close()
+        give(ours, process)
+
+    def give(pipe: Connection, process: Any) -> None:
+        working[pipe] = process, left.pop()
+        pipe.send(working[pipe][1])
+
+    try:
+        while left or working:
+            while left and len(working) < workers:
+                start()
+            for pipe in wait(list(working)):
+                assert isinstance(pipe, Connection)
+                process, number = working[pipe]
+                try:
+                    message = pipe.recv()
+                except (EOFError, ConnectionResetError):
+                    process.join()
+                    message = lost(tasks[number], f"the process ended with exit code {process.exitcode}")
+                if isinstance(message, logging.LogRecord):
+                    pass_on(message)
+                    continue
+                if isinstance(message, Exception):
+                    raise message
+                del working[pipe]
+                yield number, message
+                if left and process.is_alive():
+                    give(pipe, process)
+                else:
+                    pipe.close()
+    finally:
+        for process, _ in working.values():
+            process.terminate()
+        for process, _ in working.values():
+            process.join()
+
+
+class _LogPipe(QueueHandler):
+    """Sends log records through a pipe: handlers of the parent may hold locks that a fork copies and nobody frees."""
+
+    def __init__(self, pipe: Connection) -> None:
+        super().__init__(pipe)  # type: ignore[arg-type]
+        self._pipe = pipe
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        """Send a record."""
+        self._pipe.send(record)
+
+
+def _work(do: Callable[[int], object], pipe: Connection, others: Sequence[Connection]) -> None:
+    """Do the tasks whose numbers come through a pipe until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    logger = logging.getLogger("safe_ompl")
+    logger.handlers, logger.propagate = [_LogPipe(pipe)], False
+    for other in others:  # inherited ends would keep the others from noticing that the parent has gone
+        other.close()
+    while True:
+        try:
+            number = pipe.recv()
+        except EOFError:
+            return
+        try:
+            pipe.send(do(number))
+        except Exception as error:
+            pipe.send(error)

@@ -1,0 +1,108 @@
+"""Proofs of the pieces of a motion, and what stands in the way of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.collision import MotionProver, MotionVerdict, ToolLimit, Verdict
+from safe_ompl.common import FloatArray, polynomials
+from safe_ompl.danger import DangerLimit
+from safe_ompl.motions.motion import Motion
+from safe_ompl.motions.rates import Violation
+
+_OUT_OF_TIME = "out of time"
+_FINEST = 2.0**-7  # of a piece: the shortest stretch that is reported as not proven
+_TOUCHING = 1e-6  # [m] A smaller required distance allows for rounding, and is not called a clearance.
+
+
+class PieceProof(NamedTuple):
+    """The proof of piece `number` of a motion, and of parts of it: coefficients (d + 1, n), in a time span [s].
+
+    `proof` has the allowance of the piece in its tube.
+    """
+
+    number: int
+    curve: FloatArray
+    span: tuple[float, float]
+    proof: MotionProver
+
+    def place(self, u: float) -> FloatArray:
+        """Return the joint values (n,) at a fraction of the piece."""
+        return np.array(np.polynomial.polynomial.polyval(u, self.curve))
+
+    def proven(self) -> bool:
+        """Return whether the whole piece is proven."""
+        return self.verdict().verdict is Verdict.FREE
+
+    def time(self, u: float) -> float:
+        """Return the time [s] at a fraction of the piece."""
+        return self.span[0] + u * (self.span[1] - self.span[0])
+
+    def verdict(self, low: float = 0.0, high: float = 1.0) -> MotionVerdict:
+        """Return the verdict on the piece from one fraction to another; its `at` is a fraction of this part."""
+        if self.proof.stop():
+            return MotionVerdict(Verdict.UNDECIDED, 0.0)
+        whole = (low, high) == (0.0, 1.0)
+        return self.proof.check_curve(self.curve if whole else polynomials.restricted(self.curve, low, high))
+
+    def unproven(self, low: float = 0.0, high: float = 1.0) -> Iterator[Violation]:
+        """Yield short stretches between two fractions of the piece that are not proven, by time."""
+        found = self.verdict(low, high)
+        if found.verdict is Verdict.FREE:
+            return
+        if self.proof.stop():
+            first, last = self.time(low), self.time(high)
+            yield Violation(_OUT_OF_TIME, first, last, first, (), decided=False)
+            return
+        if high - low > _FINEST:
+            middle = 0.5 * (low + high)
+            yield from self.unproven(low, middle)
+            yield from self.unproven(middle, high)
+            return
+        u = low + (0.5 if found.at is None else found.at) * (high - low)
+        kind, names, value, bound = _values(self.proof, found, self.place(u))
+        decided = found.verdict is Verdict.BLOCKED
+        yield Violation(kind, self.time(low), self.time(high), self.time(u), names, value, bound, decided)
+
+
+def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
+    """Yield the proofs of the pieces of a motion, its joints in the order of the robot's."""
+    separation, allowance = proof.separation, motion.allowance
+    if motion.slack is None:  # rounding alone: the same for all pieces
+        allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
+    within: dict[bytes, MotionProver] = {}
+    for k, row in enumerate(np.array(separation.tube or np.zeros(motion.n)) + allowance):
+        if row.tobytes() not in within:
+            within[row.tobytes()] = replace(proof, separation=replace(separation, tube=tuple(row.tolist())))
+        span = float(motion.times[k]), float(motion.times[k + 1])
+        yield PieceProof(k, motion.coefficients[k], span, within[row.tobytes()])
+
+
+def _values(
+    proof: MotionProver, found: MotionVerdict, q: FloatArray
+) -> tuple[str, tuple[str, ...], float | None, float | None]:
+    """Return what kind of violation it is, of what, what is found at `q: (n,)`, and its bound."""
+    name = None if found.pair is None else found.pair[0]
+    robot = proof.checker.robot
+    if name in robot.joint_names and found.pair is not None and found.pair[1] == "its limits":
+        return "position", (str(name),), float(q[robot.joint_names.index(str(name))]), None
+    for limit in proof.limits:
+        if getattr(limit, "name", type(limit).__name__) == name:
+            if isinstance(limit, DangerLimit):
+                return "danger", (), limit.danger(q), limit.limit
+            if isinstance(limit, ToolLimit):
+                return limit.name, (), limit.excess(q), 0.0
+            return str(name), (), None, None
+    checker, required = proof.checker, proof.required
+    distances = checker.pair_distances(q)  # of the pairs that may touch, the first of those required
+    if not len(distances):
+        return "collision", (), None, None
+    least = required.least[: len(distances)]
+    worst = int((distances - least).argmin())
+    distance, bound = float(distances[worst]), float(least[worst])
+    kind = "clearance" if distance > 0.0 and bound > _TOUCHING else "collision"
+    return kind, checker.pair_names[worst], distance, bound if kind == "clearance" else 0.0

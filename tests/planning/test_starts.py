@@ -1,0 +1,127 @@
+"""Several starts: the best of their paths by the setup's objective, whatever the number of workers."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from ompl import base as ob
+
+import safe_ompl
+from safe_ompl import InputError, PlanningError, SafeRRTConnect, Scenario, Simplifier
+from safe_ompl.common import in_order
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
+
+FIRST, STARTS = 2**32 - 3, 6  # seeds go on at 0
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return setup_scenario(Scenario.load(find_scenario("planar3")))
+
+
+@pytest.fixture(scope="module")
+def alone(setup):
+    """Return the results of the starts, each alone, with their costs."""
+    found = []
+    for k in range(STARTS):
+        result = setup.plan("RRTConnect", seed=(FIRST + k) % 2**32)
+        found.append((setup.getSolutionPath().cost(setup.getOptimizationObjective()).value(), result))
+    assert len({cost for cost, _ in found}) > 2
+    return found
+
+
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_the_best_start_is_returned_as_if_it_had_been_alone(setup, alone, workers):
+    result = setup.plan("RRTConnect", seed=FIRST, starts=STARTS, workers=workers)
+    cost, best = min(alone, key=lambda found: found[0])
+    assert result.seed == best.seed
+    np.testing.assert_array_equal(result.path, best.path)
+    assert (result.counts, result.status) == (best.counts, best.status)
+    assert result.certified
+    assert result.robot is setup.robot
+    np.testing.assert_array_equal(setup.solution(), best.path)
+    assert setup.getSolutionPath().cost(setup.getOptimizationObjective()).value() == cost
+    assert setup.haveExactSolutionPath()
+    assert not result.interrupted
+
+
+def test_the_objective_of_the_setup_decides_and_among_equals_the_first_seed(setup, alone, monkeypatch):
+    si, before = setup.getSpaceInformation(), setup.getOptimizationObjective()
+    lengths = [result.report.length for _, result in alone]
+    assert np.argmin(lengths) != np.argmin([cost for cost, _ in alone])
+    try:
+        setup.setOptimizationObjective(ob.PathLengthOptimizationObjective(si))
+        result = setup.plan("RRTConnect", seed=FIRST, starts=STARTS, workers=2)
+        assert result.seed == alone[int(np.argmin(lengths))][1].seed
+    finally:
+        setup.setOptimizationObjective(before)
+    monkeypatch.setattr(type(before), "motionCost", lambda self, start, end: ob.Cost(0.0))
+    assert setup.plan("RRTConnect", seed=FIRST, starts=STARTS, workers=2).seed == FIRST
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_simplified_starts_and_those_without_a_path(setup, workers):
+    class Fickle(SafeRRTConnect):
+        def _search(self, ptc):
+            return None if self.getSeed() < 2 else super()._search(ptc)
+
+    planner = Fickle(setup.getSpaceInformation())
+    result = setup.plan(planner, seed=0, starts=3, workers=workers, simplify=True, time=60.0)
+    assert result.seed == 2
+    np.testing.assert_array_equal(result.path, setup.plan(planner, seed=2, simplify=True, time=60.0).path)
+    nothing = setup.plan(planner, seed=0, starts=2, workers=workers)
+    assert (nothing.path, nothing.seed) == (None, 0)
+    assert not setup.haveSolutionPath()
+
+
+def test_a_scenario_takes_starts(alone):
+    result = safe_ompl.plan("planar3", "RRTConnect", seed=FIRST, starts=STARTS, workers=2)
+    np.testing.assert_array_equal(result.path, min(alone, key=lambda found: found[0])[1].path)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("done", [0, 1])
+def test_ctrl_c_leaves_the_best_so_far(setup, monkeypatch, workers, done):
+    def pressed(*arguments):
+        for k, result in enumerate(in_order(*arguments)):
+            if k == done:
+                signal.raise_signal(signal.SIGINT)
+            yield result
+
+    monkeypatch.setattr("safe_ompl.planning.run.in_order", pressed)
+    if done == 0:
+        with pytest.raises(KeyboardInterrupt):
+            setup.plan(seed=1, starts=9, workers=workers)
+        return
+    result = setup.plan(seed=1, starts=9, workers=workers)
+    assert (result.interrupted, result.certified, result.seed) == (True, True, 1)
+
+
+def test_ctrl_c_while_a_start_is_simplified_keeps_it_and_begins_no_other(setup, monkeypatch):
+    simplify, begun = Simplifier.simplify, []
+
+    def pressed(self, path, stop, **options):
+        begun.append(path)
+
+        def pressed_once():
+            if len(begun) == 2:
+                begun.append(None)
+                signal.raise_signal(signal.SIGINT)
+            return stop()
+
+        return simplify(self, path, pressed_once, **options)
+
+    monkeypatch.setattr(Simplifier, "simplify", pressed)
+    result = setup.plan(seed=1, starts=9, simplify=True, time=60.0)
+    assert (result.interrupted, result.certified, len(begun)) == (True, True, 3)
+
+
+def test_what_goes_wrong_in_a_start_is_said(setup, monkeypatch):
+    for wrong in ({"starts": 0}, {"starts": 1.5}, {"starts": 2, "workers": 0}, {"planner": "Fly", "starts": 2}):
+        with pytest.raises(InputError):
+            setup.plan(**{"workers": 2, **wrong})
+    monkeypatch.setattr(SafeRRTConnect, "_search", lambda self, ptc: os.kill(os.getpid(), signal.SIGKILL))
+    with pytest.raises(PlanningError, match=r"seed 7 .*exit code -9"):
+        setup.plan(seed=7, starts=2, workers=2)
