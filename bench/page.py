@@ -22,7 +22,17 @@ CLAIM = "each figure of docs/measured.md comes from a file that says which comma
 FOLDER = Path(__file__).parents[1] / "docs" / "measured"
 PAGE = FOLDER.with_suffix(".md")
 ORDER = (  # of the page; files with claims only have no section
-    *("certify", "certify_danger", "motion", "motions", "motions_time", "motions_repair", "motions_tubes", "stops"),
+    *(
+        "certify",
+        "certify_danger",
+        "motion",
+        "motion_many",
+        "motions",
+        "motions_time",
+        "motions_repair",
+        "motions_tubes",
+        "stops",
+    ),
     *("stops_contact", "stops_motions", "mutations", "timing", "field", "scaling", "scaling_nodes"),
     *("setup", "simplify", "hard", "clearances", "paper", "smoothing", "worth", "live", "shield"),
     "depth",
