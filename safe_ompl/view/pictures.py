@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from io import BytesIO
+from os import cpu_count
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
@@ -21,11 +23,12 @@ from safe_ompl.planning import PlanResult, ProgramResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
+from safe_ompl.view.camera import Camera
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.drawn_scene import DrawnScene, best_view, resampled
 from safe_ompl.view.page import plot_kind
 from safe_ompl.view.plots import plot_check, plot_motion, plot_plan, plot_program
-from safe_ompl.view.rasteriser import Camera, Renderer, tone_mapped
+from safe_ompl.view.rasteriser import Renderer, tone_mapped
 from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
 from safe_ompl.view.surfaces import ColouredSurface, Surface, obstacle_surfaces, tube
 
@@ -330,18 +333,23 @@ def _frames(content: ViewerContent, paths: Mapping[str, FloatArray], times: Floa
     """Yield the pictures of all paths (F, n) at each of the times (F,) [s], with the same camera and light."""
     movers, styles = content.movers, planner_styles(paths)
     drawn = DrawnScene(content.robot, content.scene_at_start, list(paths.values()))
-    renderer = Renderer(drawn.floor, best_view(drawn, PANEL), PANEL)
-    moving = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
-    still = drawn.surroundings({mover.name for there in moving for mover in there})
-    for k, there in enumerate(moving):
-        around = [*still, *(surface for mover in there for surface in obstacle_surfaces(mover))]
+    there = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
+    moving = [[surface for mover in movers for surface in obstacle_surfaces(mover)] for movers in there]
+    still = drawn.surroundings({mover.name for movers in there for mover in movers})
+    reached = [drawn.landmarks(), *(thing.surface.vertices for things in (*moving, still) for thing in things)]
+    renderer = Renderer(drawn.floor, best_view(drawn, PANEL), PANEL, still, np.vstack(reached))
+
+    def pictures(k: int) -> list[Image]:
         images = []
         for name, path in paths.items():
             colour = styles[name].colour
             robot = ColouredSurface(drawn.body.posed(path[k]), mixed(NEUTRAL, colour, _TINT), glossy=True)
             way = ColouredSurface(trace(drawn, path[: k + 1], TRACE), colour)
-            images.append(as_bytes(tone_mapped(renderer.render([robot, way, *around]))))
-        yield images
+            images.append(as_bytes(tone_mapped(renderer.render([robot, way, *moving[k]]))))
+        return images
+
+    with ThreadPoolExecutor(cpu_count()) as threads:
+        yield from threads.map(pictures, range(len(times)))
 
 
 def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:

@@ -3,100 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from copy import copy
 from math import ceil, floor
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.common import FloatArray, InputError, IntArray, compiled
+from safe_ompl.common import FloatArray, IntArray, compiled
+from safe_ompl.view.camera import Camera, in_picture, viewing_rays
 from safe_ompl.view.surfaces import ColouredSurface, Surface
-
-_NEAR = 0.02  # [m] in front of the camera, where it begins to see
-_MARGIN = 0.05  # share of a picture that is left free at each side
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A pinhole camera."""
-
-    eye: FloatArray  # (3,), Where it stands, a point it looks at, and the direction that is up in the picture [m]
-    target: FloatArray
-    up: FloatArray
-    field_of_view: float  # Vertical opening angle [rad]
-
-    @classmethod
-    def framing(
-        cls, points: FloatArray, azimuth: float, elevation: float, size: tuple[int, int], field_of_view: float = 0.5
-    ) -> Camera:
-        """Return the camera that looks from a direction and holds all `points: (P, 3)` [m], as near as it can.
-
-        The direction, from the points to the camera, is given by azimuth about z and elevation [rad]. Raises InputError
-        if the picture, `size` [px], has no pixels.
-        """
-        if min(size) < 1:
-            raise InputError(f"a picture needs at least 1 pixel; got {size[0]} by {size[1]}")
-        back, right, up = _camera_axes(azimuth, elevation)
-        x, y, z = points @ right, points @ up, points @ back
-        half_height = np.tan(field_of_view / 2) * (1.0 - 2.0 * _MARGIN)
-        eye_x, far_x = _fit(x, z, half_height * size[0] / size[1])
-        eye_y, far_y = _fit(y, z, half_height)
-        eye_z = max(far_x, far_y, float(z.max()) + 1e-3)
-        eye = eye_x * right + eye_y * up + eye_z * back
-        return cls(eye, eye - (eye_z - float(z.mean())) * back, up, field_of_view)
-
-    def axes(self) -> tuple[FloatArray, FloatArray]:
-        """Return the unit vectors (3,) back to the eye and to the right in the picture."""
-        back = (self.eye - self.target) / np.linalg.norm(self.eye - self.target)
-        return back, np.cross(self.up, back)
-
-    def key_light(self) -> FloatArray:
-        """Return the unit vector (3,) to the main light of a picture: high over the left shoulder of the camera."""
-        back = (self.eye - self.target - 0.35 * self.up) * (1.0, 1.0, 0.0)
-        back = back / np.linalg.norm(back)
-        left = np.cross(back, (0.0, 0.0, 1.0))
-        key = 0.6 * back + 0.8 * left + (0.0, 0.0, 1.3)
-        return np.asarray(key / np.linalg.norm(key))
-
-
-def _camera_axes(azimuth: float, elevation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return unit vectors towards the camera, to the right of the picture and up in it."""
-    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-    back = np.array([ce * ca, ce * sa, se])
-    right = np.array([-sa, ca, 0.0])
-    return back, right, np.cross(back, right)
-
-
-def _fit(across: FloatArray, depth: FloatArray, slope: float) -> tuple[float, float]:
-    """Return the nearest camera (lateral position, depth) that sees all points within ± `slope`.
-
-    |xᵢ − x| ≤ slope · (z − zᵢ) for all i is tight at z = (max(xᵢ + s zᵢ) − min(xᵢ − s zᵢ)) / 2s.
-    """
-    high, low = float((across + slope * depth).max()), float((across - slope * depth).min())
-    return (high + low) / 2.0, (high - low) / (2.0 * slope)
-
-
-def in_picture(camera: Camera, points: FloatArray, size: tuple[int, int]) -> FloatArray:
-    """Return columns, rows and 1/depth [1/m] of points (P, 3) in a picture; NaN behind the camera."""
-    back, right = camera.axes()
-    away = points - camera.eye
-    depth = -(away @ back)
-    depth = np.where(depth > _NEAR, depth, np.nan)
-    scale = size[1] / 2 / np.tan(camera.field_of_view / 2) / depth
-    x = (size[0] - 1) / 2 + scale * (away @ right)
-    y = (size[1] - 1) / 2 - scale * (away @ camera.up)
-    return np.column_stack([x, y, 1.0 / depth])
-
-
-def viewing_rays(camera: Camera, size: tuple[int, int], pixels: IntArray) -> FloatArray:
-    """Return the ways of the rays (P, 3) of some pixels, numbered row by row, per metre of depth."""
-    back, right = camera.axes()
-    half = np.tan(camera.field_of_view / 2) / (size[1] / 2)
-    row, column = np.divmod(pixels, size[0])
-    x, y = (column - (size[0] - 1) / 2) * half, ((size[1] - 1) / 2 - row) * half
-    return np.asarray(x[:, None] * right + y[:, None] * camera.up - back)
-
 
 _Numbers: TypeAlias = NDArray[np.int32]  # there are millions: half as many bytes as `IntArray`
 _SUBPIXELS = 2  # along each side of a pixel
@@ -111,13 +27,28 @@ _GLOSS, _SHININESS = 0.16, 60.0
 
 
 class Renderer:
-    """An endless light floor, at a height [m], under a soft sky; the key light is over the camera's left shoulder."""
+    """An endless light floor, at a height [m], under a soft sky; the key light is over the camera's left shoulder.
 
-    def __init__(self, floor: float, camera: Camera, size: tuple[int, int]) -> None:
+    What stands `still` in many pictures is drawn once. Then shadows are known `around` points (P, 3) [m], which must be
+    given; else around whatever a picture shows.
+    """
+
+    def __init__(
+        self,
+        floor: float,
+        camera: Camera,
+        size: tuple[int, int],
+        still: Sequence[ColouredSurface] = (),
+        around: FloatArray | None = None,
+    ) -> None:
         self.camera, self.size, self._floor = camera, size, floor
         self._fine = (_SUBPIXELS * size[0], _SUBPIXELS * size[1])
         rays = viewing_rays(camera, self._fine, np.arange(self._fine[0] * self._fine[1]))
         self._floor_nearness = np.maximum(rays[:, 2] / (floor - camera.eye[2]), 0.0)
+        self._still = list(still)
+        self._background = Surface.merged(thing.surface for thing in still)
+        self._seen = self._nearest(self._background)
+        self._light = None if around is None else self._light_around(around, self._background)
 
     def render(self, things: Sequence[ColouredSurface]) -> FloatArray:
         """Return a picture of things on the floor: (height, width, 3), linear RGB."""
@@ -130,17 +61,28 @@ class Renderer:
 
         That is of each body alone the values (V, C) in [0, 1] of its vertices, 0 where it is not seen.
         """
-        solid = Surface.merged(thing.surface for thing in things)
-        points = in_picture(self.camera, solid.vertices, self._fine)
-        nearness, faces = nearest_triangles(points, solid.faces, *self._fine)
+        moving = Surface.merged(thing.surface for thing in things)
+        nearness, faces = self._seen[0].copy(), self._seen[1].copy()
+        points = in_picture(self.camera, moving.vertices, self._fine)
+        draw_triangles(points, moving.faces, len(self._background.faces), nearness, faces)
         hidden = np.maximum(nearness.ravel(), self._floor_nearness)
         faces = np.where(nearness.ravel() > self._floor_nearness, faces.ravel(), -1)
-        return self._picture(solid, things, faces), [self._layer(hidden, *body) for body in bodies]
+        solid = Surface.merged([self._background, moving])
+        known = self._light
+        light = self._light_around(solid.vertices, solid) if known is None else known.behind(moving)
+        picture = self._picture(solid, [*self._still, *things], light, faces)
+        return picture, [self._layer(hidden, *body) for body in bodies]
 
-    def _picture(self, solid: Surface, things: Sequence[ColouredSurface], faces: _Numbers) -> FloatArray:
+    def _nearest(self, surface: Surface) -> tuple[NDArray[np.float32], _Numbers]:
+        """Return 1/depth of a surface at all subpixels, and which of its triangles they see."""
+        return nearest_triangles(in_picture(self.camera, surface.vertices, self._fine), surface.faces, *self._fine)
+
+    def _light_around(self, points: FloatArray, solid: Surface) -> _Light:
+        return _Light(points, self._floor, self.camera.key_light()).behind(solid)
+
+    def _picture(self, solid: Surface, things: Sequence[ColouredSurface], light: _Light, faces: _Numbers) -> FloatArray:
         """Return the picture of things, which make one solid of which subpixels (S,) see triangles, or -1."""
         thing_of_face = np.repeat(np.arange(len(things)), [len(thing.surface.faces) for thing in things])
-        light = _Light(solid, self._floor, self.camera.key_light())
         seen = np.zeros(len(solid.faces) + 1, dtype=bool)
         groups = np.full(len(seen), -1, dtype=np.int32)
         seen[faces] = True
@@ -161,11 +103,10 @@ class Renderer:
 
     def _layer(self, hidden: FloatArray, surface: Surface, values: FloatArray) -> FloatArray:
         """Return the values (V, C) of a body's vertices where it is nearer than what hides it: (height, width, C)."""
-        points = in_picture(self.camera, surface.vertices, self._fine)
-        nearness, faces = nearest_triangles(points, surface.faces, *self._fine)
+        nearness, faces = self._nearest(surface)
         pixels = np.flatnonzero(nearness.ravel() > hidden)
         image = np.zeros((nearness.size, values.shape[1]), dtype=np.float32)
-        image[pixels] = self._interpolated(surface, faces.ravel()[pixels], pixels, values)[0]
+        image[pixels] = self._interpolated(surface, faces.ravel()[pixels], pixels, values)
         return np.clip(_averaged(image.reshape(self._fine[1], self._fine[0], -1)), 0.0, 1.0)
 
     def _distinct(self, groups: _Numbers) -> tuple[IntArray, _Numbers]:
@@ -181,28 +122,17 @@ class Renderer:
                 first[one] = np.where(fine[one] == fine[other], numbers[other], first[one])
         return np.flatnonzero(first == numbers), first.ravel()
 
-    def _interpolated(
-        self, surface: Surface, faces: _Numbers, pixels: IntArray, *values: FloatArray
-    ) -> list[FloatArray]:
-        """Return values (V, C) of vertices where the rays of pixels (P,) meet triangles (P,): (P, C) of each."""
-        corners = surface.faces[faces]
-        a, b, c = (surface.vertices[corners[:, k]] for k in range(3))
-        rays, away = viewing_rays(self.camera, self._fine, pixels), self.camera.eye - a
-        one, other = b - a, c - a
-        cross = np.cross(rays, other)
-        determinant = np.einsum("ij,ij->i", one, cross)
-        determinant = np.where(determinant == 0.0, 1.0, determinant)
-        u = np.clip(np.einsum("ij,ij->i", away, cross) / determinant, 0.0, 1.0)
-        v = np.einsum("ij,ij->i", rays, np.cross(away, one)) / determinant
-        v = np.clip(v, 0.0, 1.0 - u)
-        shares = np.column_stack([1.0 - u - v, u, v])
-        return [np.asarray(np.einsum("pk,pkc->pc", shares, each[corners])) for each in values]
+    def _interpolated(self, surface: Surface, faces: _Numbers, pixels: IntArray, values: FloatArray) -> FloatArray:
+        """Return values (V, C) of vertices where the rays of pixels (P,) meet triangles (P,): (P, C)."""
+        rays = viewing_rays(self.camera, self._fine, pixels)
+        return interpolated(surface.vertices, surface.faces[faces], values, self.camera.eye, rays)
 
     def _shaded(
         self, solid: Surface, faces: _Numbers, pixels: IntArray, light: _Light, paint: FloatArray, glossy: FloatArray
     ) -> FloatArray:
         """Return the colours (P, 3) of triangles where pixels see them."""
-        places, normals = self._interpolated(solid, faces, pixels, solid.vertices, solid.normals)
+        found = self._interpolated(solid, faces, pixels, np.hstack([solid.vertices, solid.normals]))
+        places, normals = found[:, :3], found[:, 3:]
         to_eye = self.camera.eye - places
         to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
         normals *= np.where(np.einsum("ij,ij->i", normals, to_eye) < 0.0, -1.0, 1.0)[:, None]
@@ -216,33 +146,38 @@ class Renderer:
 
 
 class _Light:
-    """Sky and key light as many directions, each with a shadow map over the floor."""
+    """Sky and key light as many directions, each with a shadow map over the floor around points (P, 3) [m]."""
 
-    def __init__(self, solid: Surface, floor: float, key: FloatArray) -> None:
+    def __init__(self, points: FloatArray, floor: float, key: FloatArray) -> None:
         self._floor = floor
         self._directions = np.vstack([_sky(), _cone(key)])
         shares = [_SKY_SHARE / _SKY_LIGHTS, (1.0 - _SKY_SHARE) / _KEY_LIGHTS]
         self._shares = np.repeat(shares, [_SKY_LIGHTS, _KEY_LIGHTS])
-        points = solid.vertices if len(solid.vertices) else np.zeros((1, 3))
+        points = points if len(points) else np.zeros((1, 3))
         low, high = points.min(axis=0), points.max(axis=0)
         reach = 0.8 * (high[2] - floor) + 0.05
         self._corner = low[:2] - reach
         self._texel = float((high[:2] - low[:2] + 2 * reach).max()) / _MAP
-        coarse = solid.simplified(0.8 * self._texel)
         self._slants = self._directions[:, :2] / self._directions[:, 2:] / self._texel
-        self._maps = np.stack([self._shadow_map(coarse, slant) for slant in self._slants])
-        shaded = _blurred(np.tensordot(self._shares, np.isfinite(self._maps), axes=1))
-        self._on_floor = 1.0 - shaded * _fading(_MAP)
+        # How high above the floor the highest thing is between each texel and a light
+        self._maps = np.full((len(self._slants), _MAP, _MAP), -np.inf, dtype=np.float32)
+        self._on_floor = np.ones((_MAP, _MAP))
+
+    def behind(self, solid: Surface) -> _Light:
+        """Return the light with the shadows of one more solid."""
+        light, coarse = copy(self), solid.simplified(0.8 * self._texel)
+        texels, heights = self._on_map(coarse.vertices)
+        light._maps, owner = self._maps.copy(), np.empty((_MAP, _MAP), dtype=np.int32)
+        for slant, heights_there in zip(self._slants, light._maps, strict=True):
+            points = np.column_stack([texels - heights[:, None] * slant, heights])
+            draw_triangles(points, coarse.faces, 0, heights_there, owner)
+        shaded = _blurred(np.tensordot(self._shares, np.isfinite(light._maps), axes=1))
+        light._on_floor = 1.0 - shaded * _fading(_MAP)
+        return light
 
     def _on_map(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the texels (P, 2) under places (P, 3), and their heights (P,) above the floor."""
         return (places[:, :2] - self._corner) / self._texel, places[:, 2] - self._floor
-
-    def _shadow_map(self, solid: Surface, slant: FloatArray) -> NDArray[np.float32]:
-        """Return the height above the floor of the highest thing between each texel and a light: (S, S)."""
-        texels, heights = self._on_map(solid.vertices)
-        points = np.column_stack([texels - heights[:, None] * slant, heights])
-        return nearest_triangles(points, solid.faces, _MAP, _MAP)[0]
 
     def on_floor(self, places: FloatArray) -> FloatArray:
         """Return the light (P,) on the floor at places (P, 3), 1 where it is open."""
@@ -334,19 +269,30 @@ def tone_mapped(linear_rgb: FloatArray) -> FloatArray:
     return np.where(soft <= 0.0031308, 12.92 * soft, 1.055 * soft ** (1 / 2.4) - 0.055)
 
 
-@compiled
 def nearest_triangles(
     points: FloatArray, faces: IntArray, width: int, height: int
 ) -> tuple[NDArray[np.float32], _Numbers]:
     """Return how near the nearest triangle is at each pixel (height, width), -inf beside all, and which it is, or -1.
 
+    See `draw_triangles`.
+    """
+    nearness, owner = np.full((height, width), -np.inf, dtype=np.float32), np.full((height, width), -1, dtype=np.int32)
+    draw_triangles(points, faces, 0, nearness, owner)
+    return nearness, owner
+
+
+@compiled
+def draw_triangles(
+    points: FloatArray, faces: IntArray, first: int, nearness: NDArray[np.float32], owner: _Numbers
+) -> None:
+    """Draw triangles over what is there: where they are nearer, `nearness` and `owner` (height, width) become theirs.
+
     Triangles are `faces: (F, 3)` of vertices `points: (V, 3)`: columns and rows in pixels, centres at integers, and
     nearness, which must be affine on a triangle in the picture: 1/depth of a perspective, or a height. NaN: not to be
-    drawn. A pixel is in a triangle where the three edge functions (b − a) × (p − a) have the sign of its area; along a
-    row they bound an interval of columns.
+    drawn. Their numbers begin with `first`. A pixel is in a triangle where the three edge functions
+    (b − a) × (p − a) have the sign of its area; along a row they bound an interval of columns.
     """
-    nearness = np.full((height, width), -np.inf, dtype=np.float32)
-    owner = np.full((height, width), -1, dtype=np.int32)
+    height, width = nearness.shape
     for f in range(len(faces)):
         a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
         area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
@@ -372,8 +318,34 @@ def nearest_triangles(
                 near = a[2] + across * (column - a[0]) + down * (row - a[1])
                 if near > nearness[row, column]:
                     nearness[row, column] = near
-                    owner[row, column] = f
-    return nearness, owner
+                    owner[row, column] = first + f
+
+
+@compiled
+def interpolated(
+    vertices: FloatArray, corners: IntArray, values: FloatArray, eye: FloatArray, rays: FloatArray
+) -> FloatArray:
+    """Return values (V, C) of vertices where rays (P, 3) from the eye meet triangles of corners (P, 3): (P, C).
+
+    A ray that misses its triangle, as one through the edge may, has the values of the edge.
+    """
+    found = np.empty((len(rays), values.shape[1]))
+    for p in range(len(rays)):
+        i, j, k = corners[p, 0], corners[p, 1], corners[p, 2]
+        rx, ry, rz = rays[p, 0], rays[p, 1], rays[p, 2]
+        ax, ay, az = eye[0] - vertices[i, 0], eye[1] - vertices[i, 1], eye[2] - vertices[i, 2]
+        ux, uy, uz = (vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2])
+        vx, vy, vz = (vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2])
+        cx, cy, cz = ry * vz - rz * vy, rz * vx - rx * vz, rx * vy - ry * vx
+        determinant = ux * cx + uy * cy + uz * cz
+        if determinant == 0.0:
+            determinant = 1.0
+        u = min(max((ax * cx + ay * cy + az * cz) / determinant, 0.0), 1.0)
+        v = rx * (ay * uz - az * uy) + ry * (az * ux - ax * uz) + rz * (ax * uy - ay * ux)
+        v = min(max(v / determinant, 0.0), 1.0 - u)
+        for c in range(values.shape[1]):
+            found[p, c] = (1.0 - u - v) * values[i, c] + u * values[j, c] + v * values[k, c]
+    return found
 
 
 @compiled

@@ -60,11 +60,8 @@ class Surface:
         """Return the surface with all vertices within a cubic cell [m] drawn together into one of them."""
         kept, index = _distinct_rows(np.round(self.vertices / cell))
         faces = index[self.faces]
-        flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-        first, _ = _distinct_rows(np.sort(faces, axis=1))
-        distinct = np.zeros(len(faces), dtype=bool)
-        distinct[first] = True
-        return Surface(self.vertices[kept], self.normals[kept], faces[distinct & ~flat])
+        flat = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+        return Surface(self.vertices[kept], self.normals[kept], faces[~flat])
 
     def part(self, chosen: BoolArray) -> Surface:
         """Return the triangles for which `chosen: (F,)` is true."""

@@ -13,6 +13,7 @@ from safe_ompl import InputError, plan_program
 from safe_ompl.planning import program_robot
 from safe_ompl.scene import Attach, Detach, Gripper, Scenario, list_scenarios
 
+PATIENCE = 300.0  # [s], for a machine that does much else
 DOWN = {"rpy": [np.pi, 0.0, 0.0]}
 CUP = [["link7", "red"]]
 TABLE, RED = {"size": [0.7, 1.2, 0.06]}, {"size": [0.08, 0.08, 0.08]}
@@ -46,7 +47,7 @@ def scenario(steps=STEPS, places=PLACES, grasps=({"position": [0.0, 0.0, 0.04], 
 @cache
 def planned(name=None):
     given = scenario() if name is None else Scenario.load(list_scenarios(programs=True)[name])
-    found = plan_program(given)
+    found = plan_program(given, time=PATIENCE)
     assert found, found.why
     return found
 
@@ -183,7 +184,7 @@ def test_a_tube_by_joint_may_name_joints_of_grippers():
     )
     given = replace(given, program=replace(given.program, steps=steps))
     given = replace(given, limits=replace(given.limits, tube={**joints, "panda_finger_joint1": 0.0005}))
-    found = plan_program(given)
+    found = plan_program(given, time=PATIENCE)
     assert found, found.why
     assert isinstance(steps[2], Gripper)
     assert found.stretches[2].check.separation.tube[-1] == 0.0005

@@ -28,7 +28,7 @@ _SQUEEZE = 0.0006  # [m] that the fingers are nearer than the edge
 _RADII, _HEIGHTS = (0.55, 0.45, 0.65), (-0.35, -0.2, -0.5)  # of the table, in reaches from the shoulder
 _PICK, _PLACES = -0.5, (0.35, 0.6)  # [rad] left of straight ahead
 _LINE = 120  # letters
-_UP, _TIME = 0.1, 4.0  # [m] above grasps and places; [s] for each table
+_UP, _TIME = 0.1, 10.0  # [m] above grasps and places; [s] for each table
 
 
 class Gripper:

@@ -17,28 +17,28 @@ ROOT = Path(__file__).parents[3]
 HOOK = runpy.run_path(str(ROOT / ".ci" / "machine_code.py"))
 
 
-def test_jobs_ask_for_all_kernels():
+@pytest.fixture(scope="module")
+def kernels():
     for job in ALL_JOBS:
         resolve_name(job)()
-    kernels = list(HOOK["all_kernels"]())
+    return list(HOOK["all_kernels"]())
+
+
+def test_jobs_ask_for_all_kernels(kernels):
     assert len(kernels) > len(ALL_JOBS)
     for kernel in kernels:
         assert kernel.signatures or sum(kernel.stats.cache_hits.values()), kernel
 
 
 @pytest.mark.end_to_end
-def test_a_wheel_with_machine_code_compiles_nothing_and_finds_the_same_paths_bit_for_bit(tmp_path):
-    """It is built where SciPy cannot be imported: Numba asks for it when it compiles `@` or np.linalg."""
+def test_a_package_with_machine_code_compiles_nothing_and_finds_the_same_paths_bit_for_bit(kernels, tmp_path):
+    """The machine code is that of this machine; `.ci/environments` tries the wheel, which is for others, too."""
     package = tmp_path / "safe_ompl"
     shutil.copytree(Path(safe_ompl.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "scipy.py").write_text("raise ImportError('scipy is missing')\n")
-    HOOK["build"](str(tmp_path), package)
-    assert any((package / "cache").rglob("*.nbc"))
-    shutil.rmtree(package / "cache")
-    (tmp_path / "scipy.py").unlink()
+    HOOK["copy_kept"](kernels, package)
 
     def paths(root, **variables):
-        program = "from bench.same import runs; print(dict(runs(['planar3', 'ur5_handover'])))"
+        program = "from bench.same import runs; print(dict(runs(['planar3'])))"
         variables = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(ROOT), *sys.path])} | variables
         words = [sys.executable, "-c", program]
         done = subprocess.run(words, cwd=root, env=variables, capture_output=True, text=True)
@@ -47,7 +47,7 @@ def test_a_wheel_with_machine_code_compiles_nothing_and_finds_the_same_paths_bit
 
     shutil.copytree(ROOT / "scenarios", package / "scenarios")
     found, said = paths(tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
-    assert found.count("simplified") > 10
+    assert found.count("simplified") > 5
     assert found == paths(Path(safe_ompl.__file__).parents[1])[0]
     assert "compiling" not in said
     assert not list((tmp_path / "cache").rglob("*.nb?"))
