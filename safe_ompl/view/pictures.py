@@ -28,7 +28,7 @@ from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.drawn_scene import DrawnScene, best_view, resampled
 from safe_ompl.view.page import plot_kind
 from safe_ompl.view.plots import plot_check, plot_motion, plot_plan, plot_program
-from safe_ompl.view.rasteriser import Renderer, tone_mapped
+from safe_ompl.view.renderer import Renderer, tone_mapped
 from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
 from safe_ompl.view.surfaces import ColouredSurface, Surface, obstacle_surfaces, tube
 
