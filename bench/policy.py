@@ -41,6 +41,7 @@ CHUNK, STEPS = 30, 15  # targets that the policy proposes, and those of them tha
 PATIENCE = {"free": 12.0, "post": 12.0, "person": 40.0}  # [s] of an episode
 NOISE = 0.6  # [° or %] of what is sent in episodes to learn from, not of their labels
 CLEARANCE = 0.03  # [m] that is kept from post and person, for the errors of the servos
+TUBE, LAG = 0.06, 0.2  # [rad, s] of the servos beside a person: how far off they are, and how long they swing
 _SAME = 0.5  # [° or %]
 _FLOOR = -0.75  # [m] of the room, below the table
 _MOVING = 0.05  # [rad/s]
@@ -61,7 +62,8 @@ def scenario_of(file: Path, post: FloatArray | None, person: bool) -> Scenario:
     from bench._so101 import ASSETS, MOTORS, POST
 
     # Fingertips come nearer to the table than joints are known.
-    obstacles: list[dict[str, Any]] = [{"name": "table", "box": {"size": [1.2, 1.2, 0.04]}, "position": [0, 0, -0.07]}]
+    height = -0.07 - (2.0 * TUBE if person else 0.0)
+    obstacles: list[dict[str, Any]] = [{"name": "table", "box": {"size": [1.2, 1.2, 0.04]}, "position": [0, 0, height]}]
     if post is not None:
         obstacles.append({"name": "post", "box": {"size": [2 * x for x in POST]}, "position": post.tolist()})
     if person:
@@ -76,13 +78,14 @@ def scenario_of(file: Path, post: FloatArray | None, person: bool) -> Scenario:
         "scene": {"obstacles": obstacles},
         "start": [0.0] * (len(MOTORS) - 1),
         "goal": {"configuration": [0.0, 0.1, 0.0, 0.0, 0.0]},
-        "motion": {"velocity": 3.0, "acceleration": 50.0},
+        "motion": {"velocity": 3.0, "acceleration": 20.0 if person else 50.0},
     }
     if post is not None:
         data["limits"] = {"min_clearance": CLEARANCE, "obstacles": ["post"]}
     if person:
         hands = {"left_hand": 2.0, "right_hand": 2.0}
-        data["people"] = {"speed": 1.6, "speeds": hands, "clearance": CLEARANCE}
+        data["people"] = {"speed": 1.6, "speeds": hands, "clearance": 0.0}
+        data["limits"] = {"tube": TUBE}
     file.write_text(yaml.safe_dump(data))
     return Scenario.load(file)
 
@@ -149,7 +152,7 @@ class Episode:
     def run(self, act: Policy, guarded: str) -> dict[str, Any]:
         """Return what happened under a guard that knows chunks, one that does not (`blind`), or without one."""
         robot, guard = self.robot, None
-        options = PolicyOptions(latency=0.0)
+        options = PolicyOptions(latency=0.0, lag=LAG if self.where == "person" else 0.0)
         if guarded:
             guard = PolicyGuard(self.scenario, tuple(robot.action_features), options, robot.clock)
         took, errors, same, standing, ticks = [], [], [], 0, 0

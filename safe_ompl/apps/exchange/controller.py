@@ -33,12 +33,14 @@ from safe_ompl.motions import Motion
 from safe_ompl.people import DepthFrame, Tracker
 from safe_ompl.people.replanning import Command, Doing, Legs, Replanner, ReplanningOptions, Shield, stop_as_dict
 from safe_ompl.robot import Robot
+from safe_ompl.trajectories import State
 
 _log = logging.getLogger(__name__)
 
 _HISTORY = 100  # commands that are kept, to compare measured joints with
 _JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
 _JOINTS_APART = 0.1  # [s] joint states before and after an image must be nearer
+_LAGS = 5  # times within the lag at which the robot is compared with what was commanded
 _RESTING = 0.01  # [rad/s] joints that are slower stand still
 _ARRIVED = "at the goal"
 _SAME = 1e-6  # [rad or m] a goal that is nearer is reached
@@ -67,7 +69,8 @@ class ControlOptions:
     replanning: ReplanningOptions = field(default_factory=ReplanningOptions)
     latency: float = 0.05  # From a tick until its command holds, at most a tick [s]
     clock_error: float = 0.01  # By which clocks of sensors may differ from the robot's [s]
-    tolerance: float = 0.05  # How far a joint may be from where it should be [rad or m]
+    # How far a joint may be from where it should be [rad or m]; where proofs have a tube, that counts instead
+    tolerance: float = 0.05
     cloud_radius: float = 0.02  # Of the ball about each point of a cloud [m]
 
     def __post_init__(self) -> None:
@@ -264,20 +267,43 @@ class LiveController:
             return None
         if self._cloud is not None and (new := self._cloud.news(self._proven_cloud)):
             return f"{new} points of the cloud are new"
-        away, _ = self.errors()
-        if away.max() > self.options.tolerance:
-            name = self.cell.robot.joint_names[int(away.argmax())]
-            return f"{name!r} is {away.max():.3f} from where it should be"
-        return None
+        return self._astray(self.errors()[0], "it should be") or None
+
+    def _allowed(self) -> FloatArray:
+        """Return how far joints (n,) may be from where they should be: what is proven holds within a tube only."""
+        tube = () if self._pilot is None else self._pilot.prover.separation.tube
+        return np.array(tube) if tube else np.full(self.cell.robot.n, self.options.tolerance)
+
+    def _astray(self, away: FloatArray, where: str) -> str:
+        """Say which joint is farther away (n,) from a place than it may be; empty if none is."""
+        over = away - self._allowed()
+        joint = int(over.argmax())
+        name, most = self.cell.robot.joint_names[joint], self._allowed()[joint]
+        return f"{name!r} is {away[joint]:.3f} from where {where}, and {most:.3g} is allowed" if over[joint] > 0 else ""
+
+    def _expected(self) -> list[State]:
+        """Return what the robot may have done when joints were measured last: what it should, or did a lag before."""
+        lag = self.options.replanning.lag
+        now = -np.inf if self.joints is None else self.joints.time
+        times = (now - lag * np.linspace(0.0, 1.0, _LAGS if lag else 1)).tolist()
+        told = [(time, [one for one in self._commands if one.time <= time]) for time in times]
+        return [commands[-1].at(time) for time, commands in told if commands]
 
     def errors(self) -> tuple[FloatArray, FloatArray]:
-        """Return how far joints and velocities (n,) were from what was commanded when they were measured last."""
-        joints = self.joints
-        told = [command for command in self._commands if joints is not None and command.time <= joints.time]
-        if joints is None or not told:
+        """Return how far joints and velocities (n,) were from what was commanded when they were measured last.
+
+        A robot that lags is compared with what was commanded when it was nearest to that.
+        """
+        found, joints = self._expected(), self.joints
+        if joints is None or not found:
             return np.zeros(self.cell.robot.n), np.zeros(self.cell.robot.n)
-        state = told[-1].at(joints.time)
-        return self._apart(state.q, joints.q), np.abs(state.qd - joints.qd)
+        nearest = min(found, key=lambda state: float((self._apart(state.q, joints.q) / self._allowed()).max()))
+        return self._apart(nearest.q, joints.q), np.abs(nearest.qd - joints.qd)
+
+    def behind(self) -> FloatArray:
+        """Return by how much (n,) the joints were short of wherever they may have been; negative: beyond it."""
+        found = [self.cell.robot.difference(self.joints.q, state.q) for state in self._expected() if self.joints]
+        return np.clip(0.0, np.min(found, axis=0), np.max(found, axis=0)) if found else np.zeros(self.cell.robot.n)
 
     def _apart(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return how far (n,) the joints of two configurations are apart."""
@@ -334,7 +360,7 @@ class LiveController:
             if self.legs is not None:
                 self._resume(away)
                 return
-            start = rest if away.max() <= self.options.tolerance else start
+            start = start if self._astray(away, "") else rest
         goal = start if self.goal is None else self.goal
         if not self._wanted and isinstance(goal, np.ndarray) and self._apart(start, goal).max() < _SAME:
             self.goal, self._why = None, _ARRIVED
@@ -347,9 +373,8 @@ class LiveController:
     def _resume(self, away: FloatArray) -> None:
         """Go on with the program, if the joints are no farther (n,) from where it stopped than they may be."""
         assert self.legs is not None
-        if away.max() > self.options.tolerance:
-            name = self.cell.robot.joint_names[int(away.argmax())]
-            self._why = f"{name!r} is {away.max():.3f} from where the program goes on"
+        if why := self._astray(away, "the program goes on"):
+            self._why = why
             return
         replanner = self.legs.current.replanner
         replanner.resume(self.command if self.told_by is replanner else None)
@@ -366,9 +391,8 @@ class LiveController:
             what = "the program cannot be driven" if self.cell.program else "no way to the goal"
             self.goal, self._wanted, self._why = None, self.cell.shielded, f"{what}: {error}"
             return
-        away = np.inf if self.joints is None else self._apart(self._start, self.joints.q).max()
-        if away > self.options.tolerance:  # the robot was moved meanwhile: plan anew
-            return
+        if self.joints is None or self._astray(self._apart(self._start, self.joints.q), ""):
+            return  # the robot was moved meanwhile: plan anew
         self.legs = found if isinstance(found, Legs) else None
         self._pilot = found.current.replanner if isinstance(found, Legs) else found
         self._sightings.restart()

@@ -30,7 +30,7 @@ from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_ar
 from safe_ompl.geometry import Obstacle, Person
 from safe_ompl.motions import Motion
 from safe_ompl.people import Surroundings, TrackedBody, Tracker, find_skeleton
-from safe_ompl.people.replanning import PathLimits, ReplanningOptions, Shield, ShieldCommand
+from safe_ompl.people.replanning import Doing, PathLimits, ReplanningOptions, Shield, ShieldCommand
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import Robot
@@ -45,6 +45,7 @@ _NOISE = 4e-3  # [rad] an encoder that moves less from one observation to the ne
 _RAMP = 0.5  # of the accelerations: what a motion that goes on beyond the last target is braked by
 _FASTER = 1.25  # times as fast as proposed it goes through targets that wait
 _SAGS = 0.5  # [s] within which sag is learnt
+_AT_REST = (Doing.BRAKING.value, Doing.STANDING.value)
 _FAR = np.array([3.0, 0.0, 0.0])  # [m]
 _REHEARSED = 8  # targets
 
@@ -60,7 +61,9 @@ class PolicyOptions:
     offsets: dict[str, float] = field(default_factory=dict)
     fps: float = 30.0  # Targets in a second
     latency: float = 0.01  # The guard answers within this time [s]
-    tolerance: float = 6.0  # How far joints may be from where they should be [° or m]: otherwise the robot stops
+    # How far joints may be from where they should be [° or m]: otherwise the robot stops. limits.tube counts instead
+    tolerance: float = 6.0
+    lag: float = 0.0  # Servos are where they are told to be by so much later at the latest [s]
     backlog: float = 5.0  # Of how many seconds targets may wait; 0: the robot goes to the newest one
     skeleton: str = ""  # The key points of people, such as coco17; default: the package's own
     camera_delay: float = 0.0  # How old key points are when they are given [s]
@@ -147,7 +150,7 @@ class PolicyGuard:
         own = scenario.motion
         self._limits = RateLimits.of(robot, own.velocity, own.acceleration, own.jerk)
         limits = PathLimits(self._limits, own.tool_speed, own.link_speed)
-        replanning = ReplanningOptions(tick=self.period, limits=limits)
+        replanning = ReplanningOptions(tick=self.period, limits=limits, lag=options.lag)
         latency = min(number("latency", options.latency, at_least=0.0), self.period)
         control = ControlOptions(
             replanning, latency, tolerance=np.pi / 180 * number("tolerance", options.tolerance, above=0.0)
@@ -160,7 +163,6 @@ class PolicyGuard:
         self._before: FloatArray | None = None  # the last one that was reached
         self._others: dict[str, Any] = {}
         self._chunk = np.zeros((0, robot.n))
-        self._measured: tuple[float, FloatArray] | None = None
         self._sag = np.zeros(robot.n)  # by which joints are told more than where they should be
         self.reason = ""
 
@@ -170,16 +172,15 @@ class PolicyGuard:
         It has the positions of all motors, and key points (J, 3) of people in the world [m] as ``people.NAME``.
         """
         now, q = self._clock() if time is None else time, self.motors.of(observation)
-        command, most = self.controller.command, self.controller.options.tolerance
-        if command is not None and now >= command.time:
-            behind = self.cell.robot.difference(q, command.at(now).q)
-            self._sag = np.clip(self._sag + self.period / _SAGS * behind, -most, most)
+        controller, robot = self.controller, self.cell.robot
+        before, most = controller.joints, controller.options.tolerance
         velocity = np.zeros_like(q)
-        if self._measured is not None and now > self._measured[0]:
-            step = self.cell.robot.difference(self._measured[1], q)
-            velocity = np.where(np.abs(step) < _NOISE, 0.0, step / (now - self._measured[0]))
-        self._measured = now, q
-        self.controller.see_joints(now, self.cell.robot.joint_names, q.tolist(), velocity.tolist())
+        if before is not None and now > before.time:
+            step = robot.difference(before.q, q)
+            velocity = np.where(np.abs(step) < _NOISE, 0.0, step / (now - before.time))
+        controller.see_joints(now, robot.joint_names, q.tolist(), velocity.tolist())
+        if controller.state not in _AT_REST:  # what it is told does not change while somebody may be near
+            self._sag = np.clip(self._sag + self.period / _SAGS * controller.behind(), -most, most)
         seen = {name: observation.get(f"people.{name}") for name in self.cell.trackers}
         found = {name: np.asarray(points, dtype=float) for name, points in seen.items() if points is not None}
         self.controller.see_people(now - self.options.camera_delay, found)
@@ -191,7 +192,8 @@ class PolicyGuard:
 
     def guarded(self, action: Mapping[str, Any]) -> dict[str, Any]:
         """Return what to send in the place of an action; InputError if that has not all motors, or before `see`."""
-        if self._measured is None:
+        joints = self.controller.joints
+        if joints is None:
             raise InputError("nothing was observed yet", "observation")
         q = self.motors.of(action) - self._sag
         others = {key: value for key, value in action.items() if key not in self.motors.keys}
@@ -207,7 +209,7 @@ class PolicyGuard:
                 self._before, self._others = self._waiting.popleft()
                 self._due += self._spacing
             self._due += command.delay
-        there = self._measured[1] if command is None else command.at(max(now + self.period, command.time)).q
+        there = joints.q if command is None else command.at(max(now + self.period, command.time)).q
         return {**others, **self._others, **self.motors.numbers(there + self._sag)}
 
     def _forget(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -16,9 +17,12 @@ _NOWHERE: FloatArray = np.zeros((0, 0))
 
 
 class RobotBodies:
-    """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them."""
+    """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them.
 
-    def __init__(self, robot: Robot) -> None:
+    Each is wider by how far it may be from there if joints are elsewhere in a tube of widths (n,), if there is one.
+    """
+
+    def __init__(self, robot: Robot, tube: Sequence[float] = ()) -> None:
         self.robot = robot
         parts = list(robot.shared.collision_model.geometryObjects)
         self.moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
@@ -28,11 +32,12 @@ class RobotBodies:
         first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
         middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
         extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
+        wider = robot.bounds.displacement_radii[self.moving] @ (np.array(tube) if tube else np.zeros(robot.n))
         self.arrays = Hulls(
             carriers,
             np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
             first,
-            np.array([hull.radius for hull in hulls]),
+            np.array([hull.radius for hull in hulls]) + wider,
             middles,
             np.array(extents),
         )

@@ -123,6 +123,7 @@ class ReplanningOptions:
 
     tick: float = 0.05  # Time between two commands [s]
     lost_after: float = 0.5  # A person or object that is not seen for so long is lost: the robot stops [s]
+    lag: float = 0.0  # The robot is where it is told to be by so much later at the latest, and may still move then [s]
     # Of joints, tool and links, for a `Shield`; default: those of the robot's joints. A `Replanner` keeps the limits
     # of its trajectories.
     limits: PathLimits | None = None
@@ -137,6 +138,7 @@ class ReplanningOptions:
     def __post_init__(self) -> None:
         number("tick", self.tick, above=0.0, kind="number of seconds")
         number("lost_after", self.lost_after, above=0.0)
+        number("lag", self.lag, at_least=0.0)
         number("danger", self.danger, at_least=0.0)
 
 
@@ -178,17 +180,16 @@ class Guard:
         people, still = surroundings.rules, surroundings.still
         self.prover = MotionProver(CollisionChecker(robot, still)) if prover is None else prover
         _check_prover(self.prover, robot, still)
-        # A robot that is elsewhere in its tube is nearer to people.
-        nearer = self.prover.separation.swing(self.prover.checker)
-        if nearer and people.contact:
+        tube = self.prover.separation.tube
+        if tube and people.contact:
             raise InputError("bounds positions, not velocities: contact cannot be proven within it", "tube")
         limits = options.limits
-        if nearer and limits is not None and (limits.tool_speed or limits.link_speed):
+        if tube and limits is not None and (limits.tool_speed or limits.link_speed):
             raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
-        self.clearance = people.clearance + nearer  # that must be left to people [m]
+        self.clearance = people.clearance  # that must be left to people by a robot that may be anywhere in its tube [m]
         # At what speeds contact is borne; None: it is not allowed.
         self.contact = contact_limits(robot, surroundings) if people.contact else None
-        self.bodies = RobotBodies(robot)
+        self.bodies = RobotBodies(robot, tube)
         self._last: Command | None = None  # the newest command
         self._time = 0.0  # for which it was asked for
         self._margin = MotionMargin(np.inf)  # of the motion that was tried last
@@ -275,9 +276,9 @@ class Guard:
         return Command(time, self.surroundings.time, path, motion, doing, margin, reason, rule)
 
     def _around(self, time: float) -> Around:
-        """Return who is around when a motion begins at a time [s]."""
+        """Return who is around when the robot begins a motion of a time [s], which is later than that by the lag."""
         known = self.surroundings
-        return Around(known.sets, time - known.time, self.clearance, self.contact)
+        return Around(known.sets, time - known.time + self.options.lag, self.clearance, self.contact)
 
     def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
         """Return what is left of the stop that was proven before, or rest."""

@@ -88,7 +88,7 @@ def test_a_program_goes_on_where_it_stopped():
     drive.controller.run(True)
     drive.q[0] += 0.2
     drive.run(0.5)
-    assert drive.last == ("standing", "'panda_joint1' is 0.200 from where the program goes on")
+    assert drive.last == ("standing", "'panda_joint1' is 0.200 from where the program goes on, and 0.05 is allowed")
     drive.q[0] -= 0.2
     done = 0
     while drive.time < 60.0 and drive.last[0] != "done":

@@ -12,6 +12,7 @@ from safe_ompl.apps.exchange import PolicyGuard, PolicyOptions
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
+from safe_ompl.people.simulation import ALL_KEYPOINTS, ContactMonitor, limb_solids
 from safe_ompl.scene import MotionLimits, People, Scenario, Scene, find_scenario
 
 KEYS = ("joint1.pos", "joint2.pos", "joint3.pos", "gripper.pos")
@@ -211,6 +212,114 @@ def test_a_robot_that_is_held_is_stopped():
         one.q = FREE
     assert any("from where it should be" in reason for reason in reasons)
     assert np.abs(one.sent[-1][0] - FREE).max() < np.radians(2 * 6.0) + 0.05
+
+
+# ------------------------------------------------------------------------------------------------------ weak servos
+
+
+class Weak(Bench):
+    """An arm whose servos are springs: it lags, swings beyond where it should stop, and hangs lower the farther out."""
+
+    def __init__(self, scenario, start, stiffness=20.0, **options):
+        super().__init__(scenario, start, **options)
+        self.stiffness, self.qd, self.touches = stiffness, np.zeros(3), 0
+        self.still = CollisionChecker(self.guard.cell.robot, scenario.scene.without(*self.guard.cell.trackers))
+        self.monitor = ContactMonitor(self.guard.cell.robot)
+
+    def send(self, q, gripper=0.0):
+        before, self.told = self.q, super().send(q, gripper)
+        self.q, step = before, self.guard.period / 20
+        for k in range(20):
+            sag = 0.03 * np.array([np.cos(self.q[0]), 0.0, 0.0])
+            pull = self.stiffness**2 * (self.told - sag - self.q) - 2.0 * self.stiffness * self.qd
+            self.qd = self.qd + step * pull
+            self.q = self.q + step * self.qd
+            moves = np.abs(self.qd).max() > 0.05
+            touched = self.still.in_collision(self.q) if k % 5 == 0 else False
+            solids = self.solids(self.time - self.guard.period + k * step)
+            self.touches += moves and (touched or bool(solids and self.monitor.nearest(self.q, solids).distance <= 0))
+        return self.told
+
+    def solids(self, time):
+        return []
+
+
+@pytest.mark.parametrize(("tube", "touches"), [(None, True), (0.05, False)])
+def test_weak_servos_touch_nothing_that_stands_still_from_within_their_tube(tube, touches):
+    scenario = planar3()
+    scenario = replace(scenario, limits=replace(scenario.limits, tube=tube))
+    one = Weak(scenario, scenario.start_configuration(scenario.build_robot()))
+    begin, reasons = one.q.copy(), set()
+    for k in range(60):
+        one.send(begin - np.array([0.045 * k, 0.0, 0.0]))
+        reasons.add(one.guard.reason)
+    assert bool(one.touches) == touches
+    assert any("machine" in reason for reason in reasons)
+
+
+class Runner(Weak):
+    """The same beside somebody who runs to the arm, as fast as people may."""
+
+    def __init__(self, **options):
+        person = Obstacle("anna", Person(1.75), Pose((4.0, 0.0, -0.75)))
+        tube = options.pop("tube", None)
+        scenario = planar3(person, people=People(speed=1.6))
+        self.angle, self.since = 2.2, np.inf
+        super().__init__(replace(scenario, limits=replace(scenario.limits, tube=tube)), FREE, **options)
+
+    def body(self, time):
+        far = 2.6 - 1.6 * max(0.0, time - self.since)
+        return BODY + far * np.array([np.cos(self.angle), np.sin(self.angle), 0.0]) + [0.0, 0.0, -0.75]
+
+    def solids(self, time):
+        tracker = self.guard.cell.trackers["anna"]
+        return limb_solids("anna", tracker.body, tracker.body.completed(ALL_KEYPOINTS.keypoints(self.body(time)))[0])
+
+    def send(self, q, gripper=0.0):
+        self.people = {"people.anna": self.body(self.time)}
+        return super().send(q, gripper)
+
+
+@pytest.mark.parametrize(("servo", "touches"), [({}, True), ({"tube": 0.07, "lag": 0.2}, False)])
+def test_weak_servos_have_stopped_when_somebody_is_there(servo, touches):
+    touched, error, nearest = 0, 0.0, np.inf
+    for since in (0.7, 0.9):
+        one = Runner(**servo)
+        one.since = since
+        for k in range(65):
+            one.send(FREE + 0.8 * np.sin(0.12 * k) * np.array([1.0, -0.5, 0.5]))
+            error = max(error, one.guard.controller.errors()[0].max())
+            nearest = min(nearest, one.monitor.nearest(one.q, one.solids(one.time)).distance)
+        touched += one.touches
+    assert nearest < 0.03  # who runs on comes to the arm, which stands
+    assert bool(touched) == touches
+    assert (error < 0.07) != touches
+
+
+def test_a_joint_that_leaves_its_tube_is_named_and_the_robot_goes_on_once_it_stands():
+    scenario = planar3()
+    one = Bench(replace(scenario, limits=replace(scenario.limits, tube=0.05)), FREE)
+    for k in range(20):
+        one.send(wave(k, FREE))
+    one.q = one.q + np.array([0.0, 0.06, 0.0])  # somebody pushes it
+    one.send(wave(20, FREE))
+    assert one.guard.reason == "'joint2' is 0.060 from where it should be, and 0.05 is allowed"
+    told = [one.send(wave(k, FREE)) for k in range(21, 60)]
+    assert one.guard.reason == ""
+    assert np.abs(np.diff(told, axis=0)).max() < 3.0 / 30 + 1e-6  # it goes back without a jump
+    assert told[-1] == pytest.approx(wave(59, FREE), abs=5e-3)
+
+
+def test_a_lag_is_no_error_and_no_sag():
+    """What is behind by no more than the lag is where it should be; nothing of it is learnt as sag."""
+    scenario = planar3()
+    lagging = replace(scenario, limits=replace(scenario.limits, tube=0.02))
+    one, late = Bench(lagging, FREE, lag=0.08), [FREE, FREE]
+    for k in range(100):
+        late.append(one.send(wave(k, FREE)))
+        one.q = late[-3]  # two periods later
+    assert np.abs(one.guard._sag).max() < 2e-3
+    assert not any("should be" in reason for reason in [one.guard.reason])
 
 
 @pytest.mark.skipif(find_spec("lerobot") is not None, reason="it is there")
