@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.apps.exchange.messages import by_name, goal_of
-from safe_ompl.apps.exchange.sightings import CloudView, DepthEyes, Joints, Sightings
+from safe_ompl.apps.exchange.sightings import CloudView, DepthEyes, Joints, Sightings, astray, told_at
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
@@ -40,7 +40,6 @@ _log = logging.getLogger(__name__)
 _HISTORY = 100  # commands that are kept, to compare measured joints with
 _JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
 _JOINTS_APART = 0.1  # [s] joint states before and after an image must be nearer
-_LAGS = 5  # times within the lag at which the robot is compared with what was commanded
 _RESTING = 0.01  # [rad/s] joints that are slower stand still
 _ARRIVED = "at the goal"
 _SAME = 1e-6  # [rad or m] a goal that is nearer is reached
@@ -276,24 +275,15 @@ class LiveController:
 
     def _astray(self, away: FloatArray, where: str) -> str:
         """Say which joint is farther away (n,) from a place than it may be; empty if none is."""
-        over = away - self._allowed()
-        joint = int(over.argmax())
-        name, most = self.cell.robot.joint_names[joint], self._allowed()[joint]
-        return f"{name!r} is {away[joint]:.3f} from where {where}, and {most:.3g} is allowed" if over[joint] > 0 else ""
+        return astray(self.cell.robot.joint_names, away, self._allowed(), where)
 
     def _expected(self) -> list[State]:
         """Return what the robot may have done when joints were measured last: what it should, or did a lag before."""
-        lag = self.options.replanning.lag
         now = -np.inf if self.joints is None else self.joints.time
-        times = (now - lag * np.linspace(0.0, 1.0, _LAGS if lag else 1)).tolist()
-        told = [(time, [one for one in self._commands if one.time <= time]) for time in times]
-        return [commands[-1].at(time) for time, commands in told if commands]
+        return told_at(self._commands, now, self.options.replanning.lag)
 
     def errors(self) -> tuple[FloatArray, FloatArray]:
-        """Return how far joints and velocities (n,) were from what was commanded when they were measured last.
-
-        A robot that lags is compared with what was commanded when it was nearest to that.
-        """
+        """Return how far joints and velocities (n,), as measured last, were from what was commanded within the lag."""
         found, joints = self._expected(), self.joints
         if joints is None or not found:
             return np.zeros(self.cell.robot.n), np.zeros(self.cell.robot.n)
