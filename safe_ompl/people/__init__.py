@@ -8,12 +8,13 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.people.calibration import GATE as GATE, calibrate as calibrate
-    from safe_ompl.people.occupancy import (
+    from safe_ompl.people.cameras import (
         DepthCamera as DepthCamera,
         DepthFrame as DepthFrame,
-        OccupancyGrid as OccupancyGrid,
-        OccupancyOptions as OccupancyOptions,
+        looking as looking,
+        read_cameras as read_cameras,
     )
+    from safe_ompl.people.occupancy import OccupancyGrid as OccupancyGrid, OccupancyOptions as OccupancyOptions
     from safe_ompl.people.reach import (
         CalibratedReach as CalibratedReach,
         ReachSets as ReachSets,

@@ -18,21 +18,24 @@ cell (√3 edges and the margin) of the robot or an obstacle may be missed. Noth
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from math import ceil
-from typing import NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, documents as document, finite_array, number
-from safe_ompl.geometry import ConvexBodies, Pose
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array, number
+from safe_ompl.geometry import ConvexBodies, Obstacle, Pose, Sphere
 from safe_ompl.geometry.kernels import POSE
+from safe_ompl.people.cameras import DepthCamera, DepthFrame
 from safe_ompl.people.kernels.depth import (
+    NODE,
     Cells,
     Known,
+    SeenImage,
     View,
     clear_seen,
     cloud_blocks,
@@ -41,14 +44,15 @@ from safe_ompl.people.kernels.depth import (
     mark,
     place,
     pyramid,
+    spread,
     unexplained,
 )
 from safe_ompl.people.reach import ReachSets, ReachViolation
 from safe_ompl.robot import Robot, plain
-from safe_ompl.scene import Scene
+from safe_ompl.scene import People, Scene
 
 SEEN, UNSEEN = "something seen", "unseen space"
-_SIDE = 16  # cells on the sides of grids are multiples of this
+_SIDE = _WORD = 16  # cells on the sides of grids are multiples of a word of bits
 _MOST_CELLS = 128  # on a side
 _SHARE = 0.25  # of its distance from the robot that the radius of a ball may be
 _MOST_BALLS = 768
@@ -57,49 +61,6 @@ _SAME = 1e-9
 _DEEP = 0.03  # [m] inside of a body a camera sees nothing
 _FEW = 5  # blocks that show something where nothing could be: fewer are noise
 _HIT = 2  # mark of cells, beside 1
-
-
-@dataclass(frozen=True)
-class DepthCamera:
-    """A pinhole camera that measures depths along its axis; raises InputError if a value is out of its range."""
-
-    width: int
-    height: int
-    focal: tuple[float, float]  # fx and fy of the rectified image [px]
-    middle: tuple[float, float]  # cx and cy, its principal point [px]
-    pose: Pose = field(default_factory=Pose)  # Of its optical frame in the world: x right, y down, z forward
-    near: float = 0.2  # Depths that are less say nothing [m]
-    far: float = 6.0  # Larger depths count as this [m]
-    # A depth z is wrong by at most noise[0] + noise[1] · z² [m]; default: 4 σ of a Kinect (Nguyen, Izadi & Lovell 2012)
-    noise: tuple[float, float] = (0.005, 0.0076)
-    error: float = 0.005  # How far points may be off because of the pose, besides [m]
-    block: int = 4  # Pixels on a side of the blocks that are looked at
-
-    def __post_init__(self) -> None:
-        for key in ("width", "height", "block"):
-            number(key, getattr(self, key), at_least=1)
-        for key in ("focal", "middle", "noise"):
-            for value in document.numbers(key, getattr(self, key), 2):
-                number(key, value, at_least=0.0)
-        number("focal", min(self.focal), above=0.0)
-        if not (self.middle[0] < self.width and self.middle[1] < self.height):
-            size = f"{self.width} × {self.height} pixels"
-            raise InputError(f"{list(self.middle)} lies outside of the image of {size}", "middle")
-        number("near", self.near, above=0.0)
-        number("far", self.far, above=self.near)
-        number("error", self.error, at_least=0.0)
-
-
-class DepthFrame(NamedTuple):
-    """What a camera saw at an instant.
-
-    Depths (H, W), in metres or as unsigned whole numbers in millimetres; or points (N, 3), in its optical frame [m].
-    """
-
-    depths: ArrayLike
-    time: float  # When [s]
-    q: ArrayLike  # Where the robot was then (n,)
-    pose: Pose | None = None  # Where the camera was then, if it moves; default: its own
 
 
 @dataclass(frozen=True)
@@ -141,22 +102,21 @@ class _Camera:
         self.explained: FloatArray = np.zeros(0)
         self.wrong = ""  # Why its last image cannot be true, if it cannot
         self._pose: Pose | None = None
+        self._windows: IntArray = np.zeros(0, dtype=np.intp)
+        self._radius = 0.0  # that these are of
+
+    def windows(self, radius: float, side: int) -> IntArray:
+        """Return what `clear_seen` remembers of this pose and radius."""
+        if radius != self._radius or not len(self._windows):
+            self._windows, self._radius = np.zeros(side**3 + (side // NODE) ** 3, dtype=np.intp), radius
+        return self._windows
 
     def forget(self, pose: Pose) -> None:
         """Forget what was explained unless the camera stands still."""
         if self._pose != pose:
             rows, columns = self.camera.height // self.camera.block, self.camera.width // self.camera.block
             self.explained = np.full((rows, columns, 4), np.inf)
-            self._pose = pose
-
-
-class _Image(NamedTuple):
-    """Smallest and largest depths of the blocks of an image, less noise, and the error of the pose [m]."""
-
-    view: View
-    least: FloatArray
-    most: FloatArray
-    error: float
+            self._pose, self._windows = pose, self._windows[:0]
 
 
 class OccupancyGrid:
@@ -275,10 +235,10 @@ class OccupancyGrid:
         noise = camera.noise[0] + camera.noise[1] * depths**2
         margins = options.margin + camera.error + noise
         size = camera.height, camera.width
-        known = self._known._replace(cells=_dilated(marked | self._walls))
+        known = self._known._replace(cells=_grown(marked | self._walls, 1))
         hits, owns = unexplained(view, depths, where, size, known, margins, one.explained, self.cells)
         known_to = depths - noise + np.where(owns, np.sqrt(3.0) * options.edge, 0.0)
-        image = _Image(view, *pyramid(np.maximum(known_to, 0.0)), camera.error)
+        image = SeenImage(view, *pyramid(np.maximum(known_to, 0.0)))
         if first and options.unseen == "occupied":
             self.occupied &= ~self._near(self._known.robot, options.clear) | self._beyond
         fast = self._advance(one, time, image, hits, marked)
@@ -303,7 +263,7 @@ class OccupancyGrid:
             image *= np.float32(_MILLIMETRES)
         return image_blocks(image, camera.block, few, near, far)
 
-    def _advance(self, one: _Camera, time: float, image: _Image, counts: IntArray, marked: BoolArray) -> bool:
+    def _advance(self, one: _Camera, time: float, image: SeenImage, counts: IntArray, marked: BoolArray) -> bool:
         """Take what an image says; return whether it shows something where nothing could be."""
         first = np.isinf(one.time)
         before, one.time, hits = self.time, time, counts > 0
@@ -312,11 +272,11 @@ class OccupancyGrid:
         taken, fast = marked | self._walls, False
         occupied = np.zeros_like(self.occupied)
         if self.options.unseen == "occupied":
-            occupied = self._grown(self.occupied, grown, ~self._walls) & ~self._walls
+            occupied = _grown(self.occupied, grown, ~self._walls) & ~self._walls
             late = 1 + self._steps(self.time - time)
-            fast = self.known and not first and counts[hits & ~self._grown(occupied | taken, late)].sum() >= _FEW
-            radius = np.sqrt(0.75) * self.cells.edge + image.error + self.options.speed * (self.time - time)
-            clear_seen(image.view, image.least, image.most, self.cells, radius, occupied)
+            fast = self.known and not first and counts[hits & ~_grown(occupied | taken, late)].sum() >= _FEW
+            radius = np.sqrt(0.75) * self.cells.edge + one.camera.error + self.options.speed * (self.time - time)
+            clear_seen(image, self.cells, radius, one.windows(radius, self.cells.side), occupied)
             if time == self.time:  # the robot is elsewhere by now
                 occupied &= ~marked
         sure = fast or first or self.options.unseen == "free"
@@ -325,8 +285,8 @@ class OccupancyGrid:
         for other in self._seen.values():
             if np.isfinite(other.time):
                 steps = self._steps(self.time - other.time)
-                self._hit |= self._grown(other.hits, steps)
-                certain |= self._grown(other.sure, steps)
+                self._hit |= _grown(other.hits, steps)
+                certain |= _grown(other.sure, steps)
         self.occupied = _opened(occupied) | (occupied & self._hit) | certain
         if self.options.unseen == "occupied":
             self.occupied |= self._beyond
@@ -335,14 +295,6 @@ class OccupancyGrid:
     def _steps(self, time: float) -> int:
         """Return by how many cells something may come nearer in a time [s]."""
         return min(ceil(self.options.speed * time / self.cells.edge - _SAME), self.cells.side)
-
-    def _grown(self, cells: BoolArray, steps: int, among: BoolArray | None = None) -> BoolArray:
-        """Return cells and those that so many steps lead to, none of which leaves `among`."""
-        for _ in range(steps):
-            cells = _dilated(cells)
-            if among is not None:
-                cells &= among
-        return cells
 
     def _looks_through(self, name: str, view: View, depths: FloatArray) -> str:
         """Return which body of the robot the camera sees through: its pose, lens, or the joints are not as given."""
@@ -363,13 +315,40 @@ class OccupancyGrid:
         """Return where things may be from a time on [s]."""
         if not np.isfinite(self.time):
             return ReachSets.none()
-        front = (self.occupied & _dilated(~self.occupied & ~self._walls)).astype(np.uint8)
+        front = (self.occupied & _grown(~self.occupied & ~self._walls, 1)).astype(np.uint8)
         front |= np.uint8(_HIT) * (front & self._hit)
         found, marks = cover(front, self.cells, self._known, _SHARE, _MOST_BALLS)
         names = tuple((SEEN if each & _HIT else UNSEEN, "") for each in marks.tolist())
         speed = self.options.speed
         growth = np.tile([[[speed * max(now - self.time, 0.0), speed]]], (len(found), 1, 1))
         return ReachSets.of(names, plain(found[:, None, :3]), found[:, 3].copy(), growth)
+
+    def check_scene(self, still: Scene) -> None:
+        """Raise InputError unless this is what stands still for the grid."""
+        if self.still != still:
+            raise InputError(f"stand still for the grid: {self.still.names}, but here: {still.names}", "depth")
+
+    def people(self, rules: People | None = None) -> tuple[Scene, People | None]:
+        """Return what stands still among balls that hold all that may move, as the last images show it, and these.
+
+        They are as fast as the grid says, and must not be touched; all else is as the rules have it. None: there are
+        none. For `check`, `time_path` and whatever takes people. Raises InputError if there is no image of a camera, or
+        one cannot be true.
+        """
+        why = self.trouble(max(self.time, 0.0), np.inf)
+        if why is not None:
+            raise InputError(why, "depth")
+        sets = self.sets(self.time)
+        balls = [
+            Obstacle(f"{who} {k}", Sphere(radius), Pose(tuple(at)), weight=0.0)
+            for k, ((who, _), at, radius) in enumerate(
+                zip(sets.names, sets.points.tolist(), sets.radii.tolist(), strict=True)
+            )
+        ]
+        if not balls:
+            return self.still, None
+        own = replace(rules or People(), who=tuple(ball.name for ball in balls), contact=False, reach=None)
+        return self.still.with_obstacles(*balls), replace(own, speed=self.options.speed, speeds={})
 
     def trouble(self, now: float, lost_after: float) -> str | None:
         """Return why the robot must stop, if it must."""
@@ -398,26 +377,35 @@ def _border(side: int) -> BoolArray:
     return found
 
 
-def _dilated(cells: BoolArray) -> BoolArray:
-    """Return cells and their neighbours, those across edges and corners, too."""
-    found = cells.copy()
-    for axis in range(3):
-        a, b = np.swapaxes(found, 0, axis), np.swapaxes(found.copy(), 0, axis)
-        a[1:] |= b[:-1]
-        a[:-1] |= b[1:]
-    return found
+def _along(cells: BoolArray, axis: int) -> Any:
+    """Return cells (N, N, N) with an axis first, eight in a word; or, along the last axis, in one row."""
+    return cells.reshape(-1) if axis == 2 else np.swapaxes(cells.view(np.uint64), 0, axis)
+
+
+def _grown(cells: BoolArray, steps: int, among: BoolArray | None = None) -> BoolArray:
+    """Return cells and those that so many steps lead to, across edges and corners, too, if none leaves `among`."""
+    if not steps:
+        return cells
+    words = _packed(cells)
+    spread(words, _packed(np.ones_like(cells) if among is None else among), steps)
+    bits = np.unpackbits(words.reshape(-1).view(np.uint8), bitorder="little")
+    return np.asarray(bits.view(np.bool_).reshape(cells.shape))
+
+
+def _packed(cells: BoolArray) -> NDArray[np.uint16]:
+    """Return cells (N, N, N) as bits (N, N, N / 16), the first one of each word the lowest."""
+    bits = np.packbits(cells.reshape(-1), bitorder="little")
+    return bits.view("<u2").reshape(*cells.shape[:2], -1)
 
 
 def _opened(cells: BoolArray) -> BoolArray:
     """Return the cells that are in a cube of 2 × 2 × 2 of them."""
-    core = cells
+    core = cells.copy()
     for axis in range(3):
-        a = np.swapaxes(core, 0, axis)
-        core = np.swapaxes(a[:-1] & a[1:], 0, axis)
+        before = core.copy()
+        _along(core, axis)[:-1] &= _along(before, axis)[1:]
+        np.swapaxes(core, 0, axis)[-1] = False
     for axis in range(3):
-        a = np.swapaxes(core, 0, axis)
-        wide = np.zeros((len(a) + 1, *a.shape[1:]), dtype=bool)
-        wide[:-1] |= a
-        wide[1:] |= a
-        core = np.swapaxes(wide, 0, axis)
+        before = core.copy()
+        _along(core, axis)[1:] |= _along(before, axis)[:-1]
     return core

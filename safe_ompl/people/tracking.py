@@ -23,8 +23,9 @@ from safe_ompl.common import (
     number,
 )
 from safe_ompl.geometry import STANDING, Pose, placed
+from safe_ompl.people.cameras import DepthFrame
 from safe_ompl.people.objects import CloudTrack, ObjectTrack, track_of
-from safe_ompl.people.occupancy import DepthFrame, OccupancyGrid
+from safe_ompl.people.occupancy import OccupancyGrid
 from safe_ompl.people.reach import CalibratedReach, ReachSets, ReachViolation, limb_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.scene import People, Scene
@@ -279,8 +280,8 @@ class Surroundings:
         self.scene = scene.without(*(name for name in scene.names if name in trackers))
         self.still = self.scene.without(*objects)
         self.depth = depth
-        if depth is not None and depth.still != self.still:
-            raise InputError(f"stand still for the grid: {depth.still.names}, but here: {self.still.names}", "depth")
+        if depth is not None:
+            depth.check_scene(self.still)
         self.time = -np.inf
         self.sets = ReachSets.none()
         self._violations: list[ReachViolation] = []

@@ -7,10 +7,24 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import Box, InputError, Obstacle, Pose, Scene, Shield, Surroundings, UnknownNameError
+from safe_ompl import (
+    Box,
+    InputError,
+    Obstacle,
+    People,
+    Pose,
+    RateLimits,
+    Scene,
+    Shield,
+    Surroundings,
+    UnknownNameError,
+    check,
+    time_path,
+)
 from safe_ompl.collision import robot_points
 from safe_ompl.geometry import bounding_hull, hull_planes
-from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOptions
+from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOptions, looking, read_cameras
+from safe_ompl.people.kernels.depth import NODE, Cells, SeenImage, View, clear_seen, image_blocks, pyramid, spread
 
 SIZE = 160, 120
 Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
@@ -20,11 +34,8 @@ FLOOR = Scene((Obstacle("floor", Box((4, 4, 0.1)), Pose((0, 0, -0.6))),))
 
 def camera(place, at, **more):
     """Return a camera at a place that looks at a point."""
-    ahead = (np.array(at) - place) / np.linalg.norm(np.array(at) - place)
-    right = np.cross(ahead, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = Pose.of(pin.SE3(np.column_stack([right, np.cross(ahead, right), ahead]), np.array(place, dtype=float)))
-    return DepthCamera(*SIZE, (110.0, 110.0), (79.5, 59.5), pose, **{"block": 2, "noise": (0.0, 0.0), **more})
+    own = {"block": 2, "noise": (0.0, 0.0), **more}
+    return DepthCamera(*SIZE, (110.0, 110.0), (79.5, 59.5), looking(place, at), **own)
 
 
 CAMERAS = {"left": camera((1.8, -1.2, 1.2), (0, 0, 0.3)), "right": camera((1.8, 1.2, 1.2), (0, 0, 0.3))}
@@ -225,3 +236,130 @@ def test_a_camera_that_sees_through_the_robot_or_falls_silent_stops_it(panda):
         frames = {name: DepthFrame(depths, 0.1 * k, Q) for name, depths in millimetres.items()}
         assert not around.update({}, {}, 0.1 * k, frames)
         assert around.trouble(0.1 * k, 0.5) == (None if k < 6 else "'right' shows nothing for 0.60 s")
+
+
+def test_what_is_behind_a_camera_is_not_seen(panda):
+    eye = camera((0.0, -1.0, 0.5), (0.0, 0.0, 0.5))
+    grid = grid_of(panda, Scene(()), {"eye": eye}, clear=0.0)
+    grid.observe("eye", DepthFrame(image(eye, []), 0.0, Q), 0.0)
+    middles = grid.cells.low[1] + (np.arange(grid.cells.side) + 0.5) * grid.cells.edge
+    assert grid.occupied[:, middles < -1.0].all()
+    assert not grid.occupied.all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cells_are_cleared_exactly_where_a_look_at_all_depths_says_so(seed):
+    rng, edge, side, block = np.random.default_rng(seed), 0.1, 32, 2
+    eye = camera(rng.uniform(-1.5, 1.5, 3), rng.uniform(-0.3, 0.3, 3))
+    place = eye.pose.se3
+    view = View(eye.focal, eye.middle, block, np.array(place.rotation, order="C"), np.array(place.translation))
+    cells, radius = Cells(np.full(3, -1.6), edge, side), np.sqrt(0.75) * edge + 0.01
+    windows = np.zeros(side**3 + (side // NODE) ** 3, dtype=np.intp)
+    middles = -1.6 + edge * (np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1) + 0.5)
+    x, y, z = np.moveaxis((middles - view.origin) @ view.rotation, -1, 0)
+    near, far = z - radius, z + radius
+    cleared = 0
+    for _ in range(3):  # the same camera: windows are remembered
+        balls = [(rng.uniform(-1.2, 1.2, 3), 0.3) for _ in range(4)]
+        depths = image(eye, balls)[::block, ::block] - rng.uniform(0, 0.1, (60, 80)) * (rng.random((60, 80)) < 0.3)
+        least, most = pyramid(depths)
+        occupied = rng.random((side,) * 3) < 0.7
+        expected = occupied.copy()
+        for cell in np.argwhere(occupied).tolist():
+            k = tuple(cell)
+            if min(cell) == 0 or max(cell) == side - 1 or near[k] <= 0.1 * radius:
+                continue
+            spans = []
+            for f, c, at in zip(eye.focal, eye.middle, (x[k], y[k]), strict=True):
+                low, high = at - radius, at + radius
+                spans += [(f * low / (near[k] if low < 0 else far[k]) + c + 0.5) / block]
+                spans += [(f * high / (far[k] if high < 0 else near[k]) + c + 0.5) / block]
+            a, b, c, d = spans
+            if a < 0 or b >= 80 or c < 0 or d >= 60:
+                continue
+            j, i, level = np.array([a, b]).astype(int), np.array([c, d]).astype(int), 0
+            while max(j[1] - j[0], i[1] - i[0]) > 4:
+                j, i, level = j // 2, i // 2, level + 1
+            expected[k] = least[level, i[0] : i[1] + 1, j[0] : j[1] + 1].min() < far[k]
+        clear_seen(SeenImage(view, least, most), cells, radius, windows, occupied)
+        np.testing.assert_array_equal(occupied, expected)
+        cleared += (~occupied).sum()
+    assert cleared > 0.35 * 3 * side**3
+
+
+def test_blocks_have_their_smallest_depths_and_cells_grow_to_all_neighbours():
+    rng = np.random.default_rng(0)
+    depths = np.round(rng.uniform(0, 7, (12, 20)), 1).astype(np.float32)
+    depths[rng.random(depths.shape) < 0.1] = np.nan
+    found, where = image_blocks(depths, 4, 3, 0.2, 6.0)
+    used = np.where(depths >= np.float32(0.2), np.minimum(depths, np.float32(6.0)), np.float32(0))
+    for i, j in np.ndindex(3, 5):
+        block = used[4 * i : 4 * i + 4, 4 * j : 4 * j + 4]
+        smallest = np.sort(block, axis=None)
+        assert found[i, j] == smallest[2]
+        v, u = np.argwhere(block == smallest[2])[0]
+        assert where[i, j] == (4 * i + v) * 20 + 4 * j + u - depths.size * (smallest[2] - smallest[0] > 0.05)
+    cells, among = rng.random((32, 32, 32)) < 0.01, rng.random((32, 32, 32)) < 0.8
+    words, within = (
+        np.packbits(each.reshape(-1), bitorder="little").view("<u2").reshape(32, 32, 2) for each in (cells, among)
+    )
+    spread(words, within, 2)
+    for _ in range(2):
+        wide = np.pad(cells, 1)
+        shifts = [wide[i : i + 32, j : j + 32, k : k + 32] for i, j, k in np.ndindex(3, 3, 3)]
+        cells = np.logical_or.reduce(shifts) & among
+    grown = np.unpackbits(words.reshape(-1).view(np.uint8), bitorder="little").reshape(cells.shape)
+    np.testing.assert_array_equal(grown, cells)
+
+
+def test_a_motion_is_proven_to_stop_beside_what_cameras_see_and_do_not_see(panda):
+    limits, end = RateLimits.of(panda, acceleration=10.0), Q + np.array([0.8, 0, 0, 0, 0, 0, 0])
+    motion = time_path([Q, end], panda, limits)
+
+    def seen(*balls, **options):
+        grid = grid_of(panda, FLOOR, CAMERAS, **{"clear": 2.0, "speed": 1.0, **options})
+        for name, eye in CAMERAS.items():
+            depths = np.minimum(robot_image(eye, panda, Q), image(eye, balls))
+            grid.observe(name, DepthFrame(depths, 0.0, Q), 0.0)
+        return grid
+
+    free = seen()
+    assert check(motion, panda, FLOOR, limits=limits, people=free)
+    near = check(motion, panda, FLOOR, limits=limits, people=seen(((0.75, 0.3, 0.45), 0.1)))
+    assert {violation.kind for violation in near.violations} == {"separation"}
+    assert near.violations[0].names[1].startswith("something seen")
+    unseen = check(motion, panda, FLOOR, limits=limits, people=seen(clear=0.2))
+    assert any(violation.names[1].startswith("unseen space") for violation in unseen.violations)
+    scene, people = free.people(People(clearance=0.5, reaction_time=0.3))
+    assert (people.clearance, people.reaction_time, people.speed) == (0.5, 0.3, 1.0)
+    assert not check(motion, panda, scene, limits=limits, people=people)
+    with pytest.raises(InputError, match="depth: 'left' shows nothing yet"):
+        check(motion, panda, FLOOR, limits=limits, people=grid_of(panda))
+    with pytest.raises(InputError, match=r"depth: stand still for the grid: \('floor',\), but here: \(\)"):
+        check(motion, panda, Scene(()), limits=limits, people=free)
+
+
+def test_cameras_of_a_file_are_those_it_says_or_one_line(tmp_path):
+    good = {"size": "[160, 120]", "focal": "[110, 110]", "position": "[1.8, -1.2, 1.2]", "at": "[0, 0, 0.3]"}
+
+    def read(**changes):
+        keys = {key: value for key, value in {**good, **changes}.items() if value is not None}
+        text = "".join(f"    {key}: {value}\n" for key, value in keys.items())
+        (tmp_path / "cameras.yaml").write_text(f"cameras:\n  left:\n{text}")
+        return read_cameras(tmp_path / "cameras.yaml")["left"]
+
+    assert read(block="2", noise="[0, 0]") == CAMERAS["left"]
+    turned = read(at=None, quaternion_xyzw="[-0.5, -0.5, 0.5, 0.5]", rate="15", middle="[80, 60]")
+    assert (turned.pose.quaternion_xyzw, turned.rate, turned.middle) == ((-0.5, -0.5, 0.5, 0.5), 15.0, (80.0, 60.0))
+    for changes, message in (
+        ({"position": None}, "cameras.left.position: missing, but needed"),
+        ({"focal": "[0, 110]"}, r"cameras\.left\.focal: must be a positive number, got 0"),
+        ({"focal": "[.nan, 110]"}, r"cameras\.left\.focal: must be a finite number, got nan"),
+        ({"middle": "[200, 60]"}, r"middle: \[200\.0, 60\.0\] lies outside of the image of 160 × 120 pixels"),
+        ({"size": "[160.5, 120]"}, r"size\[0\]: must be a whole number"),
+        ({"rate": "0"}, "rate: must be a positive number, got 0"),
+        ({"at": "[1.8, -1.2, 0]"}, r"at: must not be above or below \[1\.8, -1\.2, 1\.2\]"),
+        ({"colour": "red"}, "unknown key 'colour'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read(**changes)

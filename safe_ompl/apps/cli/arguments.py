@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
+from safe_ompl.apps.cli import output
 from safe_ompl.common import InputError, UnknownNameError, documents as document
 from safe_ompl.planning.planners import planner_names
 from safe_ompl.robot import CollisionSource
@@ -84,6 +85,27 @@ def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """Add the scenario, as the first argument."""
     option(parser, "scenario SCENARIO", "name or YAML file, see `safe-ompl scenarios`")
+
+
+def add_reach(parser: argparse.ArgumentParser) -> None:
+    """Add how far people go."""
+    option(
+        parser,
+        "--reach FILE",
+        "how far people go, see `safe-ompl people calibrate` (YAML); default: the reach of the scenario's people, "
+        "or their speeds",
+    )
+
+
+def add_mcap(parser: argparse.ArgumentParser) -> None:
+    """Add the log that Foxglove opens."""
+    option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)", output.LOG)
+    add_force(parser)
+
+
+def add_clear(parser: argparse.ArgumentParser) -> None:
+    """Add what is known of what depth cameras do not see at first."""
+    option(parser, "--clear M", "what no camera sees so near to the robot is free at first", noise, 0.2)
 
 
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,19 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
-from safe_ompl.people import HEIGHT, PELVIS, CalibratedReach, Recording, Surroundings, TrackedBody, Tracker, facing
+from safe_ompl.people import (
+    HEIGHT,
+    PELVIS,
+    CalibratedReach,
+    OccupancyGrid,
+    OccupancyOptions,
+    Recording,
+    Surroundings,
+    TrackedBody,
+    Tracker,
+    facing,
+    read_cameras,
+)
 from safe_ompl.people.replanning import Leg, Replanner, ReplanningOptions
 from safe_ompl.people.simulation import (
     ALL_KEYPOINTS,
@@ -32,6 +45,7 @@ from safe_ompl.people.simulation import (
     PersonMover,
     Playback,
     ProgramSimulation,
+    SightedSimulation,
     Simulation,
     Tour,
     Walker,
@@ -41,7 +55,7 @@ from safe_ompl.planning import ProgramResult, SafeSetup, plan_program, program_r
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Move, People, Scenario, Scene
 from safe_ompl.trajectories import PathTimer, RateLimits, Trajectory, time_path
-from safe_ompl.view import read_recording, save_page
+from safe_ompl.view import DepthRenderer, read_recording, save_page
 
 _log = logging.getLogger(__name__)
 _PLANNER = "SafeRRTConnect"
@@ -66,11 +80,8 @@ def add_commands(commands: Any) -> None:
         "monitor looks for contacts.",
     )
     arguments.add_scenario(parser)
-    option(
-        parser,
-        "--people FILE|random[:N]",
-        "a file of recorded key points (.npz), or the number of people who walk at random",
-    )
+    words = "a file of recorded key points (.npz), or the number of people who walk at random"
+    option(parser, "--people FILE|random[:N]", words)
     option(parser, "--clip NAME", f"recording in the file; default: {CLIP}")
     option(
         parser,
@@ -79,13 +90,15 @@ def add_commands(commands: Any) -> None:
         "where the first person of the scenario stands",
         _place,
     )
-    add_reach(parser)
+    arguments.add_reach(parser)
+    option(parser, "--cameras FILE", "depth cameras (YAML) that see people and things, which the robot does not know")
+    arguments.add_clear(parser)
     option(parser, "--movers N", "number of balls of 0.1 m that fly around the robot", arguments.count, 0)
     option(parser, "--mover-speed V", "largest speed of these balls [m/s]", arguments.limit, 0.5)
     option(parser, "--seconds S", "simulated time", arguments.seconds, 60.0)
     option(parser, "--out DIR", "folder for ticks.jsonl and summary.json", required=True)
     option(parser, "--html FILE", "also write a page that plays the simulation offline (.html)", output.PAGE)
-    add_mcap(parser)
+    arguments.add_mcap(parser)
     add_robot(parser)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     words = "reach each of the goal's configurations, and the start, in whichever order is soonest"
@@ -101,27 +114,10 @@ def add_commands(commands: Any) -> None:
     option(group, "--faster FACTOR", "times the speeds recorded, or relied on", arguments.limit, 1.0)
 
 
-def add_reach(parser: argparse.ArgumentParser) -> None:
-    """Add how far people go."""
-    option(
-        parser,
-        "--reach FILE",
-        "how far people go, see `safe-ompl people calibrate` (YAML); default: the reach of the scenario's people, "
-        "or their speeds",
-    )
-
-
-def add_mcap(parser: argparse.ArgumentParser) -> None:
-    """Add the log that Foxglove opens."""
-    option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)", output.LOG)
-    arguments.add_force(parser)
-
-
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
-    latency = min(Faults.latency, options.tick)
-    faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
+    faults = Faults(options.noise, options.drops, options.late, options.seed, min(Faults.latency, options.tick))
     robot, driver = scenario.build_robot(), None
     if options.robot is not None:
         if scenario.program is not None:
@@ -136,20 +132,33 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     still = limits_of_still(scenario, found.still, beside_people=bool(found.people))
     output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
-    if options.any_order and driver is not None:
-        raise InputError("is for the simulation; a robot that is there drives there and back", "--any-order")
+    if driver is not None:
+        arguments.refuse(options, ("any_order",), "is for the simulation; a robot drives there and back")
+    if options.cameras is not None:
+        arguments.refuse(options, ("robot", "reach", "danger", "noise"), "is for people who are tracked, not --cameras")
     if scenario.program is not None:
-        wrong = ("simplify", "any_order", "danger")
+        wrong = ("simplify", "any_order", "danger", "cameras")
         arguments.refuse(options, wrong, "is for a path to a goal; the scenario has a program")
         program_robot(still)
         return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
     setup = setup_scenario(still, robot)
 
+    cameras = None if options.cameras is None else read_cameras(options.cameras)
+
     def world(ways: Sequence[Trajectory] | Tour) -> Simulation:
-        around = Surroundings(found.scene, trackers, found.speeds, people)
+        around = truth = Surroundings(found.scene, trackers, found.speeds, people)
+        if cameras is not None:
+            speed = max([people.speed, *people.speeds.values(), *found.speeds.values()])
+            grid = OccupancyGrid(robot, found.still, cameras, OccupancyOptions(speed, clear=options.clear))
+            around = Surroundings(found.still, people=people, depth=grid)
         how = ReplanningOptions(options.tick, danger=options.danger)
         replanner = Replanner(robot, around, options=how, prover=setup.motion_prover)
-        return Simulation(replanner, ways, found.people, found.objects, faults=faults)
+        who = ways, found.people, found.objects
+        if cameras is None:
+            return Simulation(replanner, *who, faults=faults)
+        floor = min([0.0, *(one.triangles()[0][:, 2].min() for one in scenario.scene)])
+        eyes = DepthRenderer(robot, found.still, cameras, floor, options.seed)
+        return SightedSimulation(replanner, *who, look=eyes.see, truth=truth, faults=faults)
 
     world([])  # what cannot be used is said now
     return partial(_drive, scenario, setup, world=world, driver=driver, options=options)
@@ -165,11 +174,11 @@ def _drive(
     """Plan there and back, or between all places in any order, and drive that again and again."""
     if options.any_order:
         return _simulate(world(_tour(scenario, setup, options)), options)
+    robot, prover = setup.robot, setup.motion_prover
     result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
     if result.path is None:
         output.error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
         return 1
-    robot, prover = setup.robot, setup.motion_prover
     if driver is not None:
         scenario = scenario_within(driver, scenario, robot, result.path)
     ways = [timed_way(way, robot, prover, scenario) for way in (result.path, result.path[::-1])]
@@ -245,7 +254,7 @@ def program_legs(
 def _simulate(simulation: Simulation, options: argparse.Namespace, wait: Callable[[], object] | None = None) -> int:
     """Simulate, and write ticks and summary; `wait` for the end of each tick where time goes by."""
     folder, robot = Path(options.out), simulation.replanner.robot
-    header = simulation.replanner.log_header()
+    header = simulation.log_header()
     with ExitStack() as stack:
         logs: list[TickLog] = [stack.enter_context(closing(TicksFile(folder / "ticks.jsonl", header)))]
         if options.mcap is not None:
@@ -255,7 +264,6 @@ def _simulate(simulation: Simulation, options: argparse.Namespace, wait: Callabl
             logs.append(stack.enter_context(closing(mcap)))
         bar = stack.enter_context(output.progress_bar(output.error_console()))
         ticks = stack.enter_context(closing(simulation.ticks(options.seconds)))
-        number = round(options.seconds / options.tick)
 
         def write(tick: dict[str, Any]) -> None:
             for log in logs:
@@ -263,18 +271,20 @@ def _simulate(simulation: Simulation, options: argparse.Namespace, wait: Callabl
             if wait is not None:
                 wait()
 
-        status = output.each_until_ctrl_c(bar.track(ticks, total=number, description="live"), write)
+        status = output.each_until_ctrl_c(
+            bar.track(ticks, total=round(options.seconds / options.tick), description="live"), write
+        )
     summary = simulation.summary
     output.write_json(str(folder / "summary.json"), summary.as_dict())
     output.console().print(str(summary))
     output.error_console().print(f"ticks and summary in {folder}")
     if options.mcap is not None:
         output.error_console().print(f"log in {options.mcap}")
-    if options.html is None:
-        output.error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
-    else:
+    seen = f"see it: safe-ompl view {folder / 'ticks.jsonl'}"
+    if options.html is not None:
         save_page(read_recording(folder / "ticks.jsonl", robot), options.html)
-        output.error_console().print(f"view in {options.html}")
+        seen = f"view in {options.html}"
+    output.error_console().print(seen)
     return status
 
 
@@ -286,9 +296,8 @@ def timed_way(way: FloatArray, robot: Robot, motion: MotionProver, scenario: Sce
 
 
 def _place(text: str) -> Pose:
-    parts = text.split(",")
     try:
-        x, y, z, yaw = (arguments.finite(part) for part in parts)
+        x, y, z, yaw = map(arguments.finite, text.split(","))
     except (ValueError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(f"must be four finite numbers X,Y,Z,YAW, not {text!r}") from None
     return Pose((x, y, z), (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))
@@ -309,8 +318,7 @@ class Actors:
     @property
     def still(self) -> Scene:
         """The obstacles that never move."""
-        gone = {*self.people, *self.objects}
-        return self.scene.without(*(name for name in self.scene.names if name in gone))
+        return self.scene.without(*(name for name in self.scene.names if name in {*self.people, *self.objects}))
 
 
 def choose_actors(scenario: Scenario, robot: Robot, people: People, options: argparse.Namespace) -> Actors:
@@ -343,10 +351,7 @@ def _persons(scenario: Scenario) -> list[tuple[str, Pose, float]]:
 
 
 def _free_name(word: str, taken: tuple[str, ...]) -> str:
-    k = 1
-    while (name := word if k == 1 else f"{word}_{k}") in taken:
-        k += 1
-    return name
+    return next(name for name in (word, *(f"{word}_{k}" for k in count(2))) if name not in taken)
 
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> dict[str, PersonMover]:

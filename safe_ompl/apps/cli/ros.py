@@ -14,7 +14,7 @@ import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import add_mcap, add_reach, people_who_move, program_legs, timed_way
+from safe_ompl.apps.cli.live import people_who_move, program_legs, timed_way
 from safe_ompl.apps.exchange import (
     ACTION,
     Cell,
@@ -84,12 +84,12 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     arguments.add_scenario(parser)
     option(parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names)
     option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
-    add_reach(parser)
+    arguments.add_reach(parser)
     option(parser, "--noise M", "largest error of key points [m]", arguments.noise, 0.0)
     cameras = "depth cameras: topics NAME/camera_info, and NAME/image or NAME/points"
     option(parser, "--depth NAME[,…]", cameras, arguments.names)
     option(parser, "--unseen RULE", "what no camera sees is 'occupied' or 'free'; default: occupied")
-    option(parser, "--clear M", "what no camera sees so near to the robot is free at first", arguments.noise, 0.2)
+    arguments.add_clear(parser)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     for name, usual, what in (
         ("latency", 0.05, "from a tick until its command holds, at most a tick [s]"),
@@ -99,7 +99,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         ("cloud-radius", 0.02, "of the ball about each point of a cloud [m]"),
     ):
         option(parser, f"--{name} X", what, arguments.limit, usual)
-    add_mcap(parser)
+    arguments.add_mcap(parser)
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
     parser.add_argument(

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         part_solids as part_solids,
     )
     from safe_ompl.people.simulation.program import ProgramSimulation as ProgramSimulation
+    from safe_ompl.people.simulation.sighted import SightedSimulation as SightedSimulation
     from safe_ompl.people.simulation.simulation import (
         Contact as Contact,
         ContactMonitor as ContactMonitor,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
@@ -14,7 +15,7 @@ import pinocchio as pin
 
 from safe_ompl.collision import fresh_data
 from safe_ompl.common import FloatArray, fraction, number
-from safe_ompl.people import ReachSets
+from safe_ompl.people import ReachSets, ReachViolation, Surroundings
 from safe_ompl.people.replanning import Command, Doing, Replanner
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.people.simulation.tour import Tour
@@ -85,9 +86,8 @@ class ContactMonitor:
         found = Nearest(np.inf)
         for k, solid, geometries in self._pairs(solids):
             self._result.clear()  # or it keeps the smallest of all that it ever saw
-            distance = coal.distance(*geometries, self._request, self._result)
-            if distance < found.distance:
-                found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
+            distance = float(coal.distance(*geometries, self._request, self._result))
+            found = min(found, Nearest(distance, self._links[k], solid.who, solid.limb), key=lambda one: one.distance)
         return found
 
     def _pairs(self, solids: list[Solid]) -> Iterator[tuple[int, Solid, tuple[Any, Any, Any, Any]]]:
@@ -224,10 +224,12 @@ class Simulation:
     The trajectories are followed one after the other, and again from the first: each begins where the one before ends;
     or the places of a `Tour` are visited in any order.
     `summary` is complete once the simulation has run to its end. Looking for contacts takes most of the time; there is
-    none if `monitor` is set to None. `reactions` are times from measurements to their commands, on the clock of this
-    machine [s]. What is set to `follow` is told each command at once, and returns why a robot does not do that, which
-    then goes on with the one before; empty: it does.
+    none if `monitor` is set to None. `reactions` are times from measurements to their commands, on the `clock` [s].
+    What is set to `follow` is told each command at once, and returns why a robot does not do that, which then goes on
+    with the one before; empty: it does.
     """
+
+    clock = staticmethod(perf_counter)
 
     def __init__(
         self,
@@ -249,10 +251,13 @@ class Simulation:
         self._promised: dict[float, ReachSets] = {}
         self.reactions: list[float] = []
 
+    def log_header(self) -> dict[str, Any]:
+        """Return the header of a log of the ticks."""
+        return self.replanner.log_header()
+
     def run(self, seconds: float) -> Summary:
         """Run for a time [s], and return the result."""
-        for _ in self.ticks(seconds):
-            pass
+        deque(self.ticks(seconds), 0)
         return self.summary
 
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
@@ -265,8 +270,7 @@ class Simulation:
         command: Command | None = None
         logged: Command | None = None
         shares: FloatArray = np.zeros(3)
-        path = 0
-        over = 0.0
+        path, over = 0, 0.0
         try:
             for k in range(round(number("seconds", seconds, above=0.0) / tick)):
                 now = k * tick
@@ -301,12 +305,12 @@ class Simulation:
         if self._rng.random() < self.faults.late:
             self.summary.deadlines_missed += 1
             return command, None
-        reaction = self._measure(now)
+        reaction = self._measure(now, command)
         if command is not None and command.doing is Doing.DONE:
             self._go_on(now, command.at(np.inf).q)
-        begin = perf_counter()
+        begin = self.clock()
         new = self.replanner.command(now + self.latency)
-        reaction += perf_counter() - begin
+        reaction += self.clock() - begin
         why = "" if self.follow is None or (command and new.motion is command.motion) else self.follow(new)
         if why:
             _log.warning("%.3f s: the robot goes on as it was told before: %s", now, why)
@@ -323,8 +327,8 @@ class Simulation:
         self.summary.tasks += 1
         if isinstance(self.trajectories, Tour):
             self.trajectories.start(self.replanner, q)
-            return
-        self.replanner.start(self.trajectories[self.summary.tasks % len(self.trajectories)])
+        else:
+            self.replanner.start(self.trajectories[self.summary.tasks % len(self.trajectories)])
 
     def _count(self, old: Command | None, new: Command) -> None:
         """Count detours and stops."""
@@ -338,25 +342,28 @@ class Simulation:
         """Return the command that the robot follows at a time [s] of the tick from `now` on."""
         return new if old is None or time >= now + self.latency - 1e-12 else old
 
-    def _measure(self, now: float) -> float:
-        """Let the replanner measure the world; return how long that took [s]."""
-        seen: dict[str, Any] = {}
-        things: dict[str, Any] = {}
+    def _measure(self, now: float, command: Command | None) -> float:
+        """Let the replanner measure the world while the robot follows a command; return how long that took [s]."""
+        seen, things = dict[str, Any](), dict[str, Any]()
         if not self._rng.random() < self.faults.drops:
             for name, mover in self.world.people.items():
                 points = mover.at(now)
                 seen[name] = points + self._noise(points.shape) / mover.tracker.skeleton.scale
             for name, thing in self.world.objects.items():
                 things[name] = thing.at(now)
-        begin = perf_counter()
+        begin = self.clock()
         violations = self.replanner.update(seen, things, now)
-        took = perf_counter() - begin
+        took = self.clock() - begin
+        self._promise(now, self.replanner.surroundings, violations)
+        return took
+
+    def _promise(self, now: float, around: Surroundings, violations: list[ReachViolation]) -> None:
+        """Note where everybody was promised to be from now on, and who was not."""
         self.summary.violations += bool(violations)
-        if self.replanner.surroundings.known:
-            self._promised[now] = self.replanner.surroundings.sets
+        if around.known:
+            self._promised[now] = around.sets
         while len(self._promised) > 200:
             del self._promised[next(iter(self._promised))]
-        return took
 
     def _noise(self, shape: tuple[int, ...]) -> FloatArray:
         if not self.faults.noise:
@@ -410,15 +417,13 @@ class Simulation:
         return shares / len(times), here
 
     def _conclude(self, seconds: float, shares: FloatArray) -> None:
-        summary = self.summary
+        summary, kept = self.summary, np.minimum(shares / seconds, 1.0).tolist()
         summary.seconds = float(seconds)
-        kept = np.minimum(shares / seconds, 1.0).tolist()
         summary.model_obeyed, summary.model_obeyed_raw, summary.moving = kept
         gates = [person.gate for person in self.replanner.surroundings.people.values()]
         summary.refused = sum(gate.refused for gate in gates) / max(1, sum(gate.seen for gate in gates))
         if self.reactions:
-            median, late = np.percentile(self.reactions, (50, 99)).tolist()
-            summary.reaction = median, late
+            summary.reaction = tuple(np.percentile(self.reactions, (50, 99)).tolist())
         if self.monitor is not None:
             contacts = self.monitor.contacts
             summary.contacts_while_moving = sum(c.moving and c.obeyed for c in contacts)

@@ -262,6 +262,33 @@ def test_the_command_plays_a_person_in_the_place_of_the_scenarios_with_a_reach_a
         read_ticks(tmp_path / "out" / "summary.json")
 
 
+def test_the_command_drives_by_what_cameras_see(clips, tmp_path, capsys):
+    cameras = tmp_path / "cameras.yaml"
+    eye = "{size: [64, 48], focal: [33.7, 33.7], block: 1, position: %s, at: [0.1, 0, 0.2], rate: %d}"
+    eyes = {"front": eye % ([0.3, -2.0, 0.0], 20), "back": eye % ([-1.2, 1.0, 2.2], 10)}
+    cameras.write_text("cameras:\n" + "".join(f"  {name}: {one}\n" for name, one in eyes.items()))
+    words = ["--people", str(clips), "--cameras", str(cameras)]
+    assert main(live(tmp_path, *words, "--clear", "1.5", "--seconds", "0.5")) == 0
+    assert "contacts while moving 0" in " ".join(capsys.readouterr().out.split())
+    header, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
+    assert "unseen='occupied', margin=0.02, min_points=3, clear=1.5" in header["rules"]["assumed"]
+    assert list(header["people"]) == ["operator"]
+    assert len(ticks) == 10
+    assert len(ticks[0]["people"]["operator"]) == len(KEYPOINTS)
+    assert max(np.abs(tick["qd"]).max() for tick in ticks) > 0.1  # it moves, beside what it sees
+    assert main(["report", str(tmp_path / "out" / "ticks.jsonl")]) == 0
+    capsys.readouterr()
+    assert main(live(tmp_path, *words, "--clear", "0", "--seconds", "0.1")) == 0  # all about it is unseen: it stands
+    _, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
+    assert "'unseen space' may come to" in ticks[-1]["reason"]
+    for more, message in (
+        (["--noise", "0.1"], "--noise: is for people who are tracked, not --cameras"),
+        (["--cameras", str(tmp_path / "no.yaml")], "no.yaml"),
+    ):
+        assert main(live(tmp_path, *words, *more)) == 2
+        assert message in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize(
     ("seconds", "status", "end"), [(60, 0, "all 11 steps done in"), (1, 1, "not finished: at step 1 of 11")]
 )

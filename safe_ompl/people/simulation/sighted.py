@@ -1,0 +1,70 @@
+"""A simulation in which the robot is driven by what depth cameras see, and knows nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any
+
+from safe_ompl.common import FloatArray
+from safe_ompl.io import ticks_header
+from safe_ompl.people import DepthFrame, Surroundings
+from safe_ompl.people.replanning import Command, Replanner
+from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
+from safe_ompl.people.simulation.simulation import Faults, Simulation
+from safe_ompl.people.simulation.tour import Tour
+from safe_ompl.trajectories import Trajectory
+
+# Renders what cameras of these names see of a robot at q (n,) and of solids: depths (H, W) [m].
+Look = Callable[[FloatArray, list[Solid], Collection[str]], Mapping[str, FloatArray]]
+_ROUNDING = 1e-6  # [s]
+
+
+class SightedSimulation(Simulation):
+    """A simulation in which the replanner takes images instead of key points and poses, at the rates of its cameras.
+
+    `truth` tracks all people and objects, to say whether they keep to the speed that is relied on. Of faults, images
+    may be lost, and answers late.
+    """
+
+    def __init__(
+        self,
+        replanner: Replanner,
+        trajectories: Sequence[Trajectory] | Tour,
+        people: Mapping[str, PersonMover],
+        objects: Mapping[str, Drifting] | None = None,
+        *,
+        look: Look,
+        truth: Surroundings,
+        faults: Faults | None = None,
+    ) -> None:
+        super().__init__(replanner, trajectories, {}, faults=faults)
+        self.world, self._look, self._truth = World(people, objects or {}, truth), look, truth
+
+    def log_header(self) -> dict[str, Any]:
+        """Return the header of a log of the ticks, with who and what is truly there, and what is assumed of them."""
+        own = self.replanner.surroundings.description()["rules"]
+        return ticks_header(
+            self.replanner.tick, self.replanner.robot, self._truth.scene, {**self._truth.description(), "rules": own}
+        )
+
+    def _measure(self, now: float, command: Command | None) -> float:
+        around, world, ways = self.replanner.surroundings, self.world, self.trajectories
+        assert around.depth is not None
+        people = {name: mover.at(now) for name, mover in world.people.items()}
+        self._truth.update(people, {name: thing.at(now) for name, thing in world.objects.items()}, now)
+        first = ways.places[0] if isinstance(ways, Tour) else ways[0].at(0.0).q
+        q = first if command is None else command.at(now).q
+        late = self._rng.random() < self.faults.drops
+        names = [] if late else [name for name, one in around.depth.cameras.items() if self._is_due(now, one.rate)]
+        seen = self._look(q, world.solids(world.keypoints(now), now), names)
+        begin = self.clock()
+        frames = {name: DepthFrame(depths, now, q) for name, depths in seen.items()}
+        violations = self.replanner.update({}, {}, now, frames)
+        took = self.clock() - begin
+        self._promise(now, self._truth, violations)
+        return took
+
+    def _is_due(self, now: float, rate: float) -> bool:
+        """Return whether a camera of so many images a second has a new one since the last tick [s]."""
+        before, after = ((time + _ROUNDING) * rate // 1 for time in (now - self.replanner.tick, now))
+        return after > before
