@@ -67,6 +67,8 @@ class DepthCamera:
         else:
             pose = Pose.from_mapping({key: data[key] for key in _PLACE if key in data})
         more = {key: data[key] for key in own if key in data}
+        if "noise" in more:
+            more["noise"] = document.numbers("noise", more["noise"], 2)
         return cls(width, height, (fx, fy), (cx, cy), pose, **more)
 
 

@@ -359,7 +359,7 @@ def test_cameras_of_a_file_are_those_it_says_or_one_line(tmp_path):
         ({"size": "[160.5, 120]"}, r"size\[0\]: must be a whole number"),
         ({"rate": "0"}, "rate: must be a positive number, got 0"),
         ({"at": "[1.8, -1.2, 0]"}, r"at: must not be above or below \[1\.8, -1\.2, 1\.2\]"),
-        ({"colour": "red"}, "unknown key 'colour'"),
+        ({"colour": "red"}, r"cameras.yaml:7: cameras\.left\.colour: unknown key"),
     ):
         with pytest.raises(InputError, match=message):
             read(**changes)
