@@ -1,4 +1,4 @@
-"""Tasks in several processes, which are forked: what they need is not pickled, only what comes of them."""
+"""Tasks in several processes: forked ones, for which only what comes of tasks is pickled, or those of an executor."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import logging
 import multiprocessing
 import signal
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor
 from logging.handlers import QueueHandler
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
-from safe_ompl.common.errors import pass_on
+from safe_ompl.common.errors import InputError, pass_on
 from safe_ompl.common.inputs import whole_number
 
 _Task = TypeVar("_Task")
@@ -18,16 +19,40 @@ _Outcome = TypeVar("_Outcome")
 
 
 def in_order(
-    do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], workers: int, lost: Callable[[_Task, str], _Outcome]
+    do: Callable[[_Task], _Outcome],
+    tasks: Sequence[_Task],
+    workers: int | Executor,
+    lost: Callable[[_Task, str], _Outcome],
 ) -> Iterator[_Outcome]:
     """Do tasks, and yield what comes of them in their order; one worker is this process, more are forked.
 
     `lost(task, words)` takes the place of what a task returns whose process dies. An exception in a task ends all, and
-    is raised here, where log records of the processes are logged, too. Raises InputError for less than 1 worker.
+    is raised here, where log records of the processes are logged, too. An executor is sent `do` and the tasks, pickled;
+    what it makes of workers that die is up to it, and one that cannot go on ends all. Raises InputError for less than 1
+    worker.
     """
+    if isinstance(workers, Executor):
+        return _by_executor(do, tasks, workers, lost)
     if whole_number("workers", workers, at_least=1) == 1:
         return map(do, tasks)
     return _sorted(_in_processes(do, tasks, min(workers, len(tasks)), lost))
+
+
+def _by_executor(
+    do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], executor: Executor, lost: Callable[[_Task, str], _Outcome]
+) -> Iterator[_Outcome]:
+    futures = [executor.submit(do, task) for task in tasks]
+    try:
+        for task, future in zip(tasks, futures, strict=True):
+            try:
+                yield future.result()
+            except (InputError, BrokenExecutor):
+                raise
+            except Exception as error:  # such as one of dask, that the task has ended several workers
+                yield lost(task, f"{type(error).__name__}: {error}")
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 def _sorted(done: Iterator[tuple[int, _Outcome]]) -> Iterator[_Outcome]:

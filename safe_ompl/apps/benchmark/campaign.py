@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import pickle
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -45,22 +49,44 @@ class Campaign:
         for planner in self.planners:
             check_named_planner(self.scenario, planner, setup)
 
-    def results(self, setup: SafeSetup | None = None, workers: int = 1) -> Iterator[PlanResult]:
+    def results(
+        self, setup: SafeSetup | None = None, workers: int | Executor = 1, done: Iterable[PlanResult] = ()
+    ) -> Iterator[PlanResult]:
         """Do the runs and yield their results as they come, round after round.
 
         The setup already holds the scenario's start and goal; it is built by default. Several workers are as many
-        processes, and find the same; times are most accurate with one. Raises InputError if the scenario cannot be
-        planned, a planner or parameter does not exist, or there are less than 1 workers.
+        processes, and find the same; times are most accurate with one. An executor, as of `concurrent.futures` or of a
+        dask client (`get_executor()`), may have its workers elsewhere: each builds the setup from the scenario. Runs
+        that are `done`, of a campaign that was interrupted, come first, and are not repeated. Raises InputError if the
+        scenario cannot be planned, a planner or parameter does not exist, or there are less than 1 workers.
         """
         setup = setup or setup_scenario(self.scenario)
         self.check(setup)
+        runs = rounds(self.planners, self.runs, self.seed)
+        known = {run: result for result in done if (run := Run(result.planner, result.seed)) in set(runs)}
+        left = [run for run in runs if run not in known]
+        do = partial(_run, pickle.dumps(self)) if isinstance(workers, Executor) else self._runner(setup)
+        return chain(known.values(), in_order(do, left, workers, lost))
+
+    def _runner(self, setup: SafeSetup) -> Callable[[Run], PlanResult]:
         time = self.scenario.time if self.time is None else self.time
 
         def do(run: Run) -> PlanResult:
             parameters = self.scenario.planners.get(run.planner)
             return run_planner(setup, run, time=time, parameters=parameters, simplify=self.simplify)
 
-        return in_order(do, rounds(self.planners, self.runs, self.seed), workers, lost)
+        return do
+
+
+def _run(campaign: bytes, run: Run) -> PlanResult:
+    """Do a run of a campaign in a worker of an executor."""
+    return _runner_of(campaign)(run)
+
+
+@lru_cache(maxsize=1)  # a worker builds the setup once
+def _runner_of(campaign: bytes) -> Callable[[Run], PlanResult]:
+    own: Campaign = pickle.loads(campaign)
+    return own._runner(setup_scenario(own.scenario))
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:

@@ -4,15 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import multiprocessing
 import os
 import signal
 import sqlite3
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
 from ompl import geometric as og, tools as ot
 
-from safe_ompl import Benchmark, InputError, PlanningError, SafeRRTConnect, SafeSetup, Scenario, UnknownNameError
+from safe_ompl import (
+    Benchmark,
+    InputError,
+    PlanningError,
+    SafeRRTConnect,
+    SafeSetup,
+    Scenario,
+    UnknownNameError,
+    load,
+    save,
+)
 from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, summarize
 from safe_ompl.apps.benchmark.runs import lost
 from safe_ompl.common import in_order, warn_once
@@ -46,6 +59,46 @@ def test_planners_take_turns_with_the_same_seeds_in_any_process(scenario, setup,
     for result, other in zip(results, Campaign(scenario, PLANNERS, 5, seed=10).results(workers=2), strict=True):
         np.testing.assert_array_equal(result.path, other.path)
         np.testing.assert_array_equal(result.path, setup.plan(result.planner, seed=result.seed).path)
+
+
+def test_an_executor_does_the_runs_and_what_was_done_before_is_not_repeated(scenario, results, tmp_path):
+    for k, result in enumerate(results[:4]):
+        save(result, tmp_path / f"{k}.json")
+    done = [load(tmp_path / f"{k}.json") for k in range(4)]
+    campaign, known = Campaign(scenario, PLANNERS, 5, seed=10), {id(result) for result in done}
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
+        found = list(campaign.results(workers=pool, done=[*done, failure("Timeout", "RRTConnect", 99, ())]))
+    assert [id(result) in known for result in found] == [True] * 4 + [False] * 6
+    for result, other in zip(found, results, strict=True):
+        assert (result.planner, result.seed) == (other.planner, other.seed)
+        np.testing.assert_array_equal(result.path, other.path)
+
+
+class Unlucky(Executor):
+    """One whose run of seed 1 fails, and which is broken from seed 3 on."""
+
+    def submit(self, do, run):
+        future = Future()
+        if run.seed == 1:
+            future.set_exception(RuntimeError("three workers died"))
+        elif run.seed == 3:
+            future.set_exception(BrokenProcessPool("no worker is left"))
+        else:
+            future.set_result(do(run))
+        return future
+
+
+def test_an_executor_that_loses_a_run_goes_on_and_a_broken_one_ends_the_campaign(scenario):
+    campaign, found = Campaign(scenario, ("RRTConnect",), runs=5), []
+
+    def take():
+        for result in campaign.results(workers=Unlucky()):
+            found.append(result)
+
+    with pytest.raises(BrokenProcessPool, match="no worker is left"):
+        take()
+    free, lost = "Exact solution", "Error: RuntimeError: three workers died"
+    assert [result.status for result in found] == [free, lost, free]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
