@@ -1,4 +1,4 @@
-"""How time grows with size: nodes of a tree, obstacles of a scene, danger points, joints of an arm.
+"""How time grows with size: nodes of a tree, obstacles of a scene, danger points, joints of an arm, runs of a campaign.
 
 One table for each kind of size, by options like --nodes 1000 100000. Times are CPU
 times per item [µs], medians of some rounds; the last row is the exponent p of time ~ sizeᵖ, fitted to all rows. Nodes:
@@ -9,20 +9,27 @@ step, the proof of its edge, and its danger. Points lie on the surfaces of boxes
 from __future__ import annotations
 
 import argparse
+import multiprocessing
+import pickle
+import resource
 import tempfile
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from bench._harness import Report
 from bench._scenes import scattered
-from safe_ompl import CollisionChecker, DangerField, DangerObjective, MotionProver, Robot, SafeSetup
+from safe_ompl import CollisionChecker, DangerField, DangerObjective, MotionProver, Robot, SafeSetup, Scenario
+from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import AGGREGATES
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners.tree import Tree
+from safe_ompl.scene import find_scenario
 
 CLAIM = "time grows slowly with obstacles, danger points and nodes"
 ROUNDS, ITEMS = 5, 80  # configurations in all
@@ -31,6 +38,7 @@ SIZES = {
     "obstacles": (1, 10, 100, 1000),
     "points": (1, 10, 100, 1000, 10_000, 100_000),
     "joints": (2, 4, 7, 10, 14),
+    "runs": (100, 1000),
 }
 Row = dict[str, float]
 
@@ -149,7 +157,45 @@ def joints(size: int) -> Row:
     }
 
 
-STUDIES: dict[str, Callable[[int], Row]] = {"nodes": nodes, "obstacles": obstacles, "points": points, "joints": joints}
+def runs(size: int) -> Row:
+    """Return CPU times per run of a campaign of so many: in a loop, and of all processes, forked ones and dask's."""
+    scenario = Scenario.load(find_scenario("planar3"))
+    campaign, setup = Campaign(scenario, ("SafeRRTConnect",), size), setup_scenario(scenario)
+    setup.plan(seed=0)  # loads the kernels
+    begin = time.process_time()
+    for result in campaign.results(setup):
+        pickle.dumps(result)  # as others send it: danger and clearance are measured
+    row = {"loop": time.process_time() - begin}
+    begin = _all_processes()
+    list(campaign.results(setup, 2))
+    while multiprocessing.active_children():  # which also waits for those that have ended
+        time.sleep(0.01)
+    row["2 workers"] = _all_processes() - begin
+    if find_spec("distributed"):
+        from distributed import Client
+
+        with Client(n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
+            pool = client.get_executor()
+            list(Campaign(scenario, ("SafeRRTConnect",), 8, seed=size).results(setup, pool))
+            before = time.process_time() + sum(client.run(time.process_time).values())
+            list(campaign.results(setup, pool))
+            row["dask, 2 workers"] = time.process_time() + sum(client.run(time.process_time).values()) - before
+    return {name: 1e6 * seconds / size for name, seconds in row.items()}
+
+
+def _all_processes() -> float:
+    """Return the CPU time [s] of this process and of those of its children that have ended."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+STUDIES: dict[str, Callable[[int], Row]] = {
+    "nodes": nodes,
+    "obstacles": obstacles,
+    "points": points,
+    "joints": joints,
+    "runs": runs,
+}
 
 
 def exponent(sizes: list[int], times: list[float]) -> float:

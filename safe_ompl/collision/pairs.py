@@ -353,8 +353,8 @@ class PairSet:
     def within_margins(self, q: FloatArray, margins: FloatArray) -> bool:
         """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.
 
-        Other margins than in the query before take 2 µs more for 50 to 200 pairs (`bench/motion.py`). To compare them
-        takes 0.2 to 0.4 µs, and no time if they are the same read-only array.
+        Other margins than in the query before take 3 µs more for 200 pairs, and the same read-only array takes no time
+        (`bench/motion.py`).
         """
         return self._touching(q, margins) is not None
 

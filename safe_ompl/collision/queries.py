@@ -42,10 +42,10 @@ def _places(data: pin.GeometryData) -> FloatArray:
 class Queries:
     """Boolean queries over the P pairs of one geometry model; any thread may ask.
 
-    Margins are an argument of every query; they are written to coal's requests where they are not those of the query
-    before. Coal is only asked about pairs whose boxes are near each other: Pinocchio's managers compare obstacles with
-    obstacles, too, and overlook bodies without volume. The `boxes: (G, 6)` are those of `SceneGeometry`, not copied;
-    `changes` those of the places of the bodies.
+    Margins are an argument of every query; that of a pair is written to coal's request before coal is asked, unless it
+    is there. Coal is only asked about pairs whose boxes are near each other: Pinocchio's managers compare obstacles
+    with obstacles, too, and overlook bodies without volume. The `boxes: (G, 6)` are those of `SceneGeometry`, not
+    copied; `changes` those of the places of the bodies.
     """
 
     def __init__(
@@ -67,10 +67,13 @@ class Queries:
         """Return the first pair that is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`, or None."""
         own, changes = self._memory.own, self._changes
         done, found = changes.done, None
-        if margins is not own.unchanging:
-            own.set_margins(margins)
         pin.updateGeometryPlacements(self.model, own.kinematics, self.geometry, own.data, q)
-        for pair in own.near():
+        for pair in own.near(margins):
+            # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
+            # apart, and calls them free: what is nearer than it can tell counts as touching.
+            if margins[pair] != own.written[pair]:
+                own.data.collisionRequests[pair].security_margin = float(margins[pair]) + DISTANCE_ERROR
+                own.written[pair] = margins[pair]
             if pin.computeCollision(self.geometry, own.data, pair):
                 found = pair
                 break
@@ -81,48 +84,26 @@ class Queries:
 
 
 class _Memory:
-    """Working memory of queries: where bodies are, the margins that coal has, and what is near."""
+    """Working memory of queries: where bodies are, and what is near."""
 
     def __init__(self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray, boxes: FloatArray) -> None:
-        # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
-        self.unchanging: FloatArray | None = None
-        self._written: bytes | None = None
         self.kinematics = model.createData()
         self.data = fresh_data(geometry, distances=False)
-        self._geometry = geometry
-        # Pinocchio takes margins as a matrix over bodies; writing it is ten times faster than request by request.
-        bodies = len(geometry.geometryObjects)
-        self._margins: FloatArray = np.zeros((bodies, bodies), order="F")
-        self._margin_entries: FloatArray = self._margins.reshape(-1, order="F")  # a view
-        self._entries = pairs[:, 0] + bodies * pairs[:, 1]
         self._places, self._boxes = _places(self.data), boxes
         self._pairs = np.array(pairs)  # which can be written to, as kernels want it
         self._near = np.empty(len(pairs), dtype=np.intp)
-        self._write(np.zeros(len(pairs)))
+        self._margins: FloatArray | None = None  # of the query before
+        self.written: FloatArray = np.full(len(pairs), np.nan)  # margins that coal has
 
-    def near(self) -> list[int]:
+    def near(self, margins: FloatArray) -> list[int]:
         """Return the pairs whose boxes are nearer than their margins, where the bodies are now; no other pair is."""
+        # An array that owns its numbers and is read-only is known to be the same when it comes again.
+        if margins is not self._margins or margins.base is not None or margins.flags.writeable:
+            self._margins = margins
+            self._box_margins: FloatArray = margins + 2 * DISTANCE_ERROR  # coal is as far off
         number = near_boxes(self._places, self._boxes, self._pairs, self._box_margins, self._near)
         pairs: list[int] = self._near[:number].tolist() if number else []
         return pairs
-
-    def set_margins(self, margins: FloatArray) -> None:
-        """Write margins (P,) [m] to coal's requests, unless they are there."""
-        # An array that owns its numbers and is read-only is known to be the same when it comes again.
-        if margins.base is None and not margins.flags.writeable:
-            if margins is not self.unchanging:
-                self._write(margins)
-                self.unchanging, self._written = margins, None
-        elif (content := margins.tobytes()) != self._written:
-            self._write(margins)
-            self.unchanging, self._written = None, content
-
-    def _write(self, margins: FloatArray) -> None:
-        # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
-        # apart, and calls them free: what is nearer than it can tell counts as touching.
-        self._margin_entries[self._entries] = margins + DISTANCE_ERROR
-        self._box_margins: FloatArray = margins + 2 * DISTANCE_ERROR  # coal is as far off
-        self.data.setSecurityMargins(self._geometry, self._margins, True, False)
 
 
 class Distances:
