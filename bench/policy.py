@@ -28,7 +28,7 @@ import yaml
 
 from bench._harness import Report
 from safe_ompl import People
-from safe_ompl.apps.exchange import PolicyGuard, PolicyOptions, rehearse
+from safe_ompl.apps.exchange import PolicyGuard, PolicyOptions
 from safe_ompl.common import FloatArray
 from safe_ompl.people import Surroundings
 from safe_ompl.people.simulation import ContactMonitor, Walker, World
@@ -217,8 +217,6 @@ def main(options: argparse.Namespace, report: Report) -> int:
     makers = {"policy": learned(options.folder), "expert": Scripted}
     robot, rows, failed = So101Mujoco(So101MujocoConfig()), [], 0
     with tempfile.TemporaryDirectory() as scratch:
-        first = scenario_of(Path(scratch) / "so101.yaml", None, "person" in options.where)
-        rehearse(first, tuple(robot.action_features), PolicyOptions())
         for where in options.where:
             for who in options.who:
                 for guarded in ("", "blind", "guarded") if who == "policy" else ("", "blind"):

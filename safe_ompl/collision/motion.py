@@ -172,6 +172,19 @@ class MotionProver:
                 free[k] = self.is_free(starts[k], ends[k])
         return free
 
+    def proven_by_bounds(self, curves: FloatArray) -> BoolArray:
+        """Return for motions as `check_curve` takes them, finite (E, d + 1, n), whether bounds of distances prove them.
+
+        Those (E,) are free; of others nothing is said. It takes much less time than to ask of one after the other.
+        """
+        coupling, (count, size, n) = self.checker.robot.coupling, curves.shape
+        moved = np.empty((count, size, len(coupling.offsets)))
+        moved[:, 0] = coupling.values(curves[:, 0])
+        moved[:, 1:] = coupling.motions(curves[:, 1:].reshape(-1, n)).reshape(count, size - 1, -1)
+        held = self._joint_limits.hold_curves(curves) & (not self.limits)
+        with self.checker.changes.none():
+            return held & (self.required.pairs.bounds.prove_many(moved, self.required.allowed_for, self.floor) > 0)
+
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
 

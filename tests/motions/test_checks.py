@@ -81,6 +81,19 @@ def test_straight_motions_are_proven_alike_as_edges_and_as_curves(panda, clutter
     assert Verdict.UNDECIDED in (edge.verdict, raised.verdict) or raised.verdict is edge.verdict
 
 
+def test_what_bounds_prove_of_many_curves_is_free(panda, clutter):
+    rng, proof = np.random.default_rng(0), MotionProver(CollisionChecker(panda, clutter))
+    starts = rng.uniform(panda.lower, panda.upper, (60, 1, 7))
+    curves = np.concatenate([starts, rng.normal(scale=0.15, size=(60, 3, 7))], axis=1)
+    known, verdicts = proof.proven_by_bounds(curves), [proof.check_curve(curve) for curve in curves]
+    free = np.array([found.verdict is Verdict.FREE for found in verdicts])
+    left = [found.pair is not None and found.pair[1] == "its limits" for found in verdicts]
+    assert free[known].all()
+    assert known.sum() > 0.8 * free.sum() > 0
+    assert any(left)
+    assert not replace(proof, limits=(proof,)).proven_by_bounds(curves).any()  # of other limits bounds know nothing
+
+
 @given(seeds)
 @settings(max_examples=15)
 def test_every_motion_within_a_proven_tube_is_free(ur5, clutter, seed):

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
         PolicyGuard as PolicyGuard,
         PolicyOptions as PolicyOptions,
         limits_of_still as limits_of_still,
-        rehearse as rehearse,
     )
     from safe_ompl.apps.exchange.ros_action import trajectory_action as trajectory_action
     from safe_ompl.apps.exchange.ros_node import RosNode as RosNode, lookup_of as lookup_of, ros_context as ros_context

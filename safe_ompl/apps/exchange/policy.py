@@ -46,8 +46,6 @@ _RAMP = 0.5  # of the accelerations: what a motion that goes on beyond the last 
 _FASTER = 1.25  # times as fast as proposed it goes through targets that wait
 _SAGS = 0.5  # [s] within which sag is learnt
 _AT_REST = (Doing.BRAKING.value, Doing.STANDING.value)
-_FAR = np.array([3.0, 0.0, 0.0])  # [m]
-_REHEARSED = 8  # targets
 
 
 @dataclass(kw_only=True)
@@ -156,6 +154,7 @@ class PolicyGuard:
             replanning, latency, tolerance=np.pi / 180 * number("tolerance", options.tolerance, above=0.0)
         )
         self.cell = _cell(scenario, robot, options.skeleton, replanning)
+        self.cell.plan(scenario.start_configuration(robot), None, None)  # compiles or loads all that targets need
         self.controller = LiveController(self.cell, clock, control, _AtOnce())
         self._most = int(number("backlog", options.backlog, at_least=0.0) / self.period)
         self._waiting: deque[tuple[FloatArray, dict[str, Any]]] = deque()  # targets, and what is not of joints
@@ -255,19 +254,6 @@ class PolicyGuard:
         k = np.arange(1.0, count + 1)[:, None]
         ramp = np.vstack([step, step + step * (k - k * k / (2 * max(count, 1)))])
         return np.vstack([ramp, ramp[-1]])
-
-
-def rehearse(scenario: Scenario, keys: Sequence[str], options: PolicyOptions) -> None:
-    """Drive in memory, which compiles or loads all that a target needs; errors as `PolicyGuard`."""
-    now, rng = [0.0], np.random.default_rng(0)
-    guard = PolicyGuard(scenario, keys, options, lambda: now[0])
-    sent = {**dict.fromkeys(keys, 0.0), **guard.motors.numbers(scenario.start_configuration(guard.cell.robot))}
-    sizes = {name: (len(tracker.skeleton.points), 3) for name, tracker in guard.cell.trackers.items()}
-    far = {f"people.{name}": _FAR + rng.uniform(-0.3, 0.3, size) for name, size in sizes.items()}
-    for _ in range(_REHEARSED):
-        guard.see({**sent, **far})
-        sent = guard.guarded(sent)
-        now[0] += guard.period
 
 
 def _cell(scenario: Scenario, robot: Robot, skeleton: str, options: ReplanningOptions) -> Cell:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
-from safe_ompl.apps.exchange.policy import PolicyGuard, PolicyOptions, rehearse
+from safe_ompl.apps.exchange.policy import PolicyGuard, PolicyOptions
 from safe_ompl.common import InputError
 from safe_ompl.scene import Scenario, find_scenario
 
@@ -76,9 +76,7 @@ class SafeOmplRobot(Robot):  # type: ignore[misc]
     def connect(self, calibrate: bool = True) -> None:
         """Make the guard, which takes up to a minute the first time, and connect to the robot."""
         scenario = Scenario.load(find_scenario(self.config.scenario))
-        keys = tuple(self.action_features)
-        rehearse(scenario, keys, self.config)
-        self.guard = PolicyGuard(scenario, keys, self.config, self.clock)
+        self.guard = PolicyGuard(scenario, tuple(self.action_features), self.config, self.clock)
         self.inner.connect(calibrate)
         type(self).connected = self
 
