@@ -1,10 +1,8 @@
-"""A Panda beside recorded people and unknown boxes that two depth cameras see: against skeletons and stop-and-go.
+"""A Panda beside recorded people and unknown boxes that depth cameras see: against skeletons and stop-and-go.
 
-FOLDER has recordings as for `live`. MuJoCo renders the cell (robot, obstacles, the person's capsules, boxes) for two
-cameras of 640 × 480 pixels at 30 Hz, with errors: axial noise of a Kinect, σ = 1.2 mm + 1.9 mm (z/m − 0.4)², rays that
-are off by σ = 0.5 pixels, flying pixels between near and far at a tenth of the edges, 1 % of the pixels without a depth
-(Nguyen, Izadi & Lovell, 3DIMPVT 2012), joints off by up to 2 mrad, poses of cameras by 2 mm and 0.5 mrad. Nothing of
-the person or of the boxes is known to the robot but these images.
+FOLDER has recordings as for `live`. `safe_ompl.view.DepthRenderer` renders the cell (robot, obstacles, the person's
+capsules, boxes) for three cameras at 30 Hz, with the errors of a Kinect, of joints and of the poses of cameras. Nothing
+of the person or of the boxes is known to the robot but these images.
 """
 
 from __future__ import annotations

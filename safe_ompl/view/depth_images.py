@@ -98,7 +98,7 @@ class _Eye:
         return np.asarray(np.maximum((room[0] - origin) / rays, (room[1] - origin) / rays).min(axis=-1))
 
     def depths(self, vertices: FloatArray, faces: IntArray, *, clip: bool = False) -> FloatArray:
-        """Return the depths (H, W) of triangles [m], infinite beside them; without `clip` all of each is in front."""
+        """Return the depths (H, W) of triangles [m], infinite beside them; of those partly behind only with `clip`."""
         camera = self._camera
         own = (vertices - self._place.translation) @ self._place.rotation
         if clip:

@@ -351,7 +351,7 @@ def _persons(scenario: Scenario) -> list[tuple[str, Pose, float]]:
 
 
 def _free_name(word: str, taken: tuple[str, ...]) -> str:
-    return next(name for name in (word, *(f"{word}_{k}" for k in count(2))) if name not in taken)
+    return next(name for k in count(1) if (name := word if k == 1 else f"{word}_{k}") not in taken)
 
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> dict[str, PersonMover]:
