@@ -264,7 +264,7 @@ def test_the_command_plays_a_person_in_the_place_of_the_scenarios_with_a_reach_a
 
 def test_the_command_drives_by_what_cameras_see(clips, tmp_path, capsys):
     cameras = tmp_path / "cameras.yaml"
-    eye = "{size: [64, 48], focal: [33.7, 33.7], block: 1, position: %s, at: [0.1, 0, 0.2], rate: %d}"
+    eye = "{size: [160, 120], focal: [84, 84], block: 2, position: %s, at: [0.1, 0, 0.2], rate: %d}"
     eyes = {"front": eye % ([0.3, -2.0, 0.0], 20), "back": eye % ([-1.2, 1.0, 2.2], 10)}
     cameras.write_text("cameras:\n" + "".join(f"  {name}: {one}\n" for name, one in eyes.items()))
     words = ["--people", str(clips), "--cameras", str(cameras)]
