@@ -67,12 +67,12 @@ class DistanceBounds:
     """
 
     def __init__(self, robot: Robot, bodies: ConvexBodies, pairs: IntArray, radii: FloatArray, counts: Counts) -> None:
-        moved = np.zeros((len(bodies.bodies), radii.shape[1]), dtype=bool)
-        moved[: len(robot.bounds.joint_radii)] = robot.bounds.joint_radii > 0
+        reaches = np.zeros((len(bodies.bodies), radii.shape[1]))
+        reaches[: len(robot.bounds.joint_radii)] = robot.bounds.joint_radii
         exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
         self.exact: BoolArray = exact[pairs[:, 0]] & exact[pairs[:, 1]]
         certain = np.where(self.exact, ALLOWANCE, np.inf)
-        pair_table = Pairs(np.array(pairs), np.array(radii.T, order="C"), moved, certain)
+        pair_table = Pairs(np.array(pairs), np.array(radii.T, order="C"), reaches, certain)
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
         self._flat = robot.kinematics.joints, *bodies.shapes, *pair_table
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.

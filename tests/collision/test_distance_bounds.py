@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from safe_ompl import CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Scene, Verdict
+from safe_ompl import Box, CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Scene, Verdict
 from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation
 from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
@@ -152,6 +152,16 @@ def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
 
 
 # --------------------------------------------------------------------------------------------------- special cases
+
+
+def test_a_motion_along_a_surface_takes_few_places(panda):
+    q = np.array([-0.5, 0.3, 0.0, -1.5, 0.0, 1.8, 0.7])
+    high = CollisionChecker(panda, Scene((Obstacle("ceiling", Box((4.0, 4.0, 0.1)), Pose((0.0, 0.0, 3.0))),)))
+    gap = 0.001 - high.clearance(q).distance
+    scene = Scene((Obstacle("ceiling", Box((4.0, 4.0, 0.1)), Pose((0.0, 0.0, 3.0 + gap))),))
+    checker = CollisionChecker(panda, scene)
+    assert MotionProver(checker).is_free(q, q + np.eye(7)[0])
+    assert checker.counts.bound_queries < 40
 
 
 def test_without_pairs_everything_is_free(ur5):

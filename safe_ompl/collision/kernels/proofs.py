@@ -6,18 +6,23 @@ If at t their distance is at least d_p, the pair keeps what it must in [t − s,
 A curve q(t) = Σ_k c_k t^k is Σ_k a_k x^k at t + x. It is within |x| v_i of q(t), v_i = Σ_k≥1 |a_k,i| h^(k−1),
 while |x| ≤ h: v takes the place of |Δ| in W_p, for intervals of half-length h at most. An edge is a curve of degree 1.
 
-The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, each only where the one before would make
-s smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
-supports of the bodies themselves along an axis (`geometry.kernels`). At first the axis is the vector from the
-box to the ball. It is kept for the next place on the edge, but not for the next edge, so that an edge is always decided
-alike.
+Three bounds of d_p are tried in turn, each only where the one before would make s smaller: that of the balls about the
+bodies, that of the ball about one and the box about the other, and that of the supports of the bodies themselves along
+an axis n (`geometry.kernels`). At first the axis is the vector from the box to the ball. It is kept for the next place
+on the edge, but not for the next edge, so that an edge is always decided alike. R_pi is a constant at first; where that
+would make s smaller it is also bounded at q(t): no point of a body is farther from the axis of joint i than the centre
+of its ball is, plus the radius.
+
+Where the supports leave a spare e, the slab across n is followed as well: bodies that move along it, or apart, come
+nearer only by accelerations. From there on they keep what they must while e + s·r − s²K/2 ≥ 0 (Taylor). In the frame of
+the joint that carries both, r is how fast the slab widens at t at least: n·v of the centres, less what rotation moves
+the corners of their boxes along n. K = Σ_i R_i w_i (w_i + 2 Σ_j<i w_j) + R_i|q″_i| bounds the accelerations, w = |q′|,
+over the joints that move one of them. So [t − s⁻, t + s⁺] is proven, with the least s⁻ and s⁺ of all pairs. Rounding
+of e, 1e-14 m, is below the allowances in c_p, as that of d_p is; roots are taken for less by 1e-12 of themselves.
 
 Two points of the bodies bound d_p from above. Where that bound is no more than what the pair must keep without the
 allowances in c_p, and the bodies themselves are convex, no proof can find the motion free: it is refused at once, and
 coal need not be asked.
-
-R_pi is a constant at first. Where that would make s smaller it is also bounded at q(t): no point of a body is farther
-from the axis of joint i than the centre of its ball is, plus the radius.
 """
 
 from __future__ import annotations
@@ -27,15 +32,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, maker, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, part
 from safe_ompl.geometry.kernels import POSE, Records, Shapes, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.robot.kernels import place_joints
 
+_NEAR = 0.05  # [m] by which bodies approach at most while a slab is followed: else too many pairs would be near
 _ROUNDING = 1e-12  # of the length of an interval, and of rates
+_JOINT, _SPEED, _VELOCITY, _FASTEST, _BEND = range(5)  # rows of how joints move
 
 
 class Pairs(NamedTuple):
-    """Pairs of bodies: `bodies` (P, 2), their constant radii R (m, P), and which joints move each body, (G, m).
+    """Pairs of bodies: `bodies` (P, 2), their constant radii R (m, P), and those of each body about the joints, (G, m).
 
     Where an upper bound of the distance is `certain` (P,) [m] below what is required, a pair is too near: by as much as
     the allowances in that, where both bodies are known exactly, else never, +∞.
@@ -43,7 +50,7 @@ class Pairs(NamedTuple):
 
     bodies: IntArray
     radii: FloatArray  # joint by joint, so that processors compute the rates of pairs by lanes
-    moved: BoolArray
+    reaches: FloatArray  # 0 where a joint does not move the body
     certain: FloatArray
 
 
@@ -56,9 +63,9 @@ class _Place(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Speeds v (m,) of the joints about a place, rates W (P,), and what is required, c (P,)."""
+    """How joints move about a place, (5, m), see `_curve_at`; rates W (P,), and what is required, c (P,)."""
 
-    speeds: FloatArray
+    joints: FloatArray
     rates: FloatArray
     required: FloatArray
 
@@ -80,7 +87,7 @@ def _rate_here(p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any
         if radius == 0.0 or speeds[i] == 0.0:
             continue
         if not joints[i].slides:
-            g = pairs.bodies[p, 0] if pairs.moved[pairs.bodies[p, 0], i] else pairs.bodies[p, 1]
+            g = pairs.bodies[p, 0] if pairs.reaches[pairs.bodies[p, 0], i] > 0.0 else pairs.bodies[p, 1]
             at = place.poses[g].centre
             x, y, z = at[0] - origins[i, 0], at[1] - origins[i, 1], at[2] - origins[i, 2]
             a, b, c = axes[i, 0], axes[i, 1], axes[i, 2]
@@ -93,18 +100,19 @@ def _rate_here(p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any
 @part
 def _half_length(
     joints: Any, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _Place, search: _Axes, most: float, first: int
-) -> tuple[float, int]:
-    """Return the half-length ≤ `most` that is proven about a place, and the pair that bounds it.
+) -> tuple[float, float, int]:
+    """Return how far before and after a place, at most `most`, is proven, and the pair that bounds that.
 
-    The half-length is 0 if the bound of that pair's distance is not above what it must keep, and −1 if it is certain
-    that the pair is too near. The pair `first` is looked at before the others.
+    Both are 0 if the bound of that pair's distance is not above what it must keep, and −1 if it is certain that the
+    pair is too near. The pair `first` is looked at before the others.
     """
     bodies, poses, required = shapes.bodies, place.poses, motion.required
     axes, known = search.axes, search.known
-    half, bounding = most, first
+    before, after, bounding = most, most, first
     for n in range(len(motion.rates)):
         p = first if n == 0 else (n - 1 if n <= first else n)
         A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
+        half = max(before, after)
         enough = required[p] + half * motion.rates[p]
         a, b = poses[A].centre, poses[B].centre
         x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
@@ -119,7 +127,7 @@ def _half_length(
         other = sqrt(i * i + j * j + k * k) - bodies[B].reach
         if other >= enough:
             continue
-        rate = _rate_here(p, pairs, bodies, place, joints, motion.speeds)
+        rate = _rate_here(p, pairs, bodies, place, joints, motion.joints[_SPEED])
         enough = required[p] + half * rate
         if other > lower:
             lower, u, v, w = other, -i, -j, -k
@@ -133,12 +141,18 @@ def _half_length(
         lower = max(lower, found)
         if lower >= enough:
             continue
-        bounding = p
         if not lower > required[p]:
             # The upper bound is −∞ where the hulls overlap, and so is the right side where bodies are within theirs.
-            return -1.0 if most_apart < least else 0.0, p
-        half = (lower - required[p]) / rate
-    return half, bounding
+            nothing = -1.0 if most_apart < least else 0.0
+            return nothing, nothing, p
+        even, spare = (lower - required[p]) / rate, found - required[p]
+        back, on = even, even
+        if spare > 0.0:
+            back, on = _slab(p, pairs, bodies, place, joints, motion.joints, axes[p], spare)
+            back, on = max(even, min(back, _NEAR / rate)), max(even, min(on, _NEAR / rate))
+        if back < before or on < after:
+            before, after, bounding = min(before, back), min(after, on), p
+    return before, after, bounding
 
 
 @part
@@ -152,6 +166,9 @@ def _is_too_near(p: int, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _
     if not x * x + y * y + z * z < far * far:
         return False
     u, v, w = from_box(bodies[B], poses[B], a)
+    far = required + bodies[A].reach
+    if u * u + v * v + w * w >= far * far:
+        return False
     axis = search.axes[len(pairs.bodies)]
     begin_axis(axis, u, v, w, x, y, z)
     least = required - pairs.certain[p]
@@ -160,27 +177,44 @@ def _is_too_near(p: int, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _
 
 
 @part
-def _comes_nearer(
-    p: int, pairs: Pairs, curve: FloatArray, t: float, place: _Place, joints: Any, axis: FloatArray
-) -> bool:
-    """Return whether the centres of a pair of bodies approach each other at t, along an axis from second to first."""
-    rate, origins, axes = 0.0, place.origins, place.axes
-    for i in range(len(joints)):
-        if pairs.radii[i, p] == 0.0:
-            continue
-        speed = 0.0
-        for k in range(len(curve) - 1, 0, -1):
-            speed = k * curve[k, i] + t * speed
-        first = pairs.moved[pairs.bodies[p, 0], i]
-        at = place.poses[pairs.bodies[p, 0] if first else pairs.bodies[p, 1]].centre
-        x, y, z = at[0] - origins[i, 0], at[1] - origins[i, 1], at[2] - origins[i, 2]
-        a, b, c = axes[i, 0], axes[i, 1], axes[i, 2]
-        if joints[i].slides:
-            along = axis[0] * a + axis[1] * b + axis[2] * c
-        else:
-            along = axis[0] * (b * z - c * y) + axis[1] * (c * x - a * z) + axis[2] * (a * y - b * x)
-        rate += along * speed if first else -along * speed
-    return rate < 0.0
+def _slab(
+    p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any, moves: FloatArray, axis: FloatArray, spare: float
+) -> tuple[float, float]:
+    """Return how far before and after a place a slab across an axis, with so much to `spare`, keeps a pair apart."""
+    origins, axes = place.origins, place.axes
+    length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
+    nx, ny, nz = axis[0] / length, axis[1] / length, axis[2] / length
+    along, spread, bend = 0.0, 0.0, 0.0
+    for side in range(2):
+        g, other = pairs.bodies[p, side], pairs.bodies[p, 1 - side]
+        at, R, extent = place.poses[g].centre, place.poses[g].rotation, bodies[g].extent
+        tx, ty, tz, turning, moved = 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(len(joints)):
+            reach = pairs.reaches[g, i]
+            if reach == 0.0 or pairs.reaches[other, i] > 0.0:
+                continue
+            a, b, c, speed = axes[i, 0], axes[i, 1], axes[i, 2], moves[_VELOCITY, i]
+            if joints[i].slides:
+                moved += speed * (nx * a + ny * b + nz * c)
+            else:
+                x, y, z = at[0] - origins[i, 0], at[1] - origins[i, 1], at[2] - origins[i, 2]
+                u, v, w = ny * c - nz * b, nz * a - nx * c, nx * b - ny * a  # n × z
+                moved += speed * (u * x + v * y + w * z)
+                tx, ty, tz = tx + speed * u, ty + speed * v, tz + speed * w
+            fastest = moves[_FASTEST, i]
+            bend += reach * (fastest * (fastest + 2.0 * turning) + moves[_BEND, i])
+            turning += 0.0 if joints[i].slides else fastest
+        along += moved if side == 0 else -moved
+        for k in range(3):
+            spread += extent[k] * abs(R[0, k] * tx + R[1, k] * ty + R[2, k] * tz)
+    return _until(spare, -along - spread, bend), _until(spare, along - spread, bend)
+
+
+@part
+def _until(spare: float, rate: float, bend: float) -> float:
+    """Return the largest s for which spare + rate s − bend s²/2 is no less than 0."""
+    root = sqrt(rate * rate + 2.0 * bend * spare)
+    return ((rate + root) / bend if rate > 0.0 else 2.0 * spare / (root - rate)) * (1.0 - _ROUNDING)
 
 
 @part
@@ -195,22 +229,27 @@ def _suspect(suspects: IntArray, pair: int) -> None:
         suspects[0] = pair
 
 
-@maker
-def _curve_at(curve: FloatArray, t: float, half: float, there: FloatArray, speeds: FloatArray) -> None:
-    """Write the joints at t, and bounds of how fast they leave them while no farther than `half` from t."""
+@part
+def _curve_at(curve: FloatArray, t: float, half: float, taylor: FloatArray, moves: FloatArray) -> None:
+    """Write where the joints are at t, and how they move while no farther than `half` from t; `taylor: (d + 1,)`.
+
+    The rows of `moves: (5, m)` are the joints, v, q′ at t, and bounds of |q′| and |q″|.
+    """
     degree = len(curve) - 1
-    taylor = np.empty(degree + 1)
     for i in range(curve.shape[1]):
         for k in range(degree + 1):
             taylor[k] = curve[k, i]
         for k in range(degree):
             for j in range(degree - 1, k - 1, -1):
                 taylor[j] += t * taylor[j + 1]
-        there[i] = taylor[0]
-        speed = 0.0
+        speed, fastest, bend = 0.0, 0.0, 0.0
         for k in range(degree, 0, -1):
-            speed = abs(taylor[k]) + half * speed
-        speeds[i] = speed
+            rise = abs(taylor[k])
+            speed, fastest = rise + half * speed, k * rise + half * fastest
+            if k > 1:
+                bend = k * (k - 1) * rise + half * bend
+        moves[_JOINT, i], moves[_SPEED, i], moves[_VELOCITY, i] = taylor[0], speed, taylor[1]
+        moves[_FASTEST, i], moves[_BEND, i] = fastest, bend
 
 
 @compiled
@@ -221,7 +260,7 @@ def prove_curve(
     vertices: FloatArray,
     pair_bodies: IntArray,
     radii: FloatArray,
-    moved: BoolArray,
+    reaches: FloatArray,
     certain: FloatArray,
     curve: FloatArray,
     required: FloatArray,
@@ -250,10 +289,10 @@ def prove_curve(
         At how many places of the motion the bounds were looked at.
     """
     m, P = radii.shape
-    shapes, pairs = Shapes(bodies, starts, vertices), Pairs(pair_bodies, radii, moved, certain)
-    speeds, rates, widest = np.empty(m), np.empty(P), 0.0
-    there, rotations = np.empty(m), np.empty((m, 3, 3))
-    here = _Motion(speeds, rates, required)
+    shapes, pairs = Shapes(bodies, starts, vertices), Pairs(pair_bodies, radii, reaches, certain)
+    moves, rates, widest = np.empty((5, m)), np.empty(P), 0.0
+    taylor, rotations = np.empty(len(curve)), np.empty((m, 3, 3))
+    here = _Motion(moves, rates, required)
     place = _Place(np.empty(len(bodies), POSE), np.empty((m, 3)), np.empty((m, 3)))
     search = _Axes(np.empty((P + 1, 3)), np.zeros(P, np.bool_), np.empty((4, 3)))
     left[0, 0], left[0, 1] = 0.0, 1.0
@@ -261,11 +300,11 @@ def prove_curve(
     while number > 0:
         low, high = left[number - 1, 0], left[number - 1, 1]
         t, most = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + _ROUNDING)
-        _curve_at(curve, t, most, there, speeds)
+        _curve_at(curve, t, most, taylor, moves)
         for i in range(m):
-            if not isfinite(there[i]):
+            if not isfinite(moves[_JOINT, i]):
                 return number, -1.0, places
-        place_joints(joints, there, rotations, place.origins, place.axes)
+        place_joints(joints, moves[_JOINT], rotations, place.origins, place.axes)
         if places == 0:
             place_bodies(bodies, place.poses, rotations, place.origins, False)
         place_bodies(bodies, place.poses, rotations, place.origins, True)
@@ -277,25 +316,25 @@ def prove_curve(
             rates[:] = 0.0
             for i in range(m):
                 for p in range(P):
-                    rates[p] += radii[i, p] * speeds[i]
+                    rates[p] += radii[i, p] * moves[_SPEED, i]
             widest = 0.0
             for p in range(P):
                 widest = max(widest, rates[p])
-        half, first = _half_length(joints, shapes, pairs, here, place, search, most, first)
+        before, after, first = _half_length(joints, shapes, pairs, here, place, search, most, first)
         places += 1
-        if half >= most:
-            number -= 1
-        elif half < 0.0:
+        half = min(before, after)
+        if half < 0.0:
             _suspect(suspects, first)
             return -1, t, places
-        elif half * widest < least or number == len(left):
+        if half < most and (half * widest < least or number == len(left)):
             return number, -1.0 if half > 0.0 else t, places
-        else:
-            # The part in which these bodies come nearer is looked at next: there the motion is blocked, if it is.
-            later = 1 if _comes_nearer(first, pairs, curve, t, place, joints, search.axes[first]) else 0
-            left[number - later, 0], left[number - later, 1] = low, t - half
-            left[number - 1 + later, 0], left[number - 1 + later, 1] = t + half, high
-            number += 1
+        number -= 1
+        # The part in which these bodies come nearer is looked at next: there the motion is blocked, if it is.
+        for turn in range(2):
+            earlier = (turn == 0) == (after <= before)
+            if (before if earlier else after) < most:
+                left[number, 0], left[number, 1] = (low, t - before) if earlier else (t + after, high)
+                number += 1
     return 0, -1.0, places
 
 
@@ -319,7 +358,7 @@ def prove_curves(
     places, bodies, starts, vertices = 0, shapes.bodies, shapes.starts, shapes.vertices
     for k in range(len(curves)):
         number, _, looked = prove_curve(
-            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.moved, pairs.certain, curves[k],
+            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.reaches, pairs.certain, curves[k],
             required, least, left, suspects,
         )  # fmt: skip
         found[k] = 1 if number == 0 else min(number, 0)

@@ -70,7 +70,7 @@ def take_step(
     vertices: FloatArray,
     pair_bodies: IntArray,
     radii: FloatArray,
-    moved: BoolArray,
+    reaches: FloatArray,
     certain: FloatArray,
     coupling: FloatArray,
     limits: FloatArray,
@@ -115,7 +115,7 @@ def take_step(
                 number, found = -1, 0
                 if lay_edge(start, end, coupling, limits, edge):
                     number, _, found = prove_curve(
-                        joints, bodies, starts, vertices, pair_bodies, radii, moved, certain, edge, required,
+                        joints, bodies, starts, vertices, pair_bodies, radii, reaches, certain, edge, required,
                         floor, left, suspects,
                     )  # fmt: skip
                 looked += found
@@ -189,7 +189,7 @@ class SafeStep:
         self._places: FloatArray = np.empty((2, self.problem.bridge.n))
         # With a margin, and without: the bounds that are asked, and what the kernel needs of them.
         self._known: dict[bool, tuple[RequiredDistances, DistanceBounds, tuple[Any, ...] | None]] = {}
-        self._field: tuple[DangerField, PointDanger | None] | None = None
+        self._field: tuple[DangerField, PointDanger, bool] | None = None
 
     def extend(self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float) -> tuple[Extension, int]:
         """Add a node at most `step` [rad] from node `old` towards `target: (n,)`; return outcome and node.
@@ -197,7 +197,7 @@ class SafeStep:
         Where the step with descent is not free the straight one is tried. Targets within a step are neither moved nor
         held to the threshold: they are configurations that the path needs.
         """
-        taken = self._at_once(trees, tree, old, target, step) if self.danger.weight else None
+        taken = self._at_once(trees, tree, old, target, step)
         return self._composed(trees, tree, old, target, step) if taken is None else taken
 
     def _at_once(
@@ -255,27 +255,23 @@ class SafeStep:
         return None if known[2] is None else (motion.checker, done, known[2])
 
     def _point_danger(self) -> PointDanger | None:
-        """Return what the kernel needs for the danger; None where the cost is another one, or joints are coupled."""
+        """Return what the kernel needs for the danger; None where it cannot compute one that has weight."""
         field = self.problem.cost.field
         if field is None:
             return None
         frozen = field.frozen()
         if self._field is None or self._field[0] is not frozen:
-            coupled = not field.robot.coupling.trivial
-            self._field = frozen, frozen.for_kernels() if len(frozen.points) and not coupled else None
-        return self._field[1]
+            usable = len(frozen.points) > 0 and field.robot.coupling.trivial
+            self._field = frozen, frozen.for_kernels(), usable
+        return self._field[1] if self._field[2] or not self.danger.weight else None
 
     def _composed(self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float) -> tuple[Extension, int]:
         """Do so with whatever says what is free and dangerous, in the order of `take_step`."""
         q_old = tree.configurations[old]
         length, moved_to = steered(self.problem.bridge, q_old, target, step)
-        if length <= step or not self.danger.weight:
+        if length <= step:
             free = self.margin.motion_is_free(*tree.as_driven(q_old, moved_to[0]))
-            outcome = Extension.REACHED if length <= step else Extension.ADVANCED
-            if free:
-                return outcome, trees.add(tree, moved_to[0], old)
-            trees.blocked += outcome is Extension.ADVANCED
-            return Extension.TRAPPED, old
+            return (Extension.REACHED, trees.add(tree, moved_to[0], old)) if free else (Extension.TRAPPED, old)
         reach = self.descent.share * min(step, length - step)
         moved = self.descent.moved(moved_to, reach, lambda: tree.gradient(old))
         for q_new in (moved_to[0],) if moved is None else (moved, moved_to[0]):
