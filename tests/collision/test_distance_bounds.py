@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from safe_ompl import Box, CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Scene, Verdict
+from safe_ompl import Box, CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Robot, Scene, Verdict
 from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation
 from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
@@ -162,6 +162,20 @@ def test_a_motion_along_a_surface_takes_few_places(panda):
     checker = CollisionChecker(panda, scene)
     assert MotionProver(checker).is_free(q, q + np.eye(7)[0])
     assert checker.counts.bound_queries < 40
+
+
+def test_accelerations_count_where_velocities_lead_past_a_surface(tmp_path):
+    """A ball on a circle of 1 m moves along a plate at first, and bends into it by 1 mm before 0.0447 rad."""
+    ball = '<collision><origin xyz="1 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>'
+    inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = '<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
+    joint += '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    urdf = tmp_path / "swing.urdf"
+    urdf.write_text(f'<robot name="swing"><link name="base"/><link name="arm">{inertia}{ball}</link>{joint}</robot>')
+    plate = Obstacle("plate", Box((0.1, 1.0, 0.1)), Pose((1 - 0.05 - 0.001 - 0.05, 0.0, 0.0)))
+    motion = MotionProver(CollisionChecker(Robot.from_urdf(urdf), Scene((plate,))))
+    assert motion.is_free([-0.044], [0.044])
+    assert not motion.is_free([-0.047], [0.047])
 
 
 def test_without_pairs_everything_is_free(ur5):

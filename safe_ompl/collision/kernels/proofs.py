@@ -16,9 +16,9 @@ of its ball is, plus the radius.
 Where the supports leave a spare e, the slab across n is followed as well: bodies that move along it, or apart, come
 nearer only by accelerations. From there on they keep what they must while e + s·r − s²K/2 ≥ 0 (Taylor). In the frame of
 the joint that carries both, r is how fast the slab widens at t at least: n·v of the centres, less what rotation moves
-the corners of their boxes along n. K = Σ_i R_i w_i (w_i + 2 Σ_j<i w_j) + R_i|q″_i| bounds the accelerations, w = |q′|,
-over the joints that move one of them. So [t − s⁻, t + s⁺] is proven, with the least s⁻ and s⁺ of all pairs. Rounding
-of e, 1e-14 m, is below the allowances in c_p, as that of d_p is; roots are taken for less by 1e-12 of themselves.
+the corners of their boxes along n, without balls. K = Σ_i R_i w_i (w_i + 2 Σ_j<i w_j) + R_i|q″_i| bounds accelerations,
+w = |q′|, over the joints that move one of the two. So [t − s⁻, t + s⁺] is proven, with the least s⁻ and s⁺ of all
+pairs. Rounding of e, 1e-14 m, is below the allowances in c_p, as that of d_p is; s is taken for less by 1e-12 of it.
 
 Two points of the bodies bound d_p from above. Where that bound is no more than what the pair must keep without the
 allowances in c_p, and the bodies themselves are convex, no proof can find the motion free: it is refused at once, and
@@ -206,7 +206,7 @@ def _slab(
             turning += 0.0 if joints[i].slides else fastest
         along += moved if side == 0 else -moved
         for k in range(3):
-            spread += extent[k] * abs(R[0, k] * tx + R[1, k] * ty + R[2, k] * tz)
+            spread += (extent[k] - bodies[g].ball) * abs(R[0, k] * tx + R[1, k] * ty + R[2, k] * tz)
     return _until(spare, -along - spread, bend), _until(spare, along - spread, bend)
 
 
