@@ -153,13 +153,14 @@ def test_a_thin_plate_between_the_samples_of_others_is_found(spoke, plain_check)
     [
         (1e-3, 1e-4, Verdict.FREE),
         (3e-4, 1e-5, Verdict.FREE),
-        (3e-5, 1e-3, Verdict.UNDECIDED),
-        (3e-5, 1e-4, Verdict.UNDECIDED),
+        (3e-5, 1e-3, Verdict.FREE),
+        (1e-5, 1e-3, Verdict.UNDECIDED),
+        (1e-5, 1e-5, Verdict.UNDECIDED),
         (-1e-3, 1e-3, Verdict.BLOCKED),
         (-1e-3, 1e-5, Verdict.BLOCKED),
     ],
 )
-def test_the_floor_decides_how_near_is_too_near_to_tell(crank, gap, floor, expected):
+def test_less_than_the_allowance_is_too_near_to_tell(crank, gap, floor, expected):
     motion = MotionProver(CollisionChecker(crank, beside(gap)), floor)
     verdict = motion.check(np.array([-0.51]), np.array([0.5]))
     assert verdict.verdict is expected
