@@ -33,7 +33,7 @@ ORDER = (  # of the page; files with claims only have no section
         "motions_tubes",
         "stops",
     ),
-    *("stops_contact", "stops_motions", "mutations", "timing", "field", "scaling", "scaling_nodes"),
+    *("stops_contact", "stops_motions", "mutations", "timing", "field", "scaling", "scaling_nodes", "scaling_runs"),
     *("setup", "simplify", "hard", "clearances", "paper", "smoothing", "worth", "live", "shield"),
     "depth",
     *("reach", "physics", "physics_contact", "physics_live", "tools"),
