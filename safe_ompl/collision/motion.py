@@ -159,12 +159,11 @@ class MotionProver:
         starts, ends = (self._rows(Q, f"{word} of motions") for Q, word in ((starts, "starts"), (ends, "ends")))
         if len(starts) != len(ends):
             raise InputError(f"motions need as many starts as ends, got {len(starts)} and {len(ends)}")
-        workers, robot = whole_number("workers", workers, at_least=1), self.checker.robot
+        workers, required = whole_number("workers", workers, at_least=1), self.required
         free: BoolArray = self._joint_limits.all_hold(starts) & self._joint_limits.all_hold(ends)
-        coupling, rows, required = robot.coupling, np.flatnonzero(free), self.required
-        curves = np.empty((len(rows), 2, len(coupling.offsets)))
-        curves[:, 0] = coupling.values(starts[rows])
-        curves[:, 1] = coupling.motions(robot.difference(starts[rows], ends[rows]))
+        rows = np.flatnonzero(free)
+        ways = self.checker.robot.difference(starts[rows], ends[rows])
+        curves = np.stack([starts[rows], ways], axis=1)
         with self.checker.changes.none():
             found = required.pairs.bounds.prove_many(curves, required.allowed_for, self.floor, workers)
             free[rows] = found > 0
@@ -177,13 +176,9 @@ class MotionProver:
 
         Those (E,) are free; of others nothing is said. It takes much less time than to ask of one after the other.
         """
-        coupling, (count, size, n) = self.checker.robot.coupling, curves.shape
-        moved = np.empty((count, size, len(coupling.offsets)))
-        moved[:, 0] = coupling.values(curves[:, 0])
-        moved[:, 1:] = coupling.motions(curves[:, 1:].reshape(-1, n)).reshape(count, size - 1, -1)
-        held = self._joint_limits.hold_curves(curves) & (not self.limits)
+        held, required = self._joint_limits.hold_curves(curves) & (not self.limits), self.required
         with self.checker.changes.none():
-            return held & (self.required.pairs.bounds.prove_many(moved, self.required.allowed_for, self.floor) > 0)
+            return held & (required.pairs.bounds.prove_many(curves, required.allowed_for, self.floor) > 0)
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.

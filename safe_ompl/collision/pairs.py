@@ -143,20 +143,24 @@ class DistanceBounds:
         return BoundsProof(False, at, left[:number].tolist() if number > 0 else _UNKNOWN.left, number < 0)
 
     def prove_many(self, curves: FloatArray, required: FloatArray, floor: float, workers: int = 1) -> IntArray:
-        """Return what `prove` says of motions of the joints of Pinocchio's model, `curves: (E, d + 1, m)`, (E,).
+        """Return what `prove` says of motions of coefficients `curves: (E, d + 1, n)`, (E,).
 
         That is 1 of those that are proven, −1 of those that are blocked, 0 of others. Each of the workers is a thread.
         """
-        found: IntArray = np.zeros(len(curves), np.intp)
+        coupling, (count, size, n) = self._coupling, curves.shape
+        moved = np.empty((count, size, len(coupling.offsets)))
+        moved[:, 0] = coupling.values(curves[:, 0])
+        moved[:, 1:] = coupling.motions(curves[:, 1:].reshape(-1, n)).reshape(moved[:, 1:].shape)
+        found: IntArray = np.zeros(count, np.intp)
         joints, shapes, known = self._data
         nothing: IntArray = np.empty(0, np.intp)  # what blocks the edges of a batch differs: to suspect it costs time
 
         def prove(some: slice) -> int:
             left = self._memory.own[1]
-            return int(prove_curves(joints, shapes, known, curves[some], required, floor, left, nothing, found[some]))
+            return int(prove_curves(joints, shapes, known, moved[some], required, floor, left, nothing, found[some]))
 
         if self._bounded:
-            parts = [slice(k, k + _TOGETHER) for k in range(0, len(curves), _TOGETHER)]
+            parts = [slice(k, k + _TOGETHER) for k in range(0, count, _TOGETHER)]
             if workers == 1 or len(parts) == 1:
                 self._counts.bound_queries += sum(map(prove, parts))
             else:

@@ -333,9 +333,9 @@ def _frames(content: ViewerContent, paths: Mapping[str, FloatArray], times: Floa
     """Yield the pictures of all paths (F, n) at each of the times (F,) [s], with the same camera and light."""
     movers, styles = content.movers, planner_styles(paths)
     drawn = DrawnScene(content.robot, content.scene_at_start, list(paths.values()))
-    there = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
-    moving = [[surface for mover in movers for surface in obstacle_surfaces(mover)] for movers in there]
-    still = drawn.surroundings({mover.name for movers in there for mover in movers})
+    obstacles = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
+    moving = [[surface for one in there for surface in obstacle_surfaces(one)] for there in obstacles]
+    still = drawn.surroundings({one.name for there in obstacles for one in there})
     reached = [drawn.landmarks(), *(thing.surface.vertices for things in (*moving, still) for thing in things)]
     renderer = Renderer(drawn.floor, best_view(drawn, PANEL), PANEL, still, np.vstack(reached))
 

@@ -63,7 +63,8 @@ class Campaign:
         setup = setup or setup_scenario(self.scenario)
         self.check(setup)
         runs = rounds(self.planners, self.runs, self.seed)
-        known = {run: result for result in done if (run := Run(result.planner, result.seed)) in set(runs)}
+        own = set(runs)
+        known = {run: result for result in done if (run := Run(result.planner, result.seed)) in own}
         left = [run for run in runs if run not in known]
         do = partial(_run, pickle.dumps(self)) if isinstance(workers, Executor) else self._runner(setup)
         return chain(known.values(), in_order(do, left, workers, lost))

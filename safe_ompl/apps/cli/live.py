@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +141,6 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         program_robot(still)
         return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
     setup = setup_scenario(still, robot)
-
     cameras = None if options.cameras is None else read_cameras(options.cameras)
 
     def world(ways: Sequence[Trajectory] | Tour) -> Simulation:
@@ -318,7 +316,8 @@ class Actors:
     @property
     def still(self) -> Scene:
         """The obstacles that never move."""
-        return self.scene.without(*(name for name in self.scene.names if name in {*self.people, *self.objects}))
+        gone = {*self.people, *self.objects}
+        return self.scene.without(*(name for name in self.scene.names if name in gone))
 
 
 def choose_actors(scenario: Scenario, robot: Robot, people: People, options: argparse.Namespace) -> Actors:
@@ -351,7 +350,10 @@ def _persons(scenario: Scenario) -> list[tuple[str, Pose, float]]:
 
 
 def _free_name(word: str, taken: tuple[str, ...]) -> str:
-    return next(name for k in count(1) if (name := word if k == 1 else f"{word}_{k}") not in taken)
+    k = 1
+    while (name := word if k == 1 else f"{word}_{k}") in taken:
+        k += 1
+    return name
 
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> dict[str, PersonMover]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
@@ -86,8 +85,9 @@ class ContactMonitor:
         found = Nearest(np.inf)
         for k, solid, geometries in self._pairs(solids):
             self._result.clear()  # or it keeps the smallest of all that it ever saw
-            distance = float(coal.distance(*geometries, self._request, self._result))
-            found = min(found, Nearest(distance, self._links[k], solid.who, solid.limb), key=lambda one: one.distance)
+            distance = coal.distance(*geometries, self._request, self._result)
+            if distance < found.distance:
+                found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
         return found
 
     def _pairs(self, solids: list[Solid]) -> Iterator[tuple[int, Solid, tuple[Any, Any, Any, Any]]]:
@@ -257,7 +257,8 @@ class Simulation:
 
     def run(self, seconds: float) -> Summary:
         """Run for a time [s], and return the result."""
-        deque(self.ticks(seconds), 0)
+        for _ in self.ticks(seconds):
+            pass
         return self.summary
 
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
