@@ -20,31 +20,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array, number
 from safe_ompl.geometry import ConvexBodies, Obstacle, Pose, Sphere
 from safe_ompl.geometry.kernels import POSE
 from safe_ompl.people.cameras import DepthCamera, DepthFrame
+from safe_ompl.people.kernels.cells import Cells, Known, cover, mark, opened, place, spread
 from safe_ompl.people.kernels.depth import (
     NODE,
-    Cells,
-    Known,
+    Errors,
     SeenImage,
     View,
     clear_seen,
     cloud_blocks,
-    cover,
     image_blocks,
-    mark,
-    place,
     pyramid,
-    spread,
     unexplained,
 )
 from safe_ompl.people.reach import ReachSets, ReachViolation
@@ -52,7 +47,7 @@ from safe_ompl.robot import Robot, plain
 from safe_ompl.scene import People, Scene
 
 SEEN, UNSEEN = "something seen", "unseen space"
-_SIDE = _WORD = 16  # cells on the sides of grids are multiples of a word of bits
+_SIDE, _WORD = 16, 64  # cells on the sides of grids are multiples of the first; bits of a word
 _MOST_CELLS = 128  # on a side
 _SHARE = 0.25  # of its distance from the robot that the radius of a ball may be
 _MOST_BALLS = 768
@@ -60,7 +55,6 @@ _MILLIMETRES = 1e-3  # [m]
 _SAME = 1e-9
 _DEEP = 0.03  # [m] inside of a body a camera sees nothing
 _FEW = 5  # blocks that show something where nothing could be: fewer are noise
-_HIT = 2  # mark of cells, beside 1
 
 
 @dataclass(frozen=True)
@@ -97,8 +91,8 @@ class _Camera:
     def __init__(self, camera: DepthCamera) -> None:
         self.camera, self.time = camera, -np.inf
         # Cells of which its last image showed something, and those of them that count even if nothing could be there
-        self.hits: BoolArray = np.zeros(0, dtype=bool)
-        self.sure: BoolArray = np.zeros(0, dtype=bool)
+        self.hits: IntArray = np.zeros(0, dtype=np.int64)
+        self.sure: IntArray = np.zeros(0, dtype=np.int64)
         self.explained: FloatArray = np.zeros(0)
         self.wrong = ""  # Why its last image cannot be true, if it cannot
         self._pose: Pose | None = None
@@ -170,19 +164,21 @@ class OccupancyGrid:
         bodies = own.joined(static).joined(ConvexBodies.of(looked))
         count, joints = len(own.bodies), own.bodies["joint"]
         fixed = np.append(np.flatnonzero(joints == 0), count + np.flatnonzero(static.exact))
-        self._marked: BoolArray = np.zeros((side,) * 3, dtype=bool)
         robot_bodies: IntArray = np.flatnonzero(joints > 0).astype(np.intp)
-        self._known = Known(
-            bodies.shapes, np.zeros(len(bodies.bodies), POSE), robot_bodies, fixed.astype(np.intp), self._marked
-        )
+        self._all = _packed(np.ones((side,) * 3, dtype=bool))
+        poses = np.zeros(len(bodies.bodies), POSE)
+        self._known = Known(bodies.shapes, poses, robot_bodies, fixed.astype(np.intp), self._all)
+        self._q: FloatArray = np.zeros(0)  # where the robot is placed
+        self._marked: IntArray = np.zeros_like(self._all)  # cells that are near to it there
         self._place(np.zeros(robot.n), moving=False)
         shapes = robot.shared.collision_model.geometryObjects
         self._deep = [g for g in robot_bodies.tolist() if _depth(shapes[g].geometry, own.bodies[g]["centre"]) > _DEEP]
         self._walls = self._near(self._known.still, 0.0)
-        self._beyond = _border(side) & ~self._walls
-        # Where something that moves may be (N, N, N); at first everywhere
-        self.occupied = np.full((side,) * 3, options.unseen == "occupied") & ~self._walls
-        self._hit: BoolArray = np.zeros((side,) * 3, dtype=bool)  # of it what was seen
+        self._space = self._all & ~self._walls
+        self._beyond = _packed(_border(side)) & self._space
+        # Where something that moves may be, and of it what was seen, as bits; at first everywhere
+        self._may = self._space if options.unseen == "occupied" else np.zeros_like(self._all)
+        self._hit: IntArray = np.zeros_like(self._all)
 
     def __repr__(self) -> str:
         return f"OccupancyGrid({len(self.cameras)} cameras, {self.cells.side}³ cells of {self.cells.edge:g} m)"
@@ -192,6 +188,12 @@ class OccupancyGrid:
         """Whether every camera has seen something."""
         return all(np.isfinite(one.time) for one in self._seen.values())
 
+    @property
+    def occupied(self) -> BoolArray:
+        """Cells (N, N, N) in which something that moves may be."""
+        bits = np.unpackbits(self._may.view(np.uint8), axis=-1, count=self.cells.side, bitorder="little")
+        return np.asarray(bits.view(np.bool_))
+
     # -------------------------------------------------------------------------------------------------- known bodies
 
     def _place(self, q: FloatArray, *, moving: bool) -> None:
@@ -199,11 +201,17 @@ class OccupancyGrid:
         rotations, origins = self.robot.kinematics.frames(self.robot.coupling.values(q[None]))[:2]
         place(self._known.shapes, self._known.poses, plain(rotations[0]), plain(origins[0]), moving)
 
-    def _near(self, bodies: IntArray, margin: float) -> BoolArray:
-        """Return the cells within a margin of some bodies [m]."""
-        found: BoolArray = np.zeros((self.cells.side,) * 3, dtype=bool)
-        mark(self._known.shapes, self._known.poses, bodies, self.cells, margin, found)
-        return found
+    def _near(self, bodies: IntArray, margin: float) -> IntArray:
+        """Return the cells within a margin of some bodies [m], as bits."""
+        return mark(self._known, bodies, self.cells, margin)
+
+    def _stand(self, q: FloatArray) -> None:
+        """Place the robot at q (n,), and mark the cells near to it."""
+        if not np.array_equal(q, self._q):
+            self._q = q.copy()
+            self._place(q, moving=True)
+            self._marked = self._near(self._known.robot, self.options.margin)
+            self._known = self._known._replace(cells=_grown(self._marked | self._walls, 1, self._all))
 
     # ------------------------------------------------------------------------------------------------------- images
 
@@ -228,22 +236,20 @@ class OccupancyGrid:
         depths, where = self._blocks(camera, view, frame.depths)
         if not depths.any():
             raise InputError(f"shows nothing between {camera.near:g} and {camera.far:g} m", "depths")
-        first = not np.isfinite(self.time)
         one.forget(pose)
-        self._place(q, moving=True)
-        self._marked = marked = self._near(self._known.robot, options.margin)
-        noise = camera.noise[0] + camera.noise[1] * depths**2
-        margins = options.margin + camera.error + noise
-        size = camera.height, camera.width
-        known = self._known._replace(cells=_grown(marked | self._walls, 1))
-        hits, owns = unexplained(view, depths, where, size, known, margins, one.explained, self.cells)
-        known_to = depths - noise + np.where(owns, np.sqrt(3.0) * options.edge, 0.0)
-        image = SeenImage(view, *pyramid(np.maximum(known_to, 0.0)))
-        if first and options.unseen == "occupied":
-            self.occupied &= ~self._near(self._known.robot, options.clear) | self._beyond
-        fast = self._advance(one, time, image, hits, marked)
+        self._stand(q)
+        if options.unseen == "occupied" and not np.isfinite(self.time):
+            self._may = self._may & (~self._near(self._known.robot, options.clear) | self._beyond)
+        possible = self._advance(time)
+        errors = Errors(options.margin + camera.error, (float(camera.noise[0]), float(camera.noise[1])))
+        hits, strange, clear = unexplained(
+            view, depths, where, (camera.height, camera.width), self._known, errors, one.explained, self.cells, possible
+        )
+        image = SeenImage(view, *pyramid(clear))
+        fast = self.known and strange >= _FEW
+        self._take(one, time, image, hits, fast)
         violation = ReachViolation(SEEN, "", self.cells.edge) if fast else None
-        one.wrong = self._looks_through(name, view, depths - noise) or str(violation or "")
+        one.wrong = self._looks_through(name, view, depths) or str(violation or "")
         return violation
 
     def _blocks(self, camera: DepthCamera, view: View, given: ArrayLike) -> tuple[FloatArray, IntArray]:
@@ -258,39 +264,45 @@ class OccupancyGrid:
             return cloud_blocks(plain(points), view, size, few, near, far)
         if array.shape != size:
             raise InputError(f"must have shape {size} or (N, 3), got {array.shape}", "depths")
-        image = array.astype(np.float32)
+        image = np.require(array, np.float32, ["C", "W"])
         if array.dtype.kind == "u":
             image *= np.float32(_MILLIMETRES)
         return image_blocks(image, camera.block, few, near, far)
 
-    def _advance(self, one: _Camera, time: float, image: SeenImage, counts: IntArray, marked: BoolArray) -> bool:
-        """Take what an image says; return whether it shows something where nothing could be."""
-        first = np.isinf(one.time)
-        before, one.time, hits = self.time, time, counts > 0
-        self.time = max(time, before)
-        grown = self._steps(self.time - before) if np.isfinite(before) else 0
-        taken, fast = marked | self._walls, False
-        occupied = np.zeros_like(self.occupied)
+    def _advance(self, time: float) -> IntArray:
+        """Let all that moves go on to a time [s]; return the cells in which an image of that time may show something.
+
+        Where the times of images are in order, all that moves is a cell farther than that at most: a point may be
+        anywhere in its cell.
+        """
+        before, self.time = self.time, max(time, self.time)
+        if self.options.unseen == "free":
+            self._may = np.zeros_like(self._all)
+            return self._all
+        steps = self._steps(self.time - before) if np.isfinite(before) else 0
+        self._may = _grown(self._may, steps, self._space) & self._space
+        return _grown(self._may | self._marked | self._walls, 1 + self._steps(self.time - time), self._all)
+
+    def _take(self, one: _Camera, time: float, image: SeenImage, hits: IntArray, fast: bool) -> None:
+        """Take what an image says, `fast`: it shows something where nothing could be."""
+        first, one.time, occupied = np.isinf(one.time), time, self._may.copy()
         if self.options.unseen == "occupied":
-            occupied = _grown(self.occupied, grown, ~self._walls) & ~self._walls
-            late = 1 + self._steps(self.time - time)
-            fast = self.known and not first and counts[hits & ~_grown(occupied | taken, late)].sum() >= _FEW
-            radius = np.sqrt(0.75) * self.cells.edge + one.camera.error + self.options.speed * (self.time - time)
+            late = self.time - time
+            radius = np.sqrt(0.75) * self.cells.edge + one.camera.error + self.options.speed * late
             clear_seen(image, self.cells, radius, one.windows(radius, self.cells.side), occupied)
-            if time == self.time:  # the robot is elsewhere by now
-                occupied &= ~marked
+            if not late:  # or the robot is elsewhere by now
+                occupied &= ~self._marked
         sure = fast or first or self.options.unseen == "free"
-        one.hits, one.sure = hits, hits if sure else hits & taken
+        one.hits, one.sure = hits, hits if sure else hits & (self._marked | self._walls)
         self._hit, certain = np.zeros_like(occupied), np.zeros_like(occupied)
         for other in self._seen.values():
             if np.isfinite(other.time):
                 steps = self._steps(self.time - other.time)
-                self._hit |= _grown(other.hits, steps)
-                certain |= _grown(other.sure, steps)
-        self.occupied = _opened(occupied) | (occupied & self._hit) | certain
+                self._hit |= _grown(other.hits, steps, self._all)
+                certain |= _grown(other.sure, steps, self._all)
+        self._may = opened(occupied) | (occupied & self._hit) | certain
         if self.options.unseen == "occupied":
-            self.occupied |= self._beyond
-        return fast
+            self._may |= self._beyond
 
     def _steps(self, time: float) -> int:
         """Return by how many cells something may come nearer in a time [s]."""
@@ -298,13 +310,16 @@ class OccupancyGrid:
 
     def _looks_through(self, name: str, view: View, depths: FloatArray) -> str:
         """Return which body of the robot the camera sees through: its pose, lens, or the joints are not as given."""
+        noise = self.cameras[name].noise
         for g in self._deep:
             x, y, z = view.rotation.T @ (self._known.poses["centre"][g] - view.origin)
             if z <= 0.1:
                 continue
             u, v = (f * at / z + c + 0.5 for f, at, c in zip(view.focal, (x, y), view.middle, strict=True))
             i, j = int(v // view.block), int(u // view.block)
-            if min(i, j) >= 0 and i < len(depths) and j < depths.shape[1] and depths[i, j] > z:
+            if min(i, j) < 0 or i >= len(depths) or j >= depths.shape[1]:
+                continue
+            if depths[i, j] - (noise[0] + noise[1] * depths[i, j] ** 2) > z:
                 link = self.robot.shared.collision_model.geometryObjects[g].name.rsplit("_", 1)[0]
                 return f"{name!r} sees through {link}: its pose or lens, or the joints are not as given"
         return ""
@@ -315,10 +330,9 @@ class OccupancyGrid:
         """Return where things may be from a time on [s]."""
         if not np.isfinite(self.time):
             return ReachSets.none()
-        front = (self.occupied & _grown(~self.occupied & ~self._walls, 1)).astype(np.uint8)
-        front |= np.uint8(_HIT) * (front & self._hit)
-        found, marks = cover(front, self.cells, self._known, _SHARE, _MOST_BALLS)
-        names = tuple((SEEN if each & _HIT else UNSEEN, "") for each in marks.tolist())
+        front = self._may & _grown(self._space & ~self._may, 1, self._all)
+        found, seen = cover(front, self._hit, self.cells, self._known, _SHARE, _MOST_BALLS)
+        names = tuple((SEEN if each else UNSEEN, "") for each in seen.tolist())
         speed = self.options.speed
         growth = np.tile([[[speed * max(now - self.time, 0.0), speed]]], (len(found), 1, 1))
         return ReachSets.of(names, plain(found[:, None, :3]), found[:, 3].copy(), growth)
@@ -377,35 +391,18 @@ def _border(side: int) -> BoolArray:
     return found
 
 
-def _along(cells: BoolArray, axis: int) -> Any:
-    """Return cells (N, N, N) with an axis first, eight in a word; or, along the last axis, in one row."""
-    return cells.reshape(-1) if axis == 2 else np.swapaxes(cells.view(np.uint64), 0, axis)
+def _packed(cells: BoolArray) -> IntArray:
+    """Return cells (N, N, N) as bits (N, N, W) of words; the first one is the lowest."""
+    bits = np.packbits(cells, axis=-1, bitorder="little")
+    room = np.zeros((*cells.shape[:2], ceil(len(cells) / _WORD) * _WORD // 8), dtype=np.uint8)
+    room[..., : bits.shape[-1]] = bits
+    return room.view(np.int64)
 
 
-def _grown(cells: BoolArray, steps: int, among: BoolArray | None = None) -> BoolArray:
+def _grown(cells: IntArray, steps: int, among: IntArray) -> IntArray:
     """Return cells and those that so many steps lead to, across edges and corners, too, if none leaves `among`."""
-    if not steps:
-        return cells
-    words = _packed(cells)
-    spread(words, _packed(np.ones_like(cells) if among is None else among), steps)
-    bits = np.unpackbits(words.reshape(-1).view(np.uint8), bitorder="little")
-    return np.asarray(bits.view(np.bool_).reshape(cells.shape))
-
-
-def _packed(cells: BoolArray) -> NDArray[np.uint16]:
-    """Return cells (N, N, N) as bits (N, N, N / 16), the first one of each word the lowest."""
-    bits = np.packbits(cells.reshape(-1), bitorder="little")
-    return bits.view("<u2").reshape(*cells.shape[:2], -1)
-
-
-def _opened(cells: BoolArray) -> BoolArray:
-    """Return the cells that are in a cube of 2 × 2 × 2 of them."""
-    core = cells.copy()
-    for axis in range(3):
-        before = core.copy()
-        _along(core, axis)[:-1] &= _along(before, axis)[1:]
-        np.swapaxes(core, 0, axis)[-1] = False
-    for axis in range(3):
-        before = core.copy()
-        _along(core, axis)[1:] |= _along(before, axis)[:-1]
-    return core
+    found = cells
+    if steps:
+        found = cells.copy()
+        spread(found, among, steps)
+    return found

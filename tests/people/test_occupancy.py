@@ -24,7 +24,9 @@ from safe_ompl import (
 from safe_ompl.collision import robot_points
 from safe_ompl.geometry import bounding_hull, hull_planes
 from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOptions, looking, read_cameras
-from safe_ompl.people.kernels.depth import NODE, Cells, SeenImage, View, clear_seen, image_blocks, pyramid, spread
+from safe_ompl.people.kernels.cells import Cells, opened, spread
+from safe_ompl.people.kernels.depth import NODE, SeenImage, View, clear_seen, cloud_blocks, image_blocks, pyramid
+from safe_ompl.people.occupancy import _packed
 
 SIZE = 160, 120
 Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
@@ -280,14 +282,15 @@ def test_cells_are_cleared_exactly_where_a_look_at_all_depths_says_so(seed):
             j, i, level = np.array([a, b]).astype(int), np.array([c, d]).astype(int), 0
             while max(j[1] - j[0], i[1] - i[0]) > 4:
                 j, i, level = j // 2, i // 2, level + 1
-            expected[k] = least[level, i[0] : i[1] + 1, j[0] : j[1] + 1].min() < far[k]
-        clear_seen(SeenImage(view, least, most), cells, radius, windows, occupied)
-        np.testing.assert_array_equal(occupied, expected)
-        cleared += (~occupied).sum()
+            expected[k] = least[level, 0, i[0] : i[1] + 1, j[0] : j[1] + 1].min() < far[k]
+        words = _packed(occupied)
+        clear_seen(SeenImage(view, least, most), cells, radius, windows, words)
+        np.testing.assert_array_equal(words, _packed(expected))
+        cleared += (~expected).sum()
     assert cleared > 0.35 * 3 * side**3
 
 
-def test_blocks_have_their_smallest_depths_and_cells_grow_to_all_neighbours():
+def test_blocks_have_their_smallest_depths():
     rng = np.random.default_rng(0)
     depths = np.round(rng.uniform(0, 7, (12, 20)), 1).astype(np.float32)
     depths[rng.random(depths.shape) < 0.1] = np.nan
@@ -299,17 +302,49 @@ def test_blocks_have_their_smallest_depths_and_cells_grow_to_all_neighbours():
         assert found[i, j] == smallest[2]
         v, u = np.argwhere(block == smallest[2])[0]
         assert where[i, j] == (4 * i + v) * 20 + 4 * j + u - depths.size * (smallest[2] - smallest[0] > 0.05)
-    cells, among = rng.random((32, 32, 32)) < 0.01, rng.random((32, 32, 32)) < 0.8
-    words, within = (
-        np.packbits(each.reshape(-1), bitorder="little").view("<u2").reshape(32, 32, 2) for each in (cells, among)
-    )
-    spread(words, within, 2)
+
+
+def test_blocks_of_a_cloud_have_their_smallest_depths():
+    rng = np.random.default_rng(0)
+    depths = rng.uniform(0, 7, (48, 80))
+    depths[rng.random(depths.shape) < 0.6] = np.nan
+    view = View((60.0, 60.0), (39.5, 23.5), 4, np.eye(3), np.zeros(3))
+    v, u = np.mgrid[:48, :80]
+    points = np.stack([(u - 39.5) / 60 * depths, (v - 23.5) / 60 * depths, depths], axis=-1).reshape(-1, 3)
+    points = np.concatenate([points, [[np.inf, 0, 1], [0, np.nan, 1], [50, 0, 1], [0, 0, -1], [0, 0, np.inf]]])
+    found, where = cloud_blocks(rng.permutation(points), view, (48, 80), 3, 0.2, 6.0)
+    kept = np.where(depths >= 0.2, np.minimum(depths, 6.0), np.inf)
+    shown = 0
+    for i, j in np.ndindex(12, 20):
+        block = kept[4 * i : 4 * i + 4, 4 * j : 4 * j + 4]
+        first, _, third = np.sort(block, axis=None)[:3]
+        assert found[i, j] == pytest.approx(third if third < np.inf else 0.0, rel=2**-28)
+        assert found[i, j] <= third
+        if third < 6.0:
+            row, column = np.argwhere(block == third)[0]
+            assert where[i, j] == (4 * i + row) * 80 + 4 * j + column - depths.size * (third - first > 0.05)
+            shown += 1
+    assert 100 < shown < 240
+
+
+@pytest.mark.parametrize("side", [32, 80])
+def test_cells_grow_to_all_neighbours_and_thin_ones_are_left_out(side):
+    rng = np.random.default_rng(0)
+    cells, among = rng.random((side,) * 3) < 0.01, rng.random((side,) * 3) < 0.8
+    words, shifts = _packed(cells), list(np.ndindex(3, 3, 3))
+    spread(words, _packed(among), 2)
     for _ in range(2):
         wide = np.pad(cells, 1)
-        shifts = [wide[i : i + 32, j : j + 32, k : k + 32] for i, j, k in np.ndindex(3, 3, 3)]
-        cells = np.logical_or.reduce(shifts) & among
-    grown = np.unpackbits(words.reshape(-1).view(np.uint8), bitorder="little").reshape(cells.shape)
-    np.testing.assert_array_equal(grown, cells)
+        near = [wide[i : i + side, j : j + side, k : k + side] for i, j, k in shifts]
+        cells = np.logical_or.reduce(near) & among
+    np.testing.assert_array_equal(words, _packed(cells))
+    cubes, wide = list(np.ndindex(2, 2, 2)), rng.random((side,) * 3) < 0.7
+    core = np.logical_and.reduce([wide[i : side - 1 + i, j : side - 1 + j, k : side - 1 + k] for i, j, k in cubes])
+    thick = np.zeros_like(wide)
+    for i, j, k in cubes:
+        thick[i : side - 1 + i, j : side - 1 + j, k : side - 1 + k] |= core
+    np.testing.assert_array_equal(opened(_packed(wide)), _packed(thick))
+    assert thick.any()
 
 
 def test_a_motion_is_proven_to_stop_beside_what_cameras_see_and_do_not_see(panda):
