@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from math import ceil, inf, log2
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairSet, PairTable
-from safe_ompl.collision.queries import Distances, Queries
-from safe_ompl.common import Changes, Counts, FloatArray, configuration, instance
+from safe_ompl.common import Changes, Counts, FloatArray, configuration, configurations, instance
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -90,19 +88,10 @@ class CollisionChecker:
         obstacles, pairs = len(self.scene.obstacles), len(self.pair_names)
         return f"CollisionChecker({self.robot.name!r}, {obstacles} obstacles, {pairs} pairs)"
 
-    @cached_property
-    def _contact(self) -> Queries:
-        return self.pairs.new_queries()
-
     @property
     def pair_names(self) -> tuple[tuple[str, str], ...]:
         """Names of the P pairs that may touch: link and obstacle, or link and link."""
         return self.pairs.names
-
-    @property
-    def geometry(self) -> pin.GeometryModel:
-        """Bodies of the robot and parts of the obstacles, with the P pairs that may touch."""
-        return self.pairs.geometry
 
     def pairs_within(self, reach: float) -> PairSet:
         """Return the pairs that may touch and, after them, all that may come nearer than a reach [m].
@@ -160,8 +149,7 @@ class CollisionChecker:
 
     def _touching(self, q: FloatArray) -> int | None:
         self.counts.collision_queries += 1
-        contact = self._contact
-        return contact.touching(self.robot.pinocchio_configuration(q), contact.no_margins)
+        return self.pairs.touching(q)
 
     def colliding_pair(self, q: ArrayLike) -> tuple[str, str] | None:
         """Return the names of a pair in contact at `q: (n,)`, or None."""
@@ -170,33 +158,21 @@ class CollisionChecker:
 
     def distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
-        full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
-        self.counts.distance_queries += 1
-        return self._apart.at(full)
+        distances: FloatArray = self._distances(configuration(q, self.robot.n)[None])[0]
+        return distances
 
     def nearest_distances(self, Q: FloatArray) -> FloatArray:
         """Return `distances` (B, P) at `Q: (B, n)`; infinity for some bodies that are not nearest to an obstacle."""
-        full = [self.robot.pinocchio_configuration(configuration(q, self.robot.n)) for q in Q]
-        self.counts.distance_queries += len(Q)
-        return self._apart.nearest(np.array(full))
+        return self._distances(configurations(Q, self.robot.n), whole=False)
 
     def pair_distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance (P,) [m] of the pairs that may touch at `q: (n,)`, the robot's own pairs included."""
-        full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
-        self.counts.distance_queries += 1
-        return self._pair_distances.at(full)
+        every, Q = np.arange(len(self.pairs.bodies)), configuration(q, self.robot.n)[None]
+        distances: FloatArray = self.pairs.distances(Q, every)[0]
+        return distances
 
-    @cached_property
-    def _apart(self) -> Distances:
-        """Every moving body against every obstacle."""
-        with self.changes.none():
-            geometry = self._bodies.with_pairs(self._table.bodies[self._table.with_obstacle])
-        return Distances(self.robot.shared.model, geometry, self.changes)
-
-    @cached_property
-    def _pair_distances(self) -> Distances:
-        """The pairs that may touch."""
-        return Distances(self.robot.shared.model, self.pairs.geometry, self.changes)
+    def _distances(self, Q: FloatArray, whole: bool = True) -> FloatArray:
+        return self.pairs_within(inf).distances(Q, self._table.with_obstacle, whole=whole)
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, but costlier.
@@ -221,4 +197,5 @@ class CollisionChecker:
             return Clearance(float("inf"), None, None)
         nearest = int(distances.argmin())
         (pair,) = self._table.names(self._table.with_obstacle[[nearest]])
-        return Clearance(float(distances[nearest]), *pair, self._apart.points(nearest))
+        (found,) = self.pairs_within(inf).nearest(configuration(q, self.robot.n), self._table.with_obstacle[[nearest]])
+        return Clearance(float(distances[nearest]), *pair, found.points)

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple, TypeAlias
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
-from safe_ompl.collision.kernels.distances import nearest_points, pair_bounds
+from safe_ompl.collision.kernels.distances import near_pairs, nearest_points, pair_bounds
 from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_curves
-from safe_ompl.collision.queries import DISTANCE_ERROR, Queries
+from safe_ompl.collision.queries import DISTANCE_ERROR, CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import ConvexBodies, Hull
 from safe_ompl.robot import JointLimits, Robot, plain
@@ -27,6 +26,7 @@ _INTERVALS = 64  # the most that may wait to be proven
 _TOGETHER = 256  # motions that a thread proves in one go: Ctrl-C waits for that
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
 _ROUNDING = 1e-9  # [m] of distances between balls
+_TINY = 1e-12  # [m]
 _REQUEST = coal.DistanceRequest()
 _HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
@@ -90,6 +90,18 @@ class DistanceBounds:
             pair_bounds(joints, shapes, known.bodies[pairs], plain(self._coupling.values(Q)), enough, bounds)
             self._counts.bound_queries += len(Q)
         return bounds
+
+    def nearer(self, q: FloatArray, margins: FloatArray) -> tuple[IntArray, bool]:
+        """Return the pairs that may be nearer than their margins (P,) [m] at `q: (n,)`; the last one surely is if True.
+
+        Then no others were looked at. What bounds decide coal would decide alike.
+        """
+        near: IntArray = np.empty(len(self.exact), np.intp)
+        joints, *solids = self._flat[:4]
+        known, values = self._data[2], plain(self._coupling.values(q))
+        tables = joints, *solids, known.bodies, known.certain, values, plain(margins), ALLOWANCE, near
+        number, surely = near_pairs(*tables)
+        return near[:number], surely
 
     def nearest(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
         """Return distances and nearest points (C, 8) of pairs (C,) that are `exact`, each at one of the rows (C,) of Q.
@@ -214,7 +226,7 @@ class PairTable:
     @cached_property
     def convex_bodies(self) -> ConvexBodies:
         """All G bodies as convex ones that hold them, obstacles where they are now."""
-        return self.robot.bounds.convex_bodies.joined(ConvexBodies.of(self.geometry.obstacle_bodies))
+        return self.robot.bounds.convex_bodies.joined(ConvexBodies.of([part.body for part in self.geometry.parts]))
 
     def names(self, rows: IntArray) -> tuple[tuple[str, str], ...]:
         """Return the names of pairs: link and obstacle, or link and link."""
@@ -222,7 +234,12 @@ class PairTable:
         return tuple((names[first], names[second]) for first, second in self.bodies[rows].tolist())
 
     def within(self, reach: float) -> IntArray:
-        """Return the rows of the pairs that may touch, then of those that may come nearer than a reach [m]."""
+        """Return the rows of the pairs that may touch, then of those that may come nearer than a reach [m].
+
+        Infinity gives all rows in their order.
+        """
+        if reach == np.inf:
+            return np.arange(len(self.bodies))
         touching = self._nearer_than(DISTANCE_ERROR)
         near = self._nearer_than(reach + DISTANCE_ERROR) & ~touching if reach > 0 else touching[:0]
         return np.concatenate([np.flatnonzero(touching), np.flatnonzero(near)])
@@ -288,6 +305,8 @@ class PairSet:
         self.meets_obstacle: BoolArray = rows >= len(table.bodies) - len(table.with_obstacle)
         for array in (self.bodies, self.meets_obstacle):
             array.setflags(write=False)
+        self._coal = PerThread(partial(CoalPairs, table.robot, table.geometry, self.bodies))
+        self._no_margins: FloatArray = np.zeros(len(rows))
         self.revision = 0
         self._take_radii()
 
@@ -296,25 +315,10 @@ class PairSet:
         """Names of the pairs: link and obstacle, or link and link."""
         return self._table.names(self._rows)
 
-    @cached_property
-    def geometry(self) -> pin.GeometryModel:
-        """The robot's bodies and, after them, the parts of the obstacles, with the pairs."""
-        with self.changes.none():
-            return self._table.geometry.with_pairs(self.bodies)
-
-    @cached_property
-    def _queries(self) -> Queries:
-        return self.new_queries()
-
-    def new_queries(self) -> Queries:
-        """Return queries of these pairs, with working memory of their own."""
-        boxes = self._table.geometry.boxes
-        return Queries(self._robot.shared.model, self.geometry, self.bodies, boxes, self.changes)
-
     @property
     def carriers(self) -> IntArray:
-        """Pinocchio's number of the joint that carries the first body of each pair, (P,)."""
-        joints: IntArray = self._table.convex_bodies.bodies["joint"][self.bodies[:, 0]]
+        """Pinocchio's numbers of the joints that carry the bodies of each pair, (P, 2)."""
+        joints: IntArray = self._table.convex_bodies.bodies["joint"][self.bodies]
         return joints
 
     def _take_radii(self) -> None:
@@ -335,8 +339,9 @@ class PairSet:
     @cached_property
     def bounds(self) -> DistanceBounds:
         """Lower bounds of the distances of the pairs, which prove most motions without a query."""
-        bodies = self._table.convex_bodies
-        return DistanceBounds(self._robot, bodies, self.bodies, self._joint_radii, self._counts)
+        with self.changes.none():
+            bodies = self._table.convex_bodies
+            return DistanceBounds(self._robot, bodies, self.bodies, self._joint_radii, self._counts)
 
     def margins(self, obstacles: float, links: float = 0.0) -> FloatArray:
         """Return margins (P,), read-only: one [m] for pairs with an obstacle, one for pairs of two links."""
@@ -354,22 +359,94 @@ class PairSet:
         nearer: FloatArray = radii @ steps
         return nearer
 
-    def within_margins(self, q: FloatArray, margins: FloatArray) -> bool:
-        """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.
+    def touching(self, q: FloatArray, margins: FloatArray | None = None) -> int | None:
+        """Return a pair that touches, or is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`, or None.
 
-        Other margins than in the query before take 3 µs more for 200 pairs, and the same read-only array takes no time
-        (`bench/motion.py`).
+        Bounds decide most pairs; coal is asked where they do not, and its answer would be the same for all.
         """
-        return self._touching(q, margins) is not None
+        margins = self._no_margins if margins is None else margins
+        done, found = self.changes.done, None
+        pairs, surely = self.bounds.nearer(q, margins)
+        if len(pairs) > surely:
+            own = self._coal.own
+            own.place(q)
+            asked = pairs[: len(pairs) - surely].tolist()
+            found = next((pair for pair in asked if own.are_nearer(pair, margins[pair])), None)
+        if found is None and surely:
+            found = int(pairs[-1])
+        if self.changes.begun == done:
+            return found
+        with self.changes.none():
+            return self.touching(q, margins)
+
+    def within_margins(self, q: FloatArray, margins: FloatArray) -> bool:
+        """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`."""
+        self._counts.margin_queries += 1
+        return self.touching(q, margins) is not None
 
     def pair_within_margins(self, q: FloatArray, margins: FloatArray) -> tuple[str, str] | None:
         """Return the names of a pair that is nearer than its margin (P,) [m] at `q: (n,)`, or None."""
-        pair = self._touching(q, margins)
+        self._counts.margin_queries += 1
+        pair = self.touching(q, margins)
         return None if pair is None else self.names[pair]
 
-    def _touching(self, q: FloatArray, margins: FloatArray) -> int | None:
-        self._counts.margin_queries += 1
-        return self._queries.touching(self._robot.pinocchio_configuration(q), margins)
+    def measured(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
+        """Return distances and nearest points (C, 8) of pairs (C,) at rows (C,), which do not fall, of `Q: (B, n)`.
+
+        As `DistanceBounds.nearest` has them of convex bodies; other bodies are measured by coal. What was asked before
+        changes nothing.
+        """
+        exact, found = self.bounds.exact[pairs], np.empty((len(rows), 8))
+        found[exact] = self.bounds.nearest(Q, rows[exact], pairs[exact])
+        others = np.flatnonzero(~exact)
+        if len(others):
+            found[others] = self._by_coal(Q, rows[others], pairs[others])
+        return found
+
+    def _by_coal(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
+        found, on_first, placed = np.zeros((len(rows), 8)), np.zeros((len(rows), 3)), -1
+        with self.changes.none():
+            own = self._coal.own
+            own.forget()
+            for c, (row, pair) in enumerate(zip(rows.tolist(), pairs.tolist(), strict=True)):
+                if row != placed:
+                    self._counts.distance_queries += 1
+                    own.place(Q[row])
+                    placed = row
+                distance, (on_first[c], on_second), _ = own.nearest(pair)
+                way = on_first[c] - on_second
+                normal = way / max(float(np.sqrt(way @ way)), _TINY)
+                found[c, 0], found[c, 4:7], found[c, 7] = distance, normal, normal @ on_second
+        found[:, 1:4] = _in_joint_frames(self._robot, Q[rows], self.carriers[pairs, 0], on_first)
+        return found
+
+    def distances(self, Q: FloatArray, pairs: IntArray, *, whole: bool = True) -> FloatArray:
+        """Return the distances (B, K) [m] of pairs (K,) at `Q: (B, n)`; ≤ 0 in contact.
+
+        Unless they are to be `whole`, infinity stands for some bodies that are not the nearest one to a cloud.
+        """
+        exact = self.bounds.exact[pairs]
+        found = np.full((len(Q), len(pairs)), -np.inf)
+        rows = np.repeat(np.arange(len(Q)), np.count_nonzero(exact))
+        found[:, exact] = self.bounds.nearest(Q, rows, np.tile(pairs[exact], len(Q)))[:, 0].reshape(len(Q), -1)
+        with self.changes.none():
+            own = self._coal.own
+            own.forget()
+            for row, q in zip(found, Q, strict=True):
+                left = np.flatnonzero(row == -np.inf)  # those in contact, too
+                if len(left):
+                    own.place(q)
+                    asked = pairs[left].tolist()
+                    row[left] = [own.nearest(pair).distance for pair in asked] if whole else own.distances(asked)
+        self._counts.distance_queries += len(Q)
+        return found
+
+    def nearest(self, q: FloatArray, pairs: IntArray) -> list[Nearest]:
+        """Return how near each other the bodies of pairs (K,) are at `q: (n,)`, as coal has it."""
+        with self.changes.none():
+            own = self._coal.own
+            own.place(q)
+            return [own.nearest(pair) for pair in pairs.tolist()]
 
 
 def _pair_radii(links: FloatArray, bodies: IntArray, obstacle_radii: FloatArray) -> FloatArray:
@@ -380,3 +457,13 @@ def _pair_radii(links: FloatArray, bodies: IntArray, obstacle_radii: FloatArray)
     radii = np.where((first > 0) != (second > 0), first + second, 0.0)
     capped: FloatArray = np.minimum(radii, obstacle_radii[bodies[:, 1]])
     return capped
+
+
+def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:
+    """Return places (C, 3) in the world in the frames of joints (C,), by Pinocchio's numbers, at `Q: (C, n)`."""
+    rotations, origins, _ = robot.kinematics.frames(robot.coupling.values(Q))
+    local = places.copy()
+    carried = np.flatnonzero(joints)  # the others are in the frame of the world
+    at = carried, joints[carried] - 1
+    local[carried] = np.einsum("cxy,cx->cy", rotations[at], places[carried] - origins[at])
+    return local

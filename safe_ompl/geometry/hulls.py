@@ -252,6 +252,8 @@ class ConvexBodies:
             grid, own_starts, own_vertices = _listed(summands.vertices)
             if summands.bounded:
                 _fill(body, part, summands)
+            else:
+                body["reach"] = np.inf
             body["grid"], body["first_cell"] = grid, cells
             starts.append(own_starts[1:] + entries)
             lists.append(own_vertices)

@@ -14,9 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
-from safe_ompl.collision import MotionProver, Verdict, fresh_data
+from safe_ompl.collision import MotionProver, Verdict
 from safe_ompl.common import FloatArray, InputError, IntArray, notebook_html, polynomials
 from safe_ompl.motions.checks import MotionCheck, check_with
 from safe_ompl.motions.motion import Motion
@@ -168,8 +167,6 @@ class Displacement:
 
     def __init__(self, motion: Motion, proof: MotionProver) -> None:
         self._proof, self._given = proof, motion
-        self._kinematics = proof.checker.robot.shared.model.createData()
-        self._known: dict[int, pin.GeometryData] = {}  # by the pairs
         self.bad = [piece.number for piece in piece_proofs(motion, proof) if not piece.proven()]
 
     def moved(self) -> Motion | None:
@@ -266,23 +263,18 @@ class Displacement:
         """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small."""
         robot, required = proof.checker.robot, proof.required
         pairs, wanted = required.pairs, required.least + spare[:, None]
-        near, geometry = wanted + _BAND, required.pairs.geometry
+        near = wanted + _BAND
         bounds = pairs.bounds.of(Q, np.arange(wanted.shape[1]), float(near.max(initial=0.0)))
-        if id(pairs) not in self._known:
-            self._known[id(pairs)] = fresh_data(geometry)
-        data = self._known[id(pairs)]
         of, joints, points, normals, missing = [], [], [], [], []
         for row in np.flatnonzero((bounds < near).any(axis=1)).tolist():
-            full = robot.pinocchio_configuration(Q[row])
-            pin.updateGeometryPlacements(robot.shared.model, self._kinematics, geometry, data, full)
-            for k in np.flatnonzero(bounds[row] < near[row]).tolist():
-                found = pin.computeDistance(geometry, data, k)
-                if found.min_distance < near[row, k]:
+            asked = np.flatnonzero(bounds[row] < near[row])
+            for k, found in zip(asked.tolist(), pairs.nearest(Q[row], asked), strict=True):
+                if found.distance < near[row, k]:
                     of.append(row)
-                    joints.append([geometry.geometryObjects[int(body)].parentJoint for body in pairs.bodies[k]])
-                    points.append(np.array([found.getNearestPoint1(), found.getNearestPoint2()]))
-                    normals.append(np.array(found.normal))  # it is overwritten by the next query
-                    missing.append(wanted[row, k] - found.min_distance)
+                    joints.append(pairs.carriers[k])
+                    points.append(found.points)
+                    normals.append(found.normal)
+                    missing.append(wanted[row, k] - found.distance)
         if not of:
             return np.zeros(0, dtype=np.intp), np.zeros((0, robot.n)), np.zeros(0)
         frames = robot.kinematics.frames(robot.coupling.values(Q[of]))[1:]

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, documents as document, within
-from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_box, bounding_hull
+from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_hull
 from safe_ompl.robot.collision import drop_fixed_pairs, links_lacking_shapes, warn_of_unchecked
 from safe_ompl.robot.displacement_bounds import JointChain
 from safe_ompl.robot.joints import Mimic, Skeleton, frame_index, joint_limits, reduce_model, with_mimics
@@ -98,12 +98,6 @@ class RobotParts:
         """The pairs (P, 2) of bodies that are checked against each other, by their indices."""
         pairs = [(pair.first, pair.second) for pair in self.collision_model.collisionPairs]
         return np.array(pairs, dtype=np.intp).reshape(-1, 2)
-
-    @cached_property
-    def body_boxes(self) -> FloatArray:
-        """The boxes (G, 6) about the bodies, as `bounding_box` has them [m]."""
-        boxes = [bounding_box(body.geometry) for body in self.collision_model.geometryObjects]
-        return np.array(boxes, dtype=np.float64).reshape(-1, 6)
 
     @cached_property
     def chain(self) -> JointChain:

@@ -4,10 +4,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from numpy.lib.stride_tricks import as_strided
 
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, PointCloud, Pose, Scene, Sphere
-from safe_ompl.collision import DISTANCE_ERROR, queries
+from safe_ompl.collision import DISTANCE_ERROR
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairTable
 
@@ -41,14 +40,3 @@ def test_what_may_be_anywhere_is_always_near(panda):
     scene = Scene([Obstacle("far", Sphere(0.1), Pose((50.0, 0.0, 0.0)))])
     table = PairTable(panda, SceneGeometry(panda, scene, ["far"]))
     assert np.isin(table.with_obstacle, table.within(0.0)).all()
-
-
-def test_places_are_read_where_pinocchio_has_them_or_not_at_all(panda, monkeypatch):
-    data = panda.shared.collision_model.createData()
-    data.oMg[2] = place = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([0.4, 0.5, 0.6]))
-    last = data.oMg[len(data.oMg) - 1].copy()
-    np.testing.assert_array_equal(queries._places(data)[2], [*place.rotation.T.ravel(), *place.translation])
-    assert data.oMg[len(data.oMg) - 1] == last, "the probe is gone"
-    monkeypatch.setattr(queries, "as_strided", lambda first, shape, _: as_strided(first, shape, (96, 0)))
-    with pytest.raises(RuntimeError, match="another layout"):
-        queries._places(data)

@@ -149,10 +149,10 @@ def test_threads_that_ask_a_new_set_of_pairs_at_once_do_not_wait_for_each_other(
     def held_for_long():
         with none():
             held.set()
-            sleep(0.2)  # meanwhile the other thread wants the geometry
+            sleep(0.2)  # meanwhile the other thread wants the bounds
             yield
 
-    late = Thread(target=lambda: held.wait(10.0) and pairs.geometry, daemon=True)
+    late = Thread(target=lambda: held.wait(10.0) and pairs.bounds, daemon=True)
     late.start()
     monkeypatch.setattr(checker.changes, "none", held_for_long)
     early = Thread(target=lambda: pairs.within_margins(q, pairs.margins(0.1)), daemon=True)

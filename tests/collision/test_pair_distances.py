@@ -1,5 +1,6 @@
 """Distances of pairs that follow the joints, against coal's own."""
 
+from collections import defaultdict
 from itertools import pairwise
 
 import coal
@@ -8,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import Box, CollisionChecker, Obstacle, PointCloud, Pose, Scene, Sphere
-from safe_ompl.collision import PairDistances, fresh_data
+from safe_ompl.collision import PairDistances
 from safe_ompl.geometry import ConvexBodies
 
 WITHIN = 0.1
@@ -28,22 +29,21 @@ def path(panda, rng):
     return np.concatenate([np.linspace(a, b, 15) for a, b in pairwise(ends)])
 
 
-def by_coal(checker, q, reach):
+def by_coal(plain, checker, q, reach):
     """Return the distances (K,) of the pairs of a link and an obstacle, as coal has them."""
+    found = defaultdict(list)  # a link has several bodies
+    for name, distance in zip(plain.pairs, plain.distances(q), strict=True):
+        found[name].append(distance)
     pairs = checker.pairs_within(reach)
-    model, geometry = checker.robot.shared.model, pairs.geometry
-    data, kinematics = fresh_data(geometry), model.createData()
-    full = checker.robot.pinocchio_configuration(q)
-    pin.updateGeometryPlacements(model, kinematics, geometry, data, full)
-    indices = np.flatnonzero(pairs.meets_obstacle).tolist()
-    return np.array([pin.computeDistance(geometry, data, k).min_distance for k in indices])
+    return np.array([found[pairs.names[k]].pop(0) for k in np.flatnonzero(pairs.meets_obstacle)])
 
 
-def test_what_is_near_is_what_coal_calls_near(checker, path):
+def test_what_is_near_is_what_coal_calls_near(checker, path, plain_check):
+    plain = plain_check(checker.robot, checker.scene)
     distances = PairDistances(checker, WITHIN)
     found, everything = distances.near(path, WITHIN), distances.near(path, np.inf)
     assert len(everything.rows) == len(path) * len(distances)
-    expected = np.array([by_coal(checker, q, WITHIN) for q in path])
+    expected = np.array([by_coal(plain, checker, q, WITHIN) for q in path])
     apart = everything.distances > 0
     np.testing.assert_allclose(everything.distances[apart], expected.ravel()[apart], rtol=0, atol=2e-5)
     assert (expected.ravel()[~apart] < 2e-5).all()
@@ -54,7 +54,7 @@ def test_what_is_near_is_what_coal_calls_near(checker, path):
     np.testing.assert_allclose(found.distances, everything.distances[near], rtol=1e-5)
 
 
-def test_what_is_not_convex_is_measured_by_coal(panda, path):
+def test_what_is_not_convex_is_measured_by_coal(panda, path, plain_check):
     hollow = coal.BVHModelOBBRSS()
     hollow.beginModel(1, 3)
     hollow.addTriangle(np.array([0.0, 0.0, 0.0]), np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.2, 0.0]))
@@ -66,8 +66,8 @@ def test_what_is_not_convex_is_measured_by_coal(panda, path):
     scan = np.c_[np.repeat(steps, 40, axis=0), np.tile(np.linspace(0, 0.4, 40), 4)]
     cloud = PointCloud(0.01, points=scan)
     checker = CollisionChecker(panda, Scene((Obstacle("scan", cloud, Pose((0.4, -0.2, 0.3))),)))
-    found = PairDistances(checker, WITHIN).near(path, np.inf)
-    expected = np.array([by_coal(checker, q, WITHIN) for q in path]).ravel()
+    found, plain = PairDistances(checker, WITHIN).near(path, np.inf), plain_check(panda, checker.scene)
+    expected = np.array([by_coal(plain, checker, q, WITHIN) for q in path]).ravel()
     apart = expected > 1e-3
     assert apart.any()
     np.testing.assert_allclose(found.distances[apart], expected[apart], rtol=0, atol=2e-5)

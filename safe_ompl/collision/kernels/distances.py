@@ -1,4 +1,4 @@
-"""Compiled loops over pairs of bodies: near boxes, bounds of distances, nearest points, hinge costs."""
+"""Compiled loops over pairs of bodies: which may be near, bounds of distances, nearest points, hinge costs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import (
     POSE,
+    Records,
     Shapes,
     begin_axis,
     distance_bounds,
@@ -21,45 +22,58 @@ from safe_ompl.robot.kernels import place_joints
 
 
 @compiled
-def near_boxes(places: FloatArray, boxes: FloatArray, pairs: IntArray, margins: FloatArray, near: IntArray) -> int:
-    """Write which of the pairs (P, 2) may be no farther apart than their margins (P,) [m]; return how many they are.
+def near_pairs(
+    joints: Any,
+    bodies: Records,
+    starts: IntArray,
+    vertices: FloatArray,
+    pairs: IntArray,
+    certain: FloatArray,
+    values: FloatArray,
+    margins: FloatArray,
+    spare: float,
+    near: IntArray,
+) -> tuple[int, bool]:
+    """Write which of the pairs (P, 2) may be nearer than their margins (P,) [m]; return how many they are.
 
-    Two boxes are apart if their shadows on some axis are. Looked at are the axes of the world, and of both boxes.
-    `places: (G, 12)` is the rotation of each box, column by column, and where its frame is [m]; `boxes: (G, 6)` its
-    centre and half its sides in that frame [m]. One with sides that are infinite, or no numbers, is near all. `near:
-    (P,)` takes the indices of these pairs, in order.
+    The search ends at a pair that certainly is, which `True` tells: its two bodies are known exactly, where `certain:
+    (P,)` is finite. A pair is apart if a lower bound of its distance is more than its margin by `spare` [m]. The joints
+    are at `values: (m,)`; they are a table (`safe_ompl.robot.kernels`), `bodies`, `starts` and `vertices` are those of
+    `Shapes`, all one by one: Python would take longer to hand over tuples. `near: (P,)` takes the indices, in order.
     """
-    G, number = len(boxes), 0
-    centres, halves, gap = np.empty((G, 3)), np.empty((G, 3)), np.empty(3)
-    for g in range(G):
-        for x in range(3):
-            centre, half = places[g, 9 + x], 0.0
-            for axis in range(3):
-                centre += places[g, 3 * axis + x] * boxes[g, axis]
-                half += abs(places[g, 3 * axis + x]) * boxes[g, 3 + axis]
-            centres[g, x], halves[g, x] = centre, half
+    m, shapes = len(values), Shapes(bodies, starts, vertices)
+    poses, simplex, axis = np.empty(len(bodies), POSE), np.empty((4, 3)), np.empty(3)
+    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    place_joints(joints, values, rotations, origins, joint_axes)
+    place_bodies(bodies, poses, rotations, origins, False)
+    place_bodies(bodies, poses, rotations, origins, True)
+    number = 0
     for p in range(len(pairs)):
-        a, b, margin, apart = pairs[p, 0], pairs[p, 1], margins[p], False
-        for x in range(3):
-            gap[x] = centres[b, x] - centres[a, x]
-            if abs(gap[x]) > halves[a, x] + halves[b, x] + margin:
-                apart = True
-                break
-        for turn in range(0 if apart else 6):
-            axis = turn % 3
-            own, other = (a, b) if turn < 3 else (b, a)
-            nx, ny, nz = places[own, 3 * axis], places[own, 3 * axis + 1], places[own, 3 * axis + 2]
-            shadows = boxes[own, 3 + axis] + margin
-            for k in range(3):
-                along = nx * places[other, 3 * k] + ny * places[other, 3 * k + 1] + nz * places[other, 3 * k + 2]
-                shadows += abs(along) * boxes[other, 3 + k]
-            if abs(nx * gap[0] + ny * gap[1] + nz * gap[2]) > shadows:
-                apart = True
-                break
-        if not apart:
-            near[number] = p
-            number += 1
-    return number
+        A, B, enough = pairs[p, 0], pairs[p, 1], margins[p] + spare
+        if bodies[A].reach < inf and bodies[B].reach < inf:
+            a, b = poses[A].centre, poses[B].centre
+            x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+            far = enough + bodies[A].reach + bodies[B].reach
+            if x * x + y * y + z * z >= far * far:
+                continue
+            u, v, w = from_box(bodies[B], poses[B], a)
+            far = enough + bodies[A].reach
+            if u * u + v * v + w * w >= far * far:
+                continue
+            i, j, k = from_box(bodies[A], poses[A], b)
+            far = enough + bodies[B].reach
+            if i * i + j * j + k * k >= far * far:
+                continue
+            begin_axis(axis, u, v, w, x, y, z)
+            lower, upper, _ = distance_bounds(shapes, poses, A, B, axis, simplex, enough, margins[p])
+            if lower >= enough:
+                continue
+            if certain[p] < inf and upper <= margins[p]:
+                near[number] = p
+                return number + 1, True
+        near[number] = p
+        number += 1
+    return number, False
 
 
 @compiled
@@ -124,8 +138,8 @@ def nearest_points(
         a, b = poses[A].centre, poses[B].centre
         u, v, w = from_box(bodies[B], poses[B], a)
         begin_axis(axis, u, v, w, a[0] - b[0], a[1] - b[1], a[2] - b[2])
-        _, distance, corners = distance_bounds(shapes, poses, A, B, axis, simplex, inf, -inf)
-        found[c, 0] = distance
+        lower, distance, corners = distance_bounds(shapes, poses, A, B, axis, simplex, inf, -inf)
+        found[c, 0] = lower if distance > -inf else -inf
         if distance == -inf:
             continue
         x, y, z, corners = nearest_in_simplex(simplex, corners)

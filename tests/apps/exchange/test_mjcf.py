@@ -1,8 +1,6 @@
 """Models of MuJoCo: distances are MuJoCo's own, of the pairs that it checks; what is not read is refused."""
 
-import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from safe_ompl import CollisionChecker, InputError, Robot
@@ -54,20 +52,6 @@ def load(folder, text, **options):
     return world_from_mjcf(folder / "arm.xml", meshes=folder, **options)
 
 
-def exact_distances(checker, q):
-    """Return the distances of the pairs as coal finds them where it takes its time; by default it is off by 1e-5 m."""
-    model, geometry, request = checker.robot.shared.model, checker.pairs.geometry, coal.DistanceRequest()
-    request.gjk_tolerance, request.gjk_max_iterations = 1e-10, 1000
-    places = geometry.createData()
-    pin.updateGeometryPlacements(model, model.createData(), geometry, places, checker.robot.pinocchio_configuration(q))
-    solids = [
-        (body.geometry, coal.Transform3s(place.rotation, place.translation))
-        for body, place in zip(geometry.geometryObjects, places.oMg, strict=True)
-    ]
-    pairs = [(*solids[pair.first], *solids[pair.second]) for pair in geometry.collisionPairs]
-    return [coal.distance(*pair, request, coal.DistanceResult()) for pair in pairs]
-
-
 def test_distances_are_those_of_mujoco(tmp_path):
     robot, scene = load(tmp_path, ARM, tip="finger")
     assert scene.names == ("floor", "pillar", "foot", "mug")
@@ -90,7 +74,7 @@ def test_distances_are_those_of_mujoco(tmp_path):
             data.joint(name).qpos[0] = value
         data.joint("follow").qpos[0] = 0.01 + 0.5 * (data.joint("slide").qpos[0] - 0.05)
         mujoco.mj_kinematics(model, data)
-        for (one, other), own in zip(checker.pair_names, exact_distances(checker, q), strict=True):
+        for (one, other), own in zip(checker.pair_names, checker.pair_distances(q), strict=True):
             theirs = min(mujoco.mj_geomDistance(model, data, a, b, 10, None) for a in ends[one] for b in ends[other])
             if theirs > 1e-4:
                 assert own == pytest.approx(theirs, abs=1e-6), (one, other)
