@@ -9,8 +9,7 @@ import numpy as np
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.kernels.distances import hinge_costs
-from safe_ompl.collision.queries import DISTANCE_ERROR
-from safe_ompl.common import BoolArray, FloatArray, IntArray
+from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.robot import Robot, plain
 
 
@@ -33,9 +32,9 @@ class NearPairs(NamedTuple):
 class PairDistances:
     """Distances of the K pairs of a link and an obstacle that may come nearer to each other than a reach [m].
 
-    Lower bounds by the convex bodies that hold links and obstacles come first, for all pairs and configurations at
-    once (`DistanceBounds`). Pairs that these cannot tell from near ones are measured, by the same kernels where both
-    are convex, else by coal. `joints: (K,)` has Pinocchio's number of the joint that carries the link of each pair.
+    Pairs of convex bodies are measured by a kernel, for all configurations at once (`DistanceBounds`), others by coal
+    where a lower bound by the convex bodies that hold them cannot tell them from near ones. `joints: (K,)` has
+    Pinocchio's number of the joint that carries the link of each pair.
     """
 
     def __init__(self, checker: CollisionChecker, reach: float) -> None:
@@ -52,11 +51,14 @@ class PairDistances:
 
     def near(self, Q: FloatArray, within: float) -> NearPairs:
         """Return the pairs that are nearer than a distance [m] at `Q: (B, n)`, row by row."""
-        rows, pairs = np.nonzero(self._bounds(Q, within) < within)
-        found = self._set.measured(Q, rows, self._indices[pairs])
-        near = found[:, 0] < within
-        found = found[near]
-        return NearPairs(rows[near], pairs[near], found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7])
+        known = self._set.bounds.near(Q, self._indices, within)
+        rows, pairs = known[:, :2].T.astype(np.intp)
+        found, others = known[:, 2:], np.flatnonzero(~self._set.bounds.exact[self._indices[pairs]])
+        if len(others):
+            found[others] = self._set.measured(Q, rows[others], self._indices[pairs[others]])
+            near = found[:, 0] < within
+            rows, pairs, found = rows[near], pairs[near], found[near]
+        return NearPairs(rows, pairs, found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7])
 
     def witnesses(self, Q: FloatArray, within: float) -> Witnesses:
         """Return the witnesses of all pairs that are nearer than a distance [m] at `Q: (B, n)`, but not in contact."""
@@ -67,29 +69,15 @@ class PairDistances:
 
     def least(self, Q: FloatArray, within: float) -> float:
         """Return the least distance [m] at any of `Q: (B, n)`, or `within` where that is less."""
-        bounds = self._bounds(Q, within)
-        rows, pairs = np.nonzero(bounds < within)
-        candidates = bounds[rows, pairs]
-        exact = self._exact[pairs]
-        for most in (candidates.min(initial=np.inf), within):
-            chosen = exact & (candidates <= min(most, within))
-            found = self._set.bounds.nearest(Q, rows[chosen], self._indices[pairs[chosen]])
-            within = min(within, float(found[:, 0].min(initial=np.inf)))
-        others = np.flatnonzero(~exact)
-        for k in others[np.argsort(candidates[others], kind="stable")].tolist():
-            if candidates[k] >= within:
+        known = self._set.bounds.near(Q, self._indices, within, least=True)
+        rows, pairs = known[:, :2].T.astype(np.intp)
+        distances, exact = known[:, 2], self._set.bounds.exact[self._indices[pairs]]
+        within, others = float(distances[exact].min(initial=within)), np.flatnonzero(~exact)
+        for k in others[np.argsort(distances[others], kind="stable")].tolist():
+            if distances[k] >= within:
                 break
             within = min(within, float(self._set.measured(Q, rows[[k]], self._indices[pairs[[k]]])[0, 0]))
         return within
-
-    @property
-    def _exact(self) -> BoolArray:
-        """Which pairs (K,) are of two convex bodies."""
-        return self._set.bounds.exact[self._indices]
-
-    def _bounds(self, Q: FloatArray, enough: float) -> FloatArray:
-        """Return lower bounds (B, K) [m] of what coal calls the distances."""
-        return self._set.bounds.of(Q, self._indices, enough + DISTANCE_ERROR) - DISTANCE_ERROR
 
 
 @dataclass(frozen=True)

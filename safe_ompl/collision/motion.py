@@ -15,8 +15,17 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pairs import BoundsProof, Curve
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, number, shaped_configuration, whole_number
-from safe_ompl.robot import JointLimits
+from safe_ompl.common import (
+    BoolArray,
+    FloatArray,
+    InputError,
+    configurations,
+    finite_array,
+    number,
+    shaped_configuration,
+    whole_number,
+)
+from safe_ompl.robot import JointLimits, plain
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
 # instead of at the whole edge saves a third of the time of a free edge (bench/motion.py).
@@ -156,16 +165,15 @@ class MotionProver:
         decide, and further `limits`, are asked one after the other. Raises InputError if the shapes do not match, a
         value is not finite, or there are less than 1 workers.
         """
-        starts, ends = (self._rows(Q, f"{word} of motions") for Q, word in ((starts, "starts"), (ends, "ends")))
+        n, required = self.checker.robot.n, self.required
+        starts, ends = (configurations(Q, n, f"{of} of motions") for Q, of in ((starts, "starts"), (ends, "ends")))
         if len(starts) != len(ends):
             raise InputError(f"motions need as many starts as ends, got {len(starts)} and {len(ends)}")
-        workers, required = whole_number("workers", workers, at_least=1), self.required
-        free: BoolArray = self._joint_limits.all_hold(starts) & self._joint_limits.all_hold(ends)
+        workers = whole_number("workers", workers, at_least=1)
+        edges, free = self._joint_limits.lay_edges(plain(starts), plain(ends))
         rows = np.flatnonzero(free)
-        ways = self.checker.robot.difference(starts[rows], ends[rows])
-        curves = np.stack([starts[rows], ways], axis=1)
         with self.checker.changes.none():
-            found = required.pairs.bounds.prove_many(curves, required.allowed_for, self.floor, workers)
+            found = required.pairs.bounds.prove_many(edges[rows], required.allowed_for, self.floor, workers)
             free[rows] = found > 0
             for k in rows[found == 0] if not self.limits else rows[found >= 0]:
                 free[k] = self.is_free(starts[k], ends[k])
@@ -177,8 +185,12 @@ class MotionProver:
         Those (E,) are free; of others nothing is said. It takes much less time than to ask of one after the other.
         """
         held, required = self._joint_limits.hold_curves(curves) & (not self.limits), self.required
+        coupling, (count, size, n) = self.checker.robot.coupling, curves.shape
+        moved = np.empty((count, size, len(coupling.offsets)))
+        moved[:, 0] = coupling.values(curves[:, 0])
+        moved[:, 1:] = coupling.motions(curves[:, 1:].reshape(-1, n)).reshape(moved[:, 1:].shape)
         with self.checker.changes.none():
-            return held & (required.pairs.bounds.prove_many(curves, required.allowed_for, self.floor) > 0)
+            return held & (required.pairs.bounds.prove_many(moved, required.allowed_for, self.floor) > 0)
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
@@ -237,9 +249,6 @@ class MotionProver:
         n = self.checker.robot.n
         first = shaped_configuration(start, n, "start of a motion")
         return first, shaped_configuration(end, n, "end of a motion")
-
-    def _rows(self, Q: ArrayLike, what: str) -> FloatArray:
-        return finite_array(Q, (None, self.checker.robot.n), what)
 
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):

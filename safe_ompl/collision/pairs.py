@@ -11,7 +11,7 @@ import coal
 import numpy as np
 
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
-from safe_ompl.collision.kernels.distances import near_pairs, nearest_points, pair_bounds
+from safe_ompl.collision.kernels.distances import near_pairs, nearest_points, pair_bounds, pairs_within
 from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_curves
 from safe_ompl.collision.queries import DISTANCE_ERROR, CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
@@ -115,6 +115,20 @@ class DistanceBounds:
             nearest_points(joints, shapes, known.bodies[pairs], values, rows, found)
         return found
 
+    def near(self, Q: FloatArray, pairs: IntArray, within: float, *, least: bool = False) -> FloatArray:
+        """Return which of some pairs, (K,), are nearer than `within` [m] at `Q: (B, n)`, (C, 10), row by row.
+
+        It is what `kernels.distances.pairs_within` returns, with the error of coal's distances.
+        """
+        if not self._bounded:
+            found = np.full((len(Q) * len(pairs), 10), -np.inf)
+            found[:, :2] = np.indices((len(Q), len(pairs))).reshape(2, -1).T
+            return found
+        self._counts.bound_queries += len(Q)
+        (joints, shapes, known), values = self._data, plain(self._coupling.values(Q))
+        exact = self.exact[pairs]
+        return pairs_within(joints, shapes, known.bodies[pairs], exact, values, within, DISTANCE_ERROR, least)
+
     def prove(self, curve: Curve, required: FloatArray, floor: float) -> BoundsProof:
         """Try to prove a motion.
 
@@ -155,24 +169,20 @@ class DistanceBounds:
         return BoundsProof(False, at, left[:number].tolist() if number > 0 else _UNKNOWN.left, number < 0)
 
     def prove_many(self, curves: FloatArray, required: FloatArray, floor: float, workers: int = 1) -> IntArray:
-        """Return what `prove` says of motions of coefficients `curves: (E, d + 1, n)`, (E,).
+        """Return what `prove` says of motions of the model's joints, of coefficients `curves: (E, d + 1, m)`, (E,).
 
         That is 1 of those that are proven, −1 of those that are blocked, 0 of others. Each of the workers is a thread.
         """
-        coupling, (count, size, n) = self._coupling, curves.shape
-        moved = np.empty((count, size, len(coupling.offsets)))
-        moved[:, 0] = coupling.values(curves[:, 0])
-        moved[:, 1:] = coupling.motions(curves[:, 1:].reshape(-1, n)).reshape(moved[:, 1:].shape)
-        found: IntArray = np.zeros(count, np.intp)
+        found: IntArray = np.zeros(len(curves), np.intp)
         joints, shapes, known = self._data
         nothing: IntArray = np.empty(0, np.intp)  # what blocks the edges of a batch differs: to suspect it costs time
 
         def prove(some: slice) -> int:
             left = self._memory.own[1]
-            return int(prove_curves(joints, shapes, known, moved[some], required, floor, left, nothing, found[some]))
+            return int(prove_curves(joints, shapes, known, curves[some], required, floor, left, nothing, found[some]))
 
         if self._bounded:
-            parts = [slice(k, k + _TOGETHER) for k in range(0, count, _TOGETHER)]
+            parts = [slice(k, k + _TOGETHER) for k in range(0, len(curves), _TOGETHER)]
             if workers == 1 or len(parts) == 1:
                 self._counts.bound_queries += sum(map(prove, parts))
             else:

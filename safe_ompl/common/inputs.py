@@ -144,12 +144,12 @@ def configuration(q: ArrayLike, n: int, name: str = "configuration") -> FloatArr
     return finite_array(q, (n,), name)
 
 
-def configurations(Q: ArrayLike, n: int) -> FloatArray:
+def configurations(Q: ArrayLike, n: int, name: str = "configurations") -> FloatArray:
     """Return `Q` as a float array (B, n); see `configuration`."""
     is_batch = isinstance(Q, np.ndarray) and Q.dtype == _FLOAT and Q.ndim == 2 and Q.shape[1] == n
     if isinstance(Q, np.ndarray) and is_batch and math.isfinite(np.vdot(Q, Q)):
         return Q
-    return finite_array(Q, (None, n), "configurations")
+    return finite_array(Q, (None, n), name)
 
 
 def motion_ends(start: ArrayLike, end: ArrayLike, n: int) -> FloatArray:

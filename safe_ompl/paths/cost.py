@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import CollisionChecker, PairDistances, Witnesses, hinge_costs
+from safe_ompl.collision import CollisionChecker, MotionProver, PairDistances, Witnesses, hinge_costs
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, number
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import PointDanger, dangers
@@ -81,7 +81,7 @@ def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
     """Return the median danger over valid configurations, the scale of robot and scene; 1 if nothing is dangerous."""
     robot, rng = checker.robot, np.random.default_rng(0)  # the same scale at any time
     samples = rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
-    valid = samples[[not checker.in_collision(q) for q in samples]]
+    valid = samples[MotionProver(checker).are_free(samples, samples)]
     return float(np.median(field.values(valid if len(valid) else samples))) or 1.0
 
 

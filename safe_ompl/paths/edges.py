@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import compress, pairwise
 
@@ -51,14 +51,14 @@ class EdgeProofs:
 
     def refused(self, path: FloatArray) -> list[int]:
         """Return the edges of a path (N, n) that are not proven."""
-        unknown = {key: k for k, key in enumerate(_keys(path)) if key not in self._proven}
-        for inherited, motion in () if self._stop() else ((False, self._clear), (True, self._free)):
-            keys = [key for key in unknown if (key in self._inherited) is inherited]
-            rows = [unknown[key] for key in keys]
-            if rows:
-                free = motion.are_free(path[rows], path[[row + 1 for row in rows]])
-                self._proven.update(compress(keys, free.tolist()))
-        return [k for k, key in enumerate(_keys(path)) if key not in self._proven]
+        keys = _keys(path)
+        unknown = {key: k for k, key in enumerate(keys) if key not in self._proven}
+        for inherited, motion in () if self._stop() or not unknown else ((False, self._clear), (True, self._free)):
+            asked = {key: k for key, k in unknown.items() if (key in self._inherited) is inherited}
+            if asked:
+                rows = np.fromiter(asked.values(), np.intp)
+                self._proven.update(compress(asked, motion.are_free(path[rows], path[rows + 1]).tolist()))
+        return [k for k, key in enumerate(keys) if key not in self._proven] if unknown else []
 
     def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return `path: (N, n)`, held back to an accepted one where edges are refused, and which way points are there.
@@ -84,8 +84,10 @@ class EdgeProofs:
         return known.copy(), np.ones(len(path), dtype=bool)
 
 
-def _keys(path: FloatArray) -> Iterator[bytes]:
-    return (start.tobytes() + end.tobytes() for start, end in pairwise(path))
+def _keys(path: FloatArray) -> list[bytes]:
+    edges = np.concatenate([path[:-1], path[1:]], axis=1)
+    keys: list[bytes] = edges.view(f"V{edges.itemsize * edges.shape[1]}").ravel().tolist()
+    return keys
 
 
 RETREAT_STEP = 0.02  # [rad]

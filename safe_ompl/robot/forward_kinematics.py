@@ -293,18 +293,18 @@ class JointLimits:
         """Write start and way (2, m) of the model's joints; return whether both ends (n,) are within limits."""
         return bool(kernel.lay_edge(start, end, self._coupling, self._bounds, edge))
 
+    def lay_edges(self, starts: FloatArray, ends: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return the same of motions between configurations (E, n): edges (E, 2, m), and of which ends hold, (E,)."""
+        edges, laid = np.empty((len(starts), 2, len(self._coupling))), np.empty(len(starts), dtype=np.bool_)
+        kernel.lay_edges(starts, ends, self._coupling, self._bounds, edges, laid)
+        return edges, laid
+
     def within(self, lower: FloatArray, upper: FloatArray) -> JointLimits:
         """Return the limits that demand of `q: (n,)` to be within other bounds, too."""
         narrower = copy(self)
         low, high = self._bounds
         narrower._bounds = np.array([np.maximum(low, lower), np.minimum(high, upper)])
         return narrower
-
-    def all_hold(self, Q: FloatArray) -> BoolArray:
-        """Return the same (B,) of configurations `Q: (B, n)`."""
-        low, high = self._bounds
-        held: BoolArray = ((low <= Q) & (high >= Q)).all(axis=1)
-        return held
 
     def hold_curves(self, curves: FloatArray) -> BoolArray:
         """Return of which motions (E,) of coefficients (E, d + 1, n) the control points prove that they hold."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import (
     POSE,
     Records,
@@ -126,7 +126,7 @@ def nearest_points(
     m, bodies, row = values.shape[1], shapes.bodies, -1
     poses, simplex, axis = np.empty(len(bodies), POSE), np.empty((4, 6)), np.empty(3)
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
-    place, nearest, normal = np.empty(3), np.empty(3), np.empty(3)
+    shares = np.empty(3)
     for c in range(len(pairs)):
         A, B = pairs[c, 0], pairs[c, 1]
         if rows[c] != row:
@@ -142,25 +142,85 @@ def nearest_points(
         found[c, 0] = lower if distance > -inf else -inf
         if distance == -inf:
             continue
-        x, y, z, corners = nearest_in_simplex(simplex, corners)
-        length = sqrt(x * x + y * y + z * z)
-        normal[0], normal[1], normal[2] = x / length, y / length, z / length
-        _shares_of_corners(simplex, corners, x, y, z, place)
+        _write_witness(bodies[A], simplex, corners, distance, rotations, origins, shares, found[c, 1:])
+
+
+_ROOM = 64  # rows; more are made room for when they come
+
+
+@compiled
+def pairs_within(
+    joints: Any, shapes: Shapes, pairs: IntArray, exact: BoolArray, values: FloatArray, within: float, error: float,
+    least: bool,
+) -> FloatArray:  # fmt: skip
+    """Return which of the pairs (K, 2) of bodies are nearer than `within` [m] at `values: (B, m)` of the joints.
+
+    Of each there are (C, 10) row, pair, and what `nearest_points` writes, row by row. Of pairs that are not `exact:
+    (K,)`, both of them convex, there is only a lower bound in place of the distance, less an `error` [m]. If only the
+    `least` distance is wanted, pairs are left out that are farther apart than an exact one before them.
+    """
+    m, bodies, number = values.shape[1], shapes.bodies, 0
+    poses, simplex, found = np.empty(len(bodies), POSE), np.empty((4, 6)), np.empty((_ROOM, 10))
+    axes, known, shares = np.empty((len(pairs), 3)), np.zeros(len(pairs), np.bool_), np.empty(3)
+    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    for row in range(len(values)):
+        place_joints(joints, values[row], rotations, origins, joint_axes)
+        if row == 0:
+            place_bodies(bodies, poses, rotations, origins, False)
+        place_bodies(bodies, poses, rotations, origins, True)
+        for p in range(len(pairs)):
+            A, B, enough = pairs[p, 0], pairs[p, 1], within if exact[p] else within + error
+            a, b = poses[A].centre, poses[B].centre
+            x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+            far = enough + bodies[A].reach + bodies[B].reach
+            if x * x + y * y + z * z >= far * far:
+                continue
+            u, v, w = from_box(bodies[B], poses[B], a)
+            distance = sqrt(u * u + v * v + w * w) - bodies[A].reach
+            if distance >= enough:
+                continue
+            if not known[p]:
+                begin_axis(axes[p], u, v, w, x, y, z)
+                known[p] = True
+            lower, upper, corners = distance_bounds(
+                shapes, poses, A, B, axes[p], simplex, enough, -inf if exact[p] else enough
+            )
+            if lower >= enough:
+                continue
+            if number == len(found):
+                wider = np.empty((2 * number, 10))
+                wider[:number] = found
+                found = wider
+            found[number, 0], found[number, 1] = row, p
+            found[number, 2] = max(distance, lower) - error
+            if exact[p]:
+                found[number, 2] = lower if upper > -inf else -inf
+                if upper > -inf:
+                    _write_witness(bodies[A], simplex, corners, upper, rotations, origins, shares, found[number, 3:])
+                within = min(within, lower) if least else within
+            number += 1
+    return found[:number].copy()
+
+
+@part
+def _write_witness(
+    body: Any, simplex: FloatArray, corners: int, distance: float, rotations: FloatArray, origins: FloatArray,
+    shares: FloatArray, found: FloatArray,
+) -> None:  # fmt: skip
+    """Write (7,) nearest point of the first body, normal and offset, by the simplex of its distance from the second."""
+    x, y, z, corners = nearest_in_simplex(simplex, corners)
+    length, joint = sqrt(x * x + y * y + z * z), body.joint - 1
+    found[3], found[4], found[5], found[6] = x / length, y / length, z / length, -distance
+    _shares_of_corners(simplex, corners, x, y, z, shares)
+    for k in range(3):
+        found[k] = -body.ball * found[3 + k]
+        for corner in range(corners):
+            found[k] += shares[corner] * simplex[corner, 3 + k]
+        found[6] += found[3 + k] * found[k]
+    if joint >= 0:
+        x, y, z = found[0] - origins[joint, 0], found[1] - origins[joint, 1], found[2] - origins[joint, 2]
         for k in range(3):
-            nearest[k] = -bodies[A].ball * normal[k]
-            for corner in range(corners):
-                nearest[k] += place[corner] * simplex[corner, 3 + k]
-        offset, joint = -distance, bodies[A].joint - 1
-        for k in range(3):
-            offset += normal[k] * nearest[k]
-        for k in range(3):
-            found[c, 1 + k] = nearest[k]
-            if joint >= 0:
-                found[c, 1 + k] = 0.0
-                for i in range(3):
-                    found[c, 1 + k] += rotations[joint, i, k] * (nearest[i] - origins[joint, i])
-            found[c, 4 + k] = normal[k]
-        found[c, 7] = offset
+            found[k] = rotations[joint, 0, k] * x + rotations[joint, 1, k] * y + rotations[joint, 2, k] * z
 
 
 @part

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, compiled, part
+from safe_ompl.common import BoolArray, FloatArray, caller, compiled, part
 
 __all__ = [
     "JOINT",
@@ -25,6 +25,7 @@ __all__ = [
     "keypoint_motions",
     "keypoints",
     "lay_edge",
+    "lay_edges",
     "move_joints",
     "move_keypoints",
     "place_joints",
@@ -266,6 +267,15 @@ def lay_edge(start: FloatArray, end: FloatArray, coupling: FloatArray, limits: F
         edge[0, j] = factor * start[i] + coupling[j, 2]
         edge[1, j] = factor * way(start[i], end[i], coupling[j, 3] != 0.0)
     return True
+
+
+@caller
+def lay_edges(
+    starts: FloatArray, ends: FloatArray, coupling: FloatArray, limits: FloatArray, edges: FloatArray, laid: BoolArray
+) -> None:
+    """Do what `lay_edge` does of E motions, `edges: (E, 2, m)`, and write what it returns, `laid: (E,)`."""
+    for k in range(len(edges)):
+        laid[k] = lay_edge(starts[k], ends[k], coupling, limits, edges[k])
 
 
 @part
