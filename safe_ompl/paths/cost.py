@@ -88,15 +88,16 @@ def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
 class PathCost:
     """J = ∫ (1 + Σ density(q(s))) ds over a path's arc length in joint space."""
 
-    def __init__(self, robot: Robot, densities: Sequence[DangerDensity | ObstacleCost]) -> None:
-        self.robot = robot
+    def __init__(self, robot: Robot, densities: Sequence[DangerDensity | ObstacleCost], step: float = STEP) -> None:
+        self.robot, self.step = robot, step
         self.densities = tuple(densities)
 
     def of(self, path: FloatArray) -> float:
         """Return J of a path (N, n), by the trapezoidal rule."""
         curve = Curve(self.robot, path)
-        s = np.linspace(0.0, curve.length, 2 + int(curve.length / STEP))
-        return float(np.trapezoid(self._total(curve.at(s)), s))
+        total = self._total(curve.spread(self.step))
+        mean = (total.sum() - 0.5 * (total[0] + total[-1])) / (len(total) - 1)
+        return float(mean * curve.length)
 
     def of_edges(self, starts: FloatArray, ends: FloatArray, samples: IntArray) -> FloatArray:
         """Return J (E,) of motions from `starts` to `ends: (E, n)`, by the midpoint rule on `samples: (E,)` each."""
@@ -147,9 +148,7 @@ class ObstacleCost:
         if not 0 < ends < np.inf:
             return ends, ends
         distances = self._distances if ends <= self.distance else PairDistances(checker, ends)
-        curve = Curve(checker.robot, path)
-        samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
-        return ends, max(0.0, distances.least(samples, ends))
+        return ends, max(0.0, distances.least(Curve(checker.robot, path).spread(_STEP), ends))
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""
@@ -181,6 +180,7 @@ class ObstacleCost:
 
 
 _SCAN = 0.5  # [rad] between the configurations at which all danger points are looked at
+_COARSE = 0.1  # [rad] between the samples of J: twice those of a report, half of the work
 _SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
 
 
@@ -202,8 +202,7 @@ class ActiveSetCost:
     def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
         """Take the danger points that matter near a path (N, n), and besides; return whether they are others now."""
         robot = self.everywhere.field.robot
-        curve = Curve(robot, path)
-        samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _SCAN)))
+        samples = Curve(robot, path).spread(_SCAN)
         if besides is not None:
             samples = np.concatenate([samples, besides])
         active = self.everywhere.field.active(samples, _SHARE)
@@ -211,7 +210,7 @@ class ActiveSetCost:
         if known == self._active:
             return False
         self._active = known
-        self.danger = PathCost(robot, [self.everywhere.restricted(active)])
+        self.danger = PathCost(robot, [self.everywhere.restricted(active)], _COARSE)
         self._about_danger = active.for_kernels(), self.everywhere.weight / self.everywhere.reference**2
         return True
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import compress, pairwise
+from math import sqrt
 
 import numpy as np
 
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import BoolArray, FloatArray, InputError
+from safe_ompl.common import BoolArray, FloatArray, InputError, compiled
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost, chained
 from safe_ompl.paths.measures import arc_lengths
-from safe_ompl.robot import StepLimits
+from safe_ompl.robot import StepLimits, plain
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
@@ -90,13 +91,13 @@ def _keys(path: FloatArray) -> list[bytes]:
     return keys
 
 
-RETREAT_STEP = 0.02  # [rad]
+RETREAT_STEP = 0.04  # [rad]
 _LONGEST = 1.0  # [rad]
 _LEFT = 0.3  # a retreat is over when this share of the cost of its end is left
 _EXCESS = 600.0  # weight of danger: at 1.4 times that of the end it costs what a contact costs
 _ONSET = 0.8  # share of the end's danger from which a point counts
 _STUCK = 0.1  # share of a step: where the best one is shorter, nothing leads on
-_FLAT = 1e-9  # share of the largest curvature, or of the slope per radian: less is as good as none
+_FLAT = 1e-9  # share of the curvature, or of the slope per radian: less is as good as none
 _NEWTON_STEPS, _PRECISION = 30, 1e-9
 
 
@@ -106,7 +107,7 @@ def retreat(
     """Return a way (K, n) from an end (n,) of a path to where obstacles and danger are less; K = 1: there is none.
 
     The steepest descent of what is near, and of what is dangerous, w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊²: sums of hinges
-    have no kinks, unlike the danger, which is a maximum. Each step of 0.02 rad is the best of its length for their
+    have no kinks, unlike the danger, which is a maximum. Each step of 0.04 rad is the best of its length for their
     Gauss-Newton model (Nocedal & Wright, ch. 4), along the floor of a valley, where gradient steps would go from wall
     to wall. It is not proven free, and `obstacles` is anchored anew.
     """
@@ -117,7 +118,7 @@ def retreat(
         enough = _LEFT * cost if enough is None else enough
         if cost <= enough:
             return np.array(way)
-        q = np.clip(q + _step(gradient, bends.T @ bends), *limits)
+        q = np.clip(q + _step(gradient, plain(bends)), *limits)
         if np.linalg.norm(q - way[-1]) < _STUCK * RETREAT_STEP:
             break
         way.append(q)
@@ -142,24 +143,46 @@ def _model(
     )
 
 
-def _step(gradient: FloatArray, curvature: FloatArray) -> FloatArray:
-    """Return the step s (n,), no longer than `RETREAT_STEP`, that minimises g·s + ½ sᵀHs.
+@compiled
+def _step(gradient: FloatArray, bends: FloatArray) -> FloatArray:
+    """Return the step s (n,), no longer than `RETREAT_STEP`, that minimises g·s + ½ sᵀHs, H = Σ vvᵀ of vectors (C, n).
 
-    It is −(H + λ1)⁻¹g with the least λ ≥ 0 that makes it short enough, which Newton's method on 1/‖s(λ)‖ finds in a few
-    steps (Moré & Sorensen 1983).
+    It is −(H + λ1)⁻¹g with the least λ ≥ 0 that makes it short enough, which Newton's method on 1/‖s(λ)‖ finds from
+    below in a few steps (Moré & Sorensen 1983).
     """
-    bends, directions = np.linalg.eigh(curvature)
-    slopes = directions.T @ gradient
-    bends = np.maximum(bends, _FLAT * max(bends[-1], float(np.sqrt(slopes @ slopes))))
-    shares, shift = slopes / bends if slopes.any() else slopes, 0.0
-    for _ in range(_NEWTON_STEPS):
-        length = float(np.sqrt(shares @ shares))
+    n, curvature, slope = len(gradient), 0.0, 0.0
+    H, L, step, across = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.empty(n)
+    for i in range(n):
+        for j in range(n):
+            for c in range(len(bends)):
+                H[i, j] += bends[c, i] * bends[c, j]
+        curvature, slope = curvature + H[i, i], slope + gradient[i] ** 2
+    shift = _FLAT * max(curvature, sqrt(slope))
+    for _ in range(_NEWTON_STEPS if slope > 0.0 else 0):
+        for i in range(n):
+            for j in range(i + 1):
+                rest = H[i, j] + (shift if i == j else 0.0)
+                for k in range(j):
+                    rest -= L[i, k] * L[j, k]
+                L[i, j] = sqrt(rest) if i == j else rest / L[j, j]
+            step[i] = -gradient[i]
+            for k in range(i):
+                step[i] -= L[i, k] * step[k]
+            step[i] /= L[i, i]
+        for i in range(n - 1, -1, -1):
+            for k in range(i + 1, n):
+                step[i] -= L[k, i] * step[k]
+            step[i] /= L[i, i]
+        length, square = sqrt((step * step).sum()), 0.0
         if length <= (1.0 + _PRECISION) * RETREAT_STEP:
             break
-        slower = float(shares @ (shares / (bends + shift)))
-        shift += (length / RETREAT_STEP - 1.0) * length**2 / slower
-        shares = slopes / (bends + shift)
-    step: FloatArray = -directions @ shares
+        for i in range(n):
+            across[i] = step[i]
+            for k in range(i):
+                across[i] -= L[i, k] * across[k]
+            across[i] /= L[i, i]
+            square += across[i] ** 2
+        shift += (length / RETREAT_STEP - 1.0) * length**2 / square
     return step
 
 

@@ -12,6 +12,7 @@ from safe_ompl.collision import Clearance, CollisionChecker
 from safe_ompl.common import BoolArray, FloatArray, compiled
 from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
 from safe_ompl.robot import Robot, plain
+from safe_ompl.robot.kernels import way
 
 
 @compiled
@@ -43,17 +44,32 @@ def _at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> Float
     return out
 
 
+@compiled
+def _unrolled(path: FloatArray, wraps: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return a path (N, n) that does not jump where a joint wraps, and how far along it its way points are, (N,)."""
+    points, arc, turned = path.copy(), np.zeros(len(path)), np.zeros(len(wraps))
+    for k in range(1, len(path)):
+        squared = 0.0
+        for i in range(len(wraps)):
+            step = way(path[k - 1, i], path[k, i], wraps[i])
+            turned[i] += step
+            squared += step * step
+            points[k, i] = path[0, i] + turned[i]
+        arc[k] = arc[k - 1] + sqrt(squared)
+    return points, arc
+
+
 class Curve:
-    """A path by its arc length in joint space."""
+    """A path by its arc length in joint space, unrolled, so that nothing jumps where a continuous joint wraps."""
 
     def __init__(self, robot: Robot, path: FloatArray) -> None:
-        steps = robot.difference(path[:-1], path[1:])
-        # Unrolled, so that interpolation does not jump where a continuous joint wraps.
-        self._points = np.empty(path.shape)
-        self._points[0] = path[0]
-        np.add(path[0], steps.cumsum(axis=0), out=self._points[1:])
-        self._arc = arc_lengths(plain(steps))
+        self._points, self._arc = _unrolled(plain(path), robot.continuous)
         self.length = float(self._arc[-1])
+
+    def spread(self, step: float) -> FloatArray:
+        """Return configurations (S, n) at equal steps, no longer than `step` [rad], from start to goal."""
+        count = 1 + int(self.length / step)
+        return self.at(np.arange(count + 1) * (self.length / count))
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""

@@ -20,9 +20,9 @@ from safe_ompl.robot import Robot, motion_limits
 
 Stop = Callable[[], bool]
 
-_SPACING = 0.5  # [rad] way points are no farther apart when the descent begins; then they move
+_SPACING = 0.7  # [rad] way points are no farther apart when the descent begins; then they move
 _LONGER = 1.25  # times the given path no path becomes longer
-_CONVERGED = 0.03  # a round that lowers the cost by less than this share is the last
+_CONVERGED = 0.06  # a round that lowers the cost by less than this share is the last
 _SAME = 1e-4  # [m] clearances that differ by less are the same
 _FEW = 14  # way points between which shortcuts are looked for after the descent
 _WORTHWHILE = 0.08  # share of the cost that shortcuts after the descent must save to be taken,
