@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import compress, pairwise
-from math import sqrt
+from math import inf, sqrt
+from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision import MotionProver
-from safe_ompl.common import BoolArray, FloatArray, InputError, compiled
+from safe_ompl.collision import MotionProver, prove_curve
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, caller, compiled
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost, chained
 from safe_ompl.paths.measures import arc_lengths
 from safe_ompl.robot import StepLimits, plain
+from safe_ompl.robot.kernels import lay_edge
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
@@ -61,6 +63,25 @@ class EdgeProofs:
                 self._proven.update(compress(asked, motion.are_free(path[rows], path[rows + 1]).tolist()))
         return [k for k, key in enumerate(keys) if key not in self._proven] if unknown else []
 
+    def chained(self, path: FloatArray, costs: FloatArray, most: float, known: IntArray) -> IntArray:
+        """Return what comes before each way point of `path: (N, n)` on the cheapest way to it, by the costs (N, N).
+
+        Edges on the way to the last one that are certainly blocked get infinite costs first, but for those that are
+        `known: (N, N)`, and unless the way costs more than `most`.
+        """
+        motion = self._clear
+        with motion.checker.changes.none():
+            tables = motion.edge_tables()
+            if tables is None:
+                return chained(costs)
+            before, places = _weeded(costs, known, most, plain(path), *tables)
+        motion.checker.counts.bound_queries += places
+        if not motion.limits:
+            first, last = np.nonzero(known == _PROVEN)
+            self._proven.update(_keys_of(path[first], path[last]))
+        known[known == _PROVEN] = _LOOKED_AT
+        return before
+
     def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return `path: (N, n)`, held back to an accepted one where edges are refused, and which way points are there.
 
@@ -86,7 +107,11 @@ class EdgeProofs:
 
 
 def _keys(path: FloatArray) -> list[bytes]:
-    edges = np.concatenate([path[:-1], path[1:]], axis=1)
+    return _keys_of(path[:-1], path[1:])
+
+
+def _keys_of(starts: FloatArray, ends: FloatArray) -> list[bytes]:
+    edges = np.concatenate([starts, ends], axis=1)
     keys: list[bytes] = edges.view(f"V{edges.itemsize * edges.shape[1]}").ravel().tolist()
     return keys
 
@@ -229,8 +254,9 @@ def _cheapest_proven_chain(
 ) -> FloatArray | None:
     costs = _edge_costs(path, wanted, cost, stop)
     most = worth * float(np.diagonal(costs, 1).sum()) if worth < np.inf else np.inf
+    known = np.eye(len(path), k=1, dtype=np.intp)  # the path's own edges may be accepted without the margin
     while not stop():
-        before, chain = chained(costs), [len(costs) - 1]
+        before, chain = proofs.chained(path, costs, most, known), [len(costs) - 1]
         while chain[-1]:
             chain.append(int(before[chain[-1]]))
         chain.reverse()
@@ -243,6 +269,61 @@ def _cheapest_proven_chain(
         for k in refused:
             costs[chain[k], chain[k + 1]] = np.inf
     return None
+
+
+_LOOKED_AT, _PROVEN = 1, 2
+
+
+@caller
+def _weeded(
+    costs: FloatArray,
+    known: IntArray,
+    most: float,
+    path: FloatArray,
+    joints: Any,
+    bodies: Any,
+    starts: IntArray,
+    vertices: FloatArray,
+    pair_bodies: IntArray,
+    radii: FloatArray,
+    reaches: FloatArray,
+    certain: FloatArray,
+    coupling: FloatArray,
+    limits: FloatArray,
+    required: FloatArray,
+    floor: float,
+    edge: FloatArray,
+    left: FloatArray,
+    suspects: IntArray,
+) -> tuple[IntArray, int]:
+    """Return what `EdgeProofs.chained` does, and at how many places of edges bounds were looked at.
+
+    Edges that are looked at become `known`, as proven ones, if they are. All after `path` is of `edge_tables`.
+    """
+    places = 0
+    while True:
+        before, total, refused, j = chained(costs), 0.0, False, len(path) - 1
+        while j > 0:
+            total += costs[before[j], j]
+            j = before[j]
+        j = len(path) - 1 if total <= most and total < inf else 0
+        while j > 0:
+            i = before[j]
+            if known[i, j] == 0:
+                number, known[i, j] = -1, _LOOKED_AT
+                if lay_edge(path[i], path[j], coupling, limits, edge):
+                    number, _, looked = prove_curve(
+                        joints, bodies, starts, vertices, pair_bodies, radii, reaches, certain, edge, required, floor,
+                        left, suspects,
+                    )  # fmt: skip
+                    places += looked
+                if number == 0:
+                    known[i, j] = _PROVEN
+                elif number < 0:
+                    costs[i, j], refused = inf, True
+            j = i
+        if not refused:
+            return before, places
 
 
 def _edge_costs(path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
