@@ -96,8 +96,7 @@ class PathCost:
         """Return J of a path (N, n), by the trapezoidal rule."""
         curve = Curve(self.robot, path)
         total = self._total(curve.spread(self.step))
-        mean = (total.sum() - 0.5 * (total[0] + total[-1])) / (len(total) - 1)
-        return float(mean * curve.length)
+        return float(0.5 * (total[1:] + total[:-1]).mean() * curve.length)
 
     def of_edges(self, starts: FloatArray, ends: FloatArray, samples: IntArray) -> FloatArray:
         """Return J (E,) of motions from `starts` to `ends: (E, n)`, by the midpoint rule on `samples: (E,)` each."""

@@ -276,26 +276,11 @@ _LOOKED_AT, _PROVEN = 1, 2
 
 @caller
 def _weeded(
-    costs: FloatArray,
-    known: IntArray,
-    most: float,
-    path: FloatArray,
-    joints: Any,
-    bodies: Any,
-    starts: IntArray,
-    vertices: FloatArray,
-    pair_bodies: IntArray,
-    radii: FloatArray,
-    reaches: FloatArray,
-    certain: FloatArray,
-    coupling: FloatArray,
-    limits: FloatArray,
-    required: FloatArray,
-    floor: float,
-    edge: FloatArray,
-    left: FloatArray,
+    costs: FloatArray, known: IntArray, most: float, path: FloatArray, joints: Any, bodies: Any, starts: IntArray,
+    vertices: FloatArray, pair_bodies: IntArray, radii: FloatArray, reaches: FloatArray, certain: FloatArray,
+    coupling: FloatArray, limits: FloatArray, required: FloatArray, floor: float, edge: FloatArray, left: FloatArray,
     suspects: IntArray,
-) -> tuple[IntArray, int]:
+) -> tuple[IntArray, int]:  # fmt: skip
     """Return what `EdgeProofs.chained` does, and at how many places of edges bounds were looked at.
 
     Edges that are looked at become `known`, as proven ones, if they are. All after `path` is of `edge_tables`.

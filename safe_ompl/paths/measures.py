@@ -69,7 +69,8 @@ class Curve:
     def spread(self, step: float) -> FloatArray:
         """Return configurations (S, n) at equal steps, no longer than `step` [rad], from start to goal."""
         count = 1 + int(self.length / step)
-        return self.at(np.arange(count + 1) * (self.length / count))
+        s: FloatArray = np.arange(count + 1) * (self.length / count)
+        return self.at(s)
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""

@@ -12,6 +12,7 @@ class Plane:
     """Stands for a robot of two joints that turn on and on."""
 
     n = 2
+    continuous = np.zeros(2, dtype=bool)
 
     def difference(self, start, end):
         return end - start

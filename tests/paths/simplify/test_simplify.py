@@ -27,7 +27,7 @@ from safe_ompl import (
 from safe_ompl.common import until_ctrl_c
 from safe_ompl.paths import PathReport, Simplifier, timed, unrolled
 from safe_ompl.paths.cost import ObstacleCost
-from safe_ompl.paths.edges import retreat
+from safe_ompl.paths.edges import RETREAT_STEP, EdgeProofs, _step, retreat
 from safe_ompl.robot import motion_limits
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
@@ -276,3 +276,32 @@ def test_where_no_joint_changes_what_is_near_there_is_no_way_out(planar2):
     assert nearness.near(stretched[None])
     assert not field.gradient(stretched).any()
     np.testing.assert_array_equal(retreat(stretched, nearness, field, motion_limits(planar2), never), [stretched])
+
+
+@pytest.mark.parametrize("vectors", [0, 2, 9])
+def test_a_step_of_a_retreat_is_the_best_of_its_length(rng, vectors):
+    for scale in (0.01, 1.0, 1e3):
+        gradient, bends = rng.normal(size=5), scale * rng.normal(size=(vectors, 5))
+        step = _step(gradient, bends)
+
+        def value(steps, gradient=gradient, bends=bends):
+            return steps @ gradient + 0.5 * ((steps @ bends.T) ** 2).sum(axis=-1)
+
+        assert np.linalg.norm(step) <= RETREAT_STEP * (1 + 1e-8)
+        others = rng.normal(size=(2000, 5))
+        others *= RETREAT_STEP * rng.uniform(size=(2000, 1)) / np.linalg.norm(others, axis=1, keepdims=True)
+        assert value(step) <= value(others).min() + 1e-12 * abs(value(step))
+    assert not _step(np.zeros(5), bends).any()
+
+
+def test_edges_are_weeded_out_of_chains_where_they_are_blocked_and_nowhere_else(setup, rng):
+    motion, robot = setup.motion_prover, setup.robot
+    path = rng.uniform(robot.lower, robot.upper, (9, robot.n))
+    costs, known = np.triu(rng.uniform(1.0, 2.0, (9, 9)), 1), np.zeros((9, 9), dtype=np.intp)
+    costs[costs == 0.0] = np.inf
+    proofs, given = EdgeProofs(motion), costs.copy()
+    proofs.chained(path, costs, np.inf, known)
+    weeded = np.argwhere(np.isinf(costs) & np.isfinite(given))
+    assert len(weeded)
+    assert not any(motion.is_free(path[i], path[j]) for i, j in weeded)
+    assert all(motion.is_free(path[i], path[j]) for i, j in np.argwhere(known) if [i, j] not in weeded.tolist())
