@@ -11,7 +11,7 @@ import coal
 import numpy as np
 
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
-from safe_ompl.collision.kernels.distances import near_pairs, nearest_points, pair_bounds, pairs_within
+from safe_ompl.collision.kernels.distances import near_pairs, pair_bounds, pairs_within
 from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_curves
 from safe_ompl.collision.queries import DISTANCE_ERROR, CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
@@ -103,18 +103,6 @@ class DistanceBounds:
         number, surely = near_pairs(*tables)
         return near[:number], surely
 
-    def nearest(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
-        """Return distances and nearest points (C, 8) of pairs (C,) that are `exact`, each at one of the rows (C,) of Q.
-
-        The rows do not fall. What is returned is that of `kernels.distances.nearest_points`.
-        """
-        found = np.empty((len(rows), 8))
-        if len(rows):
-            joints, shapes, known = self._data
-            values = plain(self._coupling.values(Q))
-            nearest_points(joints, shapes, known.bodies[pairs], values, rows, found)
-        return found
-
     def near(self, Q: FloatArray, pairs: IntArray, within: float, *, least: bool = False) -> FloatArray:
         """Return which of some pairs, (K,), are nearer than `within` [m] at `Q: (B, n)`, (C, 10), row by row.
 
@@ -124,7 +112,7 @@ class DistanceBounds:
             found = np.full((len(Q) * len(pairs), 10), -np.inf)
             found[:, :2] = np.indices((len(Q), len(pairs))).reshape(2, -1).T
             return found
-        self._counts.bound_queries += len(Q)
+        self._counts.bound_queries += len(Q) if within < np.inf else 0  # else distances are asked for
         (joints, shapes, known), values = self._data, plain(self._coupling.values(Q))
         exact = self.exact[pairs]
         return pairs_within(joints, shapes, known.bodies[pairs], exact, values, within, DISTANCE_ERROR, least)
@@ -403,17 +391,9 @@ class PairSet:
     def measured(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
         """Return distances and nearest points (C, 8) of pairs (C,) at rows (C,), which do not fall, of `Q: (B, n)`.
 
-        As `DistanceBounds.nearest` has them of convex bodies; other bodies are measured by coal. What was asked before
-        changes nothing.
+        It is coal that measures, and what is known of each is what `DistanceBounds.near` says after row and pair. What
+        was asked before changes nothing.
         """
-        exact, found = self.bounds.exact[pairs], np.empty((len(rows), 8))
-        found[exact] = self.bounds.nearest(Q, rows[exact], pairs[exact])
-        others = np.flatnonzero(~exact)
-        if len(others):
-            found[others] = self._by_coal(Q, rows[others], pairs[others])
-        return found
-
-    def _by_coal(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
         found, on_first, placed = np.zeros((len(rows), 8)), np.zeros((len(rows), 3)), -1
         with self.changes.none():
             own = self._coal.own
@@ -437,8 +417,7 @@ class PairSet:
         """
         exact = self.bounds.exact[pairs]
         found = np.full((len(Q), len(pairs)), -np.inf)
-        rows = np.repeat(np.arange(len(Q)), np.count_nonzero(exact))
-        found[:, exact] = self.bounds.nearest(Q, rows, np.tile(pairs[exact], len(Q)))[:, 0].reshape(len(Q), -1)
+        found[:, exact] = self.bounds.near(Q, pairs[exact], np.inf)[:, 2].reshape(len(Q), -1)
         with self.changes.none():
             own = self._coal.own
             own.forget()

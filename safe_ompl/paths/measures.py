@@ -69,8 +69,7 @@ class Curve:
     def spread(self, step: float) -> FloatArray:
         """Return configurations (S, n) at equal steps, no longer than `step` [rad], from start to goal."""
         count = 1 + int(self.length / step)
-        s: FloatArray = np.arange(count + 1) * (self.length / count)
-        return self.at(s)
+        return self.at(np.arange(count + 1, dtype=np.float64) * (self.length / count))
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""

@@ -112,39 +112,6 @@ def pair_bounds(
             bounds[row, p] = lower if lower == lower else -inf
 
 
-@compiled
-def nearest_points(
-    joints: Any, shapes: Shapes, pairs: IntArray, values: FloatArray, rows: IntArray, found: FloatArray
-) -> None:
-    """Write distance, nearest point of the first body, normal and offset, (C, 8), of C pairs (C, 2) of bodies.
-
-    Pair c is looked at `values[rows[c]]` of the joints, `values: (B, m)`; rows do not fall. The point is in the frame
-    of the joint that carries the first body [m]; the normal points from the second body to the first one, in the world;
-    the offset is the abscissa of the second one's nearest point along it [m]. The distance of bodies that overlap is
-    −∞, and nothing else is written then.
-    """
-    m, bodies, row = values.shape[1], shapes.bodies, -1
-    poses, simplex, axis = np.empty(len(bodies), POSE), np.empty((4, 6)), np.empty(3)
-    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
-    shares = np.empty(3)
-    for c in range(len(pairs)):
-        A, B = pairs[c, 0], pairs[c, 1]
-        if rows[c] != row:
-            place_joints(joints, values[rows[c]], rotations, origins, joint_axes)
-            if row < 0:
-                place_bodies(bodies, poses, rotations, origins, False)
-            place_bodies(bodies, poses, rotations, origins, True)
-            row = rows[c]
-        a, b = poses[A].centre, poses[B].centre
-        u, v, w = from_box(bodies[B], poses[B], a)
-        begin_axis(axis, u, v, w, a[0] - b[0], a[1] - b[1], a[2] - b[2])
-        lower, distance, corners = distance_bounds(shapes, poses, A, B, axis, simplex, inf, -inf)
-        found[c, 0] = lower if distance > -inf else -inf
-        if distance == -inf:
-            continue
-        _write_witness(bodies[A], simplex, corners, distance, rotations, origins, shares, found[c, 1:])
-
-
 _ROOM = 64  # rows; more are made room for when they come
 
 
@@ -155,9 +122,12 @@ def pairs_within(
 ) -> FloatArray:  # fmt: skip
     """Return which of the pairs (K, 2) of bodies are nearer than `within` [m] at `values: (B, m)` of the joints.
 
-    Of each there are (C, 10) row, pair, and what `nearest_points` writes, row by row. Of pairs that are not `exact:
-    (K,)`, both of them convex, there is only a lower bound in place of the distance, less an `error` [m]. If only the
-    `least` distance is wanted, pairs are left out that are farther apart than an exact one before them.
+    Of each there are (C, 10) row, pair, distance, nearest point of the first body in the frame of the joint that
+    carries it [m], unit normal from the second body to the first one in the world, and offset, the abscissa of the
+    second one's nearest point along it [m], row by row. The distance of bodies that overlap is −∞, and nothing else is
+    written then. Of pairs that are not `exact: (K,)`, both of them convex, there is only a lower bound of the distance,
+    less an `error` [m]. If only the `least` distance is wanted, pairs are left out that are farther apart than an exact
+    one before them.
     """
     m, bodies, number = values.shape[1], shapes.bodies, 0
     poses, simplex, found = np.empty(len(bodies), POSE), np.empty((4, 6)), np.empty((_ROOM, 10))
