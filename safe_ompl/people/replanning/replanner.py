@@ -278,13 +278,14 @@ class Retreats:
         axes, apart = _ahead(bodies, frames, sets)
         after = [sets.grown(soon) - sets.grown(0.0) for soon in _SOON]
         pairs = np.argwhere((apart > 0.0) & (apart < np.max(after, axis=0)))
-        least = [(bodies.vertices(g, frames) @ axes[g, s]).min(axis=1) for g, s in pairs.tolist()]
-        rates = np.array([(each[1:] - each[0]) / _NUDGE for each in least]).reshape(-1, n)
+        near = [(g, pairs[pairs[:, 0] == g, 1]) for g in np.unique(pairs[:, 0]).tolist()]
+        least = [(bodies.vertices(g, frames) @ axes[g, limbs].T).min(axis=1) for g, limbs in near]
+        rates = np.concatenate([np.zeros((0, n)), *((each[1:] - each[0]).T / _NUDGE for each in least)])
         for grown, still in product(after, range(min(n, _STILL + 1))):
-            near = rates[apart[tuple(pairs.T)] < grown[pairs[:, 1]]] * (self._movable & (np.arange(n) >= still))
-            near = near[near.any(axis=1)]
-            way = _away_from_all(near)
-            if not len(near) or (near @ way).min() < _LEAST:
+            some = rates[apart[tuple(pairs.T)] < grown[pairs[:, 1]]] * (self._movable & (np.arange(n) >= still))
+            some = some[some.any(axis=1)]
+            way = _away_from_all(some)
+            if not len(some) or (some @ way).min() < _LEAST:
                 continue
             for length in _LENGTHS:
                 end = q + length * way
