@@ -60,7 +60,12 @@ def cameras(width: int) -> dict[str, DepthCamera]:
 
 # -------------------------------------------------------------------------------------------------- drives
 
-POLICIES: dict[str, Any] = {"depth": Replanner, "skeletons": Replanner, "stop-and-go": StopAndGo}
+POLICIES: dict[str, Any] = {
+    "depth": Replanner,
+    "sharpened": Replanner,  # people are tracked besides
+    "skeletons": Replanner,
+    "stop-and-go": StopAndGo,
+}
 
 
 def boxes(seed: int) -> dict[str, Drifting]:
@@ -96,10 +101,12 @@ def drive(
         tracker = Tracker(recording.skeleton, TrackedBody(), places(recording, _PLACES, seed)[place])
         people, things, scene = {"operator": Playback(recording, tracker)}, {}, still
     trackers, speeds = {name: one.tracker for name, one in people.items()}, dict.fromkeys(things, SPEED)
-    sighted = policy == "skeletons"
-    rules = People(speed=1.6, speeds=HANDS) if sighted else People(speed=SPEED)
-    shadow = Surroundings(scene, trackers, speeds, rules)
-    around = shadow if sighted else Surroundings(still, people=rules, depth=OccupancyGrid(robot, still, eyes, options))
+    sighted, sharper = policy == "skeletons", policy == "sharpened"
+    rules = People(speed=1.6, speeds=HANDS) if sighted or sharper else People(speed=SPEED)
+    around = shadow = Surroundings(scene, trackers, speeds, rules)
+    if not sighted:
+        known = trackers if sharper else {}
+        around = Surroundings(still, known, people=rules, depth=OccupancyGrid(robot, still, eyes, options))
     replanning = ReplanningOptions(TICK, detours=policy != "stop-and-go", retreats=policy != "stop-and-go")
     pilot = POLICIES[policy](robot, around, options=replanning)
     limits = RateLimits.of(robot, acceleration=ACCELERATIONS["panda"])

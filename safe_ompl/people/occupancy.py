@@ -30,7 +30,7 @@ from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite
 from safe_ompl.geometry import ConvexBodies, Obstacle, Pose, Sphere
 from safe_ompl.geometry.kernels import POSE
 from safe_ompl.people.cameras import DepthCamera, DepthFrame
-from safe_ompl.people.kernels.cells import Cells, Known, cover, mark, opened, place, spread
+from safe_ompl.people.kernels.cells import Cells, Known, cover, mark, opened, place, spread, within_limbs
 from safe_ompl.people.kernels.depth import (
     NODE,
     Errors,
@@ -52,6 +52,8 @@ _MOST_CELLS = 128  # on a side
 _SHARE = 0.25  # of its distance from the robot that the radius of a ball may be
 _MOST_BALLS = 768
 _MILLIMETRES = 1e-3  # [m]
+_SAMPLES = 4  # along a limb
+_MOST = 0.7  # share of the limbs of a person in which something must be seen
 _SAME = 1e-9
 _DEEP = 0.03  # [m] inside of a body a camera sees nothing
 _FEW = 5  # blocks that show something where nothing could be: fewer are noise
@@ -95,7 +97,7 @@ class _Camera:
         self.sure: IntArray = np.zeros(0, dtype=np.int64)
         self.explained: FloatArray = np.zeros(0)
         self.wrong = ""  # Why its last image cannot be true, if it cannot
-        self._pose: Pose | None = None
+        self.pose: Pose | None = None  # of its last image
         self._windows: IntArray = np.zeros(0, dtype=np.intp)
         self._radius = 0.0  # that these are of
 
@@ -107,10 +109,10 @@ class _Camera:
 
     def forget(self, pose: Pose) -> None:
         """Forget what was explained unless the camera stands still."""
-        if self._pose != pose:
+        if self.pose != pose:
             rows, columns = self.camera.height // self.camera.block, self.camera.width // self.camera.block
             self.explained = np.full((rows, columns, 4), np.inf)
-            self._pose, self._windows = pose, self._windows[:0]
+            self.pose, self._windows = pose, self._windows[:0]
 
 
 class OccupancyGrid:
@@ -326,16 +328,52 @@ class OccupancyGrid:
 
     # --------------------------------------------------------------------------------------------------------- sets
 
-    def sets(self, now: float) -> ReachSets:
-        """Return where things may be from a time on [s]."""
+    def sets(self, now: float, limbs: ReachSets | None = None) -> ReachSets:
+        """Return where things may be from a time on [s].
+
+        Things go no farther than limbs of people, as they are tracked then, where they are within these and the errors
+        of places, depths and cells, and something was seen there. That is if it was in most limbs of the person, and no
+        camera looks through one.
+        """
         if not np.isfinite(self.time):
             return ReachSets.none()
         front = self._may & _grown(self._space & ~self._may, 1, self._all)
-        found, seen = cover(front, self._hit, self.cells, self._known, _SHARE, _MOST_BALLS)
-        names = tuple((SEEN if each else UNSEEN, "") for each in seen.tolist())
-        speed = self.options.speed
-        growth = np.tile([[[speed * max(now - self.time, 0.0), speed]]], (len(found), 1, 1))
+        places, radii, lines = self._tracked(ReachSets.none() if limbs is None else limbs)
+        others = front & ~within_limbs(places, radii, self.cells, front)[0]
+        found, kinds = cover(front, self._hit, others, self.cells, self._known, _SHARE, _MOST_BALLS)
+        names = tuple((SEEN if each & 1 else UNSEEN, "") for each in kinds.tolist())
+        speed, age = self.options.speed, max(now - self.time, 0.0)
+        growth = np.tile([speed * age, speed], (len(found), 1 + lines.shape[1] * bool(len(lines)), 1))
+        people = np.flatnonzero(kinds & 2 == 0)
+        if len(people):
+            ways = places[:, 1] - places[:, 0]
+            from_start = found[people, None, :3] - places[:, 0]
+            shares = (from_start * ways).sum(axis=2) / np.maximum((ways * ways).sum(axis=1), _SAME)
+            away = np.linalg.norm(from_start - np.clip(shares, 0.0, 1.0)[..., None] * ways, axis=2)
+            near = away <= radii + found[people, 3, None] + _SAME
+            growth[people, 1:] = np.where(near[..., None, None], lines, 0.0).max(axis=1) @ [[1.0, 0.0], [age, 1.0]]
         return ReachSets.of(names, plain(found[:, None, :3]), found[:, 3].copy(), growth)
+
+    def _tracked(self, limbs: ReachSets) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return ends (M, 2, 3), radii with all errors and lines (M, L, 2) of limbs of people that may be there."""
+        ends, slack, edge = limbs.points.reshape(-1, 2, 3), limbs.grown(0.0), self.cells.edge
+        errors = np.zeros(len(ends))
+        for one in self._seen.values():
+            if one.pose is not None:
+                far, (still, rising) = ends.mean(axis=1) - one.pose.position, one.camera.noise
+                errors = np.maximum(errors, one.camera.error + still + rising * (far * far).sum(axis=1))
+        points = ends[:, :1] + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (ends[:, 1:] - ends[:, :1])
+        place = np.floor((points - self.cells.low) / edge).astype(np.intp)
+        i, j, k = np.moveaxis(np.clip(place, 0, self.cells.side - 1), 2, 0)
+        taken = _grown(self._may | self._marked | self._walls, 1, self._all)
+        held = (taken[i, j, k // _WORD] >> k % _WORD & 1 > 0) | ((place < 0) | (place >= self.cells.side)).any(axis=2)
+        radii = plain(limbs.radii + slack + errors + np.sqrt(0.75) * edge)
+        shown, known = within_limbs(plain(ends), radii, self.cells, self._hit)[1], slack <= edge
+        kept = shown & known
+        for who in {name for name, _ in limbs.names}:
+            own = np.array([name == who for name, _ in limbs.names]) & known
+            kept[own] &= shown[own].mean() > _MOST and bool(held[own].all())
+        return plain(ends[kept]), plain(radii[kept]), limbs.growth[kept]
 
     def check_scene(self, still: Scene) -> None:
         """Raise InputError unless this is what stands still for the grid."""

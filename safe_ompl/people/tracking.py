@@ -359,11 +359,12 @@ class Surroundings:
         self.time = float(time)
         self._violations = [violation for violation in found if violation is not None]
         if self.known:
-            self.sets = ReachSets.none()
+            self.sets = limbs = ReachSets.none()
             for track in sorted(self._tracks.values(), key=_is_cloud):
                 self.sets = self.sets.beside(track.sets())
+                limbs = self.sets if isinstance(track, PersonTrack) else limbs
             if self.depth is not None:
-                self.sets = self.sets.beside(self.depth.sets(time))
+                self.sets = self.sets.beside(self.depth.sets(time, limbs))
         return list(self._violations)
 
     def take_over(self, before: Surroundings) -> None:

@@ -17,20 +17,31 @@ from safe_ompl import (
     Scene,
     Shield,
     Surroundings,
+    Tracker,
     UnknownNameError,
     check,
     time_path,
 )
 from safe_ompl.collision import robot_points
-from safe_ompl.geometry import bounding_hull, hull_planes
-from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOptions, looking, read_cameras
+from safe_ompl.geometry import STANDING, bounding_hull, hull_planes
+from safe_ompl.people import (
+    DepthCamera,
+    DepthFrame,
+    OccupancyGrid,
+    OccupancyOptions,
+    TrackedBody,
+    looking,
+    read_cameras,
+)
 from safe_ompl.people.kernels.cells import Cells, opened, spread
 from safe_ompl.people.kernels.depth import NODE, SeenImage, View, clear_seen, cloud_blocks, image_blocks, pyramid
 from safe_ompl.people.occupancy import _packed
+from safe_ompl.people.simulation.movers import ALL_KEYPOINTS
 
 SIZE = 160, 120
 Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
 WALL = 5.5  # [m] depth behind all
+BODY = TrackedBody()
 FLOOR = Scene((Obstacle("floor", Box((4, 4, 0.1)), Pose((0, 0, -0.6))),))
 
 
@@ -177,6 +188,79 @@ def test_a_robot_goes_on_until_something_may_come_to_it_seen_or_not(panda):
     unseen = drive(lambda now: [], 0.4)
     assert not unseen.follows
     assert unseen.reason.startswith("'unseen space' may come to")
+
+
+def person_at(x, y):
+    """Return key points (17, 3) of a person who stands there with raised arms, and balls that fill the limbs."""
+    points = np.array(list(STANDING.values())) * BODY.height
+    points = points - [0, 0, points[:, 2].max() - 1.0] + [x, y, 0.0]
+    ends = BODY.ends(points)
+    shares = np.linspace(0, 1, 8)[:, None]
+    balls = [
+        (at, radius)
+        for (start, end), radius in zip(ends, BODY.radii(ends).tolist(), strict=True)
+        for at in start + shares * (end - start)
+    ]
+    return points, balls
+
+
+def test_a_tracked_person_bounds_only_what_is_seen_of_them(panda):
+    points, balls = person_at(0.75, 0.1)
+    rules = People(speed=0.5)
+    track, seen = Tracker(ALL_KEYPOINTS, BODY, noise=0.01), {n: image(eye, balls) for n, eye in CAMERAS.items()}
+
+    def both(shift):
+        """Return the sets of the cells without and with the track."""
+        grid = grid_of(panda, speed=2.0, clear=2.0, edge=0.05)
+        around = Surroundings(FLOOR, {"anna": track}, people=rules, depth=grid)
+        for k in range(6):  # the person has come from somewhere
+            now = 0.05 * k
+            around.update({"anna": points + shift}, {}, now + 0.02, {n: DepthFrame(seen[n], now, Q) for n in seen})
+        alone = grid.sets(now + 0.02)
+        k = len(around.sets.names) - len(alone.names)
+        assert around.sets.names[k:] == alone.names
+        np.testing.assert_array_equal(around.sets.points[-len(alone.points) :], alone.points)
+        np.testing.assert_array_equal(around.sets.radii[k:], alone.radii)
+        return alone, around.sets.grown(0.3)[k:]
+
+    alone, sharp = both(np.zeros(3))
+    known = sharp < alone.grown(0.3) - 1e-9
+    np.testing.assert_allclose(sharp[known], 0.01 + 0.5 * (0.3 + 0.02))  # noise and age of the image
+    assert (alone.grown(0.3)[~known] == sharp[~known]).all()
+    centres = np.array([centre for centre, _ in balls])
+    away = np.linalg.norm(alone.points[known, None] - centres, axis=2) - np.array([radius for _, radius in balls])
+    assert (away.min(axis=1) < 0.01 + CAMERAS["left"].error + 2 * np.sqrt(0.75) * 0.05 + alone.radii[known]).all()
+    assert known.sum() > 30
+    for way in [*np.eye(3), *-np.eye(3)]:  # a track that is wrong bounds nothing
+        alone, sharp = both(way)
+        np.testing.assert_array_equal(sharp, alone.grown(0.3))
+
+
+def test_a_robot_does_no_less_beside_a_person_who_is_tracked_besides(panda):
+    small = {"width": 64, "height": 48, "focal": (44.0, 44.0), "middle": (31.5, 23.5), "block": 1}
+    eyes = {name: replace(one, **small) for name, one in CAMERAS.items()}
+    arm = panda.with_accelerations(dict.fromkeys(panda.joint_names, 10.0))
+
+    def turned(tracked, shift=0.0):
+        """Return how far the first joint turns in 1 s."""
+        trackers = {"anna": Tracker(ALL_KEYPOINTS, BODY)} if tracked else {}
+        grid = grid_of(panda, FLOOR, eyes, clear=2.0, speed=2.0, edge=0.05)
+        shield = Shield(arm, Surroundings(FLOOR, trackers, people=People(speed=0.2), depth=grid))
+        shield.start(Q)
+        for k in range(10):
+            now = 0.1 * k
+            q = Q if shield._last is None else shield._last.at(now).q
+            points, balls = person_at(1.15 - 0.02 * now, 0.1)
+            seen = {n: np.minimum(robot_image(eye, panda, q), image(eye, balls)) for n, eye in eyes.items()}
+            people = {"anna": points + shift} if tracked else {}
+            shield.update(people, {}, now, {n: DepthFrame(seen[n], now, q) for n in seen})
+            shield.propose_velocity([0.8, 0, 0, 0, 0, 0, 0])
+            command = shield.command(now + 0.01)
+        return command.at(now + 0.1).q[0] - Q[0]
+
+    alone = turned(False)
+    assert 0.1 < alone <= turned(True) + 1e-9
+    assert turned(True, 1.0) <= alone + 1e-9
 
 
 def test_what_cannot_be_is_one_line_and_changes_nothing(panda):

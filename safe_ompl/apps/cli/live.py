@@ -92,6 +92,7 @@ def add_commands(commands: Any) -> None:
     arguments.add_reach(parser)
     option(parser, "--cameras FILE", "depth cameras (YAML) that see people and things, which the robot does not know")
     arguments.add_clear(parser)
+    option(parser, "--tracked", "beside --cameras people are tracked, too: they go no farther than their own bounds")
     option(parser, "--movers N", "number of balls of 0.1 m that fly around the robot", arguments.count, 0)
     option(parser, "--mover-speed V", "largest speed of these balls [m/s]", arguments.limit, 0.5)
     option(parser, "--seconds S", "simulated time", arguments.seconds, 60.0)
@@ -134,7 +135,10 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if driver is not None:
         arguments.refuse(options, ("any_order",), "is for the simulation; a robot drives there and back")
     if options.cameras is not None:
-        arguments.refuse(options, ("robot", "reach", "danger", "noise"), "is for people who are tracked, not --cameras")
+        wrong = ("robot", "noise") if options.tracked else ("robot", "reach", "danger", "noise")
+        arguments.refuse(options, wrong, "is for people who are tracked, not --cameras")
+    elif options.tracked:
+        raise InputError("all people are tracked but with --cameras", "--tracked")
     if scenario.program is not None:
         wrong = ("simplify", "any_order", "danger", "cameras")
         arguments.refuse(options, wrong, "is for a path to a goal; the scenario has a program")
@@ -148,7 +152,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         if cameras is not None:
             speed = max([people.speed, *people.speeds.values(), *found.speeds.values()])
             grid = OccupancyGrid(robot, found.still, cameras, OccupancyOptions(speed, clear=options.clear))
-            around = Surroundings(found.still, people=people, depth=grid)
+            around = Surroundings(found.still, trackers if options.tracked else {}, people=people, depth=grid)
         how = ReplanningOptions(options.tick, danger=options.danger)
         replanner = Replanner(robot, around, options=how, prover=setup.motion_prover)
         who = ways, found.people, found.objects

@@ -6,11 +6,11 @@ The first cell of a row is the lowest bit of its first word. Bits beyond the end
 from __future__ import annotations
 
 from math import floor, inf, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import Records, Shapes, distance_bounds, from_box, place_bodies
 
 _LEVELS = 5  # of nodes in `cover`: the largest have 16 cells on a side
@@ -163,16 +163,48 @@ def mark(known: Known, bodies: IntArray, cells: Cells, margin: float) -> IntArra
 
 
 @compiled
-def cover(
-    front: Any, seen: IntArray, cells: Cells, known: Known, share: float, most: int
-) -> tuple[FloatArray, IntArray]:
-    """Return at most so many balls (M, 4) that hold the cells of a front, and for each (M,) whether any of it was seen.
+def within_limbs(limbs: FloatArray, radii: FloatArray, cells: Cells, among: IntArray) -> tuple[IntArray, BoolArray]:
+    """Return those among some cells (N, N, W) with middles within radii (M,) [m] of limbs (M, 2, 3).
 
-    A node of cells is one ball if its radius is at most a share of its distance from the robot, and its cells
-    are balls of their own if not. The share, and then the smallest node, grows until there are no more than `most`.
+    Then come the limbs (M,) that have such cells.
+    """
+    found, shown, N = np.zeros_like(among), np.zeros(len(limbs), np.bool_), cells.side
+    first, end = np.empty(3, np.intp), np.empty(3, np.intp)
+    for m in range(len(limbs)):
+        start, way = limbs[m, 0], limbs[m, 1] - limbs[m, 0]
+        squared = max((way * way).sum(), 1e-12)
+        for c in range(3):
+            low, high = min(start[c], limbs[m, 1, c]), max(start[c], limbs[m, 1, c])
+            first[c] = min(max(floor((low - radii[m] - cells.low[c]) / cells.edge), 0), N)
+            end[c] = min(max(floor((high + radii[m] - cells.low[c]) / cells.edge) + 1, 0), N)
+        for i in range(first[0], end[0]):
+            for j in range(first[1], end[1]):
+                for k in range(first[2], end[2]):
+                    if not among[i, j, k >> 6] >> (k & 63) & 1:
+                        continue
+                    x = cells.low[0] + (i + 0.5) * cells.edge - start[0]
+                    y = cells.low[1] + (j + 0.5) * cells.edge - start[1]
+                    z = cells.low[2] + (k + 0.5) * cells.edge - start[2]
+                    share = min(max((x * way[0] + y * way[1] + z * way[2]) / squared, 0.0), 1.0)
+                    x, y, z = x - share * way[0], y - share * way[1], z - share * way[2]
+                    if x * x + y * y + z * z <= radii[m] ** 2:
+                        found[i, j, k >> 6] |= 1 << (k & 63)
+                        shown[m] = True
+    return found, shown
+
+
+@compiled
+def cover(
+    front: IntArray, seen: IntArray, others: IntArray, cells: Cells, known: Known, share: float, most: int
+) -> tuple[FloatArray, IntArray]:
+    """Return at most so many balls (M, 4) that hold the cells of a front, and for each (M,) what cells it holds.
+
+    That is 1 if any of them was seen, and 2 if any is one of the others. A node of cells is one ball if its radius is
+    at most a share of its distance from the robot, and its cells are balls of their own if not. The share, and then
+    the smallest node, grows until there are no more than `most`.
     """
     N, edge = cells.side, cells.edge
-    marks = np.zeros((_LEVELS, N // 2, N // 2, N // 2), np.uint8)  # 1: front, 2: seen
+    marks = np.zeros((_LEVELS, N // 2, N // 2, N // 2), np.uint8)  # 1: front, 2: seen, 4: others
     for i in range(N // 2):
         for j in range(N // 2):
             for k in range(N // 2):
@@ -180,7 +212,8 @@ def cover(
                 for x in range(2 * i, 2 * i + 2):
                     for y in range(2 * j, 2 * j + 2):
                         bits = front[x, y, word] >> at & 3
-                        marks[1, i, j, k] |= (bits != 0) | 2 * (bits & seen[x, y, word] >> at != 0)
+                        mark = (bits != 0) | 2 * (bits & seen[x, y, word] >> at != 0)
+                        marks[1, i, j, k] |= mark | 4 * (bits & others[x, y, word] >> at != 0)
     for level in range(2, _LEVELS):
         for i in range(N >> level):
             for j in range(N >> level):
@@ -206,7 +239,9 @@ def cover(
                     kind = int(marks[level, i, j, k])
                 else:
                     kind = front[i, j, k >> 6] >> (k & 63) & 1
-                    kind |= (kind & seen[i, j, k >> 6] >> (k & 63)) << 1
+                    kind |= (kind & seen[i, j, k >> 6] >> (k & 63)) << 1 | (
+                        kind & others[i, j, k >> 6] >> (k & 63)
+                    ) << 2
                 if not kind:
                     continue
                 size = edge * (1 << level)

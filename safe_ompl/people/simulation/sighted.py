@@ -1,4 +1,4 @@
-"""A simulation in which the robot is driven by what depth cameras see, and knows nobody."""
+"""A simulation in which the robot is driven by what depth cameras see, and knows nobody but whom it tracks."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _ROUNDING = 1e-6  # [s]
 class SightedSimulation(Simulation):
     """A simulation in which the replanner takes images instead of key points and poses, at the rates of its cameras.
 
-    `truth` tracks all people and objects, to say whether they keep to the speed that is relied on. Of faults, images
-    may be lost, and answers late.
+    It takes key points of people whom its surroundings track besides. `truth` tracks all people and objects, to say
+    whether they keep to the speed that is relied on. Of faults, images may be lost, and answers late.
     """
 
     def __init__(
@@ -59,7 +59,8 @@ class SightedSimulation(Simulation):
         seen = self._look(q, world.solids(world.keypoints(now), now), names)
         begin = self.clock()
         frames = {name: DepthFrame(depths, now, q) for name, depths in seen.items()}
-        violations = self.replanner.update({}, {}, now, frames)
+        tracked = {name: points for name, points in people.items() if name in around.people}
+        violations = self.replanner.update(tracked, {}, now, frames)
         took = self.clock() - begin
         self._promise(now, self._truth, violations)
         return took

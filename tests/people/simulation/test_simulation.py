@@ -281,6 +281,10 @@ def test_the_command_drives_by_what_cameras_see(clips, tmp_path, capsys):
     assert main(live(tmp_path, *words, "--clear", "0", "--seconds", "0.1")) == 0  # all about it is unseen: it stands
     _, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
     assert "'unseen space' may come to" in ticks[-1]["reason"]
+    assert main(live(tmp_path, *words, "--tracked", "--clear", "1.5", "--seconds", "0.5")) == 0
+    assert "contacts while moving 0" in " ".join(capsys.readouterr().out.split())
+    assert main(live(tmp_path, "--people", str(clips), "--tracked")) == 2
+    assert "--tracked: all people are tracked but with --cameras" in " ".join(capsys.readouterr().err.split())
     for more, message in (
         (["--noise", "0.1"], "--noise: is for people who are tracked, not --cameras"),
         (["--cameras", str(tmp_path / "no.yaml")], "no.yaml"),
