@@ -247,10 +247,10 @@ class ConvexBodies:
         exact = np.zeros(len(parts), dtype=bool)
         for k, (body, part) in enumerate(zip(bodies, parts, strict=True)):
             summands = _summands(part.geometry)
-            bounded &= summands.bounded
-            exact[k] = summands.exact
+            finite = summands.bounded
+            bounded, exact[k] = bounded and finite, summands.exact
             grid, own_starts, own_vertices = _listed(summands.vertices)
-            if summands.bounded:
+            if finite:
                 _fill(body, part, summands)
             else:
                 body["reach"] = np.inf
@@ -312,15 +312,18 @@ def _summands(geometry: coal.CollisionGeometry) -> _Summands:
 def _fill(body: Records, part: pin.GeometryObject, summands: _Summands) -> None:
     """Write everything but the lists of vertices."""
     vertices, box, disc, ball = summands.vertices, summands.box, summands.disc, summands.ball
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    centre = (low + high) / 2
+    low = high = vertices[0]
+    spread = 0.0
+    if len(vertices) > 1:
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        spread = np.linalg.norm(vertices - (low + high) / 2, axis=1).max()
     rim = np.hypot(np.hypot(box[0], box[1]) + disc, box[2])  # of box and disc
     body["joint"] = part.parentJoint
     body["rotation"], body["translation"] = part.placement.rotation, part.placement.translation
     body["box"], body["disc"], body["ball"] = box, disc, ball
-    body["centre"] = centre
+    body["centre"] = (low + high) / 2
     body["extent"] = (high - low) / 2 + box + (disc, disc, 0.0) + ball
-    body["reach"] = np.linalg.norm(vertices - centre, axis=1).max() + rim + ball
+    body["reach"] = spread + rim + ball
 
 
 def _listed(vertices: FloatArray) -> tuple[int, IntArray, FloatArray]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         Curve as Curve,
         DangerReport as DangerReport,
         forced_danger as forced_danger,
+        unrolled as unrolled,
     )
     from safe_ompl.paths.report import (
         PathReport as PathReport,
@@ -26,6 +27,6 @@ if TYPE_CHECKING:
         claims_of as claims_of,
         validate as validate,
     )
-    from safe_ompl.paths.simplifier import Simplifier as Simplifier, Stop as Stop, timed as timed, unrolled as unrolled
+    from safe_ompl.paths.simplifier import Simplifier as Simplifier, Stop as Stop, timed as timed
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

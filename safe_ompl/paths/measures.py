@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import sqrt
+from math import pi, sqrt
 
 import numpy as np
 
@@ -14,16 +14,12 @@ from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
 from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import way
 
+_ROUND = 2 * pi
 
-@compiled
+
 def arc_lengths(steps: FloatArray) -> FloatArray:
     """Return how far along a path its way points are, (N,) [rad], by the steps (N − 1, n) between them."""
-    arc = np.zeros(len(steps) + 1)
-    for k in range(len(steps)):
-        squared = 0.0
-        for i in range(steps.shape[1]):
-            squared += steps[k, i] ** 2
-        arc[k + 1] = arc[k] + sqrt(squared)
+    arc: FloatArray = np.concatenate([np.zeros(1), np.linalg.norm(steps, axis=1).cumsum()])
     return arc
 
 
@@ -46,17 +42,22 @@ def _at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> Float
 
 @compiled
 def _unrolled(path: FloatArray, wraps: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return a path (N, n) that does not jump where a joint wraps, and how far along it its way points are, (N,)."""
-    points, arc, turned = path.copy(), np.zeros(len(path)), np.zeros(len(wraps))
+    """Return what `unrolled` does, and how far along the path its way points are, (N,) [rad]."""
+    points, arc, turns = path.copy(), np.zeros(len(path)), np.zeros(len(wraps))
     for k in range(1, len(path)):
         squared = 0.0
         for i in range(len(wraps)):
             step = way(path[k - 1, i], path[k, i], wraps[i])
-            turned[i] += step
+            turns[i] += np.rint((step - (path[k, i] - path[k - 1, i])) / _ROUND)
             squared += step * step
-            points[k, i] = path[0, i] + turned[i]
+            points[k, i] += _ROUND * turns[i]
         arc[k] = arc[k - 1] + sqrt(squared)
     return points, arc
+
+
+def unrolled(robot: Robot, path: FloatArray) -> FloatArray:
+    """Return the path (N, n) with continuous joints that do not jump where they wrap; the others stay as they are."""
+    return _unrolled(plain(path), robot.continuous)[0]
 
 
 class Curve:

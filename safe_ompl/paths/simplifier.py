@@ -15,8 +15,8 @@ from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import WEIGHT, ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
 from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
 from safe_ompl.paths.edges import MOST, EdgeProofs, joined, retreat, shortcut
-from safe_ompl.paths.measures import divided, path_length, refined
-from safe_ompl.robot import Robot, motion_limits
+from safe_ompl.paths.measures import divided, path_length, refined, unrolled
+from safe_ompl.robot import motion_limits
 
 Stop = Callable[[], bool]
 
@@ -34,15 +34,6 @@ def timed(seconds: float, stop: Stop | None = None) -> Stop:
     """Return a predicate that says stop after some seconds from now, or when `stop` does."""
     end = clock() + seconds
     return lambda: clock() >= end or (stop is not None and stop())
-
-
-def unrolled(robot: Robot, path: FloatArray) -> FloatArray:
-    """Return the path (N, n) with continuous joints that do not jump where they wrap; the others stay as they are."""
-    steps = path[1:] - path[:-1]
-    turns = np.rint((robot.difference(path[:-1], path[1:]) - steps) / (2.0 * np.pi))
-    found: FloatArray = path.copy()
-    found[1:] += 2.0 * np.pi * np.cumsum(turns, axis=0)
-    return found
 
 
 class Simplifier:

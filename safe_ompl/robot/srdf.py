@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
-from xml.sax.saxutils import quoteattr
 
 import pinocchio as pin
 
@@ -171,6 +170,8 @@ def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") ->
 
 def srdf_text(robot: str, pairs: Iterable[DisabledLinks], samples: int) -> str:
     """Return an SRDF for the robot of that name; `samples` is said in a comment."""
+    from xml.sax.saxutils import quoteattr  # imports what talks to the net: only files that are written need it
+
     disabled = "".join(
         f"  <disable_collisions link1={quoteattr(pair.first)} link2={quoteattr(pair.second)} "
         f"reason={quoteattr(pair.reason)}/>\n"
