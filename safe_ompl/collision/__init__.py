@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from safe_ompl.collision.checker import Clearance as Clearance, CollisionChecker as CollisionChecker
     from safe_ompl.collision.distances import PairDistances as PairDistances, Witnesses as Witnesses
     from safe_ompl.collision.kernels.distances import hinge_costs as hinge_costs
-    from safe_ompl.collision.kernels.proofs import prove_curve as prove_curve
+    from safe_ompl.collision.kernels.proofs import EdgeTables as EdgeTables, prove_curve as prove_curve
     from safe_ompl.collision.motion import (
         FLOOR as FLOOR,
         MotionLimit as MotionLimit,
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         Verdict as Verdict,
     )
     from safe_ompl.collision.pairs import (
+        ALLOWANCE as ALLOWANCE,
         DistanceBounds as DistanceBounds,
         PairSet as PairSet,
         edge_memory as edge_memory,

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import coal
 import numpy as np
 
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels.distances import near_pairs, pair_bounds, pairs_within
-from safe_ompl.collision.kernels.proofs import Pairs, prove_curve, prove_curves
+from safe_ompl.collision.kernels.proofs import EdgeTables, Pairs, prove_curve, prove_curves
 from safe_ompl.collision.queries import DISTANCE_ERROR, CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import ConvexBodies, Hull
@@ -139,13 +139,12 @@ class DistanceBounds:
             return None
         return self._proof(edge, required, floor) if self._bounded else _UNKNOWN
 
-    def edge_tables(self, limits: JointLimits, required: FloatArray, floor: float) -> tuple[Any, ...] | None:
+    def edge_tables(self, limits: JointLimits) -> EdgeTables | None:
         """Return what `lay_edge` and `prove_curve` need for what `prove_edge` does; None where nothing is bounded.
 
-        These are, one after the other, the first arguments of `prove_curve`, then coupling and limits, required
-        distances, and floor. Whoever calls the kernels counts the places that they look at.
+        Whoever calls the kernels counts the places that they look at.
         """
-        return (*self._flat, *limits.tables, required, floor) if self._bounded else None
+        return EdgeTables(*self._data, *limits.tables) if self._bounded else None
 
     def _proof(self, coefficients: FloatArray, required: FloatArray, floor: float) -> BoundsProof:
         """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""

@@ -32,9 +32,9 @@ def _at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> Float
             k = 0
         while k + 1 < len(arc) and s[j] >= arc[k + 1]:
             k += 1
-        out[j] = points[k]
-        if k + 1 < len(arc) and s[j] > arc[k]:
-            for i in range(points.shape[1]):
+        for i in range(points.shape[1]):  # to copy rows would take the compiler ten times as long
+            out[j, i] = points[k, i]
+            if k + 1 < len(arc) and s[j] > arc[k]:
                 slope = (points[k + 1, i] - points[k, i]) / (arc[k + 1] - arc[k])
                 out[j, i] += slope * (s[j] - arc[k])
     return out

@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike
 from ompl import geometric as og, util as ou
 
 import safe_ompl.motions as motions
-from safe_ompl.collision import CollisionChecker, MotionProver, TipBounds, ToolLimit, ToolOrientation
+from safe_ompl.collision import (
+    CollisionChecker,
+    EdgeTables,
+    MotionProver,
+    TipBounds,
+    ToolLimit,
+    ToolOrientation,
+    edge_memory,
+    prove_curve,
+)
 from safe_ompl.common import Counts, FloatArray, InputError, compile_together, finite_array, instance, number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.danger.kernels import dangers
@@ -34,9 +43,10 @@ from safe_ompl.planning.ompl import (
     WorkspaceGoal,
     joint_space,
 )
+from safe_ompl.planning.planners import NearestNode, SafeRRTConnect
 from safe_ompl.planning.problem import Problem
 from safe_ompl.robot import GoalRegion, JointLimits, Robot, place_of
-from safe_ompl.robot.kernels import descend, steer
+from safe_ompl.robot.kernels import descend, lay_edge, steer
 from safe_ompl.scene import Scenario, Scene, find_scenario
 
 UP = (0.0, 0.0, 1.0)
@@ -338,9 +348,15 @@ def _let_go(setup: ref[ProblemSetup]) -> None:
 
 # ----------------------------------------------------------------- what the first plan after an installation compiles
 
-# By two processes at a time, each about half of the time. Kernels are compiled for one kind of arguments, whatever the
-# robot: that of two joints beside a person has them all.
-PLAN_JOBS = (f"{__name__}:ask_for_danger", f"{__name__}:ask_for_proofs")
+# By two processes, each about half of the time; turns need what the first three compile, and come last. Kernels are
+# compiled for one kind of arguments, whatever the robot: that of two joints beside a person has them all.
+PLAN_JOBS = (
+    f"{__name__}:ask_for_danger",
+    f"{__name__}:ask_for_edges",
+    f"{__name__}:ask_for_trees",
+    f"{__name__}:ask_for_proofs",
+    f"{SafeRRTConnect.__module__}:ask_for_turns",
+)
 _ANY_LENGTH = 1.0
 
 
@@ -363,11 +379,25 @@ def ask_for_danger() -> None:
     descend(step, q, _ANY_LENGTH, q, q, wraps)
     JointLimits(robot).hold(q)
     DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
-    Curve(robot, np.zeros((2, robot.n)))
+    Curve(robot, np.zeros((2, robot.n))).at(q[:1])
+
+
+def ask_for_edges() -> None:
+    """Call what the proof of an edge needs that no pair of bodies is near."""
+    tables, (edge, left, suspects) = EdgeTables.of_nothing(), edge_memory(0, 0)
+    lay_edge(edge[0], edge[0], tables.coupling, tables.limits, edge)
+    arguments: Any = tables.joints, *tables.shapes, *tables.pairs, edge, edge[0], _ANY_LENGTH, left, suspects
+    prove_curve(*arguments)
+
+
+def ask_for_trees() -> None:
+    """Call what finds the nearest of many nodes."""
+    rows = np.eye(2)
+    NearestNode(np.zeros(2, bool)).find(rows, rows[0], _ANY_LENGTH, rows[0])
 
 
 def ask_for_proofs() -> None:
-    """Call what the proof of an edge needs."""
+    """Call what else proofs and queries need."""
     robot, scene = small_robot(), Scene((Obstacle("person", Person()),))
     scene.danger_points()
     extreme_vertices(np.zeros((1, 3)), 1)

@@ -31,7 +31,6 @@ from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, Surrounding
 from safe_ompl.people.kernels import gaps
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
-from safe_ompl.planning.planners import NearestNode
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import RateLimits, time_path
 from safe_ompl.version import __version__
@@ -47,7 +46,6 @@ ALL_JOBS = (  # those that need what a plan needs come after it
     f"{__name__}:ask_for_simplification",
     f"{__name__}:ask_for_people",
     f"{__name__}:ask_for_depth",
-    f"{__name__}:ask_for_trees",
     f"{__name__}:ask_for_pictures",
 )
 
@@ -181,12 +179,6 @@ def ask_for_depth() -> None:
     for time, depths in enumerate((np.ones((16, 16)), np.tile([0.0, 0.0, 1.0], (3, 1)))):
         grid.observe("camera", DepthFrame(depths, float(time), np.zeros(robot.n)), float(time))
         grid.sets(float(time))
-
-
-def ask_for_trees() -> None:
-    """Call what finds the nearest of many nodes."""
-    rows = np.random.default_rng(0).uniform(size=(_MANY, 2))
-    NearestNode(np.zeros(2, bool)).find(rows, rows[0], 0.1, rows[:, 0].copy())
 
 
 def ask_for_pictures() -> None:

@@ -33,8 +33,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, part
-from safe_ompl.geometry.kernels import POSE, Records, Shapes, begin_axis, distance_bounds, from_box, place_bodies
-from safe_ompl.robot.kernels import place_joints
+from safe_ompl.geometry.kernels import BODY, POSE, Records, Shapes, begin_axis, distance_bounds, from_box, place_bodies
+from safe_ompl.robot.kernels import JOINT, place_joints
 
 _NEAR = 0.05  # [m] by which bodies approach at most while a slab is followed: else too many pairs would be near
 _ROUNDING = 1e-12  # of the length of an interval, and of rates
@@ -52,6 +52,24 @@ class Pairs(NamedTuple):
     radii: FloatArray  # joint by joint, so that processors compute the rates of pairs by lanes
     reaches: FloatArray  # 0 where a joint does not move the body
     certain: FloatArray
+
+
+class EdgeTables(NamedTuple):
+    """What `lay_edge` and `prove_curve` need: joints, bodies, and pairs of these; coupling (m, 4) and limits (2, n)."""
+
+    joints: Any
+    shapes: Shapes
+    pairs: Pairs
+    coupling: FloatArray
+    limits: FloatArray
+
+    @classmethod
+    def of_nothing(cls) -> EdgeTables:
+        """Return what kernels are given where nothing is to be proven."""
+        numbers: IntArray = np.zeros((0, 2), np.intp)
+        reals: FloatArray = np.zeros((0, 0))
+        shapes = Shapes(np.zeros(0, BODY), numbers.ravel(), reals)
+        return cls(np.zeros(0, JOINT), shapes, Pairs(numbers, reals, reals, reals.ravel()), reals, reals)
 
 
 class _Place(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
 from safe_ompl.danger.kernels.field import Block, Skeleton, add_pull, ceilings, new_block, potential, potentials
-from safe_ompl.robot.kernels import place_joints, place_keypoints, pull
+from safe_ompl.robot.kernels import JOINT, KEYPOINT, place_joints, place_keypoints, pull
 
 MAXIMUM, MEAN, SOFTMAX = 0, 1, 2
 
@@ -48,6 +48,13 @@ class PointDanger(NamedTuple):
     tables: Tables
     points: Points
     aggregate: Aggregate
+
+    @classmethod
+    def of_nothing(cls) -> PointDanger:
+        """Return what kernels are given where they compute no danger."""
+        tables = Tables(np.zeros(0, JOINT), np.zeros(0, KEYPOINT), np.zeros((0, 2), np.intp), False)
+        points = Points(np.zeros((3, 0)), np.zeros(0), np.zeros((3, 0), np.float32), 0.0)
+        return cls(tables, points, Aggregate(MAXIMUM, 0.0))
 
 
 @part

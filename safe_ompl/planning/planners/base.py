@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 import re
+import sys
 import textwrap
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -319,9 +320,14 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def _later_goals(self) -> Iterator[Any]:
         """Yield another goal state, or none; this never waits. As in OMPL they stay fewer than half of the nodes."""
+        if self.counts.nodes > self._enough_nodes:
+            yield self.getPlannerInputStates().nextGoal()
+
+    @property
+    def _enough_nodes(self) -> int:
+        """With more nodes than this the problem is asked for another goal; no number is enough where it has none."""
         inputs = self.getPlannerInputStates()
-        if 2 * inputs.getSampledGoalsCount() < self.counts.nodes:
-            yield inputs.nextGoal()
+        return 2 * int(inputs.getSampledGoalsCount()) if inputs.haveMoreGoalStates() else sys.maxsize
 
     # -------------------------------------------------------------------------------------------- internals
 

@@ -14,7 +14,8 @@ from safe_ompl.planning.ompl import CollisionFreeValidity, StateBridge
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
 from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerWeight, Margin, PlanningProblem
-from safe_ompl.planning.planners.tree import ROOT, TwoTrees, branch
+from safe_ompl.planning.planners.tree import TwoTrees, branch
+from safe_ompl.planning.planners.turns import ROOT
 
 _LEAST_CLEARANCE = 1e-3  # [m]; points as near to contact as this are not closed: their bubbles lead nowhere
 _PATH_SHARE = 0.1  # weight of g: greedy, as in weighted A*

@@ -13,8 +13,8 @@ import numpy as np
 from safe_ompl.common import Counts, FloatArray
 from safe_ompl.planning.ompl import StateBridge, StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
-from safe_ompl.planning.planners.extend import Extension, SafeStep, TangentialDescent
-from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin, PlanningProblem
+from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
+from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.planning.planners.tree import PlannerGraph, Tree, Trees
 from safe_ompl.robot import Place, StepLimits, limited_step, motion_limits, pseudoinverse_step, transpose_step
@@ -108,9 +108,8 @@ class SafeJTRRT(SafePlanner):
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
-        self._threshold = AdaptiveThreshold(self._danger)
         self._margin = Margin(self._problem, self._danger, _LEAST_MARGIN)
-        self._random_step = SafeStep(self._problem, self._danger, self._descent, self._threshold, self._margin)
+        self._growth = Growth(self._problem, self._danger, self._descent, self._margin)
         self._step = GoalStep(self._problem)
         self._goal: Any = None
         self._place: Place
@@ -152,7 +151,7 @@ class SafeJTRRT(SafePlanner):
         q_rand = self._problem.random(self._rng)
         approach, tree = self._trees, self._trees.start
         old = tree.best(q_rand, self._danger.drawn_weight(self.nearest_fraction, self._rng))
-        outcome, new = self._random_step.extend(approach, tree, old, q_rand, self.getRange())
+        outcome, new = self._growth.extend(approach, tree, old, q_rand, self.getRange())
         if outcome is not Extension.TRAPPED:
             approach.measure()
             approach.untried.append(new)
@@ -170,7 +169,7 @@ class SafeJTRRT(SafePlanner):
 
     def _forget(self) -> None:
         self._trees = Approach(self._bridge, self._problem.cost, self.counts, self._goal)
-        self._threshold.reset()
+        self._growth.reset()
         self._margin.reset()
         self._decay.reset()
 

@@ -50,7 +50,7 @@ class NearestNode:
 
     def __init__(self, wraps: BoolArray) -> None:
         self._wraps = np.array(wraps, dtype=bool)
-        self._tree = _room_for(0, len(self._wraps))
+        self.tree = _room_for(0, len(self._wraps))
 
     def find(self, rows: FloatArray, q: FloatArray, alpha: float = 0.0, costs: FloatArray = _NOTHING) -> int:
         """Return the node for `q: (n,)` and α ≥ 0; 0 where there are none.
@@ -58,13 +58,15 @@ class NearestNode:
         `rows: (N, n)`, C-contiguous, and their costs (N,) are those of the last call, and others.
         """
         q = plain(q)
-        if len(rows) <= _FEW:
-            return int(scan(rows, q, self._wraps, alpha, costs))
-        while (found := nearest(rows, q, self._wraps, alpha, costs, self._tree)) < 0:
-            known, self._tree = self._tree, _room_for(2 * len(self._tree.counts) + _FEW, len(q))
-            for old, new in zip(known, self._tree, strict=True):
-                new[: len(old)] = old
+        while (found := nearest(rows, q, self._wraps, alpha, costs, self.tree)) < 0:
+            self.make_room()
         return int(found)
+
+    def make_room(self) -> None:
+        """Make room in the tree for as many nodes again."""
+        known, self.tree = self.tree, _room_for(2 * len(self.tree.counts) + _FEW, len(self._wraps))
+        for old, new in zip(known, self.tree, strict=True):
+            new[: len(old)] = old
 
 
 def _room_for(leaves: int, n: int) -> BoxTree:
@@ -85,9 +87,9 @@ def _distance(rows: FloatArray, node: int, q: FloatArray, wraps: BoolArray) -> f
     return sqrt(total)
 
 
-@compiled
-def scan(rows: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, costs: FloatArray) -> int:
-    """Return argmin ρ + α·cost of all nodes `rows: (N, n)`; costs (N,), or (0,) where α is 0."""
+@part
+def _scan(rows: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, costs: FloatArray) -> int:
+    """Return the same by looking at all nodes."""
     best, least = 0, inf
     for node in range(len(rows)):
         score = _distance(rows, node, q, wraps)
@@ -100,7 +102,12 @@ def scan(rows: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, costs:
 
 @compiled
 def nearest(rows: FloatArray, q: FloatArray, wraps: BoolArray, alpha: float, costs: FloatArray, tree: BoxTree) -> int:
-    """Return what `scan` does, by the tree; put new nodes into it first, −1 if it has no room for them."""
+    """Return argmin ρ + α·cost of all nodes `rows: (N, n)`; costs (N,), or (0,) where α is 0.
+
+    Few nodes are scanned. Many are put into the tree first; −1 if it has no room for them.
+    """
+    if len(rows) <= _FEW:
+        return _scan(rows, q, wraps, alpha, costs)
     for node in range(tree.used[_NODES], len(rows)):
         if tree.used[_LEAVES] >= len(tree.counts):
             return -1

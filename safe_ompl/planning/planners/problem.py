@@ -17,14 +17,11 @@ from safe_ompl.planning.ompl import (
     StateBridge,
     StateCost,
 )
-from safe_ompl.planning.planners.tree import Tree, Trees
+from safe_ompl.planning.planners.tree import Trees
+from safe_ompl.planning.planners.turns import NARROW_PLACE, danger_share, lowered_margin
 from safe_ompl.robot import JointLimits, Robot
 
-_SHARPNESS = 4  # of the decay: easy problems are solved before danger loses weight
-_DANGEROUS = 8  # nodes that are refused before the threshold rises
 _SHARE = 0.8  # of what start and goal keep; with all of it no motion could leave them
-_NARROW = 12  # motions that are refused before the margin falls …
-_FALL = 0.6  # … to this share of itself
 _LEAST = 5e-4  # [m]; below this there is none
 _EXAMINED = 5  # starts, and goals
 _HALVINGS = 5  # of the logarithm of what start and goal keep: to within 15 %
@@ -119,10 +116,14 @@ class DangerWeight:
     @property
     def weight(self) -> float:
         """The weight of danger at present, in length per danger; 0 where danger is ignored."""
-        alpha = self.alpha * self.scale
-        if not alpha:  # the slope need not be known
+        return self.whole_weight * self.scale
+
+    @property
+    def whole_weight(self) -> float:
+        """The weight of danger at a scale of 1."""
+        if not self.alpha:  # the slope need not be known
             return 0.0
-        return alpha / self.slope if self.slope else 0.0
+        return self.alpha / self.slope if self.slope else 0.0
 
     def drawn_weight(self, ignored: float, rng: np.random.Generator) -> float:
         """Return the weight; or none, by chance, in a share `ignored` of the calls."""
@@ -144,73 +145,34 @@ class DangerDecay:
     def __init__(self, danger: DangerWeight) -> None:
         self._danger = danger
         self.half_life = 0.0
-        self._turns = 0
+        self.turns = 0
 
     def reset(self) -> None:
         """Begin anew, with the whole weight."""
-        self._turns = 0
+        self.turns = 0
         self._danger.scale = 1.0
 
     def turn(self, rng: np.random.Generator) -> None:
         """Begin a turn in which danger has its whole weight or, by chance, none."""
-        if self._acts:
+        if self.acts:
             self._danger.scale = float(rng.random() < self._share)
-            self._turns += 1
+            self.turns += 1
 
     def fade(self) -> None:
         """Begin a turn in which danger has a little less weight than in the one before."""
-        if self._acts:
+        if self.acts:
             self._danger.scale = self._share
-            self._turns += 1
+            self.turns += 1
 
     @property
-    def _acts(self) -> bool:
+    def acts(self) -> bool:
+        """Whether there is a decay."""
         return self.half_life > 0 and self._danger.alpha > 0 and not self._danger.cost.is_zero
 
     @property
     def _share(self) -> float:
-        return 1.0 / (1.0 + (self._turns / self.half_life) ** _SHARPNESS)
-
-
-class AdaptiveThreshold:
-    """The paper's CDF_Threshold, made adaptive.
-
-    Its `level` begins with the danger that start or goal force upon every path, and after eight refusals it rises by a
-    share, `rise`, so that no passage stays closed. It acts while danger has weight.
-    """
-
-    def __init__(self, danger: DangerWeight) -> None:
-        self._danger = danger
-        self.rise = 0.0
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin anew."""
-        self.level, self._refusals = 0.0, 0
-
-    @property
-    def acts(self) -> bool:
-        """Whether there is a threshold."""
-        return self.rise > 0 and self._danger.weight > 0
-
-    def ceiling(self, tree: Tree, old: int, trees: Trees) -> float:
-        """Return the larger one of the threshold and the danger of node `old` of a tree: what steps from there keep."""
-        if not self.level:
-            self.level = trees.forced_cost()
-        return max(self.level, float(tree.costs[old]))
-
-    def tolerates(self, cost: float, tree: Tree, old: int, trees: Trees) -> bool:
-        """Return whether a danger is no larger than the ceiling of node `old` of a tree; count a refusal."""
-        if not self.acts or cost <= self.ceiling(tree, old, trees):
-            return True
-        self.refuse()
-        return False
-
-    def refuse(self) -> None:
-        """Count a refusal; every eighth raises the threshold."""
-        self._refusals += 1
-        if self._refusals % _DANGEROUS == 0:
-            self.level *= 1 + self.rise
+        share: float = danger_share.py_func(self.turns, self.half_life)  # type: ignore[attr-defined]
+        return share
 
 
 class Margin:
@@ -222,7 +184,7 @@ class Margin:
     """
 
     def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST) -> None:
-        self._problem, self._danger, self._least = problem, danger, least
+        self._problem, self._danger, self.least = problem, danger, least
         self.largest = 0.0
         # Lower bounds of clearances, with what they are those of: pairs, their revision, and how good they are [m].
         self._source: tuple[PairSet, int, float] | None = None
@@ -233,7 +195,7 @@ class Margin:
         """Begin anew."""
         self.level: float | None = None
         self.allowed = 0.0
-        self._refusals = 0
+        self.refusals = 0
 
     def begin(self, trees: Trees) -> None:
         """Take the margin that starts and goals of trees allow, unless that is known."""
@@ -243,8 +205,8 @@ class Margin:
     def begin_between(self, ends: Sequence[FloatArray]) -> None:
         """Take the margin that one of each of the `ends: (R, n)` allows, unless that is known."""
         if self.is_unknown:
-            self._take(self._allowed_by([Q[:_EXAMINED] for Q in ends if len(Q)]))
-            self.allowed = self.level or 0.0
+            allowed = self._allowed_by([Q[:_EXAMINED] for Q in ends if len(Q)])
+            self.level = self.allowed = allowed if allowed >= self.least else 0.0
 
     @property
     def is_unknown(self) -> bool:
@@ -265,24 +227,16 @@ class Margin:
             self.refuse()
         return False
 
-    @property
-    def falls_next(self) -> bool:
-        """Whether the next refusal lowers the margin."""
-        return self._refusals % _NARROW == _NARROW - 1
-
     def refuse(self) -> None:
         """Count a refusal; every twelfth lowers the margin."""
-        self._refusals += 1
-        if self._refusals % _NARROW == 0:
+        self.refusals += 1
+        if self.refusals % NARROW_PLACE == 0:
             self.lower()
 
     def lower(self) -> None:
         """Lower the margin to 60 %, or to none where little is left."""
         if self.level:
-            self._take(_FALL * self.level)
-
-    def _take(self, level: float) -> None:
-        self.level = level if level >= self._least else 0.0
+            self.level = lowered_margin.py_func(self.level, self.least)  # type: ignore[attr-defined]
 
     def _allowed_by(self, ends: list[FloatArray]) -> float:
         """Return the largest margin [m] that one of each of the `ends: (R, n)` allows; 0 for none."""
@@ -293,7 +247,7 @@ class Margin:
 
         if is_allowed(self.largest):
             return self.largest
-        low, high = self._least, self.largest
+        low, high = self.least, self.largest
         if not is_allowed(low):
             return 0.0
         for _ in range(_HALVINGS):

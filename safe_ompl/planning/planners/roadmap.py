@@ -8,7 +8,8 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.planning.planners.problem import PlanningProblem
-from safe_ompl.planning.planners.tree import ROOT, PlannerGraph, branch
+from safe_ompl.planning.planners.tree import PlannerGraph, branch
+from safe_ompl.planning.planners.turns import ROOT
 
 _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, but they come
 

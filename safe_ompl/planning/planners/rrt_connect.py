@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import count, islice
-from math import sqrt
 from typing import Any
+
+from ompl import base as ob
 
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
-from safe_ompl.planning.planners.extend import Extension, SafeStep, TangentialDescent
-from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin
-from safe_ompl.planning.planners.tree import Tree
-
-_SHORTEST = 0.05  # of a whole step
-_LARGE = 64  # nodes; easy problems are solved before a tree has more
-_IN_A_ROW = 8  # turns of a tree that lags before the other has one
+from safe_ompl.planning.planners.extend import Growth, TangentialDescent
+from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin
+from safe_ompl.planning.planners.turns import GIVEN_UP, GOALS, MET, PAUSE
 
 
 class SafeRRTConnect(SafePlanner):
@@ -70,7 +66,7 @@ class SafeRRTConnect(SafePlanner):
         """No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of
         the more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
         peak of the danger low. 0 for no threshold.""",
-        kept_in="_threshold.rise",
+        kept_in="_growth.rise",
     )
     danger_decay = Parameter(
         100.0,
@@ -91,87 +87,39 @@ class SafeRRTConnect(SafePlanner):
         0, "K: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up."
     )
 
-    _in_a_row: int  # turns of one tree
-
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
-        self._threshold = AdaptiveThreshold(self._danger)
         self._margin = Margin(self._problem, self._danger)
-        self._step = SafeStep(self._problem, self._danger, self._descent, self._threshold, self._margin)
+        self._growth = Growth(self._problem, self._danger, self._descent, self._margin, self._decay)
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        """SAFE_RRT-CONNECT."""
-        tree, other = self._trees.start, self._trees.goal
-        for _ in islice(count(), self.iterations or None):
-            if ptc():
-                break
-            self._take_goals(ptc)
-            self._decay.turn(self._rng)
-            self._margin.begin(self._trees)
-            q_rand = self._problem.random(self._rng)
-            old = self._select(tree, q_rand)
-            outcome, new = self._extend(tree, old, q_rand)
-            if outcome is Extension.TRAPPED and self._is_narrow(tree, old):
-                outcome, new = self._extend(tree, old, self._nearer(tree.configurations[old], q_rand))
-            if outcome is not Extension.TRAPPED:
-                q_new = tree.configurations[new]
-                outcome, met = self._connect(other, self._select(other, q_new), q_new, ptc)
-                if outcome is Extension.REACHED:
-                    return self._trees.path(tree, new, other, met)  # RETURN_PATH
-            if not self._grows_again(tree, other):
-                tree, other = other, tree  # SWAP
+        """SAFE_RRT-CONNECT: turns of the trees until they meet."""
+        trees, growth = self._trees, self._growth
+        self._margin.begin(trees)
+        growth.begin(self._rng, self.getRange(), self.nearest_fraction, self.iterations or -1)
+        asked = PAUSE
+        while asked != GIVEN_UP and not ptc():
+            asked = growth.go_on(trees, self._enough_nodes)
+            if asked == GOALS:
+                self._take_goals(ptc)
+            elif asked == MET:
+                return trees.path(*growth.met(trees))  # RETURN_PATH
         return None
-
-    def _select(self, tree: Tree, q: FloatArray) -> int:
-        """Return argmin of ρ(node, q) + α·CDF(node)."""
-        return tree.best(q, self._danger.drawn_weight(self.nearest_fraction, self._rng))
-
-    def _extend(self, tree: Tree, old: int, target: FloatArray) -> tuple[Extension, int]:
-        """EXTEND: one step of at most the range from node `old` towards `target`."""
-        return self._step.extend(self._trees, tree, old, target, self.getRange())
-
-    def _connect(self, tree: Tree, node: int, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
-        """CONNECT: extend until the target is reached, the tree is trapped, or `ptc` fires."""
-        outcome = Extension.ADVANCED
-        while outcome is Extension.ADVANCED and not ptc():
-            outcome, node = self._extend(tree, node, target)
-        return outcome, node
-
-    def _is_narrow(self, tree: Tree, node: int) -> bool:
-        """Note that a step from a node was trapped; return whether a shorter one is to be tried now.
-
-        Short steps lead out of narrow places; elsewhere they would double the checks and make for paths that graze
-        obstacles. So while danger has weight only nodes whose last step was trapped, too, get one.
-        """
-        was_trapped = node in tree.trapped
-        tree.trapped.add(node)
-        return was_trapped or not self._danger.weight
-
-    def _nearer(self, q: FloatArray, target: FloatArray) -> FloatArray:
-        """Return a configuration (n,) on the way to a target, log-uniformly nearer than a whole step."""
-        delta = self._bridge.difference(q, target)
-        length = sqrt(delta @ delta)
-        step = _SHORTEST ** self._rng.random() * min(length, self.getRange())
-        return self._bridge.inside(q + (step / length) * delta) if length else q
-
-    def _grows_again(self, tree: Tree, other: Tree) -> bool:
-        """Return whether the tree that had this turn has the next one, too: it may be in a narrow place.
-
-        The larger tree keeps some of the turns: the smaller one may be enclosed, and more nodes let in more goals.
-        """
-        lags = len(other) > max(_LARGE, len(tree))
-        again = lags and self._in_a_row < _IN_A_ROW
-        self._in_a_row = self._in_a_row + 1 if again else 1
-        return again
 
     def _prepare(self) -> None:
         self._danger.prepare()
 
     def _forget(self) -> None:
         super()._forget()
-        self._threshold.reset()
+        self._growth.reset()
         self._margin.reset()
         self._decay.reset()
-        self._in_a_row = 1
+
+
+def ask_for_turns() -> None:
+    """Call what turns need."""
+    planner = SafeRRTConnect(ob.SpaceInformation(ob.RealVectorStateSpace(2)))
+    planner._growth.begin(planner._rng, planner.getRange(), 0.0, 0)
+    planner._growth.go_on(planner._trees)

@@ -10,8 +10,9 @@ from ompl import base as ob
 from safe_ompl.common import Counts, FloatArray, IntArray
 from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners.nearest import NearestNode
+from safe_ompl.planning.planners.turns import NARROW, PRICED, ROOT, SIZE, SLOPED, Nodes
 
-ROOT = -1
+_ROOM = 64  # nodes, at first
 
 
 def branch(parents: IntArray, node: int) -> list[int]:
@@ -26,33 +27,27 @@ def branch(parents: IntArray, node: int) -> list[int]:
 class Tree:
     """Configurations as rows of one array, each with the index of its parent; edges are driven from or to the start.
 
-    Costs are evaluated when they are first asked for, all new nodes in one batch. `trapped` are the nodes whose last
-    step was trapped.
+    Costs are evaluated when they are first asked for, all new nodes in one batch. Kernels add to the `arrays`, too.
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, *, from_start: bool = True) -> None:
         self.from_start, self._cost = from_start, cost
-        self._rows: FloatArray = np.empty((64, bridge.n))
-        self._parents: IntArray = np.empty(64, dtype=np.intp)
-        self._costs: FloatArray = np.full(64, np.nan)  # NaN: not evaluated yet
-        self._gradients: dict[int, FloatArray] = {}
-        self.trapped: set[int] = set()
-        self._nearest = NearestNode(bridge.circular)
-        self._size = 0
-        self._asked = 0  # nodes whose costs are known
+        rows, parents, costs = np.empty((_ROOM, bridge.n)), np.empty(_ROOM, np.intp), np.empty(_ROOM)
+        self.arrays = Nodes(rows, parents, costs, rows.copy(), np.empty((_ROOM, 2), bool), np.zeros(2, np.intp))
+        self.nearest = NearestNode(bridge.circular)
 
     def __len__(self) -> int:
-        return self._size
+        return int(self.arrays.used[SIZE])
 
     @property
     def configurations(self) -> FloatArray:
         """The nodes (N, n)."""
-        return self._rows[: self._size]
+        return self.arrays.rows[: len(self)]
 
     @property
     def parents(self) -> IntArray:
         """For each node the index of its parent (N,); -1 for roots."""
-        return self._parents[: self._size]
+        return self.arrays.parents[: len(self)]
 
     @property
     def roots(self) -> FloatArray:
@@ -63,35 +58,48 @@ class Tree:
     @property
     def costs(self) -> FloatArray:
         """The cost of each node (N,)."""
-        if self._asked < self._size:
-            new = self._asked + np.flatnonzero(np.isnan(self._costs[self._asked : self._size]))
+        used = self.arrays.used
+        costs: FloatArray = self.arrays.costs[: len(self)]
+        if used[PRICED] < used[SIZE]:
+            new = used[PRICED] + np.flatnonzero(np.isnan(costs[used[PRICED] :]))
             if len(new):
-                self._costs[new] = self._cost.values(self._rows[new])
-            self._asked = self._size
-        return self._costs[: self._size]
+                costs[new] = self._cost.values(self.arrays.rows[new])
+            used[PRICED] = used[SIZE]
+        return costs
 
     def gradient(self, node: int) -> FloatArray:
         """Return the gradient (n,) of the cost at `node`; only for costs with gradients."""
-        if node not in self._gradients:
-            value, self._gradients[node] = self._cost.value_and_gradient(self._rows[node])
-            if np.isnan(self._costs[node]):
-                self._costs[node] = value
-        return self._gradients[node]
+        rows, _, costs, gradients, marks, _ = self.arrays
+        if not marks[node, SLOPED]:
+            value, gradients[node] = self._cost.value_and_gradient(rows[node])
+            marks[node, SLOPED] = True
+            if np.isnan(costs[node]):
+                costs[node] = value
+        gradient: FloatArray = gradients[node]
+        return gradient
 
-    def add(self, q: FloatArray, parent: int = ROOT, cost: float = np.nan, gradient: FloatArray | None = None) -> int:
-        """Append the configuration `q: (n,)`, with what is known of its cost, and return its index."""
-        if self._size == len(self._rows):
-            self._rows = np.resize(self._rows, (2 * self._size, self._rows.shape[1]))
-            self._parents = np.resize(self._parents, 2 * self._size)
-            self._costs = np.concatenate([self._costs, np.full_like(self._costs, np.nan)])
-        self._rows[self._size] = q
-        self._parents[self._size] = parent
-        self.trapped.discard(parent)
-        self._costs[self._size] = cost
-        if gradient is not None:
-            self._gradients[self._size] = gradient
-        self._size += 1
-        return self._size - 1
+    def add(self, q: FloatArray, parent: int = ROOT) -> int:
+        """Append the configuration `q: (n,)` and return its index."""
+        node = len(self)
+        if node == len(self.arrays.rows):
+            self.make_room()
+        rows, parents, costs, _, marks, used = self.arrays
+        rows[node], parents[node], costs[node], marks[node] = q, parent, np.nan, False
+        if parent != ROOT:
+            marks[parent, NARROW] = False
+        used[SIZE] = node + 1
+        return node
+
+    def make_room(self) -> None:
+        """Make room where there is none: for as many nodes again, or where the nearest is looked for."""
+        *arrays, used = self.arrays
+        if used[SIZE] < len(arrays[0]):
+            self.nearest.make_room()
+        else:
+            wider = [np.empty((2 * len(each), *each.shape[1:]), each.dtype) for each in arrays]
+            for old, new in zip(arrays, wider, strict=True):
+                new[: len(old)] = old
+            self.arrays = Nodes._make([*wider, used])
 
     def add_root(self, q: FloatArray) -> None:
         """Add a start or goal configuration (n,)."""
@@ -104,8 +112,8 @@ class Tree:
     def best(self, q: FloatArray, alpha: float) -> int:
         """Return argmin of ρ(node, q) + α·cost(node); the nearest node for α = 0."""
         if alpha:
-            return self._nearest.find(self.configurations, q, alpha, self.costs)
-        return self._nearest.find(self.configurations, q)
+            return self.nearest.find(self.configurations, q, alpha, self.costs)
+        return self.nearest.find(self.configurations, q)
 
     def as_driven(self, near: FloatArray, far: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the ends of an edge, `near` the root and `far` from it, in the order in which a path drives them."""
@@ -113,7 +121,7 @@ class Tree:
 
     def branch(self, node: int) -> FloatArray:
         """Return the configurations (k, n) from the root to `node`."""
-        return self.configurations[branch(self._parents, node)]
+        return self.configurations[branch(self.parents, node)]
 
 
 class SearchTree(Protocol):
@@ -172,30 +180,22 @@ class TwoTrees(Generic[AnyTree]):
 
 
 class Trees(TwoTrees[Tree]):
-    """Two trees that are to meet, and how many candidates were refused as `blocked`, and as too `dangerous`."""
+    """Two trees that are to meet; `counts` counts their nodes."""
 
     def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts) -> None:
         super().__init__(Tree(bridge, cost, from_start=True), Tree(bridge, cost, from_start=False))
-        self.blocked = self.dangerous = 0
-        self._counts = counts
+        self.counts = counts
 
-    def add(
-        self, tree: Tree, q: FloatArray, parent: int, cost: float = np.nan, gradient: FloatArray | None = None
-    ) -> int:
+    def add(self, tree: Tree, q: FloatArray, parent: int) -> int:
         """Add a node to one of the trees, as `Tree.add`, and count it."""
-        self._counts.nodes += 1
-        return tree.add(q, parent, cost, gradient)
+        self.counts.nodes += 1
+        return tree.add(q, parent)
 
     def path(self, tree: Tree, node: int, other: Tree, met: int) -> FloatArray:
         """Return the two branches (N, n), from start to goal; the configuration where they meet counts once."""
         if not tree.from_start:
             tree, node, other, met = other, met, tree, node
         return np.concatenate([tree.branch(node), other.branch(met)[-2::-1]])
-
-    def forced_cost(self) -> float:
-        """Return the cost that no path can avoid: of the cheapest start or the cheapest goal, whichever is dearer."""
-        roots = (tree.costs[tree.parents == ROOT] for tree in (self.start, self.goal))
-        return max(float(costs.min()) for costs in roots if len(costs))
 
 
 class PlannerGraph(NamedTuple):

@@ -20,6 +20,7 @@ from safe_ompl.common import BoolArray, FloatArray, caller, compiled, part
 __all__ = [
     "JOINT",
     "KEYPOINT",
+    "bounded",
     "descend",
     "joint_frames",
     "keypoint_motions",
@@ -319,8 +320,14 @@ def descend(
         return False
     for i in range(n):
         q = step[0, i] - (reach * min(1.0, steepness) / steepness) * step[1, i]
-        step[1, i] = (q + pi) % _ROUND - pi if wraps[i] else min(max(q, lower[i]), upper[i])
+        step[1, i] = bounded(q, lower[i], upper[i], wraps[i])
     return True
+
+
+@part
+def bounded(value: float, lower: float, upper: float, wraps: bool) -> float:
+    """Return the value of a joint within its bounds that is nearest; in [−π, π) if it wraps."""
+    return (value + pi) % _ROUND - pi if wraps else min(max(value, lower), upper)
 
 
 @part

@@ -1,22 +1,23 @@
-"""Parts that planners share: steps in kernels and composed; danger's weight, decay and threshold; the margin."""
+"""Parts that planners share: turns in a kernel, and what it asks; danger's weight, decay and threshold; the margin."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from safe_ompl import Box, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
+from safe_ompl import Box, DangerObjective, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
 from safe_ompl.common import Counts
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import CertifiedMotionValidator
-from safe_ompl.planning.planners import extend
-from safe_ompl.planning.planners.problem import AdaptiveThreshold, DangerDecay, DangerWeight, Margin, PlanningProblem
+from safe_ompl.planning.planners import extend, turns
+from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
+from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import Trees
 from safe_ompl.scene import find_scenario
 
 PLANNERS = ["SafeRRTConnect", "ClassicRRTConnect"]
 
-# ---------------------------------------------------------------------------- a step in a kernel, and composed
+# -------------------------------------------------------------------------- turns in a kernel, and what it asks
 
 
 class AnyValidator(CertifiedMotionValidator):
@@ -34,23 +35,21 @@ def planned(setup, planner, seed):
     setup.prepare(planner, seed)
     if planner == "SafeRRTConnect":
         setup.getPlanner().setClearance(0.0)
-    before = replace(setup.counts)
     assert setup.solve(30.0)
-    return setup.solution(), (setup.counts - before).nodes
+    return setup.solution(), setup.getPlanner().counts.nodes
 
 
 @pytest.fixture
-def taken(monkeypatch):
-    """Return the outcomes of all steps that a kernel took."""
-    outcomes, take_step = [], extend.take_step
+def asked(monkeypatch):
+    """Return all that the kernel asked for."""
+    asked, take_turns = [], extend.take_turns
 
     def noted(*args):
-        found = take_step(*args)
-        outcomes.append(found[0])
-        return found
+        asked.append(take_turns(*args))
+        return asked[-1]
 
-    monkeypatch.setattr(extend, "take_step", noted)
-    return outcomes
+    monkeypatch.setattr(extend, "take_turns", noted)
+    return asked
 
 
 def wrapping_setup(robot, clutter):
@@ -62,24 +61,51 @@ def wrapping_setup(robot, clutter):
 
 
 @pytest.mark.parametrize("problem", ["planar2", "panda_shelf", "ur5_handover", "joints that wrap"])
-def test_paths_are_those_of_a_validator_of_ones_own(problem, kinova, clutter, taken):
+def test_paths_are_those_of_a_validator_of_ones_own(problem, kinova, clutter, asked):
     wraps = problem == "joints that wrap"
     setup = wrapping_setup(kinova, clutter) if wraps else setup_scenario(Scenario.load(find_scenario(problem)))
     si = setup.getSpaceInformation()
-    asked = AnyValidator(si, setup.checker)
+    validator = AnyValidator(si, setup.checker)
     runs = [(planner, seed) for planner in PLANNERS for seed in range(3)]
     at_once = [planned(setup, *run) for run in runs]
-    assert {extend.ADVANCED, extend.REACHED} <= set(taken)
-    taken.clear()
-    setup.validator = asked
-    si.setMotionValidator(asked)
+    assert asked.count(turns.MET) == len(runs)
+    undecided = asked.count(turns.MOTION)
+    setup.validator = validator
+    si.setMotionValidator(validator)
+    asked.clear()
     for run, (path, nodes) in zip(runs, at_once, strict=True):
-        before = asked.asked
-        composed, as_many = planned(setup, *run)
-        assert nodes == as_many
-        assert asked.asked > before
-        assert np.array_equal(path, composed)
-    assert not taken, "no kernel is asked"
+        of_ones_own, as_many = planned(setup, *run)
+        assert nodes == as_many > 0
+        assert np.array_equal(path, of_ones_own)
+    assert asked.count(turns.MOTION) == validator.asked > undecided
+
+
+class AnyObjective(DangerObjective):
+    """Not the class itself, so the kernel does not compute it."""
+
+
+def test_paths_are_those_of_an_objective_of_ones_own(asked):
+    shelf = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
+    field = shelf.getProblemDefinition().getOptimizationObjective().field
+    before = planned(shelf, "SafeRRTConnect", 0)
+    assert not {turns.COST, turns.COSTS, turns.GRADIENT} & {*asked}
+    shelf.setOptimizationObjective(AnyObjective(shelf.getSpaceInformation(), field))
+    of_ones_own = planned(shelf, "SafeRRTConnect", 0)
+    assert {turns.COST, turns.COSTS, turns.GRADIENT} <= {*asked}
+    assert np.array_equal(before[0], of_ones_own[0])
+    assert before[1] == of_ones_own[1] > 0
+
+
+@pytest.mark.parametrize("pause", [1, 7])
+def test_a_path_does_not_depend_on_how_often_the_clock_is_looked_at(pause, shelf, monkeypatch):
+    runs = [(planner, seed) for planner in PLANNERS for seed in range(3)]
+    before = [planned(shelf, *run) for run in runs]
+    monkeypatch.setattr(extend, "_STEPS", pause)
+    monkeypatch.setattr(extend, "_DRAWS", 10 * pause)
+    for run, (path, nodes) in zip(runs, before, strict=True):
+        again, as_many = planned(shelf, *run)
+        assert nodes == as_many > 0
+        assert np.array_equal(path, again)
 
 
 def test_motions_are_free_that_the_motion_validator_calls_free(ur5):
@@ -135,18 +161,24 @@ def test_danger_fades_to_half_and_to_next_to_nothing_or_turn_by_turn(danger, hal
 
 
 def test_the_threshold_begins_with_the_danger_of_the_ends_and_rises_after_eight_refusals(plane, danger):
-    threshold, trees = AdaptiveThreshold(danger), Trees(plane.bridge, plane.cost, Counts())
-    trees.add_start(np.array([-0.8, 0.0]))
-    trees.add_goal(np.array([0.5, 0.0]))
-    forced = float(trees.goal.costs[0])
-    assert threshold.tolerates(2 * forced, trees.start, 0, trees), "there is none"
-    threshold.rise = 0.1
-    assert threshold.tolerates(forced, trees.start, 0, trees)
+    growth = Growth(plane, danger, TangentialDescent(plane.bridge, danger), Margin(plane, danger))
+
+    def step(trees):  # to where it is a little more dangerous than at the goal
+        return growth.extend(trees, trees.start, 0, np.array([0.0, 0.0]), 0.31)[0]
+
+    def two_trees():
+        growth.reset()
+        trees = Trees(plane.bridge, plane.cost, Counts())
+        trees.add_start(np.array([-0.8, 0.0]))
+        trees.add_goal(np.array([0.5, 0.0]))
+        return trees
+
+    assert step(two_trees()) is Extension.ADVANCED, "there is none"
+    growth.rise, trees = 0.1, two_trees()
     for _ in range(8):
-        assert threshold.level == forced
-        assert not threshold.tolerates(1.05 * forced, trees.start, 0, trees)
-    assert threshold.level == pytest.approx(1.1 * forced)
-    assert threshold.tolerates(1.05 * forced, trees.start, 0, trees)
+        assert step(trees) is Extension.TRAPPED
+    assert step(trees) is Extension.ADVANCED
+    assert 1.0 < trees.start.costs[1] / trees.goal.costs[0] < 1.1
 
 
 # ------------------------------------------------------------------------------------------------------- margin
