@@ -12,7 +12,11 @@ if TYPE_CHECKING:
     from safe_ompl.collision.checker import Clearance as Clearance, CollisionChecker as CollisionChecker
     from safe_ompl.collision.distances import PairDistances as PairDistances, Witnesses as Witnesses
     from safe_ompl.collision.kernels.distances import hinge_costs as hinge_costs
-    from safe_ompl.collision.kernels.proofs import EdgeTables as EdgeTables, prove_curve as prove_curve
+    from safe_ompl.collision.kernels.proofs import (
+        EdgeTables as EdgeTables,
+        prove_curve as prove_curve,
+        prove_edge as prove_edge,
+    )
     from safe_ompl.collision.motion import (
         FLOOR as FLOOR,
         MotionLimit as MotionLimit,
@@ -20,12 +24,7 @@ if TYPE_CHECKING:
         MotionVerdict as MotionVerdict,
         Verdict as Verdict,
     )
-    from safe_ompl.collision.pairs import (
-        ALLOWANCE as ALLOWANCE,
-        DistanceBounds as DistanceBounds,
-        PairSet as PairSet,
-        edge_memory as edge_memory,
-    )
+    from safe_ompl.collision.pairs import ALLOWANCE as ALLOWANCE, DistanceBounds as DistanceBounds, PairSet as PairSet
     from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR, fresh_data as fresh_data
     from safe_ompl.collision.self_filter import robot_points as robot_points, without_robot as without_robot
     from safe_ompl.collision.separation import (

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.pairs import BoundsProof, Curve, edge_memory
+from safe_ompl.collision.kernels.proofs import EdgeTables
+from safe_ompl.collision.pairs import BoundsProof, Curve
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
 from safe_ompl.common import (
     BoolArray,
@@ -179,14 +180,13 @@ class MotionProver:
                 free[k] = self.is_free(starts[k], ends[k])
         return free
 
-    def edge_tables(self) -> tuple[Any, ...] | None:
-        """Return `DistanceBounds.edge_tables` of this prover, and memory after them; None where nothing is bounded.
+    def edge_tables(self) -> EdgeTables | None:
+        """Return `DistanceBounds.edge_tables` of this prover; None where nothing is bounded.
 
         What they prove free is so where there are no `limits`; what they refuse is blocked in any case.
         """
-        required, limits = self.required, self._joint_limits
-        tables = required.pairs.bounds.edge_tables(limits, required.allowed_for, self.floor)
-        return tables and tables + edge_memory(len(limits.tables[0]), len(required.pairs.bodies))
+        required = self.required
+        return required.pairs.bounds.edge_tables(self._joint_limits, required.allowed_for, self.floor)
 
     def proven_by_bounds(self, curves: FloatArray) -> BoolArray:
         """Return for motions as `check_curve` takes them, finite (E, d + 1, n), whether bounds of distances prove them.

@@ -139,12 +139,11 @@ class DistanceBounds:
             return None
         return self._proof(edge, required, floor) if self._bounded else _UNKNOWN
 
-    def edge_tables(self, limits: JointLimits) -> EdgeTables | None:
-        """Return what `lay_edge` and `prove_curve` need for what `prove_edge` does; None where nothing is bounded.
-
-        Whoever calls the kernels counts the places that they look at.
-        """
-        return EdgeTables(*self._data, *limits.tables) if self._bounded else None
+    def edge_tables(self, limits: JointLimits, required: FloatArray, floor: float) -> EdgeTables | None:
+        """Return what the kernel `prove_edge` needs, which does not count its places; None where nothing is bounded."""
+        (joints, shapes, pairs), (edge, left, suspects) = self._data, edge_memory(*self._data[2].radii.shape)
+        tables = EdgeTables(joints, shapes, pairs, *limits.tables, required, floor, edge, left, suspects)
+        return tables if self._bounded else None
 
     def _proof(self, coefficients: FloatArray, required: FloatArray, floor: float) -> BoundsProof:
         """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""

@@ -6,17 +6,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import compress, pairwise
 from math import inf, sqrt
-from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision import MotionProver, prove_curve
+from safe_ompl.collision import EdgeTables, MotionProver, prove_edge
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, caller, compiled
 from safe_ompl.danger import DangerField
 from safe_ompl.paths.cost import ObstacleCost, PathCost, chained
 from safe_ompl.paths.measures import arc_lengths
 from safe_ompl.robot import StepLimits, plain
-from safe_ompl.robot.kernels import lay_edge
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
@@ -74,7 +72,7 @@ class EdgeProofs:
             tables = motion.edge_tables()
             if tables is None:
                 return chained(costs)
-            before, places = _weeded(costs, known, most, plain(path), *tables)
+            before, places = _weeded(costs, known, most, plain(path), tables)
         motion.checker.counts.bound_queries += places
         if not motion.limits:
             first, last = np.nonzero(known == _PROVEN)
@@ -276,14 +274,11 @@ _LOOKED_AT, _PROVEN = 1, 2
 
 @caller
 def _weeded(
-    costs: FloatArray, known: IntArray, most: float, path: FloatArray, joints: Any, bodies: Any, starts: IntArray,
-    vertices: FloatArray, pair_bodies: IntArray, radii: FloatArray, reaches: FloatArray, certain: FloatArray,
-    coupling: FloatArray, limits: FloatArray, required: FloatArray, floor: float, edge: FloatArray, left: FloatArray,
-    suspects: IntArray,
-) -> tuple[IntArray, int]:  # fmt: skip
+    costs: FloatArray, known: IntArray, most: float, path: FloatArray, tables: EdgeTables
+) -> tuple[IntArray, int]:
     """Return what `EdgeProofs.chained` does, and at how many places of edges bounds were looked at.
 
-    Edges that are looked at become `known`, as proven ones, if they are. All after `path` is of `edge_tables`.
+    Edges that are looked at become `known`, as proven ones, if they are.
     """
     places = 0
     while True:
@@ -295,13 +290,9 @@ def _weeded(
         while j > 0:
             i = before[j]
             if known[i, j] == 0:
-                number, known[i, j] = -1, _LOOKED_AT
-                if lay_edge(path[i], path[j], coupling, limits, edge):
-                    number, _, looked = prove_curve(
-                        joints, bodies, starts, vertices, pair_bodies, radii, reaches, certain, edge, required, floor,
-                        left, suspects,
-                    )  # fmt: skip
-                    places += looked
+                known[i, j] = _LOOKED_AT
+                number, looked = prove_edge(path[i], path[j], tables)
+                places += looked
                 if number == 0:
                     known[i, j] = _PROVEN
                 elif number < 0:

@@ -21,7 +21,6 @@ from safe_ompl.collision import (
     TipBounds,
     ToolLimit,
     ToolOrientation,
-    edge_memory,
     prove_curve,
 )
 from safe_ompl.common import Counts, FloatArray, InputError, compile_together, finite_array, instance, number
@@ -384,9 +383,9 @@ def ask_for_danger() -> None:
 
 def ask_for_edges() -> None:
     """Call what the proof of an edge needs that no pair of bodies is near."""
-    tables, (edge, left, suspects) = EdgeTables.of_nothing(), edge_memory(0, 0)
-    lay_edge(edge[0], edge[0], tables.coupling, tables.limits, edge)
-    arguments: Any = tables.joints, *tables.shapes, *tables.pairs, edge, edge[0], _ANY_LENGTH, left, suspects
+    nothing = EdgeTables.of_nothing()
+    lay_edge(nothing.required, nothing.required, nothing.coupling, nothing.limits, nothing.edge)
+    arguments: Any = nothing.joints, *nothing.shapes, *nothing.pairs, nothing.edge, *nothing[5:7], *nothing[8:]
     prove_curve(*arguments)
 
 

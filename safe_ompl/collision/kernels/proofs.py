@@ -34,7 +34,7 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, part
 from safe_ompl.geometry.kernels import BODY, POSE, Records, Shapes, begin_axis, distance_bounds, from_box, place_bodies
-from safe_ompl.robot.kernels import JOINT, place_joints
+from safe_ompl.robot.kernels import JOINT, lay_edge, place_joints
 
 _NEAR = 0.05  # [m] by which bodies approach at most while a slab is followed: else too many pairs would be near
 _ROUNDING = 1e-12  # of the length of an interval, and of rates
@@ -55,21 +55,27 @@ class Pairs(NamedTuple):
 
 
 class EdgeTables(NamedTuple):
-    """What `lay_edge` and `prove_curve` need: joints, bodies, and pairs of these; coupling (m, 4) and limits (2, n)."""
+    """What `prove_edge` needs: what `lay_edge` and `prove_curve` do, in this order."""
 
     joints: Any
     shapes: Shapes
     pairs: Pairs
     coupling: FloatArray
     limits: FloatArray
+    required: FloatArray
+    floor: float
+    edge: FloatArray
+    left: FloatArray
+    suspects: IntArray
 
     @classmethod
     def of_nothing(cls) -> EdgeTables:
         """Return what kernels are given where nothing is to be proven."""
         numbers: IntArray = np.zeros((0, 2), np.intp)
-        reals: FloatArray = np.zeros((0, 0))
-        shapes = Shapes(np.zeros(0, BODY), numbers.ravel(), reals)
-        return cls(np.zeros(0, JOINT), shapes, Pairs(numbers, reals, reals, reals.ravel()), reals, reals)
+        none, edge = np.zeros((0, 0)), np.zeros((2, 0))
+        shapes = Shapes(np.zeros(0, BODY), numbers.ravel(), none)
+        pairs = Pairs(numbers, none, none, edge[0])
+        return cls(np.zeros(0, JOINT), shapes, pairs, none, edge, edge[0], 1.0, edge, np.zeros((1, 2)), numbers.ravel())
 
 
 class _Place(NamedTuple):
@@ -354,6 +360,22 @@ def prove_curve(
                 left[number, 0], left[number, 1] = (low, t - before) if earlier else (t + after, high)
                 number += 1
     return 0, -1.0, places
+
+
+@part
+def prove_edge(start: FloatArray, end: FloatArray, tables: EdgeTables) -> tuple[int, int]:
+    """Return what `prove_curve` says of the straight motion between two configurations (n,): number, and places.
+
+    −1 is also said where one of them is not within the limits.
+    """
+    if not lay_edge(start, end, tables.coupling, tables.limits, tables.edge):
+        return -1, 0
+    shapes, pairs = tables.shapes, tables.pairs
+    number, _, places = prove_curve(
+        tables.joints, shapes.bodies, shapes.starts, shapes.vertices, pairs.bodies, pairs.radii, pairs.reaches,
+        pairs.certain, tables.edge, tables.required, tables.floor, tables.left, tables.suspects,
+    )  # fmt: skip
+    return number, places
 
 
 @caller

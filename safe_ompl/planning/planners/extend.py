@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision import DistanceBounds, EdgeTables, MotionProver, RequiredDistances, edge_memory
+from safe_ompl.collision import DistanceBounds, EdgeTables, MotionProver, RequiredDistances
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import PointDanger
@@ -25,7 +25,7 @@ from safe_ompl.robot.kernels import descend, steer
 _STEPS = 40  # between two looks at the clock: some ms, beside which the call of the kernel takes little
 _DRAWS = 1000  # random numbers that are drawn at once
 _NO_DANGER = PointDanger.of_nothing()
-_NO_PROOFS = Proofs(EdgeTables.of_nothing(), np.empty(0), np.empty(0, bool), np.empty(0), *edge_memory(0, 0))
+_NO_PROOFS = Proofs(EdgeTables.of_nothing(), np.empty(0), np.empty(0, bool))
 _POINTS = 8  # at which the danger of a straight motion is evaluated
 
 
@@ -209,13 +209,10 @@ class Growth:
         required, changes = motion.required, motion.checker.changes
         done, bounds, known = changes.done, required.pairs.bounds, self._known
         if known is None or known[0] is not required or known[1] is not bounds:
-            tables, proofs = bounds.edge_tables(self.problem.limits_of(motion)), None
-            if tables is not None and not motion.limits:
-                memory = edge_memory(len(tables.coupling), len(required.least))
-                least, meets = required.least.copy(), required.pairs.meets_obstacle.copy()
-                proofs = Proofs(tables, least, meets, np.empty_like(least), *memory)
+            limits, least, meets = self.problem.limits_of(motion), required.least, required.pairs.meets_obstacle
+            tables = None if motion.limits else bounds.edge_tables(limits, np.empty_like(least), motion.floor)
+            proofs = None if tables is None else Proofs(tables, least.copy(), meets.copy())
             known = self._known = required, bounds, proofs
-        self._search["floor"] = motion.floor
         return known[2] if changes.begun == done else None
 
     def _point_danger(self, field: DangerField) -> PointDanger | None:

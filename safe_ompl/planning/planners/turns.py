@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import ALLOWANCE, EdgeTables, prove_curve
+from safe_ompl.collision import ALLOWANCE, EdgeTables, prove_edge
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, maker, part
 from safe_ompl.danger.kernels import PointDanger, dangers
 from safe_ompl.planning.planners.nearest import BoxTree, nearest
-from safe_ompl.robot.kernels import bounded, descend, lay_edge, steer, way
+from safe_ompl.robot.kernels import bounded, descend, steer, way
 
 _SHARPNESS = 4  # of the decay: easy problems are solved before danger loses weight
 NARROW_PLACE = 12  # motions that are refused before the margin falls …
@@ -50,7 +50,7 @@ _REALS = (
     *("range", "ignored", "half_life"),  # [rad]; share of the choices without danger; of the decay
     *("alpha", "scale", "slope", "share"),  # see `DangerWeight` and `TangentialDescent`
     *("rise", "level", "ceiling"),  # of the threshold
-    *("margin", "least_margin", "kept", "floor"),  # [m]; `kept` is the margin that the required distances are for
+    *("margin", "least_margin", "kept"),  # [m]; `kept` is the margin that the required distances are for
     *("weight", "length", "cost"),  # of danger in a choice; of a step: how far its target is, and its danger
 )
 SEARCH = np.dtype([(name, np.int64) for name in _NUMBERS] + [(name, np.float64) for name in _REALS], align=True)
@@ -76,15 +76,11 @@ class Space(NamedTuple):
 
 
 class Proofs(NamedTuple):
-    """What proofs of edges need: distances (P,) that pairs must keep, which pairs meet obstacles, and memory."""
+    """What proofs need: tables, distances (P,) that pairs must keep without a margin, and which meet obstacles."""
 
     tables: EdgeTables
     least: FloatArray
     meets: BoolArray
-    required: FloatArray
-    edge: FloatArray
-    left: FloatArray
-    suspects: IntArray
 
 
 class Step(NamedTuple):
@@ -331,19 +327,12 @@ def _proof(s: Any, q: FloatArray, new: FloatArray, proofs: Proofs) -> int:
     if s.kept != margin:
         for p in range(len(proofs.least)):
             least = proofs.least[p]
-            proofs.required[p] = (max(least, margin) if proofs.meets[p] else least) + ALLOWANCE
+            proofs.tables.required[p] = (max(least, margin) if proofs.meets[p] else least) + ALLOWANCE
         s.kept = margin
-    tables = proofs.tables
     start, end = (q, new) if s.side == 0 else (new, q)  # as it is driven
-    if not lay_edge(start, end, tables.coupling, tables.limits, proofs.edge):
-        return -1
-    shapes, pairs = tables.shapes, tables.pairs
-    number, _, places = prove_curve(
-        tables.joints, shapes.bodies, shapes.starts, shapes.vertices, pairs.bodies, pairs.radii, pairs.reaches,
-        pairs.certain, proofs.edge, proofs.required, s.floor, proofs.left, proofs.suspects,
-    )  # fmt: skip
+    number, places = prove_edge(start, end, proofs.tables)
     s.places += places
-    return int(number)
+    return number
 
 
 @part
