@@ -21,9 +21,11 @@ from bench._harness import Report
 from bench._scenes import ACCELERATIONS
 from bench.live import HANDS, StopAndGo, places, situations, to_and_fro
 from safe_ompl import Box, Obstacle, People, RateLimits, Replanner, Scenario, Surroundings, Tracker
-from safe_ompl.people import DepthCamera, OccupancyGrid, OccupancyOptions, Recording, TrackedBody, looking
+from safe_ompl.common import FloatArray
+from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOptions, Recording, TrackedBody, looking
 from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation import Drifting, Faults, Playback, SightedSimulation, Simulation
+from safe_ompl.people.simulation.movers import part_solids
 from safe_ompl.scene import find_scenario
 from safe_ompl.view import DepthRenderer
 
@@ -34,6 +36,7 @@ _LATENCY = 0.4  # of a tick
 _FLOOR = -0.76  # [m]
 _PLACES = 20
 _BOXES = 3
+_CLOUD = 100_000  # points
 _SIZE = (640, 480)
 _FOCAL, _BLOCK = 337.0, 4  # [px]
 # Where cameras are, and where they look [m].
@@ -128,6 +131,43 @@ def drive(
     return found
 
 
+def ingest(ticks: int) -> list[tuple[Any, ...]]:
+    """Return how long one, two and three images, and clouds of `_CLOUD` points, take to ingest [ms]: 50 and 99 %."""
+    scenario, eyes, rng = Scenario.load(find_scenario("panda_shelf")), cameras(_SIZE[0]), np.random.default_rng(0)
+    robot, still = scenario.build_robot(), scenario.scene.without("operator")
+    start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
+    look = DepthRenderer(robot, still, eyes, _FLOOR)
+    box, shape, frames, rows = boxes(0)["box0"], Box((0.12, 0.2, 0.16)), [], []
+    for k in range(ticks):
+        now, q = k * TICK, start + k / ticks * (goal - start)
+        seen = look.see(q, part_solids("box", shape, box.at(now)), eyes)
+        frames.append((now, q, seen, {name: cloud(depths, eyes[name], rng) for name, depths in seen.items()}))
+    for kind in ("image", "cloud"):
+        for count in range(1 + len(eyes)):
+            names, took = list(eyes)[:count] or list(eyes), []  # all of them first, to compile
+            options = OccupancyOptions(speed=SPEED, clear=2.0)
+            grid = OccupancyGrid(robot, still, {name: eyes[name] for name in names}, options)
+            for now, q, images, clouds in frames:
+                begin = process_time()
+                for name in names:
+                    grid.observe(name, DepthFrame((images if kind == "image" else clouds)[name], now, q), now)
+                grid.sets(now)
+                took.append(process_time() - begin)
+            half, most = 1e3 * np.percentile(took[1:], (50, 99))
+            if count:
+                rows.append((f"{kind}s of {count}", float(half), float(most), 1e3 * took[0]))
+    return rows
+
+
+def cloud(depths: FloatArray, eye: DepthCamera, rng: np.random.Generator) -> FloatArray:
+    """Return `_CLOUD` points (N, 3) of an image (H, W), in any order [m]."""
+    v, u = np.nonzero(np.isfinite(depths))
+    some = rng.permutation(len(v))[:_CLOUD]
+    z = depths[v[some], u[some]].astype(float)
+    (fx, fy), (cx, cy) = eye.focal, eye.middle
+    return np.column_stack([(u[some] - cx) / fx * z, (v[some] - cy) / fy * z, z])
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     add = parser.add_argument
@@ -138,6 +178,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--width", type=int, default=_SIZE[0], metavar="PIXELS", help="of images; their blocks see the same")
     add("--unseen", default="occupied", choices=("occupied", "free"))
     add("--policies", default=",".join(POLICIES))
+    add("--ingest", type=int, default=100, metavar="N", help="instants at which images and clouds are timed")
 
 
 def main(options: argparse.Namespace, report: Report) -> int:
@@ -152,6 +193,8 @@ def main(options: argparse.Namespace, report: Report) -> int:
     table = []
     for policy in options.policies.split(","):
         mine = [row for row in rows if row["policy"] == policy]
+        if not mine:
+            continue
         hours = sum(row["seconds"] for row in mine) / 3600
         total = {key: sum(row[key] for row in mine) for key in ("tasks", "stops", "false", "violations", "standing")}
         counts = [
@@ -163,7 +206,9 @@ def main(options: argparse.Namespace, report: Report) -> int:
         table.append((policy, *rates, *counts, obeyed, total["violations"], *(float(t) for t in took)))
     header = ("", "tasks/h", "stops/h", "false stops/h", "contacts moving", "after violation", "at rest", "obeyed")
     report.table((*header, "surprises", "ingest + command 50 % [ms]", "99 %"), table)
-    wrong = [row for row in rows if row["policy"] == "depth" and row["contacts_while_moving"]]
+    header = (f"ingest of {_SIZE[0]} x {_SIZE[1]} pixels, {_CLOUD} points", "50 % [ms]", "99 %", "the first")
+    report.table(header, ingest(options.ingest))
+    wrong = [row for row in rows if row["policy"] in ("depth", "sharpened") and row["contacts_while_moving"]]
     for row in wrong:
         print("CONTACT", {key: value for key, value in row.items() if key != "took"})
     return int(bool(wrong))

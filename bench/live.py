@@ -41,8 +41,7 @@ from safe_ompl.trajectories.contact import CONTACT_RULES
 CLAIM = "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"
 HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]
 TICK = 0.05  # [s]
-OURS = ("ours", "far-side", "in-order", "any-order", "any-far", "contact", "staying")
-_DANGER = 0.3  # [m] weight of danger in the detours of those that keep to the far side
+OURS = ("ours", "in-order", "any-order", "contact", "staying")
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
 _ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
 _HIP = 0.15  # [m] above the base
@@ -127,10 +126,8 @@ class Careless(Replanner):
 
 POLICIES: dict[str, Any] = {
     "ours": Replanner,
-    "far-side": Replanner,  # with detours by danger
     "in-order": Replanner,  # between four places, in their order
     "any-order": Replanner,  # in any order
-    "any-far": Replanner,  # both
     "contact": Replanner,  # where contact is allowed
     "staying": Replanner,  # without retreats
     "stop-and-go": StopAndGo,
@@ -223,12 +220,7 @@ def simulation(
     replanner = POLICIES[policy](
         robot,
         Surroundings(scenario.scene, {"operator": tracker}, people=people),
-        options=ReplanningOptions(
-            tick,
-            detours=policy in OURS,
-            retreats=policy in OURS[:-1],
-            danger=_DANGER if policy.endswith("far") or policy == "far-side" else 0.0,
-        ),
+        options=ReplanningOptions(tick, detours=policy in OURS, retreats=policy in OURS[:-1]),
     )
     limits = RateLimits.of(robot, acceleration=ACCELERATIONS["panda"])
     ways: list[Trajectory] | Tour = []

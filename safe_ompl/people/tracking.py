@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -142,14 +142,6 @@ class PersonTrack:
             return np.inf
         (begin, first), (end, last) = self._recent[0], self._recent[-1]
         return float(np.linalg.norm(last - first, axis=2)[self._calibrated].max(initial=0.0)) / (end - begin)
-
-    def ahead(self, times: Sequence[float]) -> FloatArray:
-        """Return where the ends of limbs will be at some times from now on [s] if they go on as of late, (P, 3) [m]."""
-        if not self._recent:
-            return np.zeros((0, 3))
-        (begin, first), (end, last) = self._recent[0], self._recent[-1]
-        velocity = (last - first) / max(end - begin, _LAG)
-        return np.concatenate([(last + time * velocity).reshape(-1, 3) for time in times])
 
     @property
     def lines(self) -> FloatArray:

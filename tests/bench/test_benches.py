@@ -35,7 +35,7 @@ def files(tmp_path_factory):
 
 SMALL = {
     "certify": "--edges 14 --hard 14 --paths 1 --only verdicts hard danger",
-    "depth": "--boxes --drives 1 --seconds 0.1 --policies depth",
+    "depth": "--boxes --drives 1 --seconds 0.1 --policies depth --ingest 2",
     "field": "--rounds 2",
     "guard": "--runs 1 --only guard",
     "hard": "--problems 0:1 --time 1 --families RRTConnect",

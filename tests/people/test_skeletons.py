@@ -120,15 +120,6 @@ def track(noise=0.0, only=()):
 SEEN = tuple(name for name in LIMBS if not name.endswith(("foot", "head", "neck")))  # their ends are, but hands
 
 
-def test_limbs_are_predicted_where_constant_velocity_has_them():
-    anna, velocity = track(), np.array([0.5, -0.2, 0.1])
-    assert not len(anna.ahead([0.3]))
-    for k in range(5):
-        anna.observe(standing() + 0.05 * k * velocity, 0.05 * k)
-    now, later = anna.ahead([0.0, 0.3]).reshape(2, -1, 3)
-    np.testing.assert_allclose(later - now, np.broadcast_to(0.3 * velocity, now.shape), atol=1e-9)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_limbs_that_keep_to_their_speeds_stay_in_their_sets(seed):
     rng = np.random.default_rng(seed)

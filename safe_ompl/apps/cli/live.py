@@ -103,8 +103,6 @@ def add_commands(commands: Any) -> None:
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     words = "reach each of the goal's configurations, and the start, in whichever order is soonest"
     option(parser, "--any-order", words)
-    words = "weight of danger in detours [m]: a way past people at this distance counts twice"
-    option(parser, "--danger W", words, arguments.noise, 0.0)
     arguments.add_run_options(parser, usual_time="the scenario's")
     arguments.add_package_dirs(parser)
     group = parser.add_argument_group("faults")
@@ -135,12 +133,12 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if driver is not None:
         arguments.refuse(options, ("any_order",), "is for the simulation; a robot drives there and back")
     if options.cameras is not None:
-        wrong = ("robot", "noise") if options.tracked else ("robot", "reach", "danger", "noise")
+        wrong = ("robot", "noise") if options.tracked else ("robot", "reach", "noise")
         arguments.refuse(options, wrong, "is for people who are tracked, not --cameras")
     elif options.tracked:
         raise InputError("all people are tracked but with --cameras", "--tracked")
     if scenario.program is not None:
-        wrong = ("simplify", "any_order", "danger", "cameras")
+        wrong = ("simplify", "any_order", "cameras")
         arguments.refuse(options, wrong, "is for a path to a goal; the scenario has a program")
         program_robot(still)
         return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
@@ -153,8 +151,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
             speed = max([people.speed, *people.speeds.values(), *found.speeds.values()])
             grid = OccupancyGrid(robot, found.still, cameras, OccupancyOptions(speed, clear=options.clear))
             around = Surroundings(found.still, trackers if options.tracked else {}, people=people, depth=grid)
-        how = ReplanningOptions(options.tick, danger=options.danger)
-        replanner = Replanner(robot, around, options=how, prover=setup.motion_prover)
+        replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
         who = ways, found.people, found.objects
         if cameras is None:
             return Simulation(replanner, *who, faults=faults)

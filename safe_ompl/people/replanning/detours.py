@@ -1,9 +1,7 @@
 """Detours: when the path ahead is barred or slow, a quicker one is searched on a roadmap among still obstacles.
 
 Where all ways are barred, people are expected to leave what they bar after a wait: the robot drives as far as it can on
-the way that is the quickest then, and waits there. Where danger counts, each second costs 1 + w D/L: w is its weight
-[m], and D the danger of the L links at the limbs of people, which are predicted at constant velocity, so that ways on
-their far side are preferred.
+the way that is the quickest then, and waits there.
 """
 
 from __future__ import annotations
@@ -20,7 +18,6 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.danger import DangerField
 from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.guard import Command
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, line
@@ -62,8 +59,7 @@ class Detours:
     Milestones are drawn around the trajectories that `cover` is given. An edge between two is proven free of still
     obstacles when it is first needed. An estimate of how long it takes beside people holds until anyone can be near
     enough to slow it down, at the earliest: for T = (distance − what a full-speed stop needs)/v. Paths keep `limits`;
-    `left` units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories. The `danger`
-    is what its weight is [m].
+    `left` units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories.
     """
 
     def __init__(
@@ -73,11 +69,8 @@ class Detours:
         limits: PathLimits,
         tick: float,
         movable: BoolArray | bool = True,
-        danger: float = 0.0,
     ) -> None:
         self._prover, self._bodies, self._tick, self.limits, self._movable = prover, bodies, tick, limits, movable
-        self._danger = danger
-        self._field: DangerField | None = None  # of people as they are predicted
         self._wait = np.inf  # how long what is barred is expected to be so [s]
         self._robot = prover.checker.robot
         self._rng, self.left = np.random.default_rng(0), 0
@@ -170,18 +163,9 @@ class Detours:
             edge.time, edge.until = float(costs.sum()), now + max(_STALE, _AWAY / fastest, left)
         return edge.time if edge.free else np.inf
 
-    def predict(self, limbs: FloatArray) -> None:
-        """Take where points (M, 3) of limbs are expected to be [m], for the danger."""
-        known = self._danger > 0 and len(limbs) > 0
-        self._field = DangerField(self._robot, limbs, aggregate="mean") if known else None
-
     def costs(self, path: GuardedPath, around: Around) -> tuple[FloatArray, float]:
         """Return what (N,) the cells of a path are expected to cost, a wait included [s], and how long that holds."""
         times, left = path.pace(around, self._tick)
-        if self._field is not None:
-            middles = 0.5 * (path.edges[1:] + path.edges[:-1])
-            per_link = self._field.values(path.curve.at(middles).q) / len(self._robot.segments)
-            times = times * (1 + self._danger * per_link)
         if np.isfinite(self._wait):
             barred = np.isinf(times)
             times = np.where(barred, alone(path), times) + self._wait * (barred & ~np.append(False, barred[:-1]))
@@ -288,7 +272,7 @@ class Detours:
         rest = float(command.motion.places[-1])
         if path.length - rest < _SMALL:
             return None
-        if self._undisturbed[0] is path and now < self._undisturbed[1] and self._field is None:
+        if self._undisturbed[0] is path and now < self._undisturbed[1]:
             return None
         for self._wait in (np.inf, _WAIT):
             expected, left = self.costs(path.coarse, around)

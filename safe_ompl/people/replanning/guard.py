@@ -132,14 +132,11 @@ class ReplanningOptions:
     detours: bool = True
     retreats: bool = True
     joints: tuple[str, ...] | None = None  # that these may move, such as all but those of a gripper; default: all
-    # Weight of danger in detours [m]: a way past people at this distance counts twice; 0: only time counts
-    danger: float = 0.0
 
     def __post_init__(self) -> None:
         number("tick", self.tick, above=0.0, kind="number of seconds")
         number("lost_after", self.lost_after, above=0.0)
         number("lag", self.lag, at_least=0.0)
-        number("danger", self.danger, at_least=0.0)
 
 
 class Guard:

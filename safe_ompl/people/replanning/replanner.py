@@ -45,7 +45,6 @@ _NUDGE = 1e-4  # [rad]
 _STILL = 3  # so many of the first joints may stay still: links near the base cannot get away
 _ROUNDS = 40  # of the search for a direction
 _FAR = 0.35  # [m] who is farther away need not be looked at
-_AHEAD = (0.0, 0.3, 0.6)  # [s] for which limbs are predicted, for the danger of detours
 _LEAST = 0.02  # [m/rad] distances must grow by this at least
 
 
@@ -101,8 +100,7 @@ class Replanner(Guard):
         self._retreats = Retreats(self.prover, self.bodies, path.limits, movable) if retreats else None
         if self.options.detours:
             if self.detours is None or not path.limits.same_as(self.detours.limits):
-                danger = self.options.danger
-                self.detours = Detours(self.prover, self.bodies, path.limits, self.tick, movable, danger)
+                self.detours = Detours(self.prover, self.bodies, path.limits, self.tick, movable)
             self.detours.cover(trajectory.curve)
 
     def soonest(self, trajectories: Sequence[Trajectory]) -> int:
@@ -113,15 +111,8 @@ class Replanner(Guard):
         if self.detours is None or not self.surroundings.known:
             return int(np.argmin([trajectory.duration for trajectory in trajectories]))
         around = self._around(self.surroundings.time)
-        self._predict()
         paths = (GuardedPath.along(self.bodies, one.curve, PathLimits.of(one)) for one in trajectories)
         return int(np.argmin([self.detours.costs(path.coarse, around)[0].sum() for path in paths]))
-
-    def _predict(self) -> None:
-        """Tell the detours where limbs are expected to be."""
-        if self.detours is not None and self.options.danger:
-            limbs = [track.ahead(_AHEAD) for track in self.surroundings.people.values()]
-            self.detours.predict(np.concatenate([np.zeros((0, 3)), *limbs]))
 
     def resume(self, command: Command | None) -> None:
         """Go on where the robot stands: at the stop of a command of this replanner; None: where it began."""
@@ -170,7 +161,6 @@ class Replanner(Guard):
         now = max(command.time, self.surroundings.time)
         around = self._around(now)
         if self.detours is not None:
-            self._predict()
             self._detour = self.detours.search(command, around, now, units, self._others)
         if self._detour is None and self._retreats is not None and command.doing is Doing.STANDING:
             at = float(command.motion.places[-1])

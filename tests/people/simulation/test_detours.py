@@ -5,20 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl import (
-    CollisionChecker,
-    DangerField,
-    InputError,
-    MotionProver,
-    RateLimits,
-    Replanner,
-    Scene,
-    Surroundings,
-    time_path,
-)
+from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, Surroundings, time_path
 from safe_ompl.collision import Separation
 from safe_ompl.geometry import Box, Obstacle, Pose
-from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Doing, PathLimits
 from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.detours import Detours, alone
@@ -149,23 +138,6 @@ def test_what_is_barred_costs_a_wait_where_no_way_is_free(replanner_for, to_and_
     stretches = np.count_nonzero(np.diff(barred.astype(int), prepend=0) == 1)
     assert costs[barred].sum() == pytest.approx(alone(path)[barred].sum() + 2.0 * stretches)
     np.testing.assert_array_equal(costs[~barred], free[~barred])
-
-
-def test_danger_of_predicted_limbs_leads_to_their_far_side(replanner_for, to_and_fro, panda):
-    replanner = replanner_for("ball", ball=0.1)
-    way = to_and_fro(replanner)[0]
-    limits = PathLimits(RateLimits.of(panda, acceleration=10.0))
-    start, goal = way.at([0.0, way.duration]).q
-    limbs, dangers = np.array([[0.7, 0.0, 0.3], [0.8, 0.1, 0.3]]), []
-    for weight in (0.0, 1.0):
-        roadmap = Detours(replanner.prover, replanner.bodies, limits, 0.05, danger=weight)
-        roadmap.cover(way.curve)
-        roadmap.predict(limbs)
-        roadmap.left = 10_000
-        found, _ = roadmap.quickest(start, goal, Around(ReachSets.none()), 0.0, 60.0)
-        edges = [np.linspace(a, b, 20) for a, b in pairwise(found)]
-        dangers.append(DangerField(panda, limbs, aggregate="mean").values(np.concatenate(edges)).mean())
-    assert dangers[1] < 0.9 * dangers[0]
 
 
 # ------------------------------------------------------------------------------------------------- guarded paths

@@ -227,7 +227,7 @@ def test_all_places_are_reached_in_whichever_order_is_soonest(tmp_path, capsys):
     data["goal"] = {"configurations": [data["goal"]["configuration"], near]}
     file = tmp_path / "places.yaml"
     file.write_text(yaml.safe_dump(data))
-    words = ["--movers", "1", "--any-order", "--danger", "0.3"]
+    words = ["--movers", "1", "--any-order"]
     assert main(live(tmp_path, *words, "--seconds", "12", scenario=str(file))) == 0
     ticks = [json.loads(line) for line in (tmp_path / "out" / "ticks.jsonl").read_text().splitlines()[1:]]
     places = [list(q.values()) for q in (data["start"], *data["goal"]["configurations"])]
