@@ -1,8 +1,4 @@
-"""Detours: when the path ahead is barred or slow, a quicker one is searched on a roadmap among still obstacles.
-
-Where all ways are barred, people are expected to leave what they bar after a wait: the robot drives as far as it can on
-the way that is the quickest then, and waits there.
-"""
+"""Detours: when the path ahead is barred or slow, a quicker one is searched on a roadmap among still obstacles."""
 
 from __future__ import annotations
 
@@ -39,7 +35,6 @@ _SLOW = 1.2  # a detour is searched if the rest takes so many times as long as w
 # Detours are not wanted that take longer [s], and so many times as long as the rest alone.
 _LONGEST, _TIMES = 30.0, 10.0
 _SMALL = 1e-6  # [rad]
-_WAIT = 2.0  # [s] until what is barred is free again, where all is barred
 _TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
 
 
@@ -71,7 +66,6 @@ class Detours:
         movable: BoolArray | bool = True,
     ) -> None:
         self._prover, self._bodies, self._tick, self.limits, self._movable = prover, bodies, tick, limits, movable
-        self._wait = np.inf  # how long what is barred is expected to be so [s]
         self._robot = prover.checker.robot
         self._rng, self.left = np.random.default_rng(0), 0
         self.milestones: FloatArray = np.empty((0, self._robot.n))
@@ -156,20 +150,10 @@ class Detours:
         if edge.free and now > edge.until:
             if not self._spend(_ESTIMATE):
                 return None
-            wait, self._wait = self._wait, np.inf
-            costs, left = self.costs(self._between(start, end), around)
-            self._wait = wait
+            costs, left = self._between(start, end).pace(around, self._tick)
             fastest = max(float((around.sets.grown(1.0) - around.sets.grown(0.0)).max(initial=0.0)), _SLOWEST)
             edge.time, edge.until = float(costs.sum()), now + max(_STALE, _AWAY / fastest, left)
         return edge.time if edge.free else np.inf
-
-    def costs(self, path: GuardedPath, around: Around) -> tuple[FloatArray, float]:
-        """Return what (N,) the cells of a path are expected to cost, a wait included [s], and how long that holds."""
-        times, left = path.pace(around, self._tick)
-        if np.isfinite(self._wait):
-            barred = np.isinf(times)
-            times = np.where(barred, alone(path), times) + self._wait * (barred & ~np.append(False, barred[:-1]))
-        return times, left
 
     def _between(self, start: FloatArray, end: FloatArray) -> GuardedPath:
         """Return the straight motion between two configurations (n,), in coarse cells."""
@@ -232,7 +216,7 @@ class Detours:
             edge.full = float(self._full_times(self.milestones[min(a, b)])[max(a, b)])
         if now > edge.until:
             return edge.full
-        return max(edge.full, edge.time) if np.isfinite(edge.time) else edge.full + self._wait
+        return max(edge.full, edge.time)
 
     def _best(self, first: int, last: int, now: float, ahead: FloatArray, within: float) -> list[int] | None:
         """Return the best path by what is known, or None if it takes longer than wanted."""
@@ -274,27 +258,24 @@ class Detours:
             return None
         if self._undisturbed[0] is path and now < self._undisturbed[1]:
             return None
-        for self._wait in (np.inf, _WAIT):
-            expected, left = self.costs(path.coarse, around)
-            self._undisturbed = path, now + left
-            ahead = path.coarse.edges[1:] > rest
-            stay, least = float(expected[ahead].sum()), float(alone(path.coarse)[ahead].sum())
-            if stay < _SLOW * least + _WORTH:
-                return None
-            start, goal = path.curve.at(np.array([rest, path.length])).q
-            within, found = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * least)), None
-            for end in (goal, *others):
-                better = self.quickest(start, end, around, now, within)
-                if better is not None:
-                    found, within = better, better[1]
-            if found is not None or np.isfinite(stay):
-                break
+        expected, left = path.coarse.pace(around, self._tick)
+        self._undisturbed = path, now + left
+        ahead = path.coarse.edges[1:] > rest
+        stay, least = float(expected[ahead].sum()), float(alone(path.coarse)[ahead].sum())
+        if stay < _SLOW * least + _WORTH:
+            return None
+        start, goal = path.curve.at(np.array([rest, path.length])).q
+        within, found = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * least)), None
+        for end in (goal, *others):
+            better = self.quickest(start, end, around, now, within)
+            if better is not None:
+                found, within = better, better[1]
         if found is None:
             return None
         points = self._shortened(found[0], around)
         curve = blended(np.array(points), self._robot, _TOLERANCE, self._prover, self.limits.joints)
         way = GuardedPath.along(self._bodies, curve, self.limits)
-        costs = float(self.costs(way.coarse, around)[0].sum())
+        costs = float(way.coarse.pace(around, self._tick)[0].sum())
         if costs > min(_GAIN * stay, stay - _WORTH):
             return None
         _log.info("%.3f s: a detour of %.2f rad costs %.1f s instead of %.1f s", now, way.length, costs, stay)
@@ -308,7 +289,7 @@ class Detours:
         """Return the path without the points that a free and no slower straight motion can leave out."""
 
         def cost(*through: FloatArray) -> float:
-            every = (self.costs(self._between(a, b), around)[0] for a, b in pairwise(through))
+            every = (self._between(a, b).pace(around, self._tick)[0] for a, b in pairwise(through))
             return sum(float(costs.sum()) for costs in every)
 
         kept, k = [points[0]], 0

@@ -112,7 +112,7 @@ class Replanner(Guard):
             return int(np.argmin([trajectory.duration for trajectory in trajectories]))
         around = self._around(self.surroundings.time)
         paths = (GuardedPath.along(self.bodies, one.curve, PathLimits.of(one)) for one in trajectories)
-        return int(np.argmin([self.detours.costs(path.coarse, around)[0].sum() for path in paths]))
+        return int(np.argmin([path.coarse.pace(around, self.tick)[0].sum() for path in paths]))
 
     def resume(self, command: Command | None) -> None:
         """Go on where the robot stands: at the stop of a command of this replanner; None: where it began."""

@@ -10,7 +10,7 @@ from safe_ompl.collision import Separation
 from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.people.replanning import Doing, PathLimits
 from safe_ompl.people.replanning.bodies import RobotBodies
-from safe_ompl.people.replanning.detours import Detours, alone
+from safe_ompl.people.replanning.detours import Detours
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, line
 
 BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}
@@ -120,24 +120,6 @@ def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro,
     commands = drive(replanner, there, lambda t: on_goal, 20.0, others=[other])
     assert commands[-1].doing is Doing.DONE
     np.testing.assert_allclose(commands[-1].at(100.0).q, other, atol=1e-6)
-
-
-def test_what_is_barred_costs_a_wait_where_no_way_is_free(replanner_for, to_and_fro, panda):
-    replanner = replanner_for("ball", ball=0.1)
-    way = to_and_fro(replanner)[0]
-    replanner.start(way)
-    replanner.update(*BARRED, 1.0)
-    path, around = GuardedPath.along(replanner.bodies, way.curve, PathLimits.of(way)).coarse, replanner._around(1.0)
-    roadmap = replanner.detours
-    free, _ = roadmap.costs(path, around)
-    barred = np.isinf(free)
-    assert barred.any()
-    assert not barred.all()
-    roadmap._wait = 2.0
-    costs, _ = roadmap.costs(path, around)
-    stretches = np.count_nonzero(np.diff(barred.astype(int), prepend=0) == 1)
-    assert costs[barred].sum() == pytest.approx(alone(path)[barred].sum() + 2.0 * stretches)
-    np.testing.assert_array_equal(costs[~barred], free[~barred])
 
 
 # ------------------------------------------------------------------------------------------------- guarded paths
