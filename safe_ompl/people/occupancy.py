@@ -372,7 +372,7 @@ class OccupancyGrid:
         kept = shown & known
         for who in {name for name, _ in limbs.names}:
             own = np.array([name == who for name, _ in limbs.names]) & known
-            kept[own] &= shown[own].mean() > _MOST and bool(held[own].all())
+            kept[own] &= np.count_nonzero(shown[own]) > _MOST * np.count_nonzero(own) and bool(held[own].all())
         return plain(ends[kept]), plain(radii[kept]), limbs.growth[kept]
 
     def check_scene(self, still: Scene) -> None:
