@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import CollisionError, FloatArray, InputError, UnknownNameError, documents as document
 from safe_ompl.motions import Motion, MotionCheck, tube_of
 from safe_ompl.planning.safe_setup import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot
@@ -190,7 +191,14 @@ class Workcell:
             limits = replace(limits, tube=tuple(self._tube[self.rows(robot.joint_names)].tolist()))
         start = tuple(q.tolist())
         given = replace(self._scenario, scene=scene, start=start, goal=goal, people=None, limits=limits)  # type: ignore[arg-type]
-        return setup_scenario(given, robot)
+        try:
+            return setup_scenario(given, robot)
+        except CollisionError:
+            pair = CollisionChecker(robot, scene).colliding_pair(q)
+            if pair is None or pair[1] not in scene.names:
+                raise
+            needs = f"if they may touch on this step, give it `touching: [[{pair[0]}, {pair[1]}]]`"
+            raise ImpossibleError(f"{pair[0]!r} touches {pair[1]!r} where it begins: {needs}") from None
 
     def driven(
         self, state: State, scene: Scene, moving: Motion, curve: BlendedCurve | None = None

@@ -163,6 +163,14 @@ def test_a_choice_out_of_reach_does_not_hide_others():
     assert "not solved: step 5" in str(none)
 
 
+def test_a_step_that_begins_in_a_contact_names_the_key_that_it_needs():
+    found = plan_program(scenario([*STEPS[:3], {"wait": 0.2}]), time=PATIENCE)
+    assert found.why == (
+        "step 4 (wait time 0.2): 'red' touches 'table' where it begins: "
+        "if they may touch on this step, give it `touching: [[red, table]]`"
+    )
+
+
 def test_a_hand_over_grasps_what_the_other_arm_holds():
     assert planned("pandas_handover").choices[:2] == ("grasp 1 of rod", "grasp 2 of rod")
 
