@@ -327,10 +327,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sample", type=int, default=20, metavar="N", help="of all clips and places, or people")
     parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="of each")
     parser.add_argument("--filters", default="", help="by name, with commas between; default: all")
+    parser.add_argument("--tick", type=float, default=TICK, metavar="S", help="between measurements, and commands")
 
 
 def main(options: argparse.Namespace, report: Report) -> int:
     """Run what the options choose."""
+    global TICK, LATENCY
+    TICK, LATENCY = options.tick, LATENCY / TICK * options.tick
     if options.folder is None and not options.random:
         raise SystemExit("give a folder with .npz files, or --random")
     if options.random:

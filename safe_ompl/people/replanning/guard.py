@@ -36,8 +36,8 @@ from safe_ompl.trajectories import SEPARATION, ContactLimits, State
 _log = logging.getLogger(__name__)
 _Given = TypeVar("_Given", bound="Command")
 
-# Accelerations that are tried between full braking (−1) and full acceleration (1).
-_PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+# Accelerations that are tried between full braking (−1) and full acceleration (1), by bisection.
+_PUSHES: tuple[float, ...] = tuple((np.arange(-15, 16) / 16).tolist())
 _SAME = 1e-6  # [rad] places nearer than this are one
 
 
