@@ -242,8 +242,10 @@ class Guard:
         if trouble is not None:
             return self._proven(path, s, speed, -1.0, time, trouble) if speed > 0 else None
         fastest = self._proven(path, s, speed, 1.0, time)
-        if fastest is not None:
-            return fastest
+        return self._slower(path, s, speed, time) if fastest is None else fastest
+
+    def _slower(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest one of those with less than full acceleration; None if none is proven."""
         pushes = [push for push in (-1.0, *_PUSHES) if speed > 0 or push > 0]
         found, blamed, first, last = None, self._margin, 0, len(pushes)
         while first < last:  # by bisection: a motion that is slower than a proven one most often is proven

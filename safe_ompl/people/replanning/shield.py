@@ -189,7 +189,7 @@ class Shield(Guard):
             way, s0, speed0, why = self._next_way(time, s, speed)
             progress = self._begin
             if way is not None:
-                found = self._fastest(way.path, s0, speed0, time)
+                found = self._next(way.path, s0, speed0, time)
                 if found is not None:
                     self._way = way
                     progress = way.begin + found.motion.at(self.tick)[0]
@@ -211,20 +211,15 @@ class Shield(Guard):
         assert isinstance(last, ShieldCommand)
         return {**found, "follows": last.follows, "delay": last.delay}
 
-    def _fastest(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the command from (s, ṡ) on that gets farthest; None if none is proven.
+    def _slower(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return what `Guard` does of the path with ṡ bounded near to what it is, or of full acceleration on it.
 
-        Where people do not allow the proposed speed, ṡ is also bounded near to what it is: bends then take less of the
-        accelerations, so that the stop is shorter.
+        Bends then take less of the accelerations, so that the stop is shorter.
         """
-        found = self._next(path, s, speed, time)
-        if found is not None and found.doing in (Doing.MOVING, Doing.DONE):
-            return found
         fast = speed if self._past is None else max(speed, float(np.sqrt(self._past.squares.max())))
         slow = path.slowed(np.minimum(np.sqrt(path.squares), fast + _FASTER), _CELL, _HARDEST)
-        other = self._next(slow, s, speed, time)
-        commands = [command for command in (found, other) if command is not None]
-        return max(commands, key=lambda command: command.motion.at(self.tick)[0], default=None)
+        fastest = self._proven(slow, s, speed, 1.0, time, self._margin)
+        return super()._slower(slow, s, speed, time) if fastest is None else fastest
 
     # ------------------------------------------------------------------------------------------------------- ways
 
