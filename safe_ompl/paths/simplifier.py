@@ -20,7 +20,7 @@ from safe_ompl.robot import motion_limits
 
 Stop = Callable[[], bool]
 
-_SPACING = 0.7  # [rad] way points are no farther apart when the descent begins; then they move
+_SPACING = 0.5  # [rad] way points are no farther apart when the descent begins; then they move
 _LONGER = 1.25  # times the given path no path becomes longer
 _CONVERGED = 0.06  # a round that lowers the cost by less than this share is the last
 _SAME = 1e-4  # [m] clearances that differ by less are the same
