@@ -171,11 +171,11 @@ class OccupancyGrid:
         poses = np.zeros(len(bodies.bodies), POSE)
         self._known = Known(bodies.shapes, poses, robot_bodies, fixed.astype(np.intp), self._all)
         self._q: FloatArray = np.zeros(0)  # where the robot is placed
-        self._marked: IntArray = np.zeros_like(self._all)  # cells that are near to it there
+        self._marked = np.zeros_like(self._all)  # cells that are near to it there
         self._place(np.zeros(robot.n), moving=False)
         shapes = robot.shared.collision_model.geometryObjects
         self._deep = [g for g in robot_bodies.tolist() if _depth(shapes[g].geometry, own.bodies[g]["centre"]) > _DEEP]
-        self._walls = self._near(self._known.still, 0.0)
+        self._walls = mark(self._known, self._known.still, self.cells, 0.0)
         self._space = self._all & ~self._walls
         self._beyond = _packed(_border(side)) & self._space
         # Where something that moves may be, and of it what was seen, as bits; at first everywhere
@@ -203,16 +203,12 @@ class OccupancyGrid:
         rotations, origins = self.robot.kinematics.frames(self.robot.coupling.values(q[None]))[:2]
         place(self._known.shapes, self._known.poses, plain(rotations[0]), plain(origins[0]), moving)
 
-    def _near(self, bodies: IntArray, margin: float) -> IntArray:
-        """Return the cells within a margin of some bodies [m], as bits."""
-        return mark(self._known, bodies, self.cells, margin)
-
     def _stand(self, q: FloatArray) -> None:
         """Place the robot at q (n,), and mark the cells near to it."""
         if not np.array_equal(q, self._q):
             self._q = q.copy()
             self._place(q, moving=True)
-            self._marked = self._near(self._known.robot, self.options.margin)
+            self._marked = mark(self._known, self._known.robot, self.cells, self.options.margin)
             self._known = self._known._replace(cells=_grown(self._marked | self._walls, 1, self._all))
 
     # ------------------------------------------------------------------------------------------------------- images
@@ -241,7 +237,7 @@ class OccupancyGrid:
         one.forget(pose)
         self._stand(q)
         if options.unseen == "occupied" and not np.isfinite(self.time):
-            self._may = self._may & (~self._near(self._known.robot, options.clear) | self._beyond)
+            self._may = self._may & (~mark(self._known, self._known.robot, self.cells, options.clear) | self._beyond)
         possible = self._advance(time)
         errors = Errors(options.margin + camera.error, (float(camera.noise[0]), float(camera.noise[1])))
         hits, strange, clear = unexplained(
@@ -331,9 +327,8 @@ class OccupancyGrid:
     def sets(self, now: float, limbs: ReachSets | None = None) -> ReachSets:
         """Return where things may be from a time on [s].
 
-        Things go no farther than limbs of people, as they are tracked then, where they are within these and the errors
-        of places, depths and cells, and something was seen there. That is if it was in most limbs of the person, and no
-        camera looks through one.
+        Within limbs of people as they are tracked then, and all errors, they go no farther than these where anything
+        was seen, if it was in most limbs of the person, and no camera looks through one.
         """
         if not np.isfinite(self.time):
             return ReachSets.none()
