@@ -50,6 +50,21 @@ def scattered(number: int, seed: int = 0, room: float = 0.3) -> Scene:
     return Scene(tuple(obstacles))
 
 
+def tiled(number: int) -> Scene:
+    """Return a table and a low wall before the robot, cut into about so many tiles: the same solids whatever number."""
+    k = max(1, round(np.sqrt(number / 2)))
+    across, up = 1.0 / k, 0.4 / k
+    obstacles = []
+    for row in range(k):
+        for column in range(k):
+            y, name = -0.5 + (column + 0.5) * across, f"{row}, {column}"
+            wall = Pose((0.45, y, 0.05 + (row + 0.5) * up))
+            obstacles.append(Obstacle(f"wall {name}", Box((0.02, across, up)), wall))
+            table = Pose((0.5 + (row + 0.5) * 0.5 / k, y, 0.0))
+            obstacles.append(Obstacle(f"table {name}", Box((0.5 / k, across, 0.02)), table))
+    return Scene(tuple(obstacles))
+
+
 def _shape(rng: np.random.Generator, k: int) -> Shape:
     a, b, c = rng.uniform(0.05, 0.25, 3).tolist()
     return (Box((a, b, c)), Sphere(a / 2), Cylinder(a / 2, 2 * b), Capsule(a / 2, b))[k % 4]

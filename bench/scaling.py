@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from bench._harness import Report
-from bench._scenes import scattered
+from bench._scenes import scattered, tiled
 from safe_ompl import CollisionChecker, DangerField, DangerObjective, MotionProver, Robot, SafeSetup, Scenario
 from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.common import FloatArray
@@ -35,7 +35,7 @@ CLAIM = "time grows slowly with obstacles, danger points and nodes"
 ROUNDS, ITEMS = 5, 80  # configurations in all
 SIZES = {
     "nodes": (100, 1000, 10_000, 100_000),
-    "obstacles": (1, 10, 100, 1000),
+    "obstacles": (10, 100, 1000, 10_000),
     "points": (1, 10, 100, 1000, 10_000, 100_000),
     "joints": (2, 4, 7, 10, 14),
     "runs": (100, 1000),
@@ -117,16 +117,26 @@ def nodes(size: int) -> Row:
 
 
 def obstacles(size: int) -> Row:
-    """Return times in a scene of so many obstacles, that of making its checker too."""
-    robot, scene = Robot.from_example("panda"), scattered(size)
+    """Return times among so many tiles of a wall and a table, of making the checker and a plan around it, too."""
+    robot, scene = Robot.from_example("panda"), tiled(size)
     begin = time.process_time()
     checker = CollisionChecker(robot, scene)
     making = 1e6 * (time.process_time() - begin)
-    Q = some(robot, 20)
+    Q, setup, plans = some(robot, 20), SafeSetup(robot, scene), []
+    ends = np.array([0.0, -0.2, 0.0, -2.0, 0.0, 1.9, 0.8]) + np.outer([-1.2, 1.2], np.eye(7)[0])
+    setup.setConfigurations(ends[0], [ends[1]])
+    for seed in range(ROUNDS + 1):  # the first one also makes tables, and compiles
+        setup.prepare("SafeRRTConnect", seed)
+        begin = time.process_time()
+        setup.solve(60.0)
+        plans.append(1e6 * (time.process_time() - begin))
+        if not setup.haveExactSolutionPath():
+            raise RuntimeError(f"no plan among {size} obstacles with seed {seed}")
     return {
         "collision query": timed(checker.in_collision, Q),
         "all distances": timed(checker.distances, Q[:5]),
         "making the checker": making,
+        "a plan": float(np.median(plans[1:])),
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 import coal
@@ -12,10 +13,11 @@ import numpy as np
 
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.collision.kernels.distances import near_pairs, pair_bounds, pairs_within
-from safe_ompl.collision.kernels.proofs import EdgeTables, Pairs, prove_curve, prove_curves
+from safe_ompl.collision.kernels.proofs import GROUP, EdgeTables, Pairs, prove_curve, prove_curves
 from safe_ompl.collision.queries import DISTANCE_ERROR, CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import ConvexBodies, Hull
+from safe_ompl.geometry.kernels import Records
 from safe_ompl.robot import JointLimits, Robot, plain
 
 # [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
@@ -25,6 +27,8 @@ ALLOWANCE = 2 * DISTANCE_ERROR
 _INTERVALS = 64  # the most that may wait to be proven
 _TOGETHER = 256  # motions that a thread proves in one go: Ctrl-C waits for that
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
+_BLOCK = 64  # parts of obstacles that are near each other,
+_FEW = 512  # and as many pairs are looked at one by one
 _ROUNDING = 1e-9  # [m] of distances between balls
 _TINY = 1e-12  # [m]
 _REQUEST = coal.DistanceRequest()
@@ -72,7 +76,9 @@ class DistanceBounds:
         exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
         self.exact: BoolArray = exact[pairs[:, 0]] & exact[pairs[:, 1]]
         certain = np.where(self.exact, ALLOWANCE, np.inf)
-        pair_table = Pairs(np.array(pairs), np.array(radii.T, order="C"), reaches, certain)
+        groups = _groups(bodies, pairs)
+        own = len(robot.bounds.joint_radii)
+        pair_table = Pairs(np.array(pairs), np.array(radii.T, order="C"), reaches, certain, groups, own)
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
         self._flat = robot.kinematics.joints, *bodies.shapes, *pair_table
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
@@ -97,10 +103,9 @@ class DistanceBounds:
         Then no others were looked at. What bounds decide coal would decide alike.
         """
         near: IntArray = np.empty(len(self.exact), np.intp)
-        joints, *solids = self._flat[:4]
         known, values = self._data[2], plain(self._coupling.values(q))
-        tables = joints, *solids, known.bodies, known.certain, values, plain(margins), ALLOWANCE, near
-        number, surely = near_pairs(*tables)
+        tables = *self._flat[:4], known.bodies, known.certain, known.groups, known.own
+        number, surely = near_pairs(*tables, values, plain(margins), ALLOWANCE, near)
         return near[:number], surely
 
     def near(self, Q: FloatArray, pairs: IntArray, within: float, *, least: bool = False) -> FloatArray:
@@ -177,6 +182,27 @@ class DistanceBounds:
         return found
 
 
+def _groups(bodies: ConvexBodies, pairs: IntArray) -> Records:
+    """Return groups of pairs as they follow each other, one for all where they are few."""
+    cuts = np.array([0, len(pairs)])
+    if len(pairs) > _FEW:
+        joints, (first, second) = bodies.bodies["joint"], pairs.T
+        starts = np.flatnonzero((np.diff(first, prepend=-1) != 0) | (np.diff(joints[second] > 0, prepend=True)))
+        cuts = np.unique(np.concatenate([np.arange(a, b, _BLOCK) for a, b in pairwise([*starts, len(pairs)])]))
+        cuts = np.append(cuts, len(pairs))
+    groups = np.zeros(len(cuts) - 1, GROUP)
+    groups["begin"], groups["end"], groups["radius"] = cuts[:-1], cuts[1:], np.inf
+    if len(groups) > 1:
+        placed = bodies.bodies[second]
+        centres = placed["translation"] + np.einsum("pxy,py->px", placed["rotation"], placed["centre"])
+        middle = np.add.reduceat(centres, cuts[:-1]) / np.diff(cuts)[:, None]
+        away = np.linalg.norm(centres - np.repeat(middle, np.diff(cuts), axis=0), axis=1) + placed["reach"]
+        still = np.maximum.reduceat(joints[second], cuts[:-1]) == 0
+        groups["centre"] = middle
+        groups["radius"] = np.where(still, np.maximum.reduceat(away, cuts[:-1]) + _ROUNDING, np.inf)
+    return groups
+
+
 def edge_memory(joints: int, pairs: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return arrays for an edge (2, m), for the intervals that are not proven, and for pairs that blocked motions."""
     return np.empty((2, joints)), np.empty((_INTERVALS, 2)), np.arange(min(_SUSPECTS, pairs))
@@ -196,21 +222,22 @@ class PairTable:
     def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
         self.robot, self.geometry = robot, geometry
         own, parts, reaches = robot.shared.body_pairs, geometry.parts, robot.bounds.body_reaches
+        hulls = [part.hull for part in parts]
+        centres, radii = _balls(hulls)
         with_parts = np.empty((len(parts), len(reaches), 2), dtype=np.intp)
         with_parts[..., 0] = list(reaches)
         with_parts[..., 1] = np.reshape([part.index for part in parts], (-1, 1))
         links = [geometry.names[body] for body in reaches]
-        may_touch = [
-            [link in geometry.touched_by.get(geometry.names[part.index], ()) for link in links] for part in parts
-        ]
-        self._checked = ~np.array(may_touch, dtype=bool).reshape(with_parts.shape[:2])
-        self.bodies: IntArray = np.concatenate([own, with_parts[self._checked]])
+        checked = np.ones(with_parts.shape[:2], dtype=bool)
+        for k, part in enumerate(parts):
+            if allowed := geometry.touched_by.get(geometry.names[part.index]):
+                checked[k] = [link not in allowed for link in links]
+        self._checked = _in_blocks(centres, checked)
+        self.bodies: IntArray = np.concatenate([own, with_parts.reshape(-1, 2)[self._checked]])
         self.with_obstacle: IntArray = np.arange(len(own), len(self.bodies))
         self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
-        hulls = [part.hull for part in parts]
         self._measure_from_axes(parts, hulls)
         self._parts = parts
-        centres, radii = _balls(hulls)
         away = robot.bounds.reach_cylinders.distances(centres)
         movable = np.array([geometry.names[part.index] in geometry.movable for part in parts], dtype=bool)
         # Bounds (K, M) of the least distance of each of K parts from all that each of M moving bodies can reach.
@@ -251,7 +278,7 @@ class PairTable:
                 found = coal.distance(*cylinders[m], part.shape, place, _REQUEST, coal.DistanceResult())
                 self._lower[k, m] = self._upper[k, m] = found
         nearer = np.ones(len(self.bodies), dtype=bool)
-        nearer[self.with_obstacle] = (self._lower < distance)[self._checked]
+        nearer[self.with_obstacle] = (self._lower < distance).ravel()[self._checked]
         return nearer
 
     def follow(self, parts: Sequence[ObstaclePart]) -> None:
@@ -262,6 +289,21 @@ class PairTable:
     def _measure_from_axes(self, parts: Sequence[ObstaclePart], hulls: Sequence[Hull]) -> None:
         rows = [part.index for part in parts]
         self.obstacle_radii[rows] = self.robot.shared.chain.axis_distances(hulls)
+
+
+def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
+    """Return the pairs of `checked: (K, M)` in order; of many parts (K, 3) those near each other come link by link."""
+    blocks: list[IntArray] = [np.arange(len(centres))]
+    while len(blocks[0]) > _BLOCK:
+        halved: list[IntArray] = []
+        for block in blocks:
+            widest = int(np.ptp(centres[block], axis=0).argmax())
+            halved += np.array_split(block[np.argsort(centres[block, widest], kind="stable")], 2)
+        blocks = halved
+    every = np.arange(checked.size).reshape(checked.shape)
+    order = every if len(blocks) == 1 else np.concatenate([every[block].T.ravel() for block in blocks])
+    kept: IntArray = order.ravel()[checked.ravel()[order.ravel()]]
+    return kept
 
 
 def _balls(hulls: Sequence[Hull]) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from safe_ompl.collision.kernels.proofs import is_far, most_of
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import (
     POSE,
@@ -17,6 +18,7 @@ from safe_ompl.geometry.kernels import (
     from_box,
     nearest_in_simplex,
     place_bodies,
+    place_still,
 )
 from safe_ompl.robot.kernels import place_joints
 
@@ -29,6 +31,8 @@ def near_pairs(
     vertices: FloatArray,
     pairs: IntArray,
     certain: FloatArray,
+    groups: Records,
+    own: int,
     values: FloatArray,
     margins: FloatArray,
     spare: float,
@@ -38,41 +42,52 @@ def near_pairs(
 
     The search ends at a pair that certainly is, which `True` tells: its two bodies are known exactly, where `certain:
     (P,)` is finite. A pair is apart if a lower bound of its distance is more than its margin by `spare` [m]. The joints
-    are at `values: (m,)`; they are a table (`safe_ompl.robot.kernels`), `bodies`, `starts` and `vertices` are those of
-    `Shapes`, all one by one: Python would take longer to hand over tuples. `near: (P,)` takes the indices, in order.
+    are at `values: (m,)`; they are a table (`safe_ompl.robot.kernels`), `bodies`, `starts` and `vertices` those of
+    `Shapes`, then come those of `Pairs`: Python would take longer to hand over tuples. `near: (P,)` takes the indices,
+    in order.
     """
     m, shapes = len(values), Shapes(bodies, starts, vertices)
     poses, simplex, axis = np.empty(len(bodies), POSE), np.empty((4, 3)), np.empty(3)
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     place_joints(joints, values, rotations, origins, joint_axes)
-    place_bodies(bodies, poses, rotations, origins, False)
-    place_bodies(bodies, poses, rotations, origins, True)
-    number = 0
-    for p in range(len(pairs)):
-        A, B, enough = pairs[p, 0], pairs[p, 1], margins[p] + spare
-        if bodies[A].reach < inf and bodies[B].reach < inf:
-            a, b = poses[A].centre, poses[B].centre
-            x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-            far = enough + bodies[A].reach + bodies[B].reach
-            if x * x + y * y + z * z >= far * far:
+    grouped, number = len(groups) > 1, 0
+    place_bodies(bodies[:own] if grouped else bodies, poses, rotations, origins, False)
+    place_bodies(bodies[:own], poses, rotations, origins, True)
+    most = most_of(margins) if grouped else inf
+    for g in range(len(groups)):
+        begin, end = groups[g].begin, groups[g].end
+        if grouped:
+            A = pairs[begin, 0]
+            if is_far(groups[g], bodies[A], poses[A], most + spare):
                 continue
-            u, v, w = from_box(bodies[B], poses[B], a)
-            far = enough + bodies[A].reach
-            if u * u + v * v + w * w >= far * far:
-                continue
-            i, j, k = from_box(bodies[A], poses[A], b)
-            far = enough + bodies[B].reach
-            if i * i + j * j + k * k >= far * far:
-                continue
-            begin_axis(axis, u, v, w, x, y, z)
-            lower, upper, _ = distance_bounds(shapes, poses, A, B, axis, simplex, enough, margins[p])
-            if lower >= enough:
-                continue
-            if certain[p] < inf and upper <= margins[p]:
-                near[number] = p
-                return number + 1, True
-        near[number] = p
-        number += 1
+            for p in range(begin, end):
+                if pairs[p, 1] >= own:
+                    place_still(bodies, poses, pairs[p, 1])
+        for p in range(begin, end):
+            A, B, enough = pairs[p, 0], pairs[p, 1], margins[p] + spare
+            if bodies[A].reach < inf and bodies[B].reach < inf:
+                a, b = poses[A].centre, poses[B].centre
+                x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+                far = enough + bodies[A].reach + bodies[B].reach
+                if x * x + y * y + z * z >= far * far:
+                    continue
+                u, v, w = from_box(bodies[B], poses[B], a)
+                far = enough + bodies[A].reach
+                if u * u + v * v + w * w >= far * far:
+                    continue
+                i, j, k = from_box(bodies[A], poses[A], b)
+                far = enough + bodies[B].reach
+                if i * i + j * j + k * k >= far * far:
+                    continue
+                begin_axis(axis, u, v, w, x, y, z)
+                lower, upper, _ = distance_bounds(shapes, poses, A, B, axis, simplex, enough, margins[p])
+                if lower >= enough:
+                    continue
+                if certain[p] < inf and upper <= margins[p]:
+                    near[number] = p
+                    return number + 1, True
+            near[number] = p
+            number += 1
     return number, False
 
 

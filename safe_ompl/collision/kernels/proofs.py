@@ -27,13 +27,23 @@ coal need not be asked.
 
 from __future__ import annotations
 
-from math import isfinite, sqrt
+from math import inf, isfinite, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, part
-from safe_ompl.geometry.kernels import BODY, POSE, Records, Shapes, begin_axis, distance_bounds, from_box, place_bodies
+from safe_ompl.geometry.kernels import (
+    BODY,
+    POSE,
+    Records,
+    Shapes,
+    begin_axis,
+    distance_bounds,
+    from_box,
+    place_bodies,
+    place_still,
+)
 from safe_ompl.robot.kernels import JOINT, lay_edge, place_joints
 
 _NEAR = 0.05  # [m] by which bodies approach at most while a slab is followed: else too many pairs would be near
@@ -41,17 +51,31 @@ _ROUNDING = 1e-12  # of the length of an interval, and of rates
 _JOINT, _SPEED, _VELOCITY, _FASTEST, _BEND = range(5)  # rows of how joints move
 
 
+GROUP = np.dtype(
+    [
+        ("begin", np.intp),  # of its pairs: those of one of the robot's bodies
+        ("end", np.intp),
+        ("centre", np.float64, (3,)),  # in the world, of a ball that holds their obstacles,
+        ("radius", np.float64),  # of this radius; +∞: none does, or these are no such pairs
+    ],
+    align=True,
+)
+
+
 class Pairs(NamedTuple):
     """Pairs of bodies: `bodies` (P, 2), their constant radii R (m, P), and those of each body about the joints, (G, m).
 
     Where an upper bound of the distance is `certain` (P,) [m] below what is required, a pair is too near: by as much as
-    the allowances in that, where both bodies are known exactly, else never, +∞.
+    the allowances in that, where both bodies are known exactly, else never, +∞. Of many obstacles few are near: the
+    `groups: (K,)` of type `GROUP` that are far away are left out at once. The robot's bodies are the first `own`.
     """
 
     bodies: IntArray
     radii: FloatArray  # joint by joint, so that processors compute the rates of pairs by lanes
     reaches: FloatArray  # 0 where a joint does not move the body
     certain: FloatArray
+    groups: Records
+    own: int
 
 
 class EdgeTables(NamedTuple):
@@ -74,7 +98,7 @@ class EdgeTables(NamedTuple):
         numbers: IntArray = np.zeros((0, 2), np.intp)
         none, edge = np.zeros((0, 0)), np.zeros((2, 0))
         shapes = Shapes(np.zeros(0, BODY), numbers.ravel(), none)
-        pairs = Pairs(numbers, none, none, edge[0])
+        pairs = Pairs(numbers, none, none, edge[0], np.zeros(0, GROUP), 0)
         return cls(np.zeros(0, JOINT), shapes, pairs, none, edge, edge[0], 1.0, edge, np.zeros((1, 2)), numbers.ravel())
 
 
@@ -87,19 +111,24 @@ class _Place(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """How joints move about a place, (5, m), see `_curve_at`; rates W (P,), and what is required, c (P,)."""
+    """How joints move about a place, (5, m), see `_curve_at`; rates W (P,); what is required, c (P,), and the most."""
 
     joints: FloatArray
     rates: FloatArray
     required: FloatArray
+    most: float
 
 
 class _Axes(NamedTuple):
-    """Separating axes (P + 1, 3), the last one for any pair, which are known (P,), and memory for a simplex (4, 3)."""
+    """Separating axes (P + 1, 3), the last one for any pair, which are known (P,), and memory for a simplex (4, 3).
+
+    And the groups (K,) whose obstacles are placed.
+    """
 
     axes: FloatArray
     known: BoolArray
     simplex: FloatArray
+    placed: BoolArray
 
 
 @part
@@ -121,6 +150,55 @@ def _rate_here(p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any
     return rate * (1.0 + _ROUNDING)
 
 
+@compiled
+def most_of(values: FloatArray) -> float:
+    """Return the largest of values (P,), in lanes: one after the other would take ten times as long."""
+    lanes, count = np.full(8, -inf), len(values)
+    for p in range(0, count - 7, 8):
+        for k in range(8):
+            lanes[k] = values[p + k] if values[p + k] > lanes[k] else lanes[k]
+    for p in range(count - count % 8, count):
+        lanes[0] = max(lanes[0], values[p])
+    return float(lanes.max())
+
+
+@part
+def is_far(group: Records, body: Records, pose: Records, enough: float) -> bool:
+    """Return whether the robot's body of a group of pairs is `enough` [m] away from the obstacles of all."""
+    if not group.radius < inf:
+        return False
+    a, b, far = pose.centre, group.centre, enough + body.reach + group.radius
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return bool(x * x + y * y + z * z >= far * far)
+
+
+@part
+def _rate_of(g: int, pairs: Pairs, moves: FloatArray) -> float:
+    """Return a bound of the rates of all pairs of a body of the robot with obstacles."""
+    rate = 0.0
+    for i in range(pairs.reaches.shape[1]):
+        rate += pairs.reaches[g, i] * moves[_SPEED, i]
+    return rate * (1.0 + _ROUNDING)
+
+
+@part
+def _come_near(
+    group: int, begin: int, end: int, pairs: Pairs, motion: _Motion, shapes: Shapes, place: _Place, search: _Axes
+) -> None:
+    """Place the obstacles of pairs, once those of a group, and write the rates of these pairs."""
+    if group < 0 or not search.placed[group]:
+        for p in range(begin, end):
+            if pairs.bodies[p, 1] >= pairs.own:
+                place_still(shapes.bodies, place.poses, pairs.bodies[p, 1])
+    if group >= 0:
+        search.placed[group] = True
+    for p in range(begin, end):
+        motion.rates[p] = 0.0
+    for i in range(pairs.reaches.shape[1]):
+        for p in range(begin, end):
+            motion.rates[p] += pairs.radii[i, p] * motion.joints[_SPEED, i]
+
+
 @part
 def _half_length(
     joints: Any, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _Place, search: _Axes, most: float, first: int
@@ -132,50 +210,61 @@ def _half_length(
     """
     bodies, poses, required = shapes.bodies, place.poses, motion.required
     axes, known = search.axes, search.known
-    before, after, bounding = most, most, first
-    for n in range(len(motion.rates)):
-        p = first if n == 0 else (n - 1 if n <= first else n)
-        A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
-        half = max(before, after)
-        enough = required[p] + half * motion.rates[p]
-        a, b = poses[A].centre, poses[B].centre
-        x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-        far = enough + bodies[A].reach + bodies[B].reach
-        if x * x + y * y + z * z >= far * far:
-            continue
-        u, v, w = from_box(bodies[B], poses[B], a)
-        lower = sqrt(u * u + v * v + w * w) - bodies[A].reach
-        if lower >= enough:
-            continue
-        i, j, k = from_box(bodies[A], poses[A], b)
-        other = sqrt(i * i + j * j + k * k) - bodies[B].reach
-        if other >= enough:
-            continue
-        rate = _rate_here(p, pairs, bodies, place, joints, motion.joints[_SPEED])
-        enough = required[p] + half * rate
-        if other > lower:
-            lower, u, v, w = other, -i, -j, -k
-        if lower >= enough:
-            continue
-        if not known[p]:
-            begin_axis(axes[p], u, v, w, x, y, z)
-        least = required[p] - pairs.certain[p]
-        found, most_apart, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, least)
-        known[p] = True
-        lower = max(lower, found)
-        if lower >= enough:
-            continue
-        if not lower > required[p]:
-            # The upper bound is −∞ where the hulls overlap, and so is the right side where bodies are within theirs.
-            nothing = -1.0 if most_apart < least else 0.0
-            return nothing, nothing, p
-        even, spare = (lower - required[p]) / rate, found - required[p]
-        back, on = even, even
-        if spare > 0.0:
-            back, on = _slab(p, pairs, bodies, place, joints, motion.joints, axes[p], spare)
-            back, on = max(even, min(back, _NEAR / rate)), max(even, min(on, _NEAR / rate))
-        if back < before or on < after:
-            before, after, bounding = min(before, back), min(after, on), p
+    before, after, bounding, grouped = most, most, first, len(pairs.groups) > 1
+    for g in range(-1 if len(pairs.bodies) > 0 else 0, len(pairs.groups)):
+        begin, end = first, first + 1
+        if g >= 0:
+            begin, end = pairs.groups[g].begin, pairs.groups[g].end
+        if grouped:
+            A = pairs.bodies[begin, 0]
+            enough = motion.most + max(before, after) * _rate_of(A, pairs, motion.joints)
+            if g >= 0 and is_far(pairs.groups[g], bodies[A], poses[A], enough):
+                continue
+            _come_near(g, begin, end, pairs, motion, shapes, place, search)
+        for p in range(begin, end):
+            if g >= 0 and p == first:
+                continue
+            A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
+            half = max(before, after)
+            enough = required[p] + half * motion.rates[p]
+            a, b = poses[A].centre, poses[B].centre
+            x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+            far = enough + bodies[A].reach + bodies[B].reach
+            if x * x + y * y + z * z >= far * far:
+                continue
+            u, v, w = from_box(bodies[B], poses[B], a)
+            lower = sqrt(u * u + v * v + w * w) - bodies[A].reach
+            if lower >= enough:
+                continue
+            i, j, k = from_box(bodies[A], poses[A], b)
+            other = sqrt(i * i + j * j + k * k) - bodies[B].reach
+            if other >= enough:
+                continue
+            rate = _rate_here(p, pairs, bodies, place, joints, motion.joints[_SPEED])
+            enough = required[p] + half * rate
+            if other > lower:
+                lower, u, v, w = other, -i, -j, -k
+            if lower >= enough:
+                continue
+            if not known[p]:
+                begin_axis(axes[p], u, v, w, x, y, z)
+            least = required[p] - pairs.certain[p]
+            found, most_apart, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, least)
+            known[p] = True
+            lower = max(lower, found)
+            if lower >= enough:
+                continue
+            if not lower > required[p]:
+                # The upper bound is −∞ where hulls overlap, and so is the right side where bodies are within theirs.
+                nothing = -1.0 if most_apart < least else 0.0
+                return nothing, nothing, p
+            even, spare = (lower - required[p]) / rate, found - required[p]
+            back, on = even, even
+            if spare > 0.0:
+                back, on = _slab(p, pairs, bodies, place, joints, motion.joints, axes[p], spare)
+                back, on = max(even, min(back, _NEAR / rate)), max(even, min(on, _NEAR / rate))
+            if back < before or on < after:
+                before, after, bounding = min(before, back), min(after, on), p
     return before, after, bounding
 
 
@@ -286,6 +375,8 @@ def prove_curve(
     radii: FloatArray,
     reaches: FloatArray,
     certain: FloatArray,
+    groups: Records,
+    own: int,
     curve: FloatArray,
     required: FloatArray,
     least: float,
@@ -295,7 +386,7 @@ def prove_curve(
     """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
 
     The `joints: (m,)` are a table (`safe_ompl.robot.kernels`). `bodies`, `starts` and `vertices` are those of `Shapes`,
-    and the next four those of `Pairs`: as tuples each would take Python a microsecond more to hand over. Pair p must
+    and the next six those of `Pairs`: as tuples each would take Python a microsecond more to hand over. Pair p must
     keep c_p, `required: (P,)`, with all allowances in it. The proof stops at an interval in whose halves no two bodies
     approach each other by more than `least` [m], and where more than M intervals would wait. Intervals that are not
     proven are written to `left: (M, 2)`. (An array that is returned would be made by Python code, where a Ctrl-C
@@ -313,12 +404,13 @@ def prove_curve(
         At how many places of the motion the bounds were looked at.
     """
     m, P = radii.shape
-    shapes, pairs = Shapes(bodies, starts, vertices), Pairs(pair_bodies, radii, reaches, certain)
+    shapes, pairs = Shapes(bodies, starts, vertices), Pairs(pair_bodies, radii, reaches, certain, groups, own)
     moves, rates, widest = np.empty((5, m)), np.empty(P), 0.0
     taylor, rotations = np.empty(len(curve)), np.empty((m, 3, 3))
-    here = _Motion(moves, rates, required)
+    grouped = len(groups) > 1
+    here = _Motion(moves, rates, required, most_of(required) if grouped else inf)
     place = _Place(np.empty(len(bodies), POSE), np.empty((m, 3)), np.empty((m, 3)))
-    search = _Axes(np.empty((P + 1, 3)), np.zeros(P, np.bool_), np.empty((4, 3)))
+    search = _Axes(np.empty((P + 1, 3)), np.zeros(P, np.bool_), np.empty((4, 3)), np.zeros(len(groups), np.bool_))
     left[0, 0], left[0, 1] = 0.0, 1.0
     number, places, first = 1, 0, 0
     while number > 0:
@@ -330,13 +422,19 @@ def prove_curve(
                 return number, -1.0, places
         place_joints(joints, moves[_JOINT], rotations, place.origins, place.axes)
         if places == 0:
-            place_bodies(bodies, place.poses, rotations, place.origins, False)
-        place_bodies(bodies, place.poses, rotations, place.origins, True)
+            place_bodies(bodies[:own] if grouped else bodies, place.poses, rotations, place.origins, False)
+        place_bodies(bodies[:own], place.poses, rotations, place.origins, True)
         for k in range(len(suspects)):
+            if grouped and places == 0:
+                _come_near(-1, suspects[k], suspects[k] + 1, pairs, here, shapes, place, search)
             if _is_too_near(suspects[k], shapes, pairs, here, place, search):
                 _suspect(suspects, suspects[k])
                 return -1, t, places + 1
-        if places == 0 or len(curve) > 2:
+        if grouped:
+            widest = 0.0
+            for g in range(own):
+                widest = max(widest, 2.0 * _rate_of(g, pairs, moves))  # of two bodies of the robot
+        elif places == 0 or len(curve) > 2:
             rates[:] = 0.0
             for i in range(m):
                 for p in range(P):
@@ -373,7 +471,8 @@ def prove_edge(start: FloatArray, end: FloatArray, tables: EdgeTables) -> tuple[
     shapes, pairs = tables.shapes, tables.pairs
     number, _, places = prove_curve(
         tables.joints, shapes.bodies, shapes.starts, shapes.vertices, pairs.bodies, pairs.radii, pairs.reaches,
-        pairs.certain, tables.edge, tables.required, tables.floor, tables.left, tables.suspects,
+        pairs.certain, pairs.groups, pairs.own, tables.edge, tables.required, tables.floor, tables.left,
+        tables.suspects,
     )  # fmt: skip
     return number, places
 
@@ -398,8 +497,8 @@ def prove_curves(
     places, bodies, starts, vertices = 0, shapes.bodies, shapes.starts, shapes.vertices
     for k in range(len(curves)):
         number, _, looked = prove_curve(
-            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.reaches, pairs.certain, curves[k],
-            required, least, left, suspects,
+            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.reaches, pairs.certain, pairs.groups,
+            pairs.own, curves[k], required, least, left, suspects,
         )  # fmt: skip
         found[k] = 1 if number == 0 else min(number, 0)
         places += looked

@@ -30,6 +30,7 @@ __all__ = [
     "from_box",
     "nearest_in_simplex",
     "place_bodies",
+    "place_still",
 ]
 
 Records: TypeAlias = Any  # a structured array, or a row of one
@@ -170,21 +171,32 @@ def place_bodies(bodies: Records, poses: Records, rotations: FloatArray, origins
     """Write the poses of the bodies that joints with these frames carry, or of those that none does."""
     for g in range(len(bodies)):
         joint = bodies[g].joint - 1
-        if (joint >= 0) != moving:
+        if joint < 0:
+            if not moving:
+                place_still(bodies, poses, g)
+            continue
+        if not moving:
             continue
         R, o, c = poses[g].rotation, poses[g].origin, poses[g].centre
         own, t, centre = bodies[g].rotation, bodies[g].translation, bodies[g].centre
         for x in range(3):
-            if moving:
-                r, s, u = rotations[joint, x, 0], rotations[joint, x, 1], rotations[joint, x, 2]
-                for y in range(3):
-                    R[x, y] = r * own[0, y] + s * own[1, y] + u * own[2, y]
-                o[x] = origins[joint, x] + r * t[0] + s * t[1] + u * t[2]
-            else:
-                for y in range(3):
-                    R[x, y] = own[x, y]
-                o[x] = t[x]
+            r, s, u = rotations[joint, x, 0], rotations[joint, x, 1], rotations[joint, x, 2]
+            for y in range(3):
+                R[x, y] = r * own[0, y] + s * own[1, y] + u * own[2, y]
+            o[x] = origins[joint, x] + r * t[0] + s * t[1] + u * t[2]
             c[x] = o[x] + R[x, 0] * centre[0] + R[x, 1] * centre[1] + R[x, 2] * centre[2]
+
+
+@part
+def place_still(bodies: Records, poses: Records, g: int) -> None:
+    """Write the pose of a body that no joint carries."""
+    R, o, c = poses[g].rotation, poses[g].origin, poses[g].centre
+    own, t, centre = bodies[g].rotation, bodies[g].translation, bodies[g].centre
+    for x in range(3):
+        for y in range(3):
+            R[x, y] = own[x, y]
+        o[x] = t[x]
+        c[x] = o[x] + R[x, 0] * centre[0] + R[x, 1] * centre[1] + R[x, 2] * centre[2]
 
 
 @part
