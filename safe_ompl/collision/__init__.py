@@ -8,15 +8,13 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.collision import bubbles as bubbles
+    from safe_ompl.collision.bounds import ALLOWANCE as ALLOWANCE, DistanceBounds as DistanceBounds
     from safe_ompl.collision.bubbles import INSIDE as INSIDE, Bubble as Bubble
     from safe_ompl.collision.checker import Clearance as Clearance, CollisionChecker as CollisionChecker
     from safe_ompl.collision.distances import PairDistances as PairDistances, Witnesses as Witnesses
     from safe_ompl.collision.kernels.distances import hinge_costs as hinge_costs
-    from safe_ompl.collision.kernels.proofs import (
-        EdgeTables as EdgeTables,
-        prove_curve as prove_curve,
-        prove_edge as prove_edge,
-    )
+    from safe_ompl.collision.kernels.proofs import prove_curve as prove_curve, prove_edge as prove_edge
+    from safe_ompl.collision.kernels.tables import EdgeTables as EdgeTables
     from safe_ompl.collision.motion import (
         FLOOR as FLOOR,
         MotionLimit as MotionLimit,
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
         MotionVerdict as MotionVerdict,
         Verdict as Verdict,
     )
-    from safe_ompl.collision.pairs import ALLOWANCE as ALLOWANCE, DistanceBounds as DistanceBounds, PairSet as PairSet
+    from safe_ompl.collision.pairs import PairSet as PairSet
     from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR, fresh_data as fresh_data
     from safe_ompl.collision.self_filter import robot_points as robot_points, without_robot as without_robot
     from safe_ompl.collision.separation import (

@@ -12,9 +12,9 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from safe_ompl.collision.bounds import BoundsProof, Curve
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.kernels.proofs import EdgeTables
-from safe_ompl.collision.pairs import BoundsProof, Curve
+from safe_ompl.collision.kernels.tables import EdgeTables
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
 from safe_ompl.common import (
     BoolArray,

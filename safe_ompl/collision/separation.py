@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from safe_ompl.collision.bounds import ALLOWANCE
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.pairs import ALLOWANCE, PairSet
+from safe_ompl.collision.pairs import PairSet
 from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number, shown
 

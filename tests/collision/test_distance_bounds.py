@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Robot, Scene, Verdict
-from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation, pairs
-from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
+from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation, bounds
+from safe_ompl.collision.bounds import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
 from safe_ompl.geometry import ConvexBodies
 
@@ -210,7 +210,7 @@ def test_what_is_not_finite_is_not_proven(ur5, clutter, bad):
 def test_groups_of_obstacles_change_no_verdict(panda, monkeypatch, rng):
     places = [p for p in rng.uniform([-0.9, -0.9, 0.0], [0.9, 0.9, 1.2], (400, 3)) if np.hypot(*p[:2]) > 0.25]
     scene = Scene([Obstacle(str(k), Box((0.03, 0.04, 0.05)), Pose(place)) for k, place in enumerate(places)])
-    monkeypatch.setattr(pairs, "_FEW", len(places) * 100)
+    monkeypatch.setattr(bounds, "_FEW", len(places) * 100)
     one_by_one = CollisionChecker(panda, scene)
     assert len(one_by_one.pairs.bounds._data[2].groups) == 1
     monkeypatch.undo()

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, InputError, Obstacle, PointCloud, Pose, Robot, Scene, Sphere, certificate, verify
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Separation, Verdict
-from safe_ompl.collision.pairs import BoundsProof, DistanceBounds
+from safe_ompl.collision.bounds import BoundsProof, DistanceBounds
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm"]
 FINE = 0.002  # [rad]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision.kernels.proofs import is_far, most_of
+from safe_ompl.collision.kernels.tables import is_far, most_of
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import (
     POSE,
