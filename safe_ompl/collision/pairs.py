@@ -269,8 +269,8 @@ class PairSet:
         """
         exact = self.bounds.exact[pairs]
         found = np.full((len(Q), len(pairs)), -np.inf)
-        found[:, exact] = self.bounds.near(Q, pairs[exact], np.inf)[:, 2].reshape(len(Q), -1)
         with self.changes.none():
+            found[:, exact] = self.bounds.near(Q, pairs[exact], np.inf)[:, 2].reshape(len(Q), np.count_nonzero(exact))
             own = self._coal.own
             own.forget()
             for row, q in zip(found, Q, strict=True):
