@@ -10,7 +10,7 @@ import pytest
 from ompl import geometric as og
 
 from safe_ompl import Box, CertifiedDanger, DangerField, KinetostaticField, Obstacle, Pose, Scene
-from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, PairDistances, pairs as distance_bounds
+from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, PairDistances, bounds as distance_bounds
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateBridge, joint_space
 
 THREADS, NUMBER = 3, 60
@@ -34,7 +34,7 @@ def restless(monkeypatch):
         monkeypatch.setattr(holder, name, paused)
 
     with_pauses(pin, "updateGeometryPlacements")
-    with_pauses(pin, "computeDistances")
+    with_pauses(distance_bounds, "near_pairs")
     with_pauses(distance_bounds, "prove_curve")
     yield
     sys.setswitchinterval(switch)

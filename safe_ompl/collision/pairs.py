@@ -157,6 +157,7 @@ class PairSet:
             array.setflags(write=False)
         self._coal = PerThread(partial(CoalPairs, table.robot, table.geometry, self.bodies))
         self._no_margins: FloatArray = np.zeros(len(rows))
+        self._bounds: DistanceBounds | None = None
         self.revision = 0
         self._take_radii()
 
@@ -180,18 +181,22 @@ class PairSet:
     def follow(self) -> None:
         """Renew what follows from the places of obstacles, which have moved."""
         self._take_radii()
-        vars(self).pop("bounds", None)
+        self._bounds = None
         self.revision += 1
 
     def __repr__(self) -> str:
         return f"PairSet({self._robot.name!r}, {len(self.bodies)} pairs)"
 
-    @cached_property
+    @property
     def bounds(self) -> DistanceBounds:
         """Lower bounds of the distances of the pairs, which prove most motions without a query."""
-        with self.changes.none():
-            bodies = self._table.convex_bodies
-            return DistanceBounds(self._robot, bodies, self.bodies, self._joint_radii, self._counts)
+        known = self._bounds
+        if known is None:  # no cached property: while that is computed Python holds a lock of all its instances
+            with self.changes.none():
+                bodies = self._table.convex_bodies
+                known = DistanceBounds(self._robot, bodies, self.bodies, self._joint_radii, self._counts)
+                self._bounds = known
+        return known
 
     def margins(self, obstacles: float, links: float = 0.0) -> FloatArray:
         """Return margins (P,), read-only: one [m] for pairs with an obstacle, one for pairs of two links."""
