@@ -209,6 +209,11 @@ def _step(gradient: FloatArray, bends: FloatArray) -> FloatArray:
     return step
 
 
+def ask_for_retreats() -> None:
+    """Call what retreats need."""
+    _step(np.zeros(1), np.zeros((0, 1)))
+
+
 _SPACING = 0.8  # [rad] between the samples of an edge's cost
 _FEWEST, _MOST = 2, 4  # samples of an edge
 MOST = 40  # way points of a path that edges may skip to

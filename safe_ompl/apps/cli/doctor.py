@@ -44,6 +44,7 @@ ALL_JOBS = (  # those that need what a plan needs come after it
     f"{__name__}:ask_for_many_points",
     f"{__name__}:ask_for_motions",
     f"{__name__}:ask_for_simplification",
+    "safe_ompl.paths.edges:ask_for_retreats",
     f"{__name__}:ask_for_people",
     f"{__name__}:ask_for_depth",
     f"{__name__}:ask_for_pictures",

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray, maker, part
 from safe_ompl.geometry.kernels import BODY, Records, Shapes
 from safe_ompl.robot.kernels import JOINT
 
@@ -62,7 +62,7 @@ class EdgeTables(NamedTuple):
         return cls(np.zeros(0, JOINT), shapes, pairs, none, edge, edge[0], 1.0, edge, np.zeros((1, 2)), numbers.ravel())
 
 
-@compiled
+@maker
 def most_of(values: FloatArray) -> float:
     """Return the largest of values (P,), in lanes: one after the other would take ten times as long."""
     lanes, count = np.full(8, -inf), len(values)
