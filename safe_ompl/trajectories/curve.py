@@ -28,6 +28,7 @@ _STRAIGHT = 1e-9  # turns by less than this are driven through as they are
 _SMALLER = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the blend that the tolerance allows: what is tried
 BENDS = 0.9  # share of the jerk that q‴ṡ³ may take; the rest is left for accelerating along the curve
 _SAME = 1e-12  # [rad] way points nearer than this are one
+_SHORT = 1e-5  # [rad] on lines between blends that are shorter than this rounding would be a steep jump
 
 
 class CurvePoints(NamedTuple):
@@ -266,6 +267,8 @@ def blended(
         bends = not last and np.linalg.norm(units[k + 1] - unit) > _STRAIGHT
         if bends and proof is not None:
             longest = min(length, lengths[k + 1]) / 2
+            if _SAME * length < length - begun - longest < _SHORT:
+                longest -= min(_SHORT, longest / 2)
             blend, room = _blend(points[k + 1], unit, units[k + 1], longest, tolerance, proof, limits)
         line = length - begun - room
         if line > _SAME * length:

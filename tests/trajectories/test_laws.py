@@ -186,6 +186,17 @@ def test_blends_keep_what_edges_keep(panda, shelf, shelf_path, shelf_motion):
     assert len(blended(shelf_path, panda, 0.2, replace(shelf_motion, separation=Separation(margin=3.0))).stops) == 2
 
 
+@pytest.mark.parametrize("spare", [0.0, 1e-15, 1e-12, 1e-9, 1e-7, 1e-3])
+def test_no_line_between_blends_is_so_short_that_rounding_is_a_steep_jump(panda, shelf_path, shelf_motion, spare):
+    unit = np.eye(panda.n)
+    steps = 0.02 * unit[0], (0.02 + spare) * unit[1], 0.02 * unit[0]
+    path = shelf_path[0] + np.vstack([np.zeros(panda.n), np.cumsum(steps, axis=0)])
+    curve = blended(path, panda, 0.2, shelf_motion)
+    assert not curve.stops
+    assert min(piece.length for piece in curve.pieces) > 9e-6
+    assert curve.length == pytest.approx(0.06 + spare, abs=0.02)
+
+
 def test_without_proof_it_stops_in_corners_and_a_way_point_on_the_way_is_none(panda, panda_limits, caplog):
     path = along(0.3, 0.3, 0.0)
     path[3, 1] = 0.5
