@@ -13,6 +13,7 @@ from safe_ompl.geometry.kernels import (
     POSE,
     Records,
     Shapes,
+    are_apart,
     begin_axis,
     distance_bounds,
     from_box,
@@ -66,20 +67,8 @@ def near_pairs(
         for p in range(begin, end):
             A, B, enough = pairs[p, 0], pairs[p, 1], margins[p] + spare
             if bodies[A].reach < inf and bodies[B].reach < inf:
-                a, b = poses[A].centre, poses[B].centre
-                x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-                far = enough + bodies[A].reach + bodies[B].reach
-                if x * x + y * y + z * z >= far * far:
+                if are_apart(bodies, poses, A, B, enough, axis):
                     continue
-                u, v, w = from_box(bodies[B], poses[B], a)
-                far = enough + bodies[A].reach
-                if u * u + v * v + w * w >= far * far:
-                    continue
-                i, j, k = from_box(bodies[A], poses[A], b)
-                far = enough + bodies[B].reach
-                if i * i + j * j + k * k >= far * far:
-                    continue
-                begin_axis(axis, u, v, w, x, y, z)
                 lower, upper, _ = distance_bounds(shapes, poses, A, B, axis, simplex, enough, margins[p])
                 if lower >= enough:
                     continue

@@ -38,6 +38,7 @@ from safe_ompl.geometry.kernels import (
     POSE,
     Records,
     Shapes,
+    are_apart,
     begin_axis,
     distance_bounds,
     from_box,
@@ -200,17 +201,9 @@ def _is_too_near(p: int, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _
     """Return whether it is certain that a pair is nearer at a place than it must be."""
     bodies, poses, required = shapes.bodies, place.poses, motion.required[p]
     A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
-    a, b = poses[A].centre, poses[B].centre
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    far = required + bodies[A].reach + bodies[B].reach
-    if not x * x + y * y + z * z < far * far:
-        return False
-    u, v, w = from_box(bodies[B], poses[B], a)
-    far = required + bodies[A].reach
-    if u * u + v * v + w * w >= far * far:
-        return False
     axis = search.axes[len(pairs.bodies)]
-    begin_axis(axis, u, v, w, x, y, z)
+    if are_apart(bodies, poses, A, B, required, axis):
+        return False
     least = required - pairs.certain[p]
     lower, most_apart, _ = distance_bounds(shapes, poses, A, B, axis, search.simplex, required, least)
     return not lower > required and most_apart < least

@@ -23,6 +23,7 @@ __all__ = [
     "POSE",
     "Records",
     "Shapes",
+    "are_apart",
     "begin_axis",
     "distance_bound",
     "distance_bounds",
@@ -256,6 +257,25 @@ def begin_axis(axis: FloatArray, u: float, v: float, w: float, x: float, y: floa
     if u * u + v * v + w * w < _NO_LENGTH**2:
         u, v, w = x, y, z + _NO_LENGTH
     axis[0], axis[1], axis[2] = u, v, w
+
+
+@part
+def are_apart(bodies: Records, poses: Records, a: int, b: int, enough: float, axis: FloatArray) -> bool:
+    """Return whether the balls and boxes about two bodies are `enough` [m] apart; else write a first `axis: (3,)`."""
+    p, q, far = poses[a].centre, poses[b].centre, enough + bodies[a].reach + bodies[b].reach
+    x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+    if x * x + y * y + z * z >= far * far:
+        return True
+    u, v, w = from_box(bodies[b], poses[b], p)
+    far = enough + bodies[a].reach
+    if u * u + v * v + w * w >= far * far:
+        return True
+    i, j, k = from_box(bodies[a], poses[a], q)
+    far = enough + bodies[b].reach
+    if i * i + j * j + k * k >= far * far:
+        return True
+    begin_axis(axis, u, v, w, x, y, z)
+    return False
 
 
 @part
