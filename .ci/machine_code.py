@@ -1,9 +1,13 @@
 """Hook of the wheel's build that adds the machine code of all kernels: who installs it waits for no compilation.
 
 HATCH_BUILD_HOOK_ENABLE_CUSTOM=true python -m build
+python .ci/machine_code.py FOLDER COMMAND …
 
 The code is for the Python that builds, for the newest Numba, which is installed for the build, and for all processors
 with the instructions named here. Without the variable the wheel is for all machines, and kernels are compiled there.
+
+The second line compiles for a command, such as the tests, and then runs it. With SAFE_OMPL_MACHINE_CODE=FOLDER a build
+of the same sources takes the code from there, and compiles nothing.
 """
 
 from __future__ import annotations
@@ -58,12 +62,14 @@ def copy_kept(kernels: Iterable[Any], package: Path) -> None:
             shutil.copyfile(kept._data_path(name), copied._data_path(copied._data_name(number)))
 
 
-def build(root: str, folder: Path) -> None:
-    """Compile the kernels of the package in `root` to a folder, in a process of its own: for `CPU`, and all of them."""
+def build(root: str, folder: Path) -> dict[str, str]:
+    """Compile all kernels of the package in `root` to a folder, for `CPU`; return the environment to use them."""
     name, features = CPU.get(platform.machine(), ("generic", ""))
     variables = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "NUMBA_CACHE_DIR": str(folder / "cache")}
-    variables |= {"PYTHONPATH": os.pathsep.join([root, *sys.path])}
-    subprocess.run([sys.executable, __file__, str(folder)], env=os.environ | variables, check=True)
+    environment = os.environ | variables
+    path = os.pathsep.join([root, *sys.path])
+    subprocess.run([sys.executable, __file__, str(folder)], env=environment | {"PYTHONPATH": path}, check=True)
+    return environment
 
 
 try:
@@ -80,8 +86,9 @@ class MachineCode(BuildHookInterface):
         if version == "editable":
             return
         self.folder = Path(tempfile.mkdtemp())
-        build(self.root, self.folder)
-        build_data["force_include"][str(self.folder / "machine_code")] = "safe_ompl/machine_code"
+        if not (made := os.environ.get("SAFE_OMPL_MACHINE_CODE")):
+            build(self.root, self.folder)
+        build_data["force_include"][str(Path(made or self.folder) / "machine_code")] = "safe_ompl/machine_code"
         lines = distribution("numba").read_text("WHEEL").splitlines()  # it is for the same machines
         machines = sorted(line.rpartition("-")[2] for line in lines if line.startswith("Tag: "))
         build_data["tag"] = f"cp{sys.version_info[0]}{sys.version_info[1]}-none-{'.'.join(machines)}"
@@ -93,8 +100,12 @@ class MachineCode(BuildHookInterface):
 
 
 if __name__ == "__main__":
-    from safe_ompl.apps.cli.doctor import ALL_JOBS
+    folder, *command = sys.argv[1:]
+    if command:
+        os.execvpe(command[0], command, build(str(Path(__file__).parents[1]), Path(folder)))
+    from safe_ompl.apps.cli.doctor import ALL_JOBS, compile_all
 
+    compile_all()  # in two processes
     for job in ALL_JOBS:
         resolve_name(job)()
-    copy_kept(all_kernels(), Path(sys.argv[1]))
+    copy_kept(all_kernels(), Path(folder))
