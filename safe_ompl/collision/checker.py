@@ -132,7 +132,7 @@ class CollisionChecker:
             if not moved:
                 return
             self.revision += 1
-            self._table.follow(moved)
+            self._table.follow()
             for pairs in set(self._pair_sets.values()):
                 pairs.follow()
 

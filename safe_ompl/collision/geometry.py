@@ -9,37 +9,20 @@ import coal
 import pinocchio as pin
 
 from safe_ompl.common import InputError
-from safe_ompl.geometry import Hull, Obstacle, Part, bounding_hull
+from safe_ompl.geometry import Obstacle, Part
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 
 @dataclass
 class ObstaclePart:
-    """One part of an obstacle where it is now: its index among the bodies, its places in obstacle and world."""
+    """One part of an obstacle where it is now: its index among the bodies, its places in the obstacle and the world."""
 
     index: int
-    shape: coal.CollisionGeometry
+    geometry: coal.CollisionGeometry
     local: pin.SE3
-    world: pin.SE3
-
-    def __post_init__(self) -> None:
-        self._hull = bounding_hull(self.shape)
-
-    @property
-    def hull(self) -> Hull:
-        """Points and a radius that enclose it, in the world."""
-        return self._hull.moved(self.world)
-
-    @property
-    def body(self) -> pin.GeometryObject:
-        """The part as a body of Pinocchio, carried by the world."""
-        return pin.GeometryObject("", 0, self.world, self.shape)
-
-    def measure_anew(self, shape: coal.CollisionGeometry, local: pin.SE3) -> None:
-        """Take another shape of the same kind."""
-        self.shape, self.local = shape, local
-        self._hull = bounding_hull(shape)
+    placement: pin.SE3
+    parentJoint: int = 0
 
 
 class SceneGeometry:
@@ -67,22 +50,20 @@ class SceneGeometry:
         self.parts = [part for parts in self._of for part in parts]
         self._scene = scene
 
-    def move(self, scene: Scene) -> list[ObstaclePart]:
-        """Take the places of another scene; return what has moved.
+    def move(self, scene: Scene) -> bool:
+        """Take the places of another scene; return whether anything has moved.
 
         Raises InputError if anything but the place of a movable obstacle differs. Then nothing moves.
         """
         moves = self._moves(scene)
-        moved = list[ObstaclePart]()
         for k, obstacle, shapes in moves:
             pose = obstacle.pose.se3
             for part, shape in zip(self._of[k], shapes, strict=False):
-                part.measure_anew(shape.geometry, shape.placement)
+                part.geometry, part.local = shape.geometry, shape.placement
             for part in self._of[k]:
-                part.world = pose * part.local
-                moved.append(part)
+                part.placement = pose * part.local
         self._scene = scene
-        return moved
+        return bool(moves)
 
     def _moves(self, scene: Scene) -> list[tuple[int, Obstacle, list[Part]]]:
         """Return which obstacles are elsewhere, and their parts where these were measured anew, else none."""
@@ -101,7 +82,7 @@ class SceneGeometry:
 
     def _measured_anew(self, k: int, obstacle: Obstacle) -> list[Part]:
         parts = obstacle.shape.parts()
-        before = [type(part.shape).__name__ for part in self._of[k]]
+        before = [type(part.geometry).__name__ for part in self._of[k]]
         after = [type(part.geometry).__name__ for part in parts]
         if before != after:
             raise InputError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property, partial
+from functools import partial
 from math import ceil
 from typing import Any, Protocol, TypeAlias
 
@@ -122,10 +122,6 @@ class MotionProver:
         object.__setattr__(self, "limits", tuple(self.limits))
         object.__setattr__(self, "required", self.separation.required(self.checker))
 
-    @cached_property
-    def _joint_limits(self) -> JointLimits:
-        return JointLimits(self.checker.robot)
-
     def __reduce__(self) -> tuple[Any, ...]:  # all but what says that time is up
         kept = partial(MotionProver, separation=self.separation, limits=self.limits)
         return kept, (self.checker, self.floor)
@@ -144,7 +140,7 @@ class MotionProver:
         required, changes = self.required_with(margin), self.checker.changes
         done = changes.done
         known = required.pairs.bounds.prove_edge(
-            (start, end), limits or self._joint_limits, required.allowed_for, self.floor
+            (start, end), limits or self.checker.robot.joint_limits, required.allowed_for, self.floor
         )
         if known is None:
             if limits is None:
@@ -171,7 +167,7 @@ class MotionProver:
         if len(starts) != len(ends):
             raise InputError(f"motions need as many starts as ends, got {len(starts)} and {len(ends)}")
         workers = whole_number("workers", workers, at_least=1)
-        edges, free = self._joint_limits.lay_edges(plain(starts), plain(ends))
+        edges, free = self.checker.robot.joint_limits.lay_edges(plain(starts), plain(ends))
         rows = np.flatnonzero(free)
         with self.checker.changes.none():
             found = required.pairs.bounds.prove_many(edges[rows], required.allowed_for, self.floor, workers)
@@ -186,14 +182,14 @@ class MotionProver:
         What they prove free is so where there are no `limits`; what they refuse is blocked in any case.
         """
         required = self.required
-        return required.pairs.bounds.edge_tables(self._joint_limits, required.allowed_for, self.floor)
+        return required.pairs.bounds.edge_tables(self.checker.robot.joint_limits, required.allowed_for, self.floor)
 
     def proven_by_bounds(self, curves: FloatArray) -> BoolArray:
         """Return for motions as `check_curve` takes them, finite (E, d + 1, n), whether bounds of distances prove them.
 
         Those (E,) are free; of others nothing is said. It takes much less time than to ask of one after the other.
         """
-        held, required = self._joint_limits.hold_curves(curves) & (not self.limits), self.required
+        held, required = self.checker.robot.joint_limits.hold_curves(curves) & (not self.limits), self.required
         coupling, (count, size, n) = self.checker.robot.coupling, curves.shape
         moved = np.empty((count, size, len(coupling.offsets)))
         moved[:, 0] = coupling.values(curves[:, 0])
@@ -230,7 +226,7 @@ class MotionProver:
         curve: Curve = tuple(finite_array(coefficients, (None, self.checker.robot.n), "coefficients of a motion"))
         if len(curve) < 2:
             raise InputError("a motion must have a start and a way at least, got one coefficient")
-        outside = self._joint_limits.left_by(curve)
+        outside = self.checker.robot.joint_limits.left_by(curve)
         if outside is not None:
             joint, at = outside
             return MotionVerdict(Verdict.BLOCKED, at, (self.checker.robot.joint_names[joint], "its limits"))

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property, partial
+from itertools import chain
 
 import coal
 import numpy as np
 
-from safe_ompl.collision.bounds import BLOCK, ROUNDING, DistanceBounds
-from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
+from safe_ompl.collision.bounds import BLOCK, DistanceBounds
+from safe_ompl.collision.geometry import SceneGeometry
+from safe_ompl.collision.kernels.distances import pair_bounds
 from safe_ompl.collision.queries import DISTANCE_ERROR, CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.geometry import ConvexBodies, Hull
+from safe_ompl.geometry import ConvexBodies
 from safe_ompl.robot import Robot
+from safe_ompl.robot.kernels import JOINT
 
 _TINY = 1e-12  # [m]
 _REQUEST = coal.DistanceRequest()
-_HOLLOW = (coal.BVHModelBase, coal.OcTree)
+_NO_JOINTS = np.zeros(0, JOINT)
 
 
 class PairTable:
     """All T pairs of bodies: those of the robot's own that are checked, then each moving body with each obstacle part.
 
-    It knows which pairs can come near each other at all: bounds by balls decide most of them; coal decides the rest,
-    once, when it is asked for. The robot's own pairs always count as near, and so do those of obstacles that may move.
+    It knows which pairs can come near each other at all: bounds of distances decide most of them; coal decides the
+    rest, once, when it is asked for. The robot's own pairs always count as near, and so do those of obstacles that may
+    move.
 
     `bodies: (T, 2)` are their indices in the geometry, the smaller one first; `with_obstacle` the rows of pairs of a
     link and an obstacle. `obstacle_radii: (G, m)` say how far each of the G bodies is from the axes of the model's m ≥
@@ -34,34 +37,28 @@ class PairTable:
     def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
         self.robot, self.geometry = robot, geometry
         own, parts, reaches = robot.shared.body_pairs, geometry.parts, robot.bounds.body_reaches
-        hulls = [part.hull for part in parts]
-        centres, radii = _balls(hulls)
         with_parts = np.empty((len(parts), len(reaches), 2), dtype=np.intp)
         with_parts[..., 0] = list(reaches)
         with_parts[..., 1] = np.reshape([part.index for part in parts], (-1, 1))
-        links = [geometry.names[body] for body in reaches]
         checked = np.ones(with_parts.shape[:2], dtype=bool)
-        for k, part in enumerate(parts):
+        for k, part in enumerate(parts if geometry.touched_by else ()):
             if allowed := geometry.touched_by.get(geometry.names[part.index]):
-                checked[k] = [link not in allowed for link in links]
-        self._checked = _in_blocks(centres, checked)
+                checked[k] = [geometry.names[body] not in allowed for body in reaches]
+        self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
+        self._measure()
+        self._checked = _in_blocks(self._obstacles.bodies["translation"], checked)
         self.bodies: IntArray = np.concatenate([own, with_parts.reshape(-1, 2)[self._checked]])
         self.with_obstacle: IntArray = np.arange(len(own), len(self.bodies))
-        self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
-        self._measure_from_axes(parts, hulls)
-        self._parts = parts
-        away = robot.bounds.reach_cylinders.distances(centres)
-        movable = np.array([geometry.names[part.index] in geometry.movable for part in parts], dtype=bool)
         # Bounds (K, M) of the least distance of each of K parts from all that each of M moving bodies can reach.
-        self._lower = np.where(movable[:, None], -np.inf, away - radii[:, None] - ROUNDING)
-        hollow = np.array([isinstance(part.shape, _HOLLOW) for part in parts], dtype=bool)
-        far = np.where(hollow, radii, 0.0)  # the centre of any other is in it
-        self._upper = np.where(movable[:, None], -np.inf, away + far[:, None] + ROUNDING)
+        self._lower = np.full(checked.shape, -np.inf)
+        self._upper = np.full(checked.shape, np.inf)
+        if geometry.movable:
+            self._upper[[geometry.names[part.index] in geometry.movable for part in parts]] = -np.inf
 
     @cached_property
     def convex_bodies(self) -> ConvexBodies:
         """All G bodies as convex ones that hold them, obstacles where they are now."""
-        return self.robot.bounds.convex_bodies.joined(ConvexBodies.of([part.body for part in self.geometry.parts]))
+        return self.robot.bounds.convex_bodies.joined(self._obstacles)
 
     def names(self, rows: IntArray) -> tuple[tuple[str, str], ...]:
         """Return the names of pairs: link and obstacle, or link and link."""
@@ -81,26 +78,36 @@ class PairTable:
 
     def _nearer_than(self, distance: float) -> BoolArray:
         """Return for each pair (T,) whether its bodies can come nearer to each other than a distance [m]."""
-        undecided = (self._lower < distance) & (self._upper >= distance)
-        cylinders = self.robot.bounds.reach_cylinders.shapes
-        for k in np.flatnonzero(undecided.any(axis=1)).tolist():
-            part = self._parts[k]
-            place = coal.Transform3s(part.world.rotation, part.world.translation)
-            for m in np.flatnonzero(undecided[k]).tolist():
-                found = coal.distance(*cylinders[m], part.shape, place, _REQUEST, coal.DistanceResult())
-                self._lower[k, m] = self._upper[k, m] = found
+        (cylinders, reaches), parts = self.robot.bounds.reach_bodies, self.geometry.parts
+        k, m = np.nonzero((self._lower < distance) & (self._upper >= distance))
+        found = np.full((1, len(k)), -np.inf)
+        if len(k) and self._obstacles.bounded:
+            known = reaches.joined(self._obstacles)
+            pairs = np.stack([m, len(cylinders) + k], axis=1)
+            pair_bounds(_NO_JOINTS, known.shapes, pairs, np.empty((1, 0)), distance, found)
+        self._lower[k, m] = np.maximum(self._lower[k, m], found)
+        near, exact = found[0] < distance, self._obstacles.exact[k]
+        self._upper[k[near], m[near]] = np.nextafter(distance, 0.0)  # of these that is all that is known
+        for c in np.flatnonzero(near & ~exact).tolist():
+            bodies = parts[k[c]], cylinders[m[c]]
+            placed = ((b.geometry, coal.Transform3s(b.placement.rotation, b.placement.translation)) for b in bodies)
+            self._lower[k[c], m[c]] = self._upper[k[c], m[c]] = coal.distance(
+                *chain.from_iterable(placed), _REQUEST, coal.DistanceResult()
+            )
         nearer = np.ones(len(self.bodies), dtype=bool)
         nearer[self.with_obstacle] = (self._lower < distance).ravel()[self._checked]
         return nearer
 
-    def follow(self, parts: Sequence[ObstaclePart]) -> None:
-        """Renew what follows from the places of parts of obstacles, which have moved."""
+    def follow(self) -> None:
+        """Renew what follows from the places of obstacles, which have moved."""
         vars(self).pop("convex_bodies", None)
-        self._measure_from_axes(parts, [part.hull for part in parts])
+        self._measure()
 
-    def _measure_from_axes(self, parts: Sequence[ObstaclePart], hulls: Sequence[Hull]) -> None:
-        rows = [part.index for part in parts]
-        self.obstacle_radii[rows] = self.robot.shared.chain.axis_distances(hulls)
+    def _measure(self) -> None:
+        """Take obstacles as they are now."""
+        self._obstacles = ConvexBodies.of(self.geometry.parts)
+        radii = self.robot.shared.chain.axis_distances(self._obstacles)
+        self.obstacle_radii[len(self.obstacle_radii) - len(radii) :] = radii
 
 
 def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
@@ -116,17 +123,6 @@ def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
     order = every if len(blocks) == 1 else np.concatenate([every[block].T.ravel() for block in blocks])
     kept: IntArray = order.ravel()[checked.ravel()[order.ravel()]]
     return kept
-
-
-def _balls(hulls: Sequence[Hull]) -> tuple[FloatArray, FloatArray]:
-    """Return centres (K, 3) and radii (K,) of balls that hold the hulls [m]."""
-    if not hulls:
-        return np.empty((0, 3)), np.empty(0)
-    numbers = np.array([len(hull.points) for hull in hulls])
-    begins, points = np.cumsum(numbers) - numbers, np.concatenate([hull.points for hull in hulls])
-    centres = np.add.reduceat(points, begins) / numbers[:, None]
-    away = np.linalg.norm(points - np.repeat(centres, numbers, axis=0), axis=1)
-    return centres, np.maximum.reduceat(away, begins) + [hull.radius for hull in hulls]
 
 
 class PairSet:

@@ -58,7 +58,7 @@ class CoalPairs:
         self._collision, self._result = coal.CollisionRequest(), coal.CollisionResult()
         # Where the tree is in its pair, 0 or 1, of the pairs that have one.
         self._tree: dict[int, int] = {}
-        parts = len(self._solids) + np.flatnonzero([isinstance(part.shape, coal.OcTree) for part in geometry.parts])
+        parts = len(self._solids) + np.flatnonzero([isinstance(part.geometry, coal.OcTree) for part in geometry.parts])
         for pair in np.flatnonzero(np.isin(pairs, parts).any(axis=1)).tolist():
             self._tree[pair] = side = int(np.isin(pairs[pair, 1], parts))
             self.placed(pairs[pair, 1 - side])[0].computeLocalAABB()
@@ -78,7 +78,7 @@ class CoalPairs:
         if body < own:
             return self._solids[body].geometry, self._data.oMg[int(body)]
         part = self._geometry.parts[body - own]
-        return part.shape, part.world
+        return part.geometry, part.placement
 
     def are_nearer(self, pair: int, margin: float) -> bool:
         """Return whether a pair is nearer than a margin [m], ≥ 0.

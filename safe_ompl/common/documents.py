@@ -35,14 +35,18 @@ _DEEPEST = 20  # levels of `plain` data
 _folder: ContextVar[Path | None] = ContextVar("folder", default=None)
 
 
-@contextmanager
-def within(place: str, separator: str = ".") -> Iterator[None]:
+class within:  # noqa: N801 (a context manager, in a third of the time of one that is a generator)
     """Put `place` before the key of every InputError raised inside the block."""
-    try:
-        yield
-    except InputError as error:
-        error.args = (f"{place}{separator}{error}",)
-        raise
+
+    def __init__(self, place: str, separator: str = ".") -> None:
+        self._before = place, separator
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, InputError):
+            error.args = ("".join((*self._before, str(error))),)
 
 
 @contextmanager

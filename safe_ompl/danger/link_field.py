@@ -105,8 +105,9 @@ class DangerPoints:
                 raise InputError(f"danger weights must be positive, got {bad}; leave out the others")
             self.weights.setflags(write=False)
         charges = k1 * (np.ones(len(self.points)) if self.weights is None else self.weights)
-        short = columns(self.points).astype(np.float32)
-        self.prepared = Points(columns(self.points), charges, short, float(np.abs(short).max(initial=0.0)))
+        table = columns(self.points)
+        short = table.astype(np.float32)
+        self.prepared = Points(table, charges, short, float(np.abs(short).max(initial=0.0)))
 
     def __len__(self) -> int:
         return len(self.points)

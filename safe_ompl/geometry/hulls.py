@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, halton_point
 from safe_ompl.geometry.kernels import BODY, Records, Shapes, extreme_vertices
@@ -177,7 +179,7 @@ _COARSE = 2  # cells in which many vertices are thinned first
 _MANY, _MOST = 1000, 20_000  # vertices: from here on thinned first, and from here on only their box
 
 _FARTHEST = 1e6  # [m] from the origin: beyond are shapes without end
-_POINT = np.zeros((1, 3))
+_POINT, _NO_BOX, _ACROSS = np.zeros((1, 3)), (0.0, 0.0, 0.0), (1.0, 1.0, 0.0)
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
@@ -219,12 +221,20 @@ def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
     return np.concatenate([high + low, high - low], dtype=np.float64) / 2
 
 
+class Placed(Protocol):
+    """A body as Pinocchio has it, a `pin.GeometryObject`, or any with these attributes."""
+
+    geometry: coal.CollisionGeometry
+    placement: pin.SE3
+    parentJoint: int
+
+
 @dataclass(frozen=True)
 class ConvexBodies:
     """Convex bodies that hold the G bodies of a geometry model, in its order; `exact: (G,)` says which are the same.
 
-    `starts: (C + 1,)` and `vertices: (E, 3)` are lists of their vertices, as kernels have them; `bounded` says whether
-    all are finite: no plane, no half space.
+    `starts: (C + 1,)` and `vertices: (E, 3)` are lists of their vertices, as kernels have them: the first one is the
+    origin alone, for most bodies. `bounded` says whether all are finite: no plane, no half space.
     """
 
     bodies: Records
@@ -239,99 +249,86 @@ class ConvexBodies:
         return Shapes(self.bodies, self.starts, self.vertices)
 
     @classmethod
-    def of(cls, parts: Sequence[pin.GeometryObject]) -> ConvexBodies:
-        """Return the bodies of a geometry model."""
-        bodies = np.zeros(len(parts), BODY)
-        starts, lists, bounded = [np.zeros(1, dtype=np.intp)], [np.zeros((0, 3))], True
-        cells = entries = 0
-        exact = np.zeros(len(parts), dtype=bool)
-        for k, (body, part) in enumerate(zip(bodies, parts, strict=True)):
-            summands = _summands(part.geometry)
-            finite = summands.bounded
-            bounded, exact[k] = bounded and finite, summands.exact
-            grid, own_starts, own_vertices = _listed(summands.vertices)
-            if finite:
-                _fill(body, part, summands)
-            else:
-                body["reach"] = np.inf
-            body["grid"], body["first_cell"] = grid, cells
-            starts.append(own_starts[1:] + entries)
+    def of(cls, parts: Sequence[Placed]) -> ConvexBodies:
+        """Return the bodies of a geometry model, or others with a placement in the frame of a joint."""
+        bodies, known = np.zeros(len(parts), BODY), [_summands(part.geometry) for part in parts]
+        if parts:
+            bodies["joint"] = [part.parentJoint for part in parts]
+            bodies["rotation"] = [part.placement.rotation for part in parts]
+            bodies["translation"] = [part.placement.translation for part in parts]
+            box, disc, ball, span = (
+                np.array(column, dtype=np.float64) for column in list(zip(*known, strict=True))[1:5]
+            )
+            bodies["box"], bodies["disc"], bodies["ball"] = box, disc, ball
+            low, high = span[:, :3], span[:, 3:6]
+            bodies["centre"] = (low + high) / 2
+            bodies["extent"] = (high - low) / 2 + box + disc[:, None] * _ACROSS + ball[:, None]
+            bodies["reach"] = span[:, 6] + np.hypot(np.hypot(box[:, 0], box[:, 1]) + disc, box[:, 2]) + ball
+        starts, lists = [0, 1], [_POINT]
+        for k in [k for k, summands in enumerate(known) if summands.vertices is not _POINT]:
+            grid, own_starts, own_vertices = _listed(known[k].vertices)
+            bodies[k]["grid"], bodies[k]["first_cell"] = grid, len(starts) - 1
+            starts += [first + starts[-1] for first in own_starts[1:]]
             lists.append(own_vertices)
-            cells, entries = cells + len(own_starts) - 1, entries + len(own_vertices)
-        return cls(bodies, np.concatenate(starts), np.concatenate(lists), bounded, exact)
+        bounded = bool(np.isfinite(bodies["reach"]).all())
+        exact = np.array([summands.exact for summands in known], dtype=bool)
+        return cls(bodies, np.array(starts, dtype=np.intp), np.concatenate(lists), bounded, exact)
 
     def joined(self, others: ConvexBodies) -> ConvexBodies:
         """Return these bodies and, after them, others."""
-        moved = others.bodies.copy()
-        moved["first_cell"] += len(self.starts) - 1
-        return ConvexBodies(
-            np.concatenate([self.bodies, moved]),
-            np.concatenate([self.starts, others.starts[1:] + len(self.vertices)]),
-            np.concatenate([self.vertices, others.vertices]),
-            self.bounded and others.bounded,
-            np.concatenate([self.exact, others.exact]),
-        )
+        bodies = np.empty(len(self.bodies) + len(others.bodies), BODY)
+        bodies[: len(self.bodies)], bodies[len(self.bodies) :] = self.bodies, others.bodies
+        starts, vertices = self.starts, self.vertices
+        if len(others.vertices) > 1:
+            bodies["first_cell"][len(self.bodies) :] += np.where(others.bodies["first_cell"] > 0, len(starts) - 2, 0)
+            starts = np.concatenate([starts, others.starts[2:] + (len(vertices) - 1)])
+            vertices = np.concatenate([vertices, others.vertices[1:]])
+        exact = np.concatenate([self.exact, others.exact])
+        return ConvexBodies(bodies, starts, vertices, self.bounded and others.bounded, exact)
 
 
-@dataclass(frozen=True)
-class _Summands:
-    """The parts whose Minkowski sum holds a body, or is it, if `exact`: vertices (V, 3), box (3,), disc and ball."""
+class _Summands(NamedTuple):
+    """The parts whose Minkowski sum holds a body, or is it, if `exact`: vertices (V, 3), box (3,), disc and ball.
+
+    The `span` of the vertices is their least and greatest coordinates, and the radius of a ball that holds them.
+    """
 
     vertices: FloatArray
-    box: FloatArray
+    box: ArrayLike
     disc: float = 0.0
     ball: float = 0.0
+    span: ArrayLike = (0.0,) * 7
     exact: bool = True
-
-    @property
-    def bounded(self) -> bool:
-        return bool(np.isfinite(self.vertices).all() and np.abs(self.vertices).max(initial=0.0) < _FARTHEST)
 
 
 def _summands(geometry: coal.CollisionGeometry) -> _Summands:
     ball = float(geometry.getSweptSphereRadius()) if isinstance(geometry, coal.ShapeBase) else 0.0
     if isinstance(geometry, coal.Box):
-        return _Summands(_POINT, np.array(geometry.halfSide, dtype=np.float64).ravel(), ball=ball)
+        return _Summands(_POINT, np.ravel(geometry.halfSide), 0.0, ball)
     if isinstance(geometry, coal.Sphere):
-        return _Summands(_POINT, np.zeros(3), ball=geometry.radius + ball)
-    if isinstance(geometry, (coal.Capsule, coal.Cylinder)):
-        along, radius = np.array([0.0, 0.0, geometry.halfLength]), geometry.radius
-        if isinstance(geometry, coal.Capsule):
-            return _Summands(_POINT, along, ball=radius + ball)
-        return _Summands(_POINT, along, disc=radius, ball=ball)
+        return _Summands(_POINT, _NO_BOX, 0.0, geometry.radius + ball)
+    if isinstance(geometry, coal.Capsule):
+        return _Summands(_POINT, (0.0, 0.0, geometry.halfLength), 0.0, geometry.radius + ball)
+    if isinstance(geometry, coal.Cylinder):
+        return _Summands(_POINT, (0.0, 0.0, geometry.halfLength), geometry.radius, ball)
     with np.errstate(over="ignore"):  # of planes
         hull = bounding_hull(geometry)
     few = len(hull.points) <= _MOST
     if not few:
         hull = bounding_hull(geometry, coarse=True)
-    return _Summands(
-        hull.points, np.zeros(3), ball=hull.radius + ball, exact=few and isinstance(geometry, coal.ConvexBase)
-    )
+    exact, span = few and isinstance(geometry, coal.ConvexBase), (*_NO_BOX, *_NO_BOX, np.inf)
+    if np.isfinite(hull.points).all() and np.abs(hull.points).max(initial=0.0) < _FARTHEST:
+        low, high = hull.points.min(axis=0), hull.points.max(axis=0)
+        span = (*low, *high, np.linalg.norm(hull.points - (low + high) / 2, axis=1).max())
+    return _Summands(hull.points, _NO_BOX, 0.0, hull.radius + ball, span, exact)
 
 
-def _fill(body: Records, part: pin.GeometryObject, summands: _Summands) -> None:
-    """Write everything but the lists of vertices."""
-    vertices, box, disc, ball = summands.vertices, summands.box, summands.disc, summands.ball
-    low = high = vertices[0]
-    spread = 0.0
-    if len(vertices) > 1:
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        spread = np.linalg.norm(vertices - (low + high) / 2, axis=1).max()
-    rim = np.hypot(np.hypot(box[0], box[1]) + disc, box[2])  # of box and disc
-    body["joint"] = part.parentJoint
-    body["rotation"], body["translation"] = part.placement.rotation, part.placement.translation
-    body["box"], body["disc"], body["ball"] = box, disc, ball
-    body["centre"] = (low + high) / 2
-    body["extent"] = (high - low) / 2 + box + (disc, disc, 0.0) + ball
-    body["reach"] = spread + rim + ball
-
-
-def _listed(vertices: FloatArray) -> tuple[int, IntArray, FloatArray]:
+def _listed(vertices: FloatArray) -> tuple[int, list[int], FloatArray]:
     """Return the grid of a body, and its vertices as lists for each cell."""
     if len(vertices) <= _FEW:
-        return 0, np.array([0, len(vertices)], dtype=np.intp), vertices
+        return 0, [0, len(vertices)], vertices
     if len(vertices) > _MANY:
         vertices = vertices[np.unique(extreme_vertices(vertices, _COARSE)[1])]
     grid = next(grid for most, grid in _GRIDS if len(vertices) <= most)
     starts, found = extreme_vertices(vertices, grid)
-    return grid, starts, vertices[found]
+    return grid, starts.tolist(), vertices[found]

@@ -12,21 +12,6 @@ Triangles = tuple[FloatArray, IntArray]
 """Vertices, shape (V, 3) [m], and for each triangle the indices of its vertices, shape (F, 3)."""
 
 
-def box_points(size: FloatArray, spacing: float) -> FloatArray:
-    """Return grid points (M, 3) on the faces of a box of so many metres `size: (3,)` about the origin, edges included.
-
-    The step between neighbours is at most `spacing` along x, y and z [m]. They are in order by x, then y, then z.
-    """
-    xs, ys, zs = (_ticks(s, spacing) for s in size.tolist())
-    face = np.empty((len(ys), len(zs), 2))
-    face[..., 0], face[..., 1] = ys[:, None], zs
-    on_rim = np.ones(face.shape[:2], dtype=bool)
-    on_rim[1:-1, 1:-1] = False
-    slices = [face.reshape(-1, 2), *[face[on_rim]] * (len(xs) - 2), face.reshape(-1, 2)]
-    x = np.repeat(xs, [len(points) for points in slices])
-    return np.column_stack([x, np.concatenate(slices)])
-
-
 def box_triangles(size: FloatArray) -> Triangles:
     """Return the twelve triangles of a box centred at the origin, seen from outside."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
@@ -41,11 +26,11 @@ def sphere_profile(radius: float, step: float) -> FloatArray:
 
 def cylinder_profile(radius: float, length: float, step: float) -> FloatArray:
     """Return the polyline whose revolution about z is a cylinder with flat ends; see `revolved_points`."""
-    across, up = (np.arange(count) / count for count in (_steps(radius, step), _steps(length, step)))
-    radii = np.concatenate([across * radius, np.full(len(up), radius), radius - across * radius, [0.0]])
-    ends = np.full(len(across), length / 2)
-    heights = np.concatenate([-ends, up * length - length / 2, ends, [length / 2]])
-    return np.column_stack([radii, heights])
+    across, up = _steps(radius, step), _steps(length, step)
+    bottom = [(k / across * radius, -length / 2) for k in range(across)]
+    side = [(radius, k / up * length - length / 2) for k in range(up)]
+    top = [(radius - k / across * radius, length / 2) for k in range(across)]
+    return np.array([*bottom, *side, *top, (0.0, length / 2)])
 
 
 def capsule_profile(radius: float, length: float, arc_step: float, line_step: float) -> FloatArray:
@@ -54,19 +39,6 @@ def capsule_profile(radius: float, length: float, arc_step: float, line_step: fl
     top = _arc(radius, length / 2, 0.0, np.pi / 2, arc_step)
     side = np.linspace(bottom[-1], top[0], _steps(length, line_step) + 1)[1:-1]
     return np.concatenate([bottom, side, top])
-
-
-def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
-    """Return points (M, 3) on a solid of revolution about z; every point of its surface is within `spacing` [m] of one.
-
-    The `profile: (K, 2)` has distance from the axis and height of the rings, from the bottom pole to the top pole, at
-    most `spacing` apart along the surface [m].
-    """
-    counts = np.array([_steps(2 * np.pi * radius, spacing) for radius in profile[:, 0].tolist()])
-    radii, heights = np.repeat(profile, counts, axis=0).T
-    numbers = np.arange(len(radii)) - np.repeat(np.cumsum(counts) - counts, counts)
-    angles = 2 * np.pi * numbers / np.repeat(counts, counts)
-    return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights])
 
 
 def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
@@ -146,24 +118,55 @@ def _arc(radius: float, height: float, start: float, stop: float, step: float) -
     return np.column_stack([np.maximum(radius * np.cos(angle), 0.0), height + radius * np.sin(angle)])
 
 
-def _ticks(length: float, step: float) -> FloatArray:
-    """Return numbers from −length/2 to length/2, at most a step apart."""
-    count = _steps(length, step)
-    ticks = np.arange(count + 1, dtype=np.float64) * (length / count) - length / 2
-    ticks[-1] = length / 2  # exactly
-    return ticks
-
-
 def _steps(length: float, step: float) -> int:
     return max(1, ceil(length / step - 1e-9))
 
 
-# --------------------------------------------------------------------------- bodies made of capsules, compiled
+# ------------------------------------------------------------------------------------------------ points, compiled
 
 
 @part
 def _turns(length: float, step: float) -> int:
     return max(1, ceil(length / step - 1e-9))
+
+
+@compiled
+def box_points(size: FloatArray, spacing: float) -> FloatArray:
+    """Return grid points (M, 3) on the faces of a box of so many metres `size: (3,)` about the origin, edges included.
+
+    The step between neighbours is at most `spacing` along x, y and z [m]. They are in order by x, then y, then z.
+    """
+    X, Y, Z = _turns(size[0], spacing), _turns(size[1], spacing), _turns(size[2], spacing)
+    points, row = np.empty(((X + 1) * (Y + 1) * (Z + 1) - (X - 1) * (Y - 1) * (Z - 1), 3)), 0
+    for i in range(X + 1):
+        for j in range(Y + 1):
+            for k in range(Z + 1):
+                if not (0 < i < X and 0 < j < Y and 0 < k < Z):
+                    points[row, 0] = i * (size[0] / X) - size[0] / 2 if i < X else size[0] / 2
+                    points[row, 1] = j * (size[1] / Y) - size[1] / 2 if j < Y else size[1] / 2
+                    points[row, 2] = k * (size[2] / Z) - size[2] / 2 if k < Z else size[2] / 2
+                    row += 1
+    return points
+
+
+@compiled
+def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
+    """Return points (M, 3) on a solid of revolution about z; every point of its surface is within `spacing` [m] of one.
+
+    The `profile: (K, 2)` has distance from the axis and height of the rings, from the bottom pole to the top pole, at
+    most `spacing` apart along the surface [m].
+    """
+    most, row = 0, 0
+    for ring in profile:
+        most += _turns(2 * pi * ring[0], spacing)
+    points = np.empty((most, 3))
+    for ring in profile:
+        count = _turns(2 * pi * ring[0], spacing)
+        for k in range(count):
+            angle = 2 * pi * k / count
+            points[row, 0], points[row, 1], points[row, 2] = ring[0] * cos(angle), ring[0] * sin(angle), ring[1]
+            row += 1
+    return points
 
 
 @maker

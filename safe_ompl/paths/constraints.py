@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 from weakref import ProxyType, proxy
 
-from safe_ompl.collision import TOUCHING_ONLY, CollisionChecker, MotionLimit, MotionVerdict, Separation, ToolLimit
+import numpy as np
+
+from safe_ompl.collision import (
+    FLOOR,
+    TOUCHING_ONLY,
+    CollisionChecker,
+    MotionLimit,
+    MotionVerdict,
+    Separation,
+    ToolLimit,
+)
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerLimit
-from safe_ompl.robot import JointLimits
 
 Pairs = Sequence[tuple[str, str]]
 Limit = TypeVar("Limit", bound=ToolLimit)
+_TOGETHER = 64  # configurations
 
 
 class UserCheck(ABC):
@@ -94,19 +104,34 @@ class ConfigurationCheck:
 
     def __init__(self, checker: CollisionChecker, constraints: Constraints) -> None:
         self.checker, self.constraints = checker, constraints
-        self._joint_limits = JointLimits(checker.robot)
         self._required = constraints.separation.required(checker)
         self._tool, self._danger = constraints.tool, constraints.danger
         self._user = constraints.user
 
     def within_limits(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is finite and within the joint limits of the robot."""
-        return self._joint_limits.hold(q)
+        return self.checker.robot.joint_limits.hold(q)
 
     def allows(self, q: FloatArray, state: Any = None) -> bool:
         """Return whether `q: (n,)` is finite, within the joint limits, and allowed; it may also be given as a state."""
-        if not self._joint_limits.hold(q) or self.checker.touches(q) or self._required.violated(q):
+        if not self.checker.robot.joint_limits.hold(q) or self.checker.touches(q) or self._required.violated(q):
             return False
+        return self._allows_free(q, state)
+
+    def allowed(self, Q: FloatArray) -> Iterator[FloatArray]:
+        """Yield those of `Q: (B, n)` that are allowed, in order; bounds of distances say so of most, many at once."""
+        required, limits = self._required, self.checker.robot.joint_limits
+        for some in (Q[k : k + _TOGETHER] for k in range(0, len(Q), _TOGETHER)):
+            edges, within = limits.lay_edges(some, some)  # motions that stand still
+            known = np.where(within, 0, -1)
+            with self.checker.changes.none():
+                known[within] = required.pairs.bounds.prove_many(edges[within], required.allowed_for, FLOOR)
+            for q, free in zip(some, known.tolist(), strict=True):
+                if self._allows_free(q) if free > 0 else free == 0 and self.allows(q):
+                    yield q
+
+    def _allows_free(self, q: FloatArray, state: Any = None) -> bool:
+        """Return whether `q: (n,)`, within the limits and as far from everything as it must be, is allowed."""
         if self._tool and not all(limit.allows(q) for limit in self._tool):
             return False
         if self._danger is not None and not self._danger.allows(q):

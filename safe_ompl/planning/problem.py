@@ -69,7 +69,7 @@ class Problem:
         if objection is not None:
             raise (CollisionError if check.within_limits(q) else InputError)(name + objection)
         # Within the tolerance of the limits a start is accepted; OMPL's own tolerance is smaller.
-        return np.where(robot.continuous, q, np.clip(q, robot.lower, robot.upper))
+        return np.where(robot.continuous, q, np.minimum(np.maximum(q, robot.lower), robot.upper))
 
     def explain_missing_goal(self) -> None:
         """Log why a planner had no goal configuration, where inverse kinematics found none."""
@@ -188,4 +188,6 @@ def several(goals: Any) -> list[Any]:
         return [goals]
     if isinstance(goals, Sequence) and any(isinstance(goal, Mapping) for goal in goals):
         return list(goals)
+    if isinstance(goals, np.ndarray) and goals.dtype != object:
+        return list(np.atleast_2d(goals))
     return [list(row) for row in np.atleast_2d(np.asarray(goals, dtype=object))]

@@ -26,7 +26,7 @@ from safe_ompl.collision import (
 from safe_ompl.common import Counts, FloatArray, InputError, compile_together, finite_array, instance, number
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.danger.kernels import dangers
-from safe_ompl.geometry import Obstacle, Person
+from safe_ompl.geometry import Box, Obstacle, Person, Sphere
 from safe_ompl.geometry.kernels import extreme_vertices
 from safe_ompl.paths import Constraints, Curve, PathReport, Validation, validate
 from safe_ompl.planning.ompl import (
@@ -44,7 +44,7 @@ from safe_ompl.planning.ompl import (
 )
 from safe_ompl.planning.planners import NearestNode, SafeRRTConnect
 from safe_ompl.planning.problem import Problem
-from safe_ompl.robot import GoalRegion, JointLimits, Robot, place_of
+from safe_ompl.robot import GoalRegion, Robot, place_of
 from safe_ompl.robot.kernels import descend, lay_edge, steer
 from safe_ompl.scene import Scenario, Scene, find_scenario
 
@@ -72,8 +72,9 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.robot, self.counts = robot, counts
         self.field = None if danger is None else DangerField.of_options(robot, scene, danger, self.counts)
         self.danger_options = None if danger is None else dict(danger)
-        self.validity, self.validator = CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker)
+        self.validity = CollisionFreeValidity(si, checker)
         si.setStateValidityChecker(self.validity)
+        self.validator = CertifiedMotionValidator(si, checker)
         si.setMotionValidator(self.validator)
         self.bridge = self.validity.bridge
         self._user_is_let_go = False
@@ -376,7 +377,7 @@ def ask_for_danger() -> None:
     step, q, wraps = np.ones((2, robot.n)), np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
     steer(q, q + _ANY_LENGTH, wraps, _ANY_LENGTH, step)
     descend(step, q, _ANY_LENGTH, q, q, wraps)
-    JointLimits(robot).hold(q)
+    robot.joint_limits.hold(q)
     DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
     Curve(robot, np.zeros((2, robot.n))).at(q[:1])
 
@@ -397,7 +398,8 @@ def ask_for_trees() -> None:
 
 def ask_for_proofs() -> None:
     """Call what else proofs and queries need."""
-    robot, scene = small_robot(), Scene((Obstacle("person", Person()),))
+    shapes = {"person": Person(), "box": Box([1.0, 1.0, 1.0]), "ball": Sphere(1.0)}
+    robot, scene = small_robot(), Scene([Obstacle(name, shape, weight=1.0) for name, shape in shapes.items()])
     scene.danger_points()
     extreme_vertices(np.zeros((1, 3)), 1)
     checker, q = CollisionChecker(robot, scene), np.zeros(robot.n)

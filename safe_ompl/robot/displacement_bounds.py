@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
 from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull
+from safe_ompl.geometry.kernels import farthest_from_axes
 
 if TYPE_CHECKING:
     from safe_ompl.robot.forward_kinematics import ForwardKinematics
@@ -71,6 +72,12 @@ class ReachCylinder:
         center = self.center + (low + high) / 2 * self.axis
         return ReachCylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
 
+    @property
+    def body(self) -> pin.GeometryObject:
+        """The cylinder as a body that the world carries."""
+        place = pin.SE3(pin.Quaternion.FromTwoVectors(_UP, self.axis).matrix(), self.center)
+        return pin.GeometryObject("", 0, place, coal.Cylinder(self.radius, 2 * self.half_length))
+
 
 @dataclass(frozen=True)
 class ReachCylinders:
@@ -89,32 +96,13 @@ class ReachCylinders:
         radii, half_lengths = np.reshape(lengths, (-1, 2)).T
         return cls(centers, axes, radii, half_lengths)
 
-    def from_axes(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how far `points: (K, 3)` are from the M axes, and how far along these from the centers, (K, M) [m]."""
-        arms = points[:, None] - self.centers
-        along = np.einsum("kmx,mx->km", arms, self.axes)
-        return np.linalg.norm(arms - along[..., None] * self.axes, axis=2), np.abs(along)
-
     def farthest(self, points: FloatArray) -> FloatArray:
         """Return the largest distance (K, M) [m] between each of points (K, 3) and any point of each cylinder."""
-        lateral, along = self.from_axes(points)
-        distances: FloatArray = np.hypot(lateral + self.radii, along + self.half_lengths)
+        arms = points[:, None] - self.centers
+        along = np.einsum("kmx,mx->km", arms, self.axes)
+        lateral = np.linalg.norm(arms - along[..., None] * self.axes, axis=2)
+        distances: FloatArray = np.hypot(lateral + self.radii, np.abs(along) + self.half_lengths)
         return distances
-
-    def distances(self, points: FloatArray) -> FloatArray:
-        """Return the distances (K, M) [m] of points (K, 3); 0 inside."""
-        lateral, along = self.from_axes(points)
-        beside, beyond = lateral - self.radii, along - self.half_lengths
-        distances: FloatArray = np.hypot(np.maximum(0.0, beside), np.maximum(0.0, beyond))
-        return distances
-
-    @cached_property
-    def shapes(self) -> list[tuple[coal.Cylinder, coal.Transform3s]]:
-        """The cylinders as coal has them, each with its place in the world."""
-        turns = [pin.Quaternion.FromTwoVectors(_UP, axis).matrix() for axis in self.axes]
-        shapes = [coal.Cylinder(r, 2 * h) for r, h in zip(self.radii, self.half_lengths, strict=True)]
-        places = [coal.Transform3s(*place) for place in zip(turns, self.centers, strict=True)]
-        return list(zip(shapes, places, strict=True))
 
 
 Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body can be in their frames
@@ -177,29 +165,26 @@ class JointChain:
             return ReachCylinder(point, axis, 0.0, 0.0)
         return self.reach(self.regions(joint, Hull(point[None], 0.0)))
 
-    def axis_distances(self, bodies: Sequence[Hull]) -> FloatArray:
+    def axis_distances(self, bodies: ConvexBodies) -> FloatArray:
         """Return how far G bodies that stand still in the world are from each joint's axis [m], at most, (G, n).
 
         Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
         distance times |Δ|: another bound of how far they approach each other. It is infinite for prismatic joints.
         """
-        if not bodies:
-            return np.zeros((0, len(self.parents)))
-        axes, points = self._axis_reaches, np.concatenate([body.points for body in bodies])
-        starts = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
-        fixed = np.array(self.parents) == 0  # axes that stay where they are: they go on along the center's
-        reached = np.where(fixed, axes.from_axes(points)[0], axes.farthest(points))
-        farthest = np.maximum.reduceat(reached, starts)
-        distances: FloatArray = farthest + np.array([body.radius for body in bodies])[:, None]
+        distances = np.empty((len(bodies.bodies), len(self.parents)))
+        farthest_from_axes(bodies.shapes, *self._axis_reaches, distances)
         distances[:, self.prismatic] = np.inf
         return distances
 
     @cached_property
-    def _axis_reaches(self) -> ReachCylinders:
+    def _axis_reaches(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Cylinders in the world that hold the n joints' origins, about their axes."""
         joints = zip(self.parents, self.placements, self.axes, strict=True)
         reaches = [self.point_reach(k, place.translation, place.rotation @ axis) for k, place, axis in joints]
-        return ReachCylinders.of(reaches)
+        known, fixed = ReachCylinders.of(reaches), np.array(self.parents) == 0
+        lengths = np.where(fixed, np.inf, known.half_lengths)  # axes that stay where they are go on along the center's
+        centers, axes, radii = (np.ascontiguousarray(each) for each in (known.centers, known.axes, known.radii))
+        return centers, axes, radii, lengths
 
     def regions(self, joint: int, body: Hull) -> Regions:
         """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame."""
@@ -245,9 +230,10 @@ class DisplacementBounds:
         return {k: self._chain.reach(regions) for k, regions in enumerate(self._regions) if regions}
 
     @cached_property
-    def reach_cylinders(self) -> ReachCylinders:
-        """The cylinders of `body_reaches`, in its order, as tables."""
-        return ReachCylinders.of(list(self.body_reaches.values()))
+    def reach_bodies(self) -> tuple[list[pin.GeometryObject], ConvexBodies]:
+        """The cylinders of `body_reaches`, in its order, as bodies."""
+        bodies = [cylinder.body for cylinder in self.body_reaches.values()]
+        return bodies, ConvexBodies.of(bodies)
 
     @cached_property
     def _regions(self) -> list[Regions]:

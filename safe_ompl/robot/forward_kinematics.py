@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -211,7 +212,7 @@ class ForwardKinematics:
 
     def beyond_limits(self, q: FloatArray) -> str | None:
         """Return which joint is outside its limits at `q: (n,)`, with its value and these; None if none is."""
-        for i in np.flatnonzero(~self.within_limits(q)):
+        for i in () if self.joint_limits.hold(q) else np.flatnonzero(~self.within_limits(q)):
             limits = f"[{self.lower[i]:g}, {self.upper[i]:g}]"
             turned = np.radians(q[i])  # what is more than a turn, and fits so, was meant in degrees
             likely = abs(q[i]) > 2 * np.pi and self.lower[i] <= turned <= self.upper[i]
@@ -259,6 +260,11 @@ class ForwardKinematics:
         if type(Q) is not np.ndarray or Q.ndim != 2 or Q.shape[1] != self.n or Q.dtype != _FLOAT:
             Q = self.configurations(Q)
         return self.coupling.values(Q)
+
+    @cached_property
+    def joint_limits(self) -> JointLimits:
+        """What says whether configurations are within the limits of the joints."""
+        return JointLimits(self)
 
     def supporting_joints(self, joints: IntArray) -> BoolArray:
         """Return for each of Pinocchio's joints (K,) which of the m joints move it, (K, m)."""

@@ -23,7 +23,7 @@ from safe_ompl.common import (
     key,
     shown,
 )
-from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
+from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number, placed
 
 CORE = " mm deep"  # the end of the names of what is so deep in an obstacle that may be touched
 _SPACING = 0.1  # [m]
@@ -209,13 +209,12 @@ class Scene(Section):
         own; the danger weight of each (M,); and the index of its obstacle in `obstacles` (M,). Raises InputError if the
         spacing is not positive, or there would be more than a million points; none are made then.
         """
-        step = self.spacing if spacing is None else spacing
+        step = document.number("spacing", self.spacing if spacing is None else spacing, above=0.0)
         dangerous = [k for k, obstacle in enumerate(self.obstacles) if obstacle.weight > 0]
-        if len(dangerous) > 1:
-            step = document.number("spacing", step, above=0.0)
-            most = sum(self.obstacles[k].shape.most_danger_points(step) for k in dangerous)
-            check_number(most, step, f"{len(dangerous)} obstacles")
-        points = [self.obstacles[k].danger_points(step) for k in dangerous]
+        chosen = [self.obstacles[k] for k in dangerous]
+        most = sum(obstacle.shape.most_danger_points(step) for obstacle in chosen)
+        check_number(most, step, f"{len(chosen)} obstacles" if len(chosen) != 1 else repr(chosen[0].name))
+        points = [placed(obstacle.pose.se3, obstacle.shape.kept_danger_points(step)) for obstacle in chosen]
         owners = np.repeat(np.array(dangerous, dtype=np.intp), [len(own) for own in points])
         weights = np.array([obstacle.weight for obstacle in self.obstacles], dtype=float)
         return np.concatenate([np.zeros((0, 3)), *points]), weights[owners], owners

@@ -13,9 +13,10 @@ from safe_ompl.collision.pairs import PairTable
 
 def coal_distance(reach, part):
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
-    places = (coal.Transform3s(turn, reach.center), coal.Transform3s(part.world.rotation, part.world.translation))
+    here, there = (turn, reach.center), (part.placement.rotation, part.placement.translation)
+    places = coal.Transform3s(*here), coal.Transform3s(*there)
     cylinder = coal.Cylinder(reach.radius, 2 * reach.half_length)
-    return coal.distance(cylinder, places[0], part.shape, places[1], coal.DistanceRequest(), coal.DistanceResult())
+    return coal.distance(cylinder, places[0], part.geometry, places[1], coal.DistanceRequest(), coal.DistanceResult())
 
 
 @pytest.mark.parametrize("name", ["panda", "twin_arm"])

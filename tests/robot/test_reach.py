@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CollisionChecker, Scene
-from safe_ompl.geometry import Hull, bounding_hull
+from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull
 from safe_ompl.robot import EXAMPLES, ReachCylinder
 from safe_ompl.robot.displacement_bounds import JointChain
 
@@ -164,8 +164,12 @@ def test_no_body_leaves_its_reach(robot_named, body_points, name, seed):
 def test_no_obstacle_is_farther_from_an_axis_than_said(robot_named, name, seed, radius):
     robot = robot_named(name)
     rng = np.random.default_rng(seed)
-    obstacle = Hull(rng.normal(size=(4, 3)), radius)
-    (farthest,) = robot.shared.chain.axis_distances([obstacle])
+    shape = (coal.Box(*rng.uniform(0.1, 1.0, 3)), coal.Capsule(0.2, 0.7), coal.Sphere(0.3))[seed % 3]
+    place = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+    obstacle = bounding_hull(shape).moved(place)
+    shape.setSweptSphereRadius(radius)
+    radius += obstacle.radius
+    (farthest,) = robot.shared.chain.axis_distances(ConvexBodies.of([pin.GeometryObject("", 0, place, shape)]))
     assert np.isinf(farthest[robot.prismatic]).all()
     data = robot.model.createData()
     q = rng.uniform(robot.lower, robot.upper)

@@ -28,6 +28,7 @@ __all__ = [
     "distance_bound",
     "distance_bounds",
     "extreme_vertices",
+    "farthest_from_axes",
     "from_box",
     "nearest_in_simplex",
     "place_bodies",
@@ -342,6 +343,37 @@ def distance_bound(
             found, _, _ = distance_bounds(shapes, poses, a, b, axis, simplex, enough, enough)
             lower = max(lower, found)
     return lower if lower == lower else -inf
+
+
+@compiled
+def farthest_from_axes(
+    shapes: Shapes, centers: FloatArray, axes: FloatArray, radii: FloatArray, half_lengths: FloatArray, far: FloatArray
+) -> None:
+    """Write how far (G, m) [m] bodies that no joint carries are from m axes at most, wherever these may be.
+
+    Axes are somewhere on cylinders about unit `axes: (m, 3)` through `centers: (m, 3)`, of such `radii: (m,)` and half
+    lengths [m], as the ends of their links are; of infinite length: at their centers.
+    """
+    for g in range(len(shapes.bodies)):
+        body = shapes.bodies[g]
+        R, t, box, disc = body.rotation, body.translation, body.box, body.disc
+        first, last = body.first_cell, body.first_cell + max(1, 6 * body.grid * body.grid)
+        corners = 8 if box[0] + box[1] + box[2] + disc > 0.0 else 1
+        for k in range(corners * (shapes.starts[last] - shapes.starts[first])):
+            v = shapes.vertices[shapes.starts[first] + k // corners]
+            x = v[0] + (box[0] + disc) * (1.0 - 2.0 * (k & 1))
+            y = v[1] + (box[1] + disc) * (1.0 - (k & 2))
+            z = v[2] + box[2] * (1.0 - 0.5 * (k & 4))
+            for i in range(len(axes)):
+                a = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0] - centers[i, 0]
+                b = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1] - centers[i, 1]
+                c = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2] - centers[i, 2]
+                along = a * axes[i, 0] + b * axes[i, 1] + c * axes[i, 2]
+                a, b, c = a - along * axes[i, 0], b - along * axes[i, 1], c - along * axes[i, 2]
+                away = sqrt(a * a + b * b + c * c)
+                if half_lengths[i] < inf:
+                    away = sqrt((away + radii[i]) ** 2 + (abs(along) + half_lengths[i]) ** 2)
+                far[g, i] = max(away + body.ball, far[g, i] if k > 0 else 0.0)
 
 
 # -------------------------------------------------------------------- which vertices may be extreme, by direction

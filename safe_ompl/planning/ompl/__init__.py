@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         CertifiedMotionValidator as CertifiedMotionValidator,
         CollisionFreeValidity as CollisionFreeValidity,
         SampledValidity as SampledValidity,
+        bridge_of as bridge_of,
     )
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

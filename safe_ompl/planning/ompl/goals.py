@@ -10,7 +10,8 @@ from ompl import base as ob
 
 from safe_ompl.common import FloatArray, InputError, PlanningError, instance, number, whole_number
 from safe_ompl.danger import DangerField
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
+from safe_ompl.planning.ompl.states import ScratchState
+from safe_ompl.planning.ompl.validity import bridge_of
 from safe_ompl.robot import METRES_PER_RADIAN, GoalRegion, Place, RegionPlace, Robot, approach, place_of, tip_reach
 
 TOLERANCE = 0.01  # [m]
@@ -68,7 +69,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self.tolerance = number("tolerance", tolerance, above=0.0, kind="length [m]")
         self.setThreshold(self.tolerance)
         self._field = field
-        self._bridge = StateBridge(si.getStateSpace())
+        self._bridge = bridge_of(si)
         if self._bridge.n != robot.n:
             raise InputError(f"the space has {self._bridge.n} coordinates, but {robot.name!r} {robot.n} joints")
         self._scratch = ScratchState(self._bridge)

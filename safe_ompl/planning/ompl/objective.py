@@ -17,7 +17,7 @@ from ompl import base as ob, geometric as og
 from safe_ompl.common import FloatArray, halton_point
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity, bridge_of
 
 _log = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     def __init__(self, si: Any, field: DangerField) -> None:
         super().__init__(si)
         self.field = field
-        self._bridge = StateBridge(si.getStateSpace())
+        self._bridge = bridge_of(si)
         self._integral = _kept_integrals(field, self._bridge)
         self._scales: dict[Any, float] = {}
         self._revision = field.revision  # that the scales are of
@@ -196,7 +196,11 @@ class StateCost:
     def _measured_slope(self, si: Any) -> float:
         rng = np.random.default_rng(_SLOPE_SEED)
         candidates = self._bridge.between_bounds(rng.random((8 * _SLOPE_SAMPLES, self._bridge.n)))
-        valid = (q for q in candidates if si.isValid(self._scratch.set(q)))
+        validity = si.getStateValidityChecker()
+        if isinstance(validity, CollisionFreeValidity):
+            valid = validity.check.allowed(candidates)
+        else:
+            valid = (q for q in candidates if si.isValid(self._scratch.set(q)))
         Q = np.array(list(islice(valid, _SLOPE_SAMPLES)) or candidates)
         if self.has_gradients:
             gradients = self._objective.values_and_gradients(Q)[1]
@@ -204,5 +208,6 @@ class StateCost:
             step = 1e-5 * np.eye(self._bridge.n)
             gradients = np.stack([(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step], axis=1)
         norms = np.linalg.norm(gradients, axis=1)
-        norms = norms[np.isfinite(norms)]
-        return float(np.median(norms)) if len(norms) else 0.0
+        norms = np.sort(norms[np.isfinite(norms)])
+        half = len(norms) // 2
+        return 0.5 * float(norms[half] + norms[-1 - half]) if len(norms) else 0.0  # their median

@@ -7,7 +7,8 @@ import sys
 import threading
 from collections.abc import Iterator
 from functools import partial
-from typing import Any, NamedTuple
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from ompl import base as ob
@@ -46,6 +47,9 @@ def _real_vector(lower: FloatArray, upper: FloatArray) -> Any:
     return space
 
 
+_WORKING = set[tuple[Any, ...]]()  # kinds of spaces whose buffer is known to work
+
+
 class StateBridge:
     """Moves configurations between OMPL states and arrays `q: (n,)`; an InputError if the space is of another kind.
 
@@ -56,13 +60,13 @@ class StateBridge:
 
     def __init__(self, space: Any) -> None:
         self.space = space
-        parts = _parts(space)
-        self.circular: BoolArray = np.concatenate([part.circular for part in parts])
-        self.lower: FloatArray = np.concatenate([part.lower for part in parts])
-        self.upper: FloatArray = np.concatenate([part.upper for part in parts])
-        self.n: int = len(self.lower)
+        self._given = wraps, lower, upper = _coordinates_of(space)
+        self.circular: BoolArray = np.array(wraps, dtype=bool)
+        self.lower: FloatArray = np.array(lower, dtype=float)
+        self.upper: FloatArray = np.array(upper, dtype=float)
+        self.n: int = len(lower)
         self._sides: FloatArray = self.upper - self.lower
-        free = np.where(self.circular, sys.float_info.max, np.finfo(np.float64).eps)
+        free = np.where(self.circular, sys.float_info.max, sys.float_info.epsilon)
         self.held: FloatArray = np.array([self.lower - free, self.upper + free])
         # More than one turn of a joint makes a space no larger to plan in.
         self.extent = float(np.linalg.norm(np.minimum(self._sides, 2 * np.pi)))
@@ -72,8 +76,15 @@ class StateBridge:
         if space.getSerializationLength() != 8 * self.n:
             raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
         self._memory = PerThread(partial(_buffer, self.n))
-        if not self._buffer_works():
+        kind = type(space), *wraps
+        if kind not in _WORKING and not self._buffer_works():
             raise PlanningError("this version of OMPL's bindings does not read and write states through a buffer")
+        _WORKING.add(kind)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the space still has the bounds that it had when this bridge was made."""
+        return _coordinates_of(self.space) == self._given
 
     def read(self, state: Any) -> FloatArray:
         """Return the configuration (n,) of a state as a new array."""
@@ -171,28 +182,22 @@ _CURVED = tuple(
 )
 
 
-class _Part(NamedTuple):
-    """A leaf of a space: which coordinates wrap, and their bounds."""
-
-    circular: BoolArray
-    lower: FloatArray
-    upper: FloatArray
-
-
-def _parts(space: Any) -> list[_Part]:
+def _coordinates_of(space: Any) -> tuple[list[bool], list[float], list[float]]:
+    """Return which coordinates of a space wrap, and their bounds."""
     if isinstance(space, _CURVED):
         raise InputError(
             f"state space {space.getName()!r} ({type(space).__name__}): its motions are curves; only spaces of "
             "straight motions can be planned in (real vectors, SO(2) and compounds of these, such as SE2StateSpace)"
         )
     if isinstance(space, ob.SO2StateSpace):
-        return [_Part(np.array([True]), np.array([-np.pi]), np.array([np.pi]))]
+        return [True], [-np.pi], [np.pi]
     if isinstance(space, ob.RealVectorStateSpace):
         bounds = space.getBounds()
-        lower, upper = np.array(list(bounds.low), dtype=float), np.array(list(bounds.high), dtype=float)
-        return [_Part(np.zeros(len(lower), dtype=bool), lower, upper)]
+        return [False] * space.getDimension(), list(bounds.low), list(bounds.high)
     if isinstance(space, ob.CompoundStateSpace):
-        return [part for i in range(space.getSubspaceCount()) for part in _parts(space.getSubspace(i))]
+        parts = [_coordinates_of(space.getSubspace(i)) for i in range(space.getSubspaceCount())]
+        wraps, lower, upper = (list(chain.from_iterable(each)) for each in zip(*parts, strict=True))
+        return wraps, lower, upper
     raise InputError(
         f"state space {space.getName()!r} ({type(space).__name__}): only real vectors, SO(2) and compounds of these "
         "can be planned in"

@@ -66,6 +66,13 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         return self.checker.clearance(self.bridge.read(state)).distance
 
 
+def bridge_of(si: Any) -> StateBridge:
+    """Return the bridge of a space information's space: that of its validity checker, while the bounds are the same."""
+    validity = si.getStateValidityChecker()
+    known = validity.bridge if isinstance(validity, CollisionFreeValidity) else None
+    return known if known is not None and known.is_current else StateBridge(si.getStateSpace())
+
+
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.MotionProver`).
 
@@ -78,7 +85,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:
         super().__init__(si)
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
-        self._bridge = StateBridge(self._space)
+        self._bridge = bridge_of(si)
         self.setConstraints(constraints or Constraints(), checker)
 
     @property

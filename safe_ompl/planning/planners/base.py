@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import inspect
 import logging
+import os
 import re
 import sys
 import textwrap
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from operator import attrgetter
 from typing import Any, ClassVar, Generic, TypeVar, cast, overload
 
@@ -133,7 +135,7 @@ name : str
 
 def _describe(kind: type) -> None:
     """Put the parameters of a class of planners into its docstring, before notes and references, and its signature."""
-    declared = parameters_of(kind)
+    declared: dict[str, Parameter[Any]] = kind._declared  # type: ignore[attr-defined]
     section = _ARGUMENTS + "\n".join(parameter.entry for parameter in declared.values()) + "\n"
     text = inspect.cleandoc(kind.__doc__ or kind.__name__)
     cut = re.search(r"^(Notes|References)\n-+$", text, re.MULTILINE)
@@ -177,6 +179,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     """
 
     plans_to: ClassVar[Any] = ob.GoalSampleableRegion
+    _declared: ClassVar[dict[str, Parameter[Any]]]
 
     range = Parameter(
         0.0,
@@ -186,17 +189,18 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
+        cls._declared = parameters_of(cls)
         _describe(cls)
 
     def __init__(self, si: Any, name: str | None = None, **parameters: Any) -> None:
         super().__init__(si, name or type(self).__name__)
         self.counts = Counts()
-        self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]))
+        self.setSeed(int.from_bytes(os.urandom(4), "little"))
         self._problem = PlanningProblem(si)
         self._bridge = self._problem.bridge
         self._read: Any = _UNREAD  # the objective that is in use
         self._make_parts()
-        for key, parameter in parameters_of(type(self)).items():
+        for key, parameter in self._declared.items():
             setattr(self, key, parameter.default)
         for key, value in parameters.items():
             self.setParameter(key, value)
@@ -209,7 +213,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def setParameter(self, name: str, value: Any) -> None:
         """Set a parameter, such as "goal_bias"; an UnknownNameError if there is none, InputError if it is refused."""
-        known = parameters_of(type(self))
+        known = self._declared
         if name not in known:
             raise UnknownNameError(f"parameter of {self.getName()}", name, sorted(known))
         getattr(self, f"set{camel_case(name)}")(value)
@@ -217,7 +221,11 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def setSeed(self, seed: int) -> None:
         """Start the planner's random numbers anew; the same seed gives the same path."""
         self._seed = whole_number("seed", seed, at_least=0)
-        self._rng = np.random.default_rng(self._seed)
+        self.__dict__.pop("_rng", None)
+
+    @cached_property
+    def _rng(self) -> np.random.Generator:
+        return np.random.default_rng(self._seed)
 
     def getSeed(self) -> int:
         """Return the seed."""
@@ -290,7 +298,11 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def _forget(self) -> None:
         """Drop what has been built, and begin anew without starts and goals."""
-        self._trees = Trees(self._bridge, self._problem.cost, self.counts)
+        self.__dict__.pop("_trees", None)
+
+    @cached_property
+    def _trees(self) -> Trees:
+        return Trees(self._bridge, self._problem.cost, self.counts)
 
     # ------------------------------------------------------------------------------------- starts and goals
 

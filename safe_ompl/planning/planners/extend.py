@@ -95,8 +95,8 @@ class Growth:
         self._step = Step(np.zeros(n), np.zeros((2, n)), np.zeros(n), np.zeros((1, n)), np.zeros((1, n)))
         self._known: tuple[RequiredDistances, DistanceBounds, Proofs | None] | None = None
         self._field: tuple[DangerField, PointDanger | None] | None = None
-        self._rng, self._draws = np.random.default_rng(), np.empty(0)  # what was drawn and not used yet
-        self._search = np.zeros(1, SEARCH)
+        self._rng: np.random.Generator | None = None
+        self._draws, self._search = np.empty(0), np.zeros(1, SEARCH)  # what was drawn and not used yet
         self.reset()
 
     def reset(self) -> None:
@@ -188,6 +188,7 @@ class Growth:
         if asked == turns.ROOM:
             tree.make_room()
         elif asked == turns.DRAWS:
+            self._rng = self._rng or np.random.default_rng()
             more = self._rng.random(max(_DRAWS, 2 * len(new)))
             self._draws, s["drawn"] = np.concatenate([self._draws[s["drawn"] :], more]), 0
         elif asked == turns.COSTS:

@@ -10,13 +10,7 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver, PairSet
 from safe_ompl.common import FloatArray
-from safe_ompl.planning.ompl import (
-    CertifiedMotionValidator,
-    CollisionFreeValidity,
-    ScratchState,
-    StateBridge,
-    StateCost,
-)
+from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, ScratchState, StateCost, bridge_of
 from safe_ompl.planning.planners.tree import Trees
 from safe_ompl.planning.planners.turns import NARROW_PLACE, danger_share, lowered_margin
 from safe_ompl.robot import JointLimits, Robot
@@ -32,7 +26,7 @@ class PlanningProblem:
     """A space with its validity checker, motion validator and cost, asked with arrays instead of OMPL's states."""
 
     def __init__(self, si: Any) -> None:
-        self.bridge = StateBridge(si.getStateSpace())
+        self.bridge = bridge_of(si)
         self._si = si
         self._from, self._to = ScratchState(self.bridge), ScratchState(self.bridge)
         self._limits: tuple[MotionProver, JointLimits] | None = None
@@ -69,7 +63,7 @@ class PlanningProblem:
         """Return the joint limits of the robot that are also within the bounds of the space."""
         known = self._limits
         if known is None or known[0] is not motion:
-            self._limits = known = motion, JointLimits(motion.checker.robot).within(*self.bridge.held)
+            self._limits = known = motion, motion.checker.robot.joint_limits.within(*self.bridge.held)
         return known[1]
 
     @property

@@ -125,5 +125,6 @@ def test_bindings_that_know_no_such_buffer_are_refused(kinova, monkeypatch, else
         return make(other.ctypes.data, *rest) if elsewhere else object()
 
     monkeypatch.setattr(states, "_new_capsule", capsule)
+    monkeypatch.setattr(states, "_WORKING", set())
     with pytest.raises(PlanningError, match="version of OMPL's bindings"):
         StateBridge(space)
