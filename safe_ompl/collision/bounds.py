@@ -12,11 +12,11 @@ import numpy as np
 
 from safe_ompl.collision.kernels.distances import near_pairs, pair_bounds, pairs_within
 from safe_ompl.collision.kernels.proofs import prove_curve, prove_curves
-from safe_ompl.collision.kernels.tables import GROUP, EdgeTables, Pairs
+from safe_ompl.collision.kernels.tables import GROUP, LANES, EdgeTables, Pairs
 from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import BoolArray, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import ConvexBodies
-from safe_ompl.geometry.kernels import Records
+from safe_ompl.geometry.kernels import POSE, Records
 from safe_ompl.robot import JointLimits, Robot, plain
 
 # [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
@@ -26,8 +26,7 @@ ALLOWANCE = 2 * DISTANCE_ERROR
 _INTERVALS = 64  # the most that may wait to be proven
 _TOGETHER = 256  # motions that a thread proves in one go: Ctrl-C waits for that
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
-BLOCK = 64  # parts of obstacles that are near each other,
-_FEW = 512  # and as many pairs are looked at one by one
+BLOCK = 64  # parts of obstacles that are near each other
 ROUNDING = 1e-9  # [m] of distances between balls
 
 
@@ -67,18 +66,20 @@ class DistanceBounds:
     """
 
     def __init__(self, robot: Robot, bodies: ConvexBodies, pairs: IntArray, radii: FloatArray, counts: Counts) -> None:
-        reaches = np.zeros((len(bodies.bodies), radii.shape[1]))
-        reaches[: len(robot.bounds.joint_radii)] = robot.bounds.joint_radii
+        own = len(robot.bounds.joint_radii)
+        reaches = np.zeros((radii.shape[1], len(bodies.bodies)))
+        reaches[:, :own] = robot.bounds.joint_radii.T
         exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
         self.exact: BoolArray = exact[pairs[:, 0]] & exact[pairs[:, 1]]
         certain = np.where(self.exact, ALLOWANCE, np.inf)
-        groups = _groups(bodies, pairs)
-        own = len(robot.bounds.joint_radii)
-        pair_table = Pairs(np.array(pairs), np.array(radii.T, order="C"), reaches, certain, groups, own)
+        poses = _poses(bodies)
+        groups, balls = _groups(bodies, poses, pairs, own)
+        numbers = pairs.astype(np.uintp)
+        pair_table = Pairs(numbers, np.array(radii.T, order="C"), reaches, certain, groups, own, balls)
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
         self._flat = robot.kinematics.joints, *bodies.shapes, *pair_table
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
-        self._memory = PerThread(partial(edge_memory, radii.shape[1], len(pairs)))
+        self._memory = PerThread(partial(edge_memory, radii.shape[1], len(pairs), poses))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
@@ -100,7 +101,7 @@ class DistanceBounds:
         """
         near: IntArray = np.empty(len(self.exact), np.intp)
         known, values = self._data[2], plain(self._coupling.values(q))
-        tables = *self._flat[:4], known.bodies, known.certain, known.groups, known.own
+        tables = *self._flat[:4], known.bodies, known.certain, known.groups, known.own, known.balls, self._memory.own[3]
         number, surely = near_pairs(*tables, values, plain(margins), ALLOWANCE, near)
         return near[:number], surely
 
@@ -142,14 +143,15 @@ class DistanceBounds:
 
     def edge_tables(self, limits: JointLimits, required: FloatArray, floor: float) -> EdgeTables | None:
         """Return what the kernel `prove_edge` needs, which does not count its places; None where nothing is bounded."""
-        (joints, shapes, pairs), (edge, left, suspects) = self._data, edge_memory(*self._data[2].radii.shape)
-        tables = EdgeTables(joints, shapes, pairs, *limits.tables, required, floor, edge, left, suspects)
+        joints, shapes, pairs = self._data
+        edge, left, suspects, poses = edge_memory(len(pairs.radii), len(pairs.bodies), self._memory.own[3])
+        tables = EdgeTables(joints, shapes, pairs, *limits.tables, required, floor, edge, left, suspects, poses)
         return tables if self._bounded else None
 
     def _proof(self, coefficients: FloatArray, required: FloatArray, floor: float) -> BoundsProof:
         """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""
-        _, left, suspects = self._memory.own
-        number, at, places = prove_curve(*self._flat, coefficients, required, floor, left, suspects)
+        _, left, suspects, poses = self._memory.own
+        number, at, places = prove_curve(*self._flat, poses, coefficients, required, floor, left, suspects)
         self._counts.bound_queries += places
         if not number:
             return _FREE
@@ -165,8 +167,9 @@ class DistanceBounds:
         nothing: IntArray = np.empty(0, np.intp)  # what blocks the edges of a batch differs: to suspect it costs time
 
         def prove(some: slice) -> int:
-            left = self._memory.own[1]
-            return int(prove_curves(joints, shapes, known, curves[some], required, floor, left, nothing, found[some]))
+            _, left, _, poses = self._memory.own
+            told = required, floor, left, nothing, found[some]
+            return int(prove_curves(joints, shapes, known, poses, curves[some], *told))
 
         if self._bounded:
             parts = [slice(k, k + _TOGETHER) for k in range(0, len(curves), _TOGETHER)]
@@ -178,27 +181,38 @@ class DistanceBounds:
         return found
 
 
-def _groups(bodies: ConvexBodies, pairs: IntArray) -> Records:
-    """Return groups of pairs as they follow each other, one for all where they are few."""
-    cuts = np.array([0, len(pairs)])
-    if len(pairs) > _FEW:
-        joints, (first, second) = bodies.bodies["joint"], pairs.T
-        starts = np.flatnonzero((np.diff(first, prepend=-1) != 0) | (np.diff(joints[second] > 0, prepend=True)))
-        cuts = np.unique(np.concatenate([np.arange(a, b, BLOCK) for a, b in pairwise([*starts, len(pairs)])]))
-        cuts = np.append(cuts, len(pairs))
-    groups = np.zeros(len(cuts) - 1, GROUP)
-    groups["begin"], groups["end"], groups["radius"] = cuts[:-1], cuts[1:], np.inf
-    if len(groups) > 1:
-        placed = bodies.bodies[second]
-        centres = placed["translation"] + np.einsum("pxy,py->px", placed["rotation"], placed["centre"])
-        middle = np.add.reduceat(centres, cuts[:-1]) / np.diff(cuts)[:, None]
-        away = np.linalg.norm(centres - np.repeat(middle, np.diff(cuts), axis=0), axis=1) + placed["reach"]
-        still = np.maximum.reduceat(joints[second], cuts[:-1]) == 0
+def _poses(bodies: ConvexBodies) -> Records:
+    """Return the poses (G,) of bodies that no joint carries, those of others to be written."""
+    known = bodies.bodies
+    poses = np.zeros(len(known), POSE)
+    poses["rotation"], poses["origin"] = known["rotation"], known["translation"]
+    poses["centre"] = known["translation"] + (known["rotation"] @ known["centre"][..., None])[..., 0]
+    return poses
+
+
+def _groups(bodies: ConvexBodies, poses: Records, pairs: IntArray, own: int) -> tuple[Records, FloatArray]:
+    """Return groups of pairs as they follow each other, and the balls about their obstacles."""
+    first, second = pairs.T
+    meets = second >= own
+    starts = np.flatnonzero((np.diff(first, prepend=-1) != 0) & meets | (np.diff(meets, prepend=True)))
+    cuts = [k for a, b in pairwise([0, *starts, len(pairs)]) for k in range(a, b, BLOCK)]
+    groups = np.zeros(len(cuts), GROUP)
+    groups["begin"], groups["end"], groups["radius"] = cuts, [*cuts[1:], len(pairs)], np.inf
+    numbers = groups["end"] - groups["begin"]
+    lanes = -(-numbers // LANES) * LANES
+    groups["lane"] = np.cumsum(lanes) - lanes
+    balls = np.zeros((4, int(lanes.sum())))
+    reach, centres = bodies.bodies["reach"][second], poses["centre"][second]
+    lane = np.repeat(groups["lane"] - groups["begin"], numbers) + np.arange(len(pairs))
+    balls[:3, lane], balls[3, lane] = centres.T, reach
+    if len(cuts):
+        middle = np.add.reduceat(centres, cuts) / numbers[:, None]
+        away = np.linalg.norm(centres - np.repeat(middle, numbers, axis=0), axis=1) + reach
         groups["centre"] = middle
-        groups["radius"] = np.where(still, np.maximum.reduceat(away, cuts[:-1]) + ROUNDING, np.inf)
-    return groups
+        groups["radius"] = np.where(meets[cuts], np.maximum.reduceat(away, cuts) + ROUNDING, np.inf)
+    return groups, balls
 
 
-def edge_memory(joints: int, pairs: int) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return arrays for an edge (2, m), for the intervals that are not proven, and for pairs that blocked motions."""
-    return np.empty((2, joints)), np.empty((_INTERVALS, 2)), np.arange(min(_SUSPECTS, pairs))
+def edge_memory(joints: int, pairs: int, poses: Records) -> tuple[FloatArray, FloatArray, IntArray, Records]:
+    """Return arrays for an edge (2, m), for the intervals that are not proven, for suspects, and for poses (G,)."""
+    return np.empty((2, joints)), np.empty((_INTERVALS, 2)), np.arange(min(_SUSPECTS, pairs)), poses.copy()

@@ -111,7 +111,7 @@ class PairTable:
 
 
 def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
-    """Return the pairs of `checked: (K, M)` in order; of many parts (K, 3) those near each other come link by link."""
+    """Return the pairs of `checked: (K, M)` link by link, of many parts (K, 3) those near each other first."""
     blocks: list[IntArray] = [np.arange(len(centres))]
     while len(blocks[0]) > BLOCK:
         halved: list[IntArray] = []
@@ -120,8 +120,8 @@ def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
             halved += np.array_split(block[np.argsort(centres[block, widest], kind="stable")], 2)
         blocks = halved
     every = np.arange(checked.size).reshape(checked.shape)
-    order = every if len(blocks) == 1 else np.concatenate([every[block].T.ravel() for block in blocks])
-    kept: IntArray = order.ravel()[checked.ravel()[order.ravel()]]
+    order = np.concatenate([every[block].T.ravel() for block in blocks])
+    kept: IntArray = order[checked.ravel()[order]]
     return kept
 
 

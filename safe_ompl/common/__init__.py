@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         compile_together as compile_together,
         compiled as compiled,
         ctrl_c_as_such as ctrl_c_as_such,
+        inlined as inlined,
         maker as maker,
         origin as origin,
         part as part,

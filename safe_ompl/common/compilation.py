@@ -99,6 +99,11 @@ def part(function: _Function) -> _Function:
     return _part(function, {"_nrt": False})
 
 
+def inlined(function: _Function) -> _Function:
+    """Return a part that is put into the loop that calls it, for LLVM would pass arrays one number after the other."""
+    return _part(function, {"_nrt": False, "forceinline": True})
+
+
 def maker(function: _Function) -> _Function:
     """Return a part of kernels that makes arrays."""
     return _part(function, {})

@@ -29,7 +29,7 @@ def test_pairs_that_can_come_near_are_those_that_coal_finds(robot_named, rng, na
     geometry = SceneGeometry(robot, scene, ())
     table = PairTable(robot, geometry)
     reaches = robot.bounds.body_reaches.values()
-    expected = np.array([coal_distance(reach, part) for part in geometry.parts for reach in reaches])
+    expected = np.array([coal_distance(reach, part) for reach in reaches for part in geometry.parts])
     for distance in (1e-5, 0.05, 0.4):
         clear = np.abs(expected - distance) > 2e-5
         near = np.isin(table.with_obstacle, table.within(distance - DISTANCE_ERROR))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision.kernels.tables import is_far, most_of
+from safe_ompl.collision.kernels.tables import LANES, most_of, near_in_group
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import (
     POSE,
@@ -19,7 +19,6 @@ from safe_ompl.geometry.kernels import (
     from_box,
     nearest_in_simplex,
     place_bodies,
-    place_still,
 )
 from safe_ompl.robot.kernels import place_joints
 
@@ -34,6 +33,8 @@ def near_pairs(
     certain: FloatArray,
     groups: Records,
     own: int,
+    balls: FloatArray,
+    poses: Records,
     values: FloatArray,
     margins: FloatArray,
     spare: float,
@@ -47,24 +48,17 @@ def near_pairs(
     `Shapes`, then come those of `Pairs`: Python would take longer to hand over tuples. `near: (P,)` takes the indices,
     in order.
     """
-    m, shapes = len(values), Shapes(bodies, starts, vertices)
-    poses, simplex, axis = np.empty(len(bodies), POSE), np.empty((4, 3)), np.empty(3)
+    m, shapes, number = len(values), Shapes(bodies, starts, vertices), 0
+    simplex, axis = np.empty((4, 3)), np.empty(3)
+    some, hits = np.empty(len(pairs), np.intp), np.empty(LANES, np.bool_)
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     place_joints(joints, values, rotations, origins, joint_axes)
-    grouped, number = len(groups) > 1, 0
-    place_bodies(bodies[:own] if grouped else bodies, poses, rotations, origins, False)
     place_bodies(bodies[:own], poses, rotations, origins, True)
-    most = most_of(margins) if grouped else inf
+    most = most_of(margins) + spare
     for g in range(len(groups)):
-        begin, end = groups[g].begin, groups[g].end
-        if grouped:
-            A = pairs[begin, 0]
-            if is_far(groups[g], bodies[A], poses[A], most + spare):
-                continue
-            for p in range(begin, end):
-                if pairs[p, 1] >= own:
-                    place_still(bodies, poses, pairs[p, 1])
-        for p in range(begin, end):
+        A = pairs[groups[g].begin, 0]
+        for k in range(near_in_group(groups[g], balls, bodies[A], poses[A], most, hits, some)):
+            p = np.uintp(some[k])
             A, B, enough = pairs[p, 0], pairs[p, 1], margins[p] + spare
             if bodies[A].reach < inf and bodies[B].reach < inf:
                 if are_apart(bodies, poses, A, B, enough, axis):

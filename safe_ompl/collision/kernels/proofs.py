@@ -9,9 +9,8 @@ while |x| ≤ h: v takes the place of |Δ| in W_p, for intervals of half-length 
 Three bounds of d_p are tried in turn, each only where the one before would make s smaller: that of the balls about the
 bodies, that of the ball about one and the box about the other, and that of the supports of the bodies themselves along
 an axis n (`geometry.kernels`). At first the axis is the vector from the box to the ball. It is kept for the next place
-on the edge, but not for the next edge, so that an edge is always decided alike. R_pi is a constant at first; where that
-would make s smaller it is also bounded at q(t): no point of a body is farther from the axis of joint i than the centre
-of its ball is, plus the radius.
+on the edge, but not for the next edge, so that an edge is always decided alike. R_pi is a constant, or less at q(t): no
+point of a body is farther from the axis of joint i than the centre of its ball is, plus the radius.
 
 Where the supports leave a spare e, the slab across n is followed as well: bodies that move along it, or apart, come
 nearer only by accelerations. From there on they keep what they must while e + s·r − s²K/2 ≥ 0 (Taylor). In the frame of
@@ -32,19 +31,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision.kernels.tables import EdgeTables, Pairs, is_far, most_of
+from safe_ompl.collision.kernels.tables import LANES, EdgeTables, Pairs, most_of, near_in_group
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, part
-from safe_ompl.geometry.kernels import (
-    POSE,
-    Records,
-    Shapes,
-    are_apart,
-    begin_axis,
-    distance_bounds,
-    from_box,
-    place_bodies,
-    place_still,
-)
+from safe_ompl.geometry.kernels import Records, Shapes, are_apart, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.robot.kernels import lay_edge, place_joints
 
 _NEAR = 0.05  # [m] by which bodies approach at most while a slab is followed: else too many pairs would be near
@@ -69,34 +58,57 @@ class _Motion(NamedTuple):
     most: float
 
 
-class _Axes(NamedTuple):
+class _Search(NamedTuple):
     """Separating axes (P + 1, 3), the last one for any pair, which are known (P,), and memory for a simplex (4, 3).
 
-    And the groups (K,) whose obstacles are placed.
+    Then bounds of the speeds that joints give to bodies, (m + 1, own), the last row their sums; the centres of the
+    balls about these and their radii, (4, own), pairs that may be near, (P,), and hits, see `near_in_group`.
     """
 
     axes: FloatArray
     known: BoolArray
     simplex: FloatArray
-    placed: BoolArray
+    speeds: FloatArray
+    balls: FloatArray
+    near: IntArray
+    hits: BoolArray
 
 
 @part
-def _rate_here(p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any, speeds: FloatArray) -> float:
-    """Return W_p for motions that start here, with radii no larger than the constant ones."""
-    rate, origins, axes = 0.0, place.origins, place.axes
-    for i in range(len(speeds)):
-        radius = pairs.radii[i, p]
-        if radius == 0.0 or speeds[i] == 0.0:
+def _bound_speeds(pairs: Pairs, place: _Place, joints: Any, rates: FloatArray, search: _Search) -> None:
+    """Write bounds of the speeds that joints give to the robot's bodies from here on, and their sums.
+
+    With radii no larger than the constant ones. Processors run the loops over bodies by lanes.
+    """
+    speeds, balls, own, m = search.speeds, search.balls, pairs.own, len(rates)
+    for g in range(own):
+        for x in range(3):
+            balls[x, g] = place.poses[g].centre[x]
+        speeds[m, g] = 0.0
+    for i in range(m):
+        if joints[i].slides or rates[i] == 0.0:
+            for g in range(own):
+                speeds[i, g] = pairs.reaches[i, g] * rates[i]
+                speeds[m, g] += speeds[i, g]
             continue
-        if not joints[i].slides:
-            g = pairs.bodies[p, 0] if pairs.reaches[pairs.bodies[p, 0], i] > 0.0 else pairs.bodies[p, 1]
-            at = place.poses[g].centre
-            x, y, z = at[0] - origins[i, 0], at[1] - origins[i, 1], at[2] - origins[i, 2]
-            a, b, c = axes[i, 0], axes[i, 1], axes[i, 2]
+        o0, o1, o2 = place.origins[i, 0], place.origins[i, 1], place.origins[i, 2]
+        a, b, c, rate = place.axes[i, 0], place.axes[i, 1], place.axes[i, 2], rates[i]
+        for g in range(own):
+            x, y, z = balls[0, g] - o0, balls[1, g] - o1, balls[2, g] - o2
             u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
-            radius = min(radius, sqrt(u * u + v * v + w * w) + bodies[g].reach)
-        rate += radius * speeds[i]
+            far, reach = sqrt(u * u + v * v + w * w) + balls[3, g], pairs.reaches[i, g]
+            speeds[i, g] = rate * (far if far < reach else reach)
+            speeds[m, g] += speeds[i, g]
+
+
+@part
+def _rate_here(p: int, pairs: Pairs, rates: FloatArray, speeds: FloatArray) -> float:
+    """Return W_p for motions that start here, with radii no larger than the constant ones."""
+    rate, A, B = 0.0, pairs.bodies[p, 0], pairs.bodies[p, 1]
+    for i in range(len(rates)):
+        g = A if pairs.reaches[i, A] > 0.0 else B
+        if g < pairs.own:
+            rate += min(pairs.radii[i, p] * rates[i], speeds[i, g])
     return rate * (1.0 + _ROUNDING)
 
 
@@ -104,76 +116,75 @@ def _rate_here(p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any
 def _rate_of(g: int, pairs: Pairs, moves: FloatArray) -> float:
     """Return a bound of the rates of all pairs of a body of the robot with obstacles."""
     rate = 0.0
-    for i in range(pairs.reaches.shape[1]):
-        rate += pairs.reaches[g, i] * moves[_SPEED, i]
+    for i in range(len(pairs.reaches)):
+        rate += pairs.reaches[i, g] * moves[_SPEED, i]
     return rate * (1.0 + _ROUNDING)
 
 
 @part
-def _come_near(
-    group: int, begin: int, end: int, pairs: Pairs, motion: _Motion, shapes: Shapes, place: _Place, search: _Axes
-) -> None:
-    """Place the obstacles of pairs, once those of a group, and write the rates of these pairs."""
-    if group < 0 or not search.placed[group]:
-        for p in range(begin, end):
-            if pairs.bodies[p, 1] >= pairs.own:
-                place_still(shapes.bodies, place.poses, pairs.bodies[p, 1])
-    if group >= 0:
-        search.placed[group] = True
-    for p in range(begin, end):
-        motion.rates[p] = 0.0
-    for i in range(pairs.reaches.shape[1]):
-        for p in range(begin, end):
-            motion.rates[p] += pairs.radii[i, p] * motion.joints[_SPEED, i]
+def _write_rates(pairs: Pairs, moves: FloatArray, rates: FloatArray) -> float:
+    """Write the rates W (P,) of pairs of two of the robot's own bodies; return the largest one of all pairs."""
+    widest = 0.0
+    for g in range(pairs.own):
+        widest = max(widest, _rate_of(g, pairs, moves))
+    for k in range(len(pairs.groups)):
+        if not pairs.groups[k].radius < inf:
+            begin, end = pairs.groups[k].begin, pairs.groups[k].end
+            rates[begin:end] = 0.0
+            for i in range(moves.shape[1]):
+                for p in range(begin, end):
+                    rates[p] += pairs.radii[i, p] * moves[_SPEED, i]
+            for p in range(begin, end):
+                widest = max(widest, rates[p])
+    return widest
 
 
 @part
 def _half_length(
-    joints: Any, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _Place, search: _Axes, most: float, first: int
+    joints: Any, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _Place, search: _Search, most: float, first: int
 ) -> tuple[float, float, int]:
     """Return how far before and after a place, at most `most`, is proven, and the pair that bounds that.
 
     Both are 0 if the bound of that pair's distance is not above what it must keep, and −1 if it is certain that the
-    pair is too near. The pair `first` is looked at before the others.
+    pair is too near. The pair `first` is looked at before the others, if it is not −1.
     """
-    bodies, poses, required = shapes.bodies, place.poses, motion.required
-    axes, known = search.axes, search.known
-    before, after, bounding, grouped = most, most, first, len(pairs.groups) > 1
-    for g in range(-1 if len(pairs.bodies) > 0 else 0, len(pairs.groups)):
-        begin, end = first, first + 1
-        if g >= 0:
-            begin, end = pairs.groups[g].begin, pairs.groups[g].end
-        if grouped:
-            A = pairs.bodies[begin, 0]
-            enough = motion.most + max(before, after) * _rate_of(A, pairs, motion.joints)
-            if g >= 0 and is_far(pairs.groups[g], bodies[A], poses[A], enough):
-                continue
-            _come_near(g, begin, end, pairs, motion, shapes, place, search)
-        for p in range(begin, end):
-            if g >= 0 and p == first:
-                continue
-            A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
-            half = max(before, after)
-            enough = required[p] + half * motion.rates[p]
+    bodies, poses, required, rates = shapes.bodies, place.poses, motion.required, motion.joints[_SPEED]
+    axes, known, near, speeds = search.axes, search.known, search.near, search.speeds
+    _bound_speeds(pairs, place, joints, rates, search)
+    before, after, bounding = most, most, first
+    for turn in range(len(pairs.groups) + 1):
+        near[0], number = first, 1 if first >= 0 else 0
+        if turn > 0:
+            group = pairs.groups[len(pairs.groups) - turn]  # the hand's first: the hand is nearest often
+            A = pairs.bodies[group.begin, 0]
+            enough = motion.most + max(before, after) * speeds[len(rates), A] * (1.0 + _ROUNDING)
+            number = near_in_group(group, pairs.balls, bodies[A], poses[A], enough, search.hits, near)
+        for candidate in range(number):
+            p: Any = np.uintp(near[candidate])
+            A, B, half = pairs.bodies[p, 0], pairs.bodies[p, 1], max(before, after)
             a, b = poses[A].centre, poses[B].centre
             x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-            far = enough + bodies[A].reach + bodies[B].reach
-            if x * x + y * y + z * z >= far * far:
+            square, reaches = x * x + y * y + z * z, bodies[A].reach + bodies[B].reach
+            if pairs.own > B:
+                far = required[p] + half * motion.rates[p] + reaches
+                if square >= far * far:
+                    continue
+            rate = _rate_here(p, pairs, rates, speeds)
+            enough = required[p] + half * rate
+            far = enough + reaches
+            if square >= far * far:
                 continue
             u, v, w = from_box(bodies[B], poses[B], a)
-            lower = sqrt(u * u + v * v + w * w) - bodies[A].reach
-            if lower >= enough:
+            square, far = u * u + v * v + w * w, enough + bodies[A].reach
+            if square >= far * far:
                 continue
             i, j, k = from_box(bodies[A], poses[A], b)
-            other = sqrt(i * i + j * j + k * k) - bodies[B].reach
-            if other >= enough:
+            other, far = i * i + j * j + k * k, enough + bodies[B].reach
+            if other >= far * far:
                 continue
-            rate = _rate_here(p, pairs, bodies, place, joints, motion.joints[_SPEED])
-            enough = required[p] + half * rate
+            lower, other = sqrt(square) - bodies[A].reach, sqrt(other) - bodies[B].reach
             if other > lower:
                 lower, u, v, w = other, -i, -j, -k
-            if lower >= enough:
-                continue
             if not known[p]:
                 begin_axis(axes[p], u, v, w, x, y, z)
             least = required[p] - pairs.certain[p]
@@ -185,19 +196,19 @@ def _half_length(
             if not lower > required[p]:
                 # The upper bound is −∞ where hulls overlap, and so is the right side where bodies are within theirs.
                 nothing = -1.0 if most_apart < least else 0.0
-                return nothing, nothing, p
+                return nothing, nothing, near[candidate]
             even, spare = (lower - required[p]) / rate, found - required[p]
             back, on = even, even
             if spare > 0.0:
                 back, on = _slab(p, pairs, bodies, place, joints, motion.joints, axes[p], spare)
                 back, on = max(even, min(back, _NEAR / rate)), max(even, min(on, _NEAR / rate))
             if back < before or on < after:
-                before, after, bounding = min(before, back), min(after, on), p
+                before, after, bounding = min(before, back), min(after, on), near[candidate]
     return before, after, bounding
 
 
 @part
-def _is_too_near(p: int, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _Place, search: _Axes) -> bool:
+def _is_too_near(p: int, shapes: Shapes, pairs: Pairs, motion: _Motion, place: _Place, search: _Search) -> bool:
     """Return whether it is certain that a pair is nearer at a place than it must be."""
     bodies, poses, required = shapes.bodies, place.poses, motion.required[p]
     A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
@@ -223,8 +234,8 @@ def _slab(
         at, R, extent = place.poses[g].centre, place.poses[g].rotation, bodies[g].extent
         tx, ty, tz, turning, moved = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(len(joints)):
-            reach = pairs.reaches[g, i]
-            if reach == 0.0 or pairs.reaches[other, i] > 0.0:
+            reach = pairs.reaches[i, g]
+            if reach == 0.0 or pairs.reaches[i, other] > 0.0:
                 continue
             a, b, c, speed = axes[i, 0], axes[i, 1], axes[i, 2], moves[_VELOCITY, i]
             if joints[i].slides:
@@ -297,6 +308,8 @@ def prove_curve(
     certain: FloatArray,
     groups: Records,
     own: int,
+    balls: FloatArray,
+    poses: Records,
     curve: FloatArray,
     required: FloatArray,
     least: float,
@@ -324,15 +337,19 @@ def prove_curve(
         At how many places of the motion the bounds were looked at.
     """
     m, P = radii.shape
-    shapes, pairs = Shapes(bodies, starts, vertices), Pairs(pair_bodies, radii, reaches, certain, groups, own)
+    shapes = Shapes(bodies, starts, vertices)
+    pairs = Pairs(pair_bodies, radii, reaches, certain, groups, own, balls)
     moves, rates, widest = np.empty((5, m)), np.empty(P), 0.0
     taylor, rotations = np.empty(len(curve)), np.empty((m, 3, 3))
-    grouped = len(groups) > 1
-    here = _Motion(moves, rates, required, most_of(required) if grouped else inf)
-    place = _Place(np.empty(len(bodies), POSE), np.empty((m, 3)), np.empty((m, 3)))
-    search = _Axes(np.empty((P + 1, 3)), np.zeros(P, np.bool_), np.empty((4, 3)), np.zeros(len(groups), np.bool_))
+    here, place = _Motion(moves, rates, required, most_of(required)), _Place(poses, np.empty((m, 3)), np.empty((m, 3)))
+    search = _Search(
+        np.empty((P + 1, 3)), np.zeros(P, np.bool_), np.empty((4, 3)), np.empty((m + 1, own)), np.empty((4, own)),
+        np.empty(P + 1, np.intp), np.empty(LANES, np.bool_),
+    )  # fmt: skip
+    for g in range(own):
+        search.balls[3, g] = bodies[g].reach
     left[0, 0], left[0, 1] = 0.0, 1.0
-    number, places, first = 1, 0, 0
+    number, places, first = 1, 0, -1
     while number > 0:
         low, high = left[number - 1, 0], left[number - 1, 1]
         t, most = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + _ROUNDING)
@@ -341,27 +358,13 @@ def prove_curve(
             if not isfinite(moves[_JOINT, i]):
                 return number, -1.0, places
         place_joints(joints, moves[_JOINT], rotations, place.origins, place.axes)
-        if places == 0:
-            place_bodies(bodies[:own] if grouped else bodies, place.poses, rotations, place.origins, False)
-        place_bodies(bodies[:own], place.poses, rotations, place.origins, True)
+        place_bodies(bodies[:own], poses, rotations, place.origins, True)
         for k in range(len(suspects)):
-            if grouped and places == 0:
-                _come_near(-1, suspects[k], suspects[k] + 1, pairs, here, shapes, place, search)
             if _is_too_near(suspects[k], shapes, pairs, here, place, search):
                 _suspect(suspects, suspects[k])
                 return -1, t, places + 1
-        if grouped:
-            widest = 0.0
-            for g in range(own):
-                widest = max(widest, 2.0 * _rate_of(g, pairs, moves))  # of two bodies of the robot
-        elif places == 0 or len(curve) > 2:
-            rates[:] = 0.0
-            for i in range(m):
-                for p in range(P):
-                    rates[p] += radii[i, p] * moves[_SPEED, i]
-            widest = 0.0
-            for p in range(P):
-                widest = max(widest, rates[p])
+        if places == 0 or len(curve) > 2:
+            widest = _write_rates(pairs, moves, rates)
         before, after, first = _half_length(joints, shapes, pairs, here, place, search, most, first)
         places += 1
         half = min(before, after)
@@ -391,8 +394,8 @@ def prove_edge(start: FloatArray, end: FloatArray, tables: EdgeTables) -> tuple[
     shapes, pairs = tables.shapes, tables.pairs
     number, _, places = prove_curve(
         tables.joints, shapes.bodies, shapes.starts, shapes.vertices, pairs.bodies, pairs.radii, pairs.reaches,
-        pairs.certain, pairs.groups, pairs.own, tables.edge, tables.required, tables.floor, tables.left,
-        tables.suspects,
+        pairs.certain, pairs.groups, pairs.own, pairs.balls, tables.poses, tables.edge, tables.required, tables.floor,
+        tables.left, tables.suspects,
     )  # fmt: skip
     return number, places
 
@@ -402,6 +405,7 @@ def prove_curves(
     joints: Any,
     shapes: Shapes,
     pairs: Pairs,
+    poses: Records,
     curves: FloatArray,
     required: FloatArray,
     least: float,
@@ -418,7 +422,7 @@ def prove_curves(
     for k in range(len(curves)):
         number, _, looked = prove_curve(
             joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.reaches, pairs.certain, pairs.groups,
-            pairs.own, curves[k], required, least, left, suspects,
+            pairs.own, pairs.balls, poses, curves[k], required, least, left, suspects,
         )  # fmt: skip
         found[k] = 1 if number == 0 else min(number, 0)
         places += looked

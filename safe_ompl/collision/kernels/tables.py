@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, maker, part
-from safe_ompl.geometry.kernels import BODY, Records, Shapes
+from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined, maker
+from safe_ompl.geometry.kernels import BODY, POSE, Records, Shapes
 from safe_ompl.robot.kernels import JOINT
 
 GROUP = np.dtype(
@@ -17,25 +17,29 @@ GROUP = np.dtype(
         ("end", np.intp),
         ("centre", np.float64, (3,)),  # in the world, of a ball that holds their obstacles,
         ("radius", np.float64),  # of this radius; +∞: none does, or these are no such pairs
+        ("lane", np.intp),  # where the balls about these obstacles begin
     ],
     align=True,
 )
 
 
 class Pairs(NamedTuple):
-    """Pairs of bodies: `bodies` (P, 2), their constant radii R (m, P), and those of each body about the joints, (G, m).
+    """Pairs of bodies: `bodies` (P, 2), their constant radii R (m, P), and those of each body about the joints, (m, G).
 
     Where an upper bound of the distance is `certain` (P,) [m] below what is required, a pair is too near: by as much as
-    the allowances in that, where both bodies are known exactly, else never, +∞. Of many obstacles few are near: the
-    `groups: (K,)` of type `GROUP` that are far away are left out at once. The robot's bodies are the first `own`.
+    the allowances in that, where both bodies are known exactly, else never, +∞. Of many obstacles few are near: pairs
+    come in `groups: (K,)` of type `GROUP`, each of one body of the robot's, and groups that are far away are left out
+    at once. The robot's bodies are the first `own`. Of the balls about the obstacles of groups there are centres and
+    radii, `balls: (4, ·)`, each group's rounded up to whole `LANES`.
     """
 
-    bodies: IntArray
+    bodies: Any  # unsigned: for others Numba asks each time whether they count from the end
     radii: FloatArray  # joint by joint, so that processors compute the rates of pairs by lanes
     reaches: FloatArray  # 0 where a joint does not move the body
     certain: FloatArray
     groups: Records
     own: int
+    balls: FloatArray
 
 
 class EdgeTables(NamedTuple):
@@ -51,6 +55,7 @@ class EdgeTables(NamedTuple):
     edge: FloatArray
     left: FloatArray
     suspects: IntArray
+    poses: Records
 
     @classmethod
     def of_nothing(cls) -> EdgeTables:
@@ -58,8 +63,9 @@ class EdgeTables(NamedTuple):
         numbers: IntArray = np.zeros((0, 2), np.intp)
         none, edge = np.zeros((0, 0)), np.zeros((2, 0))
         shapes = Shapes(np.zeros(0, BODY), numbers.ravel(), none)
-        pairs = Pairs(numbers, none, none, edge[0], np.zeros(0, GROUP), 0)
-        return cls(np.zeros(0, JOINT), shapes, pairs, none, edge, edge[0], 1.0, edge, np.zeros((1, 2)), numbers.ravel())
+        pairs = Pairs(numbers.astype(np.uintp), none, none, edge[0], np.zeros(0, GROUP), 0, none)
+        left, suspects, poses = np.zeros((1, 2)), numbers.ravel(), np.zeros(0, POSE)
+        return cls(np.zeros(0, JOINT), shapes, pairs, none, edge, edge[0], 1.0, edge, left, suspects, poses)
 
 
 @maker
@@ -74,11 +80,35 @@ def most_of(values: FloatArray) -> float:
     return float(lanes.max())
 
 
-@part
-def is_far(group: Records, body: Records, pose: Records, enough: float) -> bool:
-    """Return whether the robot's body of a group of pairs is `enough` [m] away from the obstacles of all."""
+LANES = 8  # balls that are looked at together
+
+
+@inlined
+def near_in_group(
+    group: Records, balls: FloatArray, body: Records, pose: Records, enough: float, hits: BoolArray, near: IntArray
+) -> int:
+    """Write those pairs of a group whose balls may be less than `enough` [m] apart; return how many they are.
+
+    The body and its pose are that of the robot in all of them, and `hits: (LANES,)` is working memory. Where the group
+    is none of obstacles all pairs are written.
+    """
+    count = group.end - group.begin
     if not group.radius < inf:
-        return False
-    a, b, far = pose.centre, group.centre, enough + body.reach + group.radius
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    return bool(x * x + y * y + z * z >= far * far)
+        for k in range(count):
+            near[k] = group.begin + k
+        return int(count)
+    x, y, z, far = pose.centre[0], pose.centre[1], pose.centre[2], enough + body.reach
+    u, v, w, apart = x - group.centre[0], y - group.centre[1], z - group.centre[2], far + group.radius
+    if u * u + v * v + w * w >= apart * apart:
+        return 0
+    number: Any = np.uintp(0)
+    for first in range(0, count, LANES):
+        for k in range(LANES):
+            lane = np.uintp(group.lane + first + k)
+            a, b, c = x - balls[0, lane], y - balls[1, lane], z - balls[2, lane]
+            reach = far + balls[3, lane]
+            hits[k] = not a * a + b * b + c * c >= reach * reach
+        for k in range(min(LANES, count - first)):
+            near[number] = group.begin + first + k
+            number += np.uintp(hits[k])
+    return int(np.intp(number))
