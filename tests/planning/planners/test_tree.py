@@ -112,7 +112,8 @@ def test_of_equal_ones_the_first_also_where_all_are_at_one_place(rng, alpha):
     grid = rng.integers(-2, 3, (3000, 2)).astype(float)
     heaps = np.repeat(rng.normal(size=(3, 2)), 1000, axis=0)
     heaps[1000:2000] += 1e-16 * rng.normal(size=(1000, 2))
-    for rows in (grid, heaps):
+    spiral = np.geomspace(1e-12, 1.0, 3000)[:, None] * (1.0, -2.0)  # cells of one node beside cells of all others
+    for rows in (grid, heaps, spiral):
         search, costs = NearestNode(np.zeros(2, dtype=bool)), rng.integers(5, size=3000).astype(float)
         for q in (*rows[::250], *rng.normal(size=(20, 2)), *rng.integers(-2, 3, (20, 2)).astype(float)):
             assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
