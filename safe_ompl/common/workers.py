@@ -5,10 +5,14 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import signal
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import BrokenExecutor, Executor, Future
+from functools import partial
 from logging.handlers import QueueHandler
 from multiprocessing.connection import Connection, wait
+from statistics import median
+from time import perf_counter
 from typing import Any, TypeVar
 
 from safe_ompl.common.errors import InputError, pass_on
@@ -16,6 +20,8 @@ from safe_ompl.common.inputs import whole_number
 
 _Task = TypeVar("_Task")
 _Outcome = TypeVar("_Outcome")
+_FIRST = 16  # tasks that an executor is sent one by one, and the most that it is sent together
+_WORTH = 0.5  # [s] of work in what it is sent: dask takes some 10 ms to send it
 
 
 def in_order(
@@ -27,9 +33,9 @@ def in_order(
     """Do tasks, and yield what comes of them in their order; one worker is this process, more are forked.
 
     `lost(task, words)` takes the place of what a task returns whose process dies. An exception in a task ends all, and
-    is raised here, where log records of the processes are logged, too. An executor is sent `do` and the tasks, pickled;
-    what it makes of workers that die is up to it, and one that cannot go on ends all. Raises InputError for less than 1
-    worker.
+    is raised here, where log records of the processes are logged, too. An executor is sent `do` and the tasks, pickled,
+    short ones together. What it makes of workers that die is up to it, and one that cannot go on ends all. Raises
+    InputError for less than 1 worker.
     """
     if isinstance(workers, Executor):
         return _by_executor(do, tasks, workers, lost)
@@ -41,18 +47,44 @@ def in_order(
 def _by_executor(
     do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], executor: Executor, lost: Callable[[_Task, str], _Outcome]
 ) -> Iterator[_Outcome]:
-    futures = [executor.submit(do, task) for task in tasks]
+    """Send the first tasks one by one; they tell how many of the others are worth being sent together."""
+    waiting: deque[tuple[Sequence[_Task], Future[tuple[float, list[_Outcome]]]]] = deque()
+    seconds: list[float] = []
+
+    def send(some: Sequence[_Task], size: int) -> None:
+        for k in range(0, len(some), size):
+            waiting.append((some[k : k + size], executor.submit(partial(_together, do), *some[k : k + size])))
+
     try:
-        for task, future in zip(tasks, futures, strict=True):
+        send(tasks[:_FIRST], 1)
+        left = tasks[_FIRST:]
+        while waiting:
+            batch, future = waiting[0]
             try:
-                yield future.result()
+                taken, outcomes = future.result()
+                seconds.append(taken / len(batch))
             except (InputError, BrokenExecutor):
                 raise
-            except Exception as error:  # such as one of dask, that the task has ended several workers
-                yield lost(task, f"{type(error).__name__}: {error}")
+            except Exception as error:  # such as one of dask, that the tasks have ended several workers
+                if len(batch) > 1:
+                    outcomes = list(_by_executor(do, batch, executor, lost))  # one by one
+                else:
+                    outcomes = [lost(batch[0], f"{type(error).__name__}: {error}")]
+            waiting.popleft()
+            if left and len(waiting) <= _FIRST // 2:
+                send(left, int(min(max(_WORTH / max(median(seconds or [_WORTH]), 1e-9), 1), _FIRST)))
+                left = left[:0]
+            yield from outcomes
     finally:
-        for future in futures:
+        for _, future in waiting:
             future.cancel()
+
+
+def _together(do: Callable[[_Task], _Outcome], *tasks: _Task) -> tuple[float, list[_Outcome]]:
+    """Do tasks in a worker of an executor; return how long that took [s], and what comes of them."""
+    begin = perf_counter()
+    outcomes = [do(task) for task in tasks]
+    return perf_counter() - begin, outcomes
 
 
 def _sorted(done: Iterator[tuple[int, _Outcome]]) -> Iterator[_Outcome]:

@@ -101,6 +101,29 @@ def test_an_executor_that_loses_a_run_goes_on_and_a_broken_one_ends_the_campaign
     assert [result.status for result in found] == [free, lost, free]
 
 
+class Fragile(Executor):
+    """One that counts what it is sent, and that fails at the run of seed 40."""
+
+    sent = 0
+
+    def submit(self, do, *runs):
+        self.sent += 1
+        future = Future()
+        if any(run.seed == 40 for run in runs):
+            future.set_exception(RuntimeError("three workers died"))
+        else:
+            future.set_result(do(*runs))
+        return future
+
+
+def test_short_runs_are_sent_together_and_those_beside_a_lost_one_once_more():
+    runs, executor = [Run("a", seed) for seed in range(200)], Fragile()
+    found = list(in_order(lambda run: failure("Timeout", *run, ()), runs, executor, lost))
+    assert [result.seed for result in found] == list(range(200))
+    assert [result.seed for result in found if result.status != "Timeout"] == [40]
+    assert executor.sent < 60
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("error", [PlanningError("edge 3 is not proven free"), RuntimeError("no; not\nthis one")])
 def test_what_goes_wrong_in_a_run_is_of_that_run_and_logged_here(scenario, setup, monkeypatch, caplog, workers, error):
