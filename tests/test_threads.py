@@ -74,7 +74,7 @@ def questions(scene, robot):
         "is_free with margins": lambda a, b: motion.is_free(a, b, float(abs(a[0])) / 50),
         "check": lambda a, b: motion.check(a, b).verdict.value,
         "least distance": lambda a, b: proximity.least(np.array([a, b]), 0.3),
-        "witnesses": lambda a, b: proximity.witnesses(np.array([a, b]), 0.3).joints.tolist(),
+        "witnesses": lambda a, b: proximity.near(np.array([a, b]), 0.3).pairs.tolist(),
         "danger": lambda a, b: field.value(a),
         "gradient": lambda a, b: field.gradient(a).tolist(),
         "danger in motion": lambda a, b: KinetostaticField(field).value(a, qd),

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from safe_ompl.collision.bounds import ALLOWANCE as ALLOWANCE, DistanceBounds as DistanceBounds
     from safe_ompl.collision.bubbles import INSIDE as INSIDE, Bubble as Bubble
     from safe_ompl.collision.checker import Clearance as Clearance, CollisionChecker as CollisionChecker
-    from safe_ompl.collision.distances import PairDistances as PairDistances, Witnesses as Witnesses
+    from safe_ompl.collision.distances import NearPairs as NearPairs, PairDistances as PairDistances
     from safe_ompl.collision.kernels.distances import hinge_costs as hinge_costs
     from safe_ompl.collision.kernels.proofs import prove_curve as prove_curve, prove_edge as prove_edge
     from safe_ompl.collision.kernels.tables import EdgeTables as EdgeTables

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,20 +12,42 @@ from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.robot import Robot, plain
 
 
-class NearPairs(NamedTuple):
-    """C pairs of a link and an obstacle that are near each other: rows and pairs (C,), distances (C,) [m].
+@dataclass(frozen=True)
+class NearPairs:
+    """C pairs of a link and an obstacle that are near each other at some of B configurations, and their nearest points.
 
-    And the nearest points: `points: (C, 3)` of the link, in the frame of the joint that carries it [m]; unit `normals:
-    (C, 3)` from the obstacle to the link, in the world; `offsets: (C,)`, the abscissa of the obstacle's point along the
-    normal [m]. Of pairs in contact only the distance, ≤ 0, means something.
+    Of K pairs the links are carried by joints with Pinocchio's numbers, `carriers: (K,)`. Each row of the `table: (C,
+    10)` has a configuration, a pair, and their distance [m]; the nearest point of the link, its witness, in the frame
+    of the joint that carries it [m]; the unit normal from the obstacle to the link, in the world; and the abscissa of
+    the obstacle's point along the normal [m]. Of pairs in contact only the distance, ≤ 0, means something.
     """
 
-    rows: IntArray
-    pairs: IntArray
-    distances: FloatArray
-    points: FloatArray
-    normals: FloatArray
-    offsets: FloatArray
+    robot: Robot
+    carriers: IntArray
+    table: FloatArray
+
+    @property
+    def rows(self) -> IntArray:
+        """Which configuration (C,) it is."""
+        return self.table[:, 0].astype(np.intp)
+
+    @property
+    def pairs(self) -> IntArray:
+        """Which of the K pairs (C,) it is."""
+        return self.table[:, 1].astype(np.intp)
+
+    def hinge_costs(self, Q: FloatArray, hinges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,) of the distances d at `Q: (B, n)`, near where the pairs were found.
+
+        The link's witness moves with the link, the obstacle stays behind the plane at its own: exact to the first
+        order where the witnesses were found, and for moves in which they remain the nearest points. Pairs in contact
+        do not count: there is no way from one to the other. `hinges: (H, 2)` are D > 0 [m] and w. Besides the costs
+        there are their gradients (B, n), and vectors v (C, n): the costs bend like Σ vvᵀ (Gauss-Newton).
+        """
+        coupling = self.robot.coupling
+        joints, values = self.robot.kinematics.joints, plain(coupling.values(Q))
+        costs, gradients, bends = hinge_costs(joints, values, self.carriers, self.table, hinges)
+        return costs, coupling.columns(gradients), coupling.columns(bends)
 
 
 class PairDistances:
@@ -51,21 +72,13 @@ class PairDistances:
 
     def near(self, Q: FloatArray, within: float) -> NearPairs:
         """Return the pairs that are nearer than a distance [m] at `Q: (B, n)`, row by row."""
-        known = self._set.bounds.near(Q, self._indices, within)
-        rows, pairs = known[:, :2].T.astype(np.intp)
-        found, others = known[:, 2:], np.flatnonzero(~self._set.bounds.exact[self._indices[pairs]])
-        if len(others):
-            found[others] = self._set.measured(Q, rows[others], self._indices[pairs[others]])
-            near = found[:, 0] < within
-            rows, pairs, found = rows[near], pairs[near], found[near]
-        return NearPairs(rows, pairs, found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7])
-
-    def witnesses(self, Q: FloatArray, within: float) -> Witnesses:
-        """Return the witnesses of all pairs that are nearer than a distance [m] at `Q: (B, n)`, but not in contact."""
-        found = self.near(Q, within)
-        apart = found.distances > 0  # in contact there is no way from one to the other
-        nearest = (plain(part[apart]) for part in (found.points, found.normals, found.offsets))
-        return Witnesses(self._robot, found.rows[apart], self.joints[found.pairs[apart]], *nearest)
+        table, exact = self._set.bounds.near(Q, self._indices, within), self._set.bounds.exact[self._indices]
+        if not exact.all():
+            rows, pairs = table[:, :2].T.astype(np.intp)
+            others = np.flatnonzero(~exact[pairs])
+            table[others, 2:] = self._set.measured(Q, rows[others], self._indices[pairs[others]])
+            table = plain(table[table[:, 2] < within])
+        return NearPairs(self._robot, self.joints, table)
 
     def least(self, Q: FloatArray, within: float) -> float:
         """Return the least distance [m] at any of `Q: (B, n)`, or `within` where that is less."""
@@ -78,33 +91,3 @@ class PairDistances:
                 break
             within = min(within, float(self._set.measured(Q, rows[[k]], self._indices[pairs[[k]]])[0, 0]))
         return within
-
-
-@dataclass(frozen=True)
-class Witnesses:
-    """Nearest points of C pairs of a link and an obstacle, at some of B configurations.
-
-    `rows: (C,)` is the configuration of each, `joints: (C,)` Pinocchio's number of the joint that carries the link; all
-    else is as in `NearPairs`.
-    """
-
-    robot: Robot
-    rows: IntArray
-    joints: IntArray
-    points: FloatArray
-    normals: FloatArray
-    offsets: FloatArray
-
-    def hinge_costs(self, Q: FloatArray, hinges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,) of the distances d at `Q: (B, n)`, near where witnesses were found.
-
-        The link's witness moves with the link, the obstacle stays behind the plane at its own: exact to the first
-        order where the witnesses were found, and for moves in which they remain the nearest points. `hinges: (H, 2)`
-        are D > 0 [m] and w. Besides the costs there are their gradients (B, n), and vectors v (C, n): the costs bend
-        like Σ vvᵀ (Gauss-Newton).
-        """
-        coupling = self.robot.coupling
-        joints, values = self.robot.kinematics.joints, plain(coupling.values(Q))
-        witnesses = self.rows, self.joints, self.points, self.normals, self.offsets
-        costs, gradients, bends = hinge_costs(joints, values, *witnesses, hinges)
-        return costs, coupling.columns(gradients), coupling.columns(bends)

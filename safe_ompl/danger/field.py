@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import (
+    BoolArray,
     Counts,
     FloatArray,
     InputError,
@@ -273,20 +274,6 @@ class DangerField:
         dangers = self._dangers(Q, gradients)
         return dangers, self.robot.coupling.columns(gradients)
 
-    def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return rows (C,), values (C,) and gradients (C, n) of the terms of the danger above a level at `Q: (B, n)`.
-
-        Where the danger is the maximum over danger points, its terms are w_m CDF(p_m); else it is its own only term.
-        Gradients are in danger/rad or danger/m, errors as `value`.
-        """
-        Q = configurations(Q, self.robot.n)
-        if self.aggregate != "max":
-            values, gradients = self.values_and_gradients(Q)
-            above = np.flatnonzero(values > level)
-            return above, values[above], gradients[above]
-        rows, _, levels, slopes = self._high_levels(Q, self._points, math.nextafter(level, math.inf), 0.0)
-        return rows, levels, slopes
-
     @property
     def minimum(self) -> float:
         """A proven lower bound of the danger at any configuration: every link as far away as it can get.
@@ -332,20 +319,21 @@ class DangerField:
         """The danger points, one at least, in groups of neighbours."""
         return self._points.groups
 
-    def active(self, Q: ArrayLike, share: float) -> DangerField:
-        """Return the field of those danger points that matter near the configurations `Q: (B, n)`; errors as `value`.
+    def high_points(self, Q: ArrayLike, share: float) -> BoolArray:
+        """Return which danger points (M,) matter near the configurations `Q: (B, n)`; errors as `value`.
 
         These are the points whose w_m CDF(p_m) reaches the given share of the maximum at one of them, at least. Where
-        the danger is a mean, all of them matter, and the field itself is returned.
+        the danger is a mean, all of them matter.
         """
-        points = self._points
+        Q, points = configurations(Q, self.robot.n), self._points
         if not len(points) or self.aggregate != "max":
-            return self
-        near = np.zeros(len(points), dtype=bool)
-        near[self._high_levels(configurations(Q, self.robot.n), points, 0.0, share, sloped=False)[1]] = True
-        if near.all():
-            return self
-        return self.with_points(points.points[near], None if points.weights is None else points.weights[near])
+            return np.ones(len(points), dtype=bool)
+        self.count(len(Q), len(points))
+        return kernel.high_points(self.tables, plain(self.robot.coupling.values(Q)), points.prepared, share)
+
+    def with_some(self, chosen: BoolArray) -> DangerField:
+        """Return the field at those of the danger points that are chosen (M,)."""
+        return self._at(self._points.some(chosen))
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""
@@ -389,18 +377,3 @@ class DangerField:
             return np.zeros(len(Q))
         values = plain(self.robot.coupling.values(Q))
         return kernel.dangers(self.tables, values, points.prepared, self._measure, gradients)
-
-    def _high_levels(
-        self, Q: FloatArray, points: DangerPoints, least: float, share: float, *, sloped: bool = True
-    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-        """Return rows, points and values (C,) of high levels k₁w CDF(p) at `Q: (B, n)`, and their gradients (C, n).
-
-        These are at least `least`, and at least a share of the highest of their row. No gradients unless `sloped`.
-        """
-        self.count(len(Q), len(points))
-        if not len(points):
-            nothing = np.zeros(0, dtype=np.int64)
-            return nothing, nothing, np.zeros(0), np.zeros((0, Q.shape[1]))
-        values = plain(self.robot.coupling.values(Q))
-        found = kernel.high_levels(self.tables, values, points.prepared, least, share, sloped)
-        return *found[:3], self.robot.coupling.columns(found[3])

@@ -20,13 +20,14 @@ points are (B, K, 3) [m], `links: (L, 2)` are pairs of them, and points (M, 3) [
 from __future__ import annotations
 
 from collections.abc import Sized
+from copy import copy
 from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, finite_array
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array
 from safe_ompl.danger.kernels import field as kernel
 from safe_ompl.danger.kernels.danger import Points
 from safe_ompl.danger.kernels.kinetostatic_peak import Groups
@@ -111,6 +112,17 @@ class DangerPoints:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def some(self, chosen: BoolArray) -> DangerPoints:
+        """Return those that are chosen (M,)."""
+        other, (places, charges, short, reach) = copy(self), self.prepared
+        vars(other).pop("groups", None)
+        other.points, other.weights = self.points[chosen], None if self.weights is None else self.weights[chosen]
+        for array in (other.points, other.weights):
+            if array is not None:
+                array.setflags(write=False)
+        other.prepared = Points(places[:, chosen].copy(), charges[chosen], short[:, chosen].copy(), reach)
+        return other
 
     @cached_property
     def groups(self) -> Groups:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         UserCheck as UserCheck,
     )
     from safe_ompl.paths.cost import PathCost as PathCost
+    from safe_ompl.paths.edges import ask_for_retreats as ask_for_retreats
     from safe_ompl.paths.measures import (
         PROFILE_POINTS as PROFILE_POINTS,
         ClearanceReport as ClearanceReport,

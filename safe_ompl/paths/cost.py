@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import CollisionChecker, MotionProver, PairDistances, Witnesses, hinge_costs
+from safe_ompl.collision import CollisionChecker, MotionProver, NearPairs, PairDistances, hinge_costs
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, number
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import PointDanger, dangers
-from safe_ompl.paths.measures import Curve
+from safe_ompl.paths.measures import Curve, arc_lengths, at_arc_lengths
 from safe_ompl.robot import Robot, plain
+from safe_ompl.robot.kernels import way
 
 STEP = 0.05  # [rad] between the samples of the cost of a path, as in its report
 WEIGHT = 5.0  # of danger against length
@@ -24,19 +25,22 @@ _TINY = 1e-12  # [rad]
 _SHORT = 0.1  # shorter segments than this share of the mean count as such a share
 
 
-class Densities(NamedTuple):
-    """What kernels need of the cost near a path: danger and λ, witnesses of C pairs, hinges, and coupling."""
+class DangerTerms(NamedTuple):
+    """What kernels need of J: danger, λ, and the model's joints, matrix (m, n)·q + shift (m,)."""
 
     danger: PointDanger
     weight: float
-    rows: IntArray
-    carriers: IntArray
-    places: FloatArray
-    normals: FloatArray
-    offsets: FloatArray
-    hinges: FloatArray
     matrix: FloatArray
     shift: FloatArray
+
+
+class Densities(NamedTuple):
+    """What kernels need of the cost near a path: of J, and of obstacles as `hinge_costs` does."""
+
+    terms: DangerTerms
+    carriers: IntArray
+    near: FloatArray
+    hinges: FloatArray
 
 
 class AtNodes(NamedTuple):
@@ -72,9 +76,11 @@ class DangerDensity:
         density: FloatArray = self.weight * (self.field.values(Q) / self.reference) ** 2
         return density
 
-    def restricted(self, field: DangerField) -> DangerDensity:
-        """Return the same density of another field, such as one of fewer danger points."""
-        return DangerDensity(field, self.reference, self.weight)
+    def terms(self, field: DangerField) -> DangerTerms:
+        """Return what kernels need of the same density of a field, such as one of fewer danger points."""
+        coupling = field.robot.coupling
+        weight = self.weight / self.reference**2
+        return DangerTerms(field.for_kernels(), weight, np.array(coupling.matrix), np.array(coupling.offsets))
 
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
@@ -95,24 +101,11 @@ class PathCost:
     def of(self, path: FloatArray) -> float:
         """Return J of a path (N, n), by the trapezoidal rule."""
         curve = Curve(self.robot, path)
-        total = self._total(curve.spread(self.step))
-        return float(0.5 * (total[1:] + total[:-1]).mean() * curve.length)
-
-    def of_edges(self, starts: FloatArray, ends: FloatArray, samples: IntArray) -> FloatArray:
-        """Return J (E,) of motions from `starts` to `ends: (E, n)`, by the midpoint rule on `samples: (E,)` each."""
-        deltas = self.robot.difference(starts, ends)
-        edge = np.repeat(np.arange(len(samples)), samples)
-        first = np.concatenate([[0], np.cumsum(samples)[:-1]])
-        t = (np.arange(len(edge)) - first[edge] + 0.5) / samples[edge]
-        total = self._total(starts[edge] + t[:, None] * deltas[edge])
-        costs: FloatArray = np.add.reduceat(total, first) / samples * np.linalg.norm(deltas, axis=1)
-        return costs
-
-    def _total(self, Q: FloatArray) -> FloatArray:
-        total = np.ones(len(Q))
+        samples = curve.spread(self.step)
+        total = np.ones(len(samples))
         for density in self.densities:
-            total += density.values(Q)
-        return total
+            total += density.values(samples)
+        return float(0.5 * (total[1:] + total[:-1]).mean() * curve.length)
 
 
 _OBSTACLE_WEIGHT = 20.0
@@ -124,19 +117,17 @@ class ObstacleCost:
     """Obstacle cost of a radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
 
     d [m] is the distance of the two, D > 0 where obstacles begin to count; d₀ ≤ D what the ends of a path allow, 0 at
-    first. Exact distances cost most: `anchor` keeps their witnesses, which move with the links.
+    first. Exact distances cost most: their witnesses move with the links, and serve for paths near the first one.
     """
 
     def __init__(self, checker: CollisionChecker, distance: float) -> None:
         self.distance = number("clearance", distance, above=0.0)
         self.allowed = 0.0
         self._checker, self._distances = checker, PairDistances(checker, self.distance)
-        self._anchored: Witnesses | None = None
 
     def afresh(self, allowed: float) -> ObstacleCost:
-        """Return the same for another path, without witnesses; `allowed` is its d₀ [m], at most D."""
+        """Return the same for another path; `allowed` is its d₀ [m], at most D."""
         other = copy(self)
-        other._anchored = None
         other.allowed = max(0.0, min(self.distance, allowed))
         return other
 
@@ -149,27 +140,13 @@ class ObstacleCost:
         distances = self._distances if ends <= self.distance else PairDistances(checker, ends)
         return ends, max(0.0, distances.least(Curve(checker.robot, path).spread(_STEP), ends))
 
-    def near(self, Q: FloatArray) -> BoolArray:
-        """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""
-        near = np.zeros(len(Q), dtype=bool)
-        near[self._distances.near(Q, self.distance).rows] = True
-        return near
-
-    def anchor(self, Q: FloatArray) -> None:
-        """From here on take the witnesses at `Q: (B, n)` for those at B configurations near these."""
-        self._anchored = self._distances.witnesses(Q, self.distance)
+    def near(self, Q: FloatArray) -> NearPairs:
+        """Return what is nearer than D at `Q: (B, n)`."""
+        return self._distances.near(Q, self.distance)
 
     def values(self, Q: FloatArray) -> FloatArray:
         """Return the density (B,) at `Q: (B, n)`."""
-        return self.expansion(Q)[0]
-
-    def expansion(self, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the density (B,) at `Q: (B, n)`, its gradients (B, n), and vectors v (C, n): it bends like Σ vvᵀ."""
-        return self.witnesses(Q).hinge_costs(Q, self.hinges)
-
-    def witnesses(self, Q: FloatArray) -> Witnesses:
-        """Return the witnesses that were anchored, or else those at `Q: (B, n)`."""
-        return self._anchored or self._distances.witnesses(Q, self.distance)
+        return self.near(Q).hinge_costs(Q, self.hinges)[0]
 
     @property
     def hinges(self) -> FloatArray:
@@ -179,62 +156,61 @@ class ObstacleCost:
 
 
 _SCAN = 0.5  # [rad] between the configurations at which all danger points are looked at
-_COARSE = 0.1  # [rad] between the samples of J: twice those of a report, half of the work
+_COARSE = 0.15  # [rad] between the samples of J: thrice those of a report, a third of the work
+_DOUBT = 0.02  # share by which J must differ from that of the given path for these to be enough
 _SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
 
 
 class ActiveSetCost:
     """J of a path for the danger points that matter near the path last looked at: others can only add to it.
 
-    `danger` is J alone, a `model` has the obstacle cost, too; `everywhere` is the density of all danger points.
+    `terms` are J alone, a `model` has the obstacle cost, too; `everywhere` is the density of all danger points, and
+    `ceiling` J of the first path.
     """
 
     def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
-        self.everywhere = danger
+        self.everywhere, self.robot = danger, danger.field.robot
         self._obstacles = obstacles
-        self._active: bytes | None = None
-        coupling, none = danger.field.robot.coupling, np.zeros(0, dtype=np.intp)
-        self._coupling = np.array(coupling.matrix), np.array(coupling.offsets)
-        self._near = Witnesses(danger.field.robot, none, none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+        self._active: BoolArray | None = None
+        self._near: tuple[IntArray, FloatArray] = np.zeros(0, dtype=np.intp), np.zeros((0, 10))
+        self._hinges = np.zeros((0, 2)) if obstacles is None else obstacles.hinges
         self.look_at(path)
+        self.ceiling, samples = path_cost(self.terms, plain(path), STEP)
+        self.count(samples)
 
     def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
         """Take the danger points that matter near a path (N, n), and besides; return whether they are others now."""
-        robot = self.everywhere.field.robot
-        samples = Curve(robot, path).spread(_SCAN)
+        field, samples = self.everywhere.field, Curve(self.robot, path).spread(_SCAN)
         if besides is not None:
             samples = np.concatenate([samples, besides])
-        active = self.everywhere.field.active(samples, _SHARE)
-        known = active.points.tobytes()
-        if known == self._active:
+        active = field.high_points(samples, _SHARE)
+        if self._active is not None and np.array_equal(active, self._active):
             return False
-        self._active = known
-        self.danger = PathCost(robot, [self.everywhere.restricted(active)], _COARSE)
-        self._about_danger = active.for_kernels(), self.everywhere.weight / self.everywhere.reference**2
+        self._active, self.terms = active, self.everywhere.terms(field.with_some(active))
         return True
 
+    def count(self, configurations: int) -> None:
+        """Count so many evaluations of the danger."""
+        self.everywhere.field.count(configurations, len(self.terms.danger.points.charges))
+
     def of(self, path: FloatArray) -> float:
-        """Return J of a path (N, n), without obstacle cost."""
-        return self.danger.of(path)
+        """Return J of an unrolled path (N, n), without obstacle cost; as in its report where that is near `ceiling`."""
+        cost, samples = path_cost(self.terms, plain(path), _COARSE)
+        self.count(samples)
+        if abs(cost - self.ceiling) < _DOUBT * cost:
+            cost, samples = path_cost(self.terms, plain(path), STEP)
+            self.count(samples)
+        return cost
 
     def anchor(self, path: FloatArray) -> None:
         """From here on take the witnesses of obstacles along a path (N, n)."""
         if self._obstacles is not None:
-            self._obstacles.anchor(self.nodes(path))
-            self._near = self._obstacles.witnesses(path)
-
-    def nodes(self, path: FloatArray) -> FloatArray:
-        """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
-        n = path.shape[1]
-        return gauss_points(plain(path), np.eye(n), np.zeros(n))
+            near = self._obstacles.near(gauss_points(plain(path)))
+            self._near = near.carriers, near.table
 
     def densities(self) -> Densities:
         """Return what kernels need of both costs near the path that was last anchored."""
-        hinges = np.zeros((0, 2)) if self._obstacles is None else self._obstacles.hinges
-        near, (danger, weight) = self._near, self._about_danger
-        return Densities(
-            danger, weight, near.rows, near.joints, near.points, near.normals, near.offsets, hinges, *self._coupling
-        )
+        return Densities(self.terms, *self._near, self._hinges)
 
     def model(self, path: FloatArray, known: tuple[FloatArray, FloatArray] | None = None) -> QuadraticModel:
         """Return J and obstacle cost, by two Gauss points on each segment of an unrolled path (N, n).
@@ -245,8 +221,8 @@ class ActiveSetCost:
         """
         path, densities = plain(path), self.densities()
         (N, n), count = path.shape, 0 if known else 2 * len(path) - 2
-        self.everywhere.field.count(count, len(densities.danger.points.charges))
-        nothing = np.empty(0), np.empty((0, len(densities.shift)))
+        self.count(count)
+        nothing = np.empty(0), np.empty((0, len(self.terms.shift)))
         found = at_nodes(densities, path, *(known or nothing))
         blocks, beside = np.zeros((N, n, n)), np.zeros((N - 1, n, n))
         value, near, gradient = integrated(path, found, densities, blocks, beside)
@@ -263,32 +239,89 @@ _FIRST, _SECOND = 0.5 - _OFFSET, 0.5 + _OFFSET  # t_j: exact to the third order
 
 
 @compiled
-def gauss_points(path: FloatArray, matrix: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return the Gauss points q (2N − 2, n) of the segments of a path (N, n), as matrix (m, n)·q + shift (m,)."""
-    out, q = np.empty((2 * len(path) - 2, len(shift))), np.empty(path.shape[1])
+def gauss_points(path: FloatArray) -> FloatArray:
+    """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
+    out = np.empty((2 * len(path) - 2, path.shape[1]))
     for b in range(len(out)):
-        for i in range(len(q)):
-            q[i] = path[b // 2, i] + (_SECOND if b % 2 else _FIRST) * (path[b // 2 + 1, i] - path[b // 2, i])
+        t = _SECOND if b % 2 else _FIRST
+        for i in range(path.shape[1]):
+            out[b, i] = path[b // 2, i] + t * (path[b // 2 + 1, i] - path[b // 2, i])
+    return out
+
+
+@compiled
+def joint_values(Q: FloatArray, matrix: FloatArray, shift: FloatArray) -> FloatArray:
+    """Return matrix (m, n)·q + shift (m,) at `Q: (B, n)`."""
+    out = np.empty((len(Q), len(shift)))
+    for b in range(len(Q)):
         for j in range(len(shift)):
             out[b, j] = shift[j]
-            for i in range(len(q)):
-                out[b, j] += matrix[j, i] * q[i]
+            for i in range(Q.shape[1]):
+                out[b, j] += matrix[j, i] * Q[b, i]
     return out
+
+
+@caller
+def danger_at(terms: DangerTerms, Q: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Return the danger (B,) at `Q: (B, n)`, and write its gradients by the model's joints, (B or 0, m)."""
+    tables, points, aggregate = terms.danger
+    if len(points.charges) == 0:
+        return np.zeros(len(Q))
+    return dangers(tables, joint_values(Q, terms.matrix, terms.shift), points, aggregate, slopes)
+
+
+@caller
+def path_cost(terms: DangerTerms, path: FloatArray, step: float) -> tuple[float, int]:
+    """Return J of an unrolled path (N, n) by the trapezoidal rule, and from how many samples [rad] apart."""
+    arc = arc_lengths(path)
+    count = 1 + int(arc[-1] / step)
+    samples = at_arc_lengths(path, arc, np.arange(count + 1) * (arc[-1] / count))
+    danger, total = danger_at(terms, samples, np.empty((0, len(terms.shift)))), 0.0
+    for k in range(count + 1):
+        total += (0.5 if k == 0 or k == count else 1.0) * danger[k] ** 2
+    return arc[-1] * (1.0 + terms.weight * total / count), count + 1
+
+
+_SPACING = 0.8  # [rad] between the samples of an edge's cost
+_FEWEST, _MOST = 2, 4  # samples of an edge
+
+
+@caller
+def edge_costs(terms: DangerTerms, path: FloatArray, edges: IntArray, wraps: BoolArray) -> tuple[FloatArray, int]:
+    """Return J (E,) of `edges: (E, 2)` between way points (N, n) by the midpoint rule, and from how many samples."""
+    samples, costs, total = np.empty((_MOST * len(edges), path.shape[1])), np.zeros(len(edges)), 0
+    numbers = np.zeros(len(edges), np.int64)
+    for e in range(len(edges)):
+        start, end = path[edges[e, 0]], path[edges[e, 1]]
+        for i in range(len(start)):
+            costs[e] += way(start[i], end[i], wraps[i]) ** 2
+        costs[e] = sqrt(costs[e])
+        numbers[e] = min(_MOST, max(_FEWEST, int(np.ceil(costs[e] / _SPACING))))
+        for s in range(numbers[e]):
+            for i in range(len(start)):
+                samples[total, i] = start[i] + (s + 0.5) / numbers[e] * way(start[i], end[i], wraps[i])
+            total += 1
+    danger, s = danger_at(terms, samples[:total], np.empty((0, len(terms.shift)))), 0
+    for e in range(len(edges)):
+        squares = 0.0
+        for _ in range(numbers[e]):
+            squares += danger[s] ** 2
+            s += 1
+        costs[e] *= 1.0 + terms.weight * squares / numbers[e]
+    return costs, total
 
 
 @caller
 def at_nodes(densities: Densities, path: FloatArray, danger: FloatArray, slopes: FloatArray) -> AtNodes:
     """Return what the densities are at the Gauss points of a path (N, n); the danger may be known, with its slopes."""
-    nodes = gauss_points(path, densities.matrix, densities.shift)
+    terms, nodes = densities.terms, gauss_points(path)
+    values = joint_values(nodes, terms.matrix, terms.shift)
     if len(danger) == 0:
-        danger, slopes = np.zeros(len(nodes)), np.zeros(nodes.shape)
-        if len(densities.danger.points.charges) > 0:
-            tables, points, aggregate = densities.danger
-            danger = dangers(tables, nodes, points, aggregate, slopes)
+        slopes = np.zeros(values.shape)
+        danger = danger_at(terms, nodes, slopes)
     near, pushes, bends = hinge_costs(
-        densities.danger.tables.joints, nodes, densities.rows, densities.carriers, densities.places, densities.normals,
-        densities.offsets, densities.hinges,
-    )  # fmt: skip
+        terms.danger.tables.joints, values, densities.carriers, densities.near, densities.hinges
+    )
     return AtNodes(danger, slopes, near, pushes, bends)
 
 
@@ -300,7 +333,7 @@ def integrated(
 
     Where there is room, about the Hessian is added to blocks (N or 0, n, n), and (N − 1 or 0, n, n) beside them.
     """
-    (N, n), matrix, rate = path.shape, densities.matrix, 2.0 * densities.weight
+    (N, n), matrix, rate = path.shape, densities.terms.matrix, 2.0 * densities.terms.weight
     total, close, gradient, slope, bend = 0.0, 0.0, np.zeros(path.shape), np.zeros((2, n)), np.zeros(n)
     lengths = np.zeros(N - 1)
     for k in range(N - 1):
@@ -329,7 +362,7 @@ def integrated(
             blocks[k + 1, i, i] += stiffness
             beside[k, i, i] -= stiffness
     for c in range(2 * len(beside) + len(found.bends) if len(beside) > 0 else 0):
-        b = c if c < 2 * len(beside) else densities.rows[c - 2 * len(beside)]
+        b = c if c < 2 * len(beside) else int(densities.near[c - 2 * len(beside), 0])
         k, t = b // 2, _SECOND if b % 2 else _FIRST
         bend[:] = 0.0
         for j in range(len(matrix)):

@@ -69,7 +69,7 @@ class Descent:
         """Go on from a path near the last one, or with another model of the cost, without what was known of it."""
         self._densities, moving = self._cost.densities(), self._moving
         band = factored(model.blocks, model.beside, moving)
-        nodes, m = 2 * len(path) - 2, len(self._densities.shift)
+        nodes, m = 2 * len(path) - 2, len(self._densities.terms.shift)
         self._state[0], self._state[3:] = model.value, 0.0
         about_nodes = np.empty(nodes), np.empty((nodes, m))
         gradient = model.gradient * moving[:, None]
@@ -87,8 +87,7 @@ class Descent:
             )
             if settled:
                 break
-        nodes, points = len(self.walk.danger), len(self._densities.danger.points.charges)
-        self._cost.everywhere.field.count(int(self._state[4] - before) * nodes, points)
+        self._cost.count(int(self._state[4] - before) * len(self.walk.danger))
         return settled
 
 

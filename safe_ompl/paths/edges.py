@@ -9,10 +9,21 @@ from math import inf, sqrt
 
 import numpy as np
 
-from safe_ompl.collision import EdgeTables, MotionProver, prove_edge
+from safe_ompl.collision import EdgeTables, MotionProver, hinge_costs, prove_edge
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, caller, compiled
 from safe_ompl.danger import DangerField
-from safe_ompl.paths.cost import ObstacleCost, PathCost, chained
+from safe_ompl.danger.kernels import MAXIMUM, PointDanger, high_levels
+from safe_ompl.paths.cost import (
+    ActiveSetCost,
+    DangerDensity,
+    DangerTerms,
+    Densities,
+    ObstacleCost,
+    chained,
+    danger_at,
+    edge_costs,
+    joint_values,
+)
 from safe_ompl.paths.measures import arc_lengths
 from safe_ompl.robot import StepLimits, plain
 
@@ -54,12 +65,23 @@ class EdgeProofs:
         """Return the edges of a path (N, n) that are not proven."""
         keys = _keys(path)
         unknown = {key: k for k, key in enumerate(keys) if key not in self._proven}
-        for inherited, motion in () if self._stop() or not unknown else ((False, self._clear), (True, self._free)):
+        for inherited in () if self._stop() or not unknown else (False, True):
             asked = {key: k for key, k in unknown.items() if (key in self._inherited) is inherited}
             if asked:
                 rows = np.fromiter(asked.values(), np.intp)
-                self._proven.update(compress(asked, motion.are_free(path[rows], path[rows + 1]).tolist()))
+                prove = self._free.are_free if inherited else self._clear_edges
+                self._proven.update(compress(asked, prove(path[rows], path[rows + 1]).tolist()))
         return [k for k, key in enumerate(keys) if key not in self._proven] if unknown else []
+
+    def _clear_edges(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
+        """Return which edges between `starts` and `ends: (E, n)` keep the margin.
+
+        Where all bodies are exact what bounds do not prove does not: coal would ask for as long as a descent takes.
+        """
+        motion = self._clear
+        if motion.limits or not motion.required.pairs.bounds.exact.all():
+            return motion.are_free(starts, ends)
+        return motion.proven_by_bounds(np.stack([starts, motion.checker.robot.difference(starts, ends)], axis=1))
 
     def chained(self, path: FloatArray, costs: FloatArray, most: float, known: IntArray) -> IntArray:
         """Return what comes before each way point of `path: (N, n)` on the cheapest way to it, by the costs (N, N).
@@ -88,7 +110,7 @@ class EdgeProofs:
         refused, reach = self.refused(path), _REACH
         if not refused:
             return path, np.zeros(len(path), dtype=bool)
-        arc = arc_lengths(known[1:] - known[:-1])
+        arc = arc_lengths(plain(known))
         share, held = np.ones(len(path)), path
         for _ in range(_WIDENINGS):
             for k in refused:
@@ -132,38 +154,50 @@ def retreat(
     The steepest descent of what is near, and of what is dangerous, w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊²: sums of hinges
     have no kinks, unlike the danger, which is a maximum. Each step of 0.04 rad is the best of its length for their
     Gauss-Newton model (Nocedal & Wright, ch. 4), along the floor of a valley, where gradient steps would go from wall
-    to wall. It is not proven free, and `obstacles` is anchored anew.
+    to wall. It is not proven free.
     """
-    reference = field.value(end)
-    q, way, enough = end, [end], None
+    terms = DangerDensity(field, 1.0).terms(field)
+    q, way, enough, reference = end, [end], None, 0.0
     while len(way) * RETREAT_STEP <= _LONGEST and not stop():
-        cost, gradient, bends = _model(q, obstacles, field, reference)
+        Q = plain(q[None])
+        near = obstacles.near(Q)
+        densities = Densities(terms, near.carriers, near.table, obstacles.hinges)
+        cost, reference, step = _retreated(densities, Q, reference)
+        field.count(1, len(field.points))
         enough = _LEFT * cost if enough is None else enough
         if cost <= enough:
             return np.array(way)
-        q = np.clip(q + _step(gradient, plain(bends)), *limits)
+        q = np.clip(q + step, *limits)
         if np.linalg.norm(q - way[-1]) < _STUCK * RETREAT_STEP:
             break
         way.append(q)
     return end[None]
 
 
-def _model(
-    q: FloatArray, obstacles: ObstacleCost, field: DangerField, reference: float
-) -> tuple[float, FloatArray, FloatArray]:
-    """Return what `q: (n,)` costs, the gradient (n,), and vectors v (C, n): it bends like Σ vvᵀ."""
-    Q = q[None]
-    obstacles.anchor(Q)
-    near, slopes, bends = obstacles.expansion(Q)
-    if not near[0] or not 0 < reference < np.inf:
-        return float(near[0]), slopes[0], bends
-    _, danger, rises = field.terms_above(Q, _ONSET * reference)
-    excess, rises = danger / reference - _ONSET, rises / reference
-    return (
-        float(near[0] + _EXCESS * excess @ excess),
-        slopes[0] + 2.0 * _EXCESS * excess @ rises,
-        np.concatenate([bends, np.sqrt(2.0 * _EXCESS) * rises]),
+@caller
+def _retreated(densities: Densities, Q: FloatArray, reference: float) -> tuple[float, float, FloatArray]:
+    """Return what `Q: (1, n)` costs, the danger with which it is compared, 0: its own, and the best step from there."""
+    terms = densities.terms
+    values, columns, none = joint_values(Q, terms.matrix, terms.shift), terms.matrix.T.copy(), np.zeros(Q.shape[1])
+    near, pushes, bends = hinge_costs(
+        terms.danger.tables.joints, values, densities.carriers, densities.near, densities.hinges
     )
+    tables, points, aggregate = terms.danger
+    slopes = np.zeros(values.shape)
+    levels = danger_at(terms, Q, slopes) if reference == 0.0 or aggregate.kind != MAXIMUM else np.zeros(0)
+    reference = levels[0] if reference == 0.0 else reference
+    if near[0] == 0.0 or not 0.0 < reference < inf:
+        levels, slopes = levels[:0], slopes[:0]
+    elif aggregate.kind == MAXIMUM:
+        levels, slopes = high_levels(tables, values[0], points, _ONSET * reference)
+    cost, gradient, rises = near[0], joint_values(pushes, columns, none)[0], joint_values(slopes, columns, none)
+    for c in range(len(levels)):
+        excess = max(0.0, levels[c] / reference - _ONSET)
+        cost += _EXCESS * excess * excess
+        for i in range(len(gradient)):
+            gradient[i] += 2.0 * _EXCESS * excess * rises[c, i] / reference
+            rises[c, i] *= sqrt(2.0 * _EXCESS) / reference if excess > 0.0 else 0.0
+    return cost, reference, _step(gradient, np.concatenate((joint_values(bends, columns, none), rises)))
 
 
 @compiled
@@ -211,18 +245,22 @@ def _step(gradient: FloatArray, bends: FloatArray) -> FloatArray:
 
 def ask_for_retreats() -> None:
     """Call what retreats need."""
-    _step(np.zeros(1), np.zeros((0, 1)))
+    terms, carriers = DangerTerms(PointDanger.of_nothing(), 0.0, np.zeros((0, 1)), np.zeros(0)), np.zeros(0, np.intp)
+    _retreated(Densities(terms, carriers, np.zeros((0, 10)), np.zeros((0, 2))), np.zeros((1, 1)), 0.0)
 
 
-_SPACING = 0.8  # [rad] between the samples of an edge's cost
-_FEWEST, _MOST = 2, 4  # samples of an edge
 MOST = 40  # way points of a path that edges may skip to
 _JOINT = 1.2  # [rad]
-_BATCH = 80  # edges whose costs are estimated at once
+_BATCH = 400  # edges whose costs are estimated at once
 
 
 def shortcut(
-    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool], most: int = MOST, worth: float = 1.0
+    path: FloatArray,
+    cost: ActiveSetCost,
+    proofs: EdgeProofs,
+    stop: Callable[[], bool],
+    most: int = MOST,
+    worth: float = 1.0,
 ) -> FloatArray | None:
     """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
 
@@ -235,7 +273,7 @@ def shortcut(
     return _cheapest_proven_chain(path, wanted, cost, proofs, stop, worth)
 
 
-def joined(path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]) -> FloatArray | None:
+def joined(path: FloatArray, cost: ActiveSetCost, proofs: EdgeProofs, stop: Callable[[], bool]) -> FloatArray | None:
     """Return the same where only the ends are new: besides the path's own edges those from there, short ones first."""
     for reach in (_JOINT, np.inf):
         wanted = np.eye(len(path), k=1, dtype=bool)
@@ -250,12 +288,18 @@ def joined(path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[
 def _cheapest_proven_chain(
     path: FloatArray,
     wanted: BoolArray,
-    cost: PathCost,
+    cost: ActiveSetCost,
     proofs: EdgeProofs,
     stop: Callable[[], bool],
     worth: float = np.inf,
 ) -> FloatArray | None:
-    costs = _edge_costs(path, wanted, cost, stop)
+    edges, costs = np.array(np.argwhere(np.triu(wanted, 1)), order="C"), np.full(wanted.shape, np.inf)
+    for k in range(0, len(edges), _BATCH):
+        if stop():
+            return None
+        some = edges[k : k + _BATCH]
+        costs[some[:, 0], some[:, 1]], samples = edge_costs(cost.terms, plain(path), some, cost.robot.continuous)
+        cost.count(samples)
     most = worth * float(np.diagonal(costs, 1).sum()) if worth < np.inf else np.inf
     known = np.eye(len(path), k=1, dtype=np.intp)  # the path's own edges may be accepted without the margin
     while not stop():
@@ -305,17 +349,3 @@ def _weeded(
             j = i
         if not refused:
             return before, places
-
-
-def _edge_costs(path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
-    """Return the cost (N, N) of the edges from way points to later ones, infinite but for those that are wanted."""
-    costs = np.full(wanted.shape, np.inf)
-    first, second = np.nonzero(np.triu(wanted, 1))
-    lengths = np.linalg.norm(cost.robot.difference(path[first], path[second]), axis=1)
-    samples = np.clip(np.ceil(lengths / _SPACING).astype(int), _FEWEST, _MOST)
-    for k in range(0, len(first), _BATCH):
-        if stop():
-            break
-        i, j = first[k : k + _BATCH], second[k : k + _BATCH]
-        costs[i, j] = cost.of_edges(path[i], path[j], samples[k : k + _BATCH])
-    return costs

@@ -9,7 +9,7 @@ from math import pi, sqrt
 import numpy as np
 
 from safe_ompl.collision import Clearance, CollisionChecker
-from safe_ompl.common import BoolArray, FloatArray, compiled
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled
 from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
 from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import way
@@ -17,14 +17,20 @@ from safe_ompl.robot.kernels import way
 _ROUND = 2 * pi
 
 
-def arc_lengths(steps: FloatArray) -> FloatArray:
-    """Return how far along a path its way points are, (N,) [rad], by the steps (N − 1, n) between them."""
-    arc: FloatArray = np.concatenate([np.zeros(1), np.linalg.norm(steps, axis=1).cumsum()])
+@compiled
+def arc_lengths(path: FloatArray) -> FloatArray:
+    """Return how far along an unrolled path (N, n) its way points are, (N,) [rad]."""
+    arc = np.zeros(len(path))
+    for k in range(1, len(path)):
+        squared = 0.0
+        for i in range(path.shape[1]):
+            squared += (path[k, i] - path[k - 1, i]) ** 2
+        arc[k] = arc[k - 1] + sqrt(squared)
     return arc
 
 
 @compiled
-def _at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> FloatArray:
+def at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> FloatArray:
     """Return the configurations (S, n) of a path (N, n) with arc lengths (N,) at `s: (S,)`; the ends' beyond them."""
     out, k = np.empty((len(s), points.shape[1])), 0
     for j in range(len(s)):
@@ -41,30 +47,28 @@ def _at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> Float
 
 
 @compiled
-def _unrolled(path: FloatArray, wraps: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return what `unrolled` does, and how far along the path its way points are, (N,) [rad]."""
-    points, arc, turns = path.copy(), np.zeros(len(path)), np.zeros(len(wraps))
+def _unrolled(path: FloatArray, wraps: BoolArray) -> FloatArray:
+    """Return what `unrolled` does."""
+    points, turns = path.copy(), np.zeros(len(wraps))
     for k in range(1, len(path)):
-        squared = 0.0
         for i in range(len(wraps)):
             step = way(path[k - 1, i], path[k, i], wraps[i])
             turns[i] += np.rint((step - (path[k, i] - path[k - 1, i])) / _ROUND)
-            squared += step * step
             points[k, i] += _ROUND * turns[i]
-        arc[k] = arc[k - 1] + sqrt(squared)
-    return points, arc
+    return points
 
 
 def unrolled(robot: Robot, path: FloatArray) -> FloatArray:
     """Return the path (N, n) with continuous joints that do not jump where they wrap; the others stay as they are."""
-    return _unrolled(plain(path), robot.continuous)[0]
+    return _unrolled(plain(path), robot.continuous)
 
 
 class Curve:
     """A path by its arc length in joint space, unrolled, so that nothing jumps where a continuous joint wraps."""
 
     def __init__(self, robot: Robot, path: FloatArray) -> None:
-        self._points, self._arc = _unrolled(plain(path), robot.continuous)
+        self._points = unrolled(robot, path)
+        self._arc = arc_lengths(self._points)
         self.length = float(self._arc[-1])
 
     def spread(self, step: float) -> FloatArray:
@@ -74,7 +78,7 @@ class Curve:
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""
-        return _at_arc_lengths(self._points, self._arc, plain(s))
+        return at_arc_lengths(self._points, self._arc, plain(s))
 
 
 _FINE = 0.25  # [rad] Segments near obstacles are divided until they are shorter: finer ones descend slowly.
@@ -83,7 +87,7 @@ _HALVINGS = 3
 
 def path_length(path: FloatArray) -> float:
     """Return the length [rad] of an unrolled path (N, n)."""
-    return float(np.linalg.norm(path[1:] - path[:-1], axis=1).sum())
+    return float(arc_lengths(plain(path))[-1])
 
 
 def divided(path: FloatArray, spacing: float) -> FloatArray:
@@ -98,8 +102,14 @@ def divided(path: FloatArray, spacing: float) -> FloatArray:
     return np.vstack([inner, path[-1]])
 
 
-def refined(path: FloatArray, near: Callable[[FloatArray], BoolArray]) -> FloatArray:
-    """Return the same unrolled path (N, n) with short segments where configurations (B, n) are `near` obstacles."""
+def refined(path: FloatArray, rows_near: Callable[[FloatArray], IntArray]) -> FloatArray:
+    """Return the same unrolled path (N, n) with short segments near obstacles, the `rows_near(Q)` of `Q: (B, n)`."""
+
+    def near(Q: FloatArray) -> BoolArray:
+        found = np.zeros(len(Q), dtype=bool)
+        found[rows_near(Q)] = True
+        return found
+
     close = near(path)
     for _ in range(_HALVINGS):
         middles = 0.5 * (path[1:] + path[:-1])
@@ -118,8 +128,7 @@ def refined(path: FloatArray, near: Callable[[FloatArray], BoolArray]) -> FloatA
 
 def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> FloatArray:
     """Return the same path (N, n) with way points at arc lengths (K,), unless others are less than `apart` away."""
-    steps = path[1:] - path[:-1]
-    arc = arc_lengths(steps)
+    arc = arc_lengths(plain(path))
     for place in places:
         if np.abs(arc - place).min() >= apart:
             k = int(np.searchsorted(arc, place))

@@ -231,7 +231,7 @@ class SimplificationRun:
             kept = min(least, self._simplifier.most_kept)
             self._proofs.keep(max(0.0, kept - _SAME) if np.isfinite(kept) else 0.0)
         self._cost = ActiveSetCost(self._danger, self._obstacles, self.best)
-        self._best.ceiling = self._cost.of(self.best)
+        self._best.ceiling = self._cost.ceiling
 
     def _shorten(self, most: int = MOST, worth: float = np.inf) -> bool:
         """Take shortcuts between up to `most` way points, if the path then costs no more; return whether."""
@@ -278,14 +278,15 @@ class SimplificationRun:
         return retreat(end, self._obstacles, self._danger.field, self._limits, self._stop)
 
     def _shortcut(self, method: Callable[..., FloatArray | None], path: FloatArray) -> FloatArray | None:
-        found = method(path, self._cost.danger, self._proofs, self._stop)
+        found = method(path, self._cost, self._proofs, self._stop)
         return None if found is None else unrolled(self._robot, found)
 
     def _divided(self, path: FloatArray) -> FloatArray:
         """Return the same path with way points where the descent needs them."""
         path = divided(path, self._simplifier.spacing)
-        if self._obstacles is not None:
-            path = refined(path, self._obstacles.near)
+        obstacles = self._obstacles
+        if obstacles is not None:
+            path = refined(path, lambda Q: obstacles.near(Q).rows)
         self._proofs.inherit(path)
         return path
 

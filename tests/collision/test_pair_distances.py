@@ -44,14 +44,14 @@ def test_what_is_near_is_what_coal_calls_near(checker, path, plain_check):
     found, everything = distances.near(path, WITHIN), distances.near(path, np.inf)
     assert len(everything.rows) == len(path) * len(distances)
     expected = np.array([by_coal(plain, checker, q, WITHIN) for q in path])
-    apart = everything.distances > 0
-    np.testing.assert_allclose(everything.distances[apart], expected.ravel()[apart], rtol=0, atol=2e-5)
+    apart = everything.table[:, 2] > 0
+    np.testing.assert_allclose(everything.table[:, 2][apart], expected.ravel()[apart], rtol=0, atol=2e-5)
     assert (expected.ravel()[~apart] < 2e-5).all()
-    near = everything.distances < WITHIN
+    near = everything.table[:, 2] < WITHIN
     assert 0 < near.sum() < len(near)
     np.testing.assert_array_equal(found.rows, everything.rows[near])
     np.testing.assert_array_equal(found.pairs, everything.pairs[near])
-    np.testing.assert_allclose(found.distances, everything.distances[near], rtol=1e-5)
+    np.testing.assert_allclose(found.table[:, 2], everything.table[:, 2][near], rtol=1e-5)
 
 
 def test_what_is_not_convex_is_measured_by_coal(panda, path, plain_check):
@@ -70,16 +70,16 @@ def test_what_is_not_convex_is_measured_by_coal(panda, path, plain_check):
     expected = np.array([by_coal(plain, checker, q, WITHIN) for q in path]).ravel()
     apart = expected > 1e-3
     assert apart.any()
-    np.testing.assert_allclose(found.distances[apart], expected[apart], rtol=0, atol=2e-5)
+    np.testing.assert_allclose(found.table[:, 2][apart], expected[apart], rtol=0, atol=2e-5)
 
 
 def test_witnesses_do_not_depend_on_what_was_asked_before(checker, path):
     before, fresh = PairDistances(checker, WITHIN), PairDistances(checker, WITHIN)
     for shift in (0.3, 0.02):
-        before.witnesses(path + shift, WITHIN)
-    found, expected = before.witnesses(path, WITHIN), fresh.witnesses(path, WITHIN)
-    for name in ("rows", "joints", "points", "normals", "offsets"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        before.near(path + shift, WITHIN)
+    found, expected = before.near(path, WITHIN).table, fresh.near(path, WITHIN).table
+    np.testing.assert_array_equal(found[:, :3], expected[:, :3])
+    np.testing.assert_array_equal(found[found[:, 2] > 0], expected[found[:, 2] > 0])
 
 
 def test_the_least_distance_below_what_is_asked(checker, path):

@@ -26,14 +26,15 @@ def near(panda, clutter):
 
 def distances_of(witnesses, Q):
     """Return distances (C,) and their gradients (C, n) by the witnesses."""
-    places, jacobians = body_points(witnesses.robot, Q, witnesses.rows, witnesses.joints, witnesses.points)
-    distances = np.einsum("ci,ci->c", places, witnesses.normals) - witnesses.offsets
-    return distances, np.einsum("cin,ci->cn", jacobians, witnesses.normals)
+    points, normals, offsets = *np.split(witnesses.table[:, 3:9], 2, axis=1), witnesses.table[:, 9]
+    joints = witnesses.carriers[witnesses.pairs]
+    places, jacobians = body_points(witnesses.robot, Q, witnesses.rows, joints, points)
+    return np.einsum("ci,ci->c", places, normals) - offsets, np.einsum("cin,ci->cn", jacobians, normals)
 
 
 def test_the_nearest_witness_is_as_far_as_coal_says(near):
     checker, Q = near
-    witnesses = PairDistances(checker, WITHIN).witnesses(Q, WITHIN)
+    witnesses = PairDistances(checker, WITHIN).near(Q, WITHIN)
     distances, _ = distances_of(witnesses, Q)
     for row, q in enumerate(Q):
         assert distances[witnesses.rows == row].min() == pytest.approx(checker.clearance(q).distance, abs=1e-4)
@@ -41,7 +42,7 @@ def test_the_nearest_witness_is_as_far_as_coal_says(near):
 
 def test_gradients_of_distances(near):
     checker, Q = near
-    witnesses = PairDistances(checker, WITHIN).witnesses(Q, WITHIN)
+    witnesses = PairDistances(checker, WITHIN).near(Q, WITHIN)
     _, gradients = distances_of(witnesses, Q)
     for i in range(Q.shape[1]):
         step = 1e-6 * np.eye(Q.shape[1])[i]
@@ -51,7 +52,7 @@ def test_gradients_of_distances(near):
 
 def test_hinge_costs_are_those_of_the_distances(near):
     checker, Q = near
-    witnesses = PairDistances(checker, WITHIN).witnesses(Q, WITHIN)
+    witnesses = PairDistances(checker, WITHIN).near(Q, WITHIN)
     distances, slopes = distances_of(witnesses, Q)
     costs, gradients, bends = witnesses.hinge_costs(Q, np.array([[WITHIN, 2.0], [0.5 * WITHIN, 30.0]]))
     lacks = np.maximum(0.0, 1 - distances[:, None] / [WITHIN, 0.5 * WITHIN])
@@ -68,12 +69,9 @@ def test_hinge_costs_are_those_of_the_distances(near):
 
 
 def test_nothing_is_near_in_an_empty_scene(panda):
-    density = ObstacleCost(CollisionChecker(panda, Scene()), 0.05)
-    Q = np.zeros((3, 7))
-    values, gradients, bends = density.expansion(Q)
-    assert not values.any()
-    assert not gradients.any()
-    assert not len(bends)
+    density, Q = ObstacleCost(CollisionChecker(panda, Scene()), 0.05), np.zeros((3, 7))
+    assert not density.values(Q).any()
+    assert not len(density.near(Q).rows)
 
 
 @pytest.mark.parametrize("distance", [0.0, -0.1, np.inf, np.nan])

@@ -68,10 +68,10 @@ def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
     for Q in batches:
         for one in fields:
             one.values_and_gradients(Q)
-            one.terms_above(Q, 0.0)
+            one.high_points(Q, 0.5)
         fields[0].link_fields(robot.keypoints_batch(Q))
         fields[0].field(Q[0], points.T[:, :3])
-    used = (field.link_fields, field.link_distances, danger.dangers, danger.high_levels, joints.keypoints)
+    used = (field.link_fields, field.link_distances, danger.dangers, danger.high_points, joints.keypoints)
     assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
 
 

@@ -11,6 +11,7 @@ from oracles.pinocchio_points import keypoint_jacobians
 from safe_ompl import Box, CertifiedDanger, DangerField, InputError, Obstacle, Person, Pose, Robot, Scene
 from safe_ompl.common import Counts
 from safe_ompl.danger.field import AGGREGATES
+from safe_ompl.danger.kernels import high_levels
 from safe_ompl.danger.link_field import WEIGHTINGS, field, vectors
 from safe_ompl.geometry import STANDING
 
@@ -90,31 +91,21 @@ def test_infinite_at_contact(panda, rng, aggregate):
 
 
 @pytest.mark.parametrize("weights", [None, WEIGHTS])
-def test_the_terms_above_a_level_are_the_fields_of_single_points(panda, rng, weights):
+def test_high_levels_are_the_fields_of_single_points(panda, rng, weights):
     danger, Q = DangerField(panda, POINTS, weights), some(panda, rng, 6)
-    level = float(np.median(danger.values(Q)))
-    rows, values, gradients = danger.terms_above(Q, level)
+    level, tables = float(np.median(danger.values(Q))), danger.for_kernels()
     single = [danger.with_points(POINTS[[m]], None if weights is None else weights[[m]]) for m in range(9)]
-    expected = [
-        (row, one.value(q), one.gradient(q)) for row, q in enumerate(Q) for one in single if one.value(q) > level
-    ]
-    assert len(expected) > 1
-    np.testing.assert_array_equal(rows, [row for row, _, _ in expected])
-    np.testing.assert_allclose(values, [value for _, value, _ in expected], rtol=1e-12)
-    np.testing.assert_allclose(gradients, [slope for _, _, slope in expected], rtol=1e-10, atol=1e-12)
-    active = danger.active(Q, 0.5)
-    np.testing.assert_array_equal(active.values(Q), danger.values(Q))
-    assert len(active.points) <= 9
-
-
-@pytest.mark.parametrize("aggregate", ["mean", "softmax"])
-def test_a_danger_that_is_no_maximum_is_its_own_term(panda, rng, aggregate):
-    danger, Q = DangerField(panda, POINTS, aggregate=aggregate), some(panda, rng, 6)
-    values, gradients = danger.values_and_gradients(Q)
-    rows, above, slopes = danger.terms_above(Q, float(np.median(values)))
-    np.testing.assert_array_equal(rows, np.flatnonzero(values > np.median(values)))
-    np.testing.assert_array_equal(above, values[rows])
-    np.testing.assert_array_equal(slopes, gradients[rows])
+    for q in Q:
+        values, gradients = high_levels(tables.tables, q, tables.points, level)
+        expected = [(one.value(q), one.gradient(q)) for one in single if one.value(q) >= level]
+        assert len(expected) == len(values)
+        for value, gradient, (known, slope) in zip(values, gradients, expected, strict=True):
+            assert value == pytest.approx(known, rel=1e-12)
+            np.testing.assert_allclose(gradient, slope, rtol=1e-10, atol=1e-12)
+    high, every = danger.high_points(Q, 0.5), np.array([one.values(Q) for one in single])
+    np.testing.assert_array_equal(high, (every >= 0.5 * every.max(axis=0)).any(axis=1))
+    np.testing.assert_array_equal(danger.with_some(high).values(Q), danger.values(Q))
+    assert DangerField(panda, POINTS, weights, aggregate="mean").high_points(Q, 0.5).all()
 
 
 def test_the_push_is_the_sum_over_all_points_and_the_ends_of_all_links(ur5):
@@ -242,8 +233,7 @@ def test_without_danger_points_danger_is_zero(panda, rng, points, aggregate, wei
     np.testing.assert_array_equal(values, np.zeros(len(Q)))
     np.testing.assert_array_equal(gradients, np.zeros(Q.shape))
     assert danger.value(Q[0]) == danger.minimum == danger.mean(Q[0], Q[1]) == 0.0
-    assert danger.active(Q, 0.5) is danger
-    assert len(danger.terms_above(Q, 0.0)[0]) == 0
+    assert not len(danger.high_points(Q, 0.5))
     some_points = DangerField(panda, POINTS, aggregate=aggregate)
     assert [part.shape for part in some_points.values_and_gradients(np.empty((0, 7)))] == [(0,), (0, 7)]
 

@@ -27,6 +27,7 @@ from safe_ompl.danger import CertifiedDanger, DangerField, KinetostaticField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.motions import Motion, check
+from safe_ompl.paths import ask_for_retreats
 from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, Surroundings, Tracker, find_skeleton
 from safe_ompl.people.kernels import gaps
 from safe_ompl.people.replanning import Replanner
@@ -44,7 +45,6 @@ ALL_JOBS = (  # those that need what a plan needs come after it
     f"{__name__}:ask_for_many_points",
     f"{__name__}:ask_for_motions",
     f"{__name__}:ask_for_simplification",
-    "safe_ompl.paths.edges:ask_for_retreats",
     f"{__name__}:ask_for_people",
     f"{__name__}:ask_for_depth",
     f"{__name__}:ask_for_pictures",
@@ -156,6 +156,7 @@ def ask_for_simplification() -> None:
     result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=People(speed=1.6))
     contact = People(speed=1.6, contact=True)
     result.timed(RateLimits.of(robot, acceleration=10.0), people=contact)
+    ask_for_retreats()
 
 
 def ask_for_people() -> None:

@@ -210,33 +210,27 @@ def _shares_of_corners(S: FloatArray, corners: int, x: float, y: float, z: float
 
 @compiled
 def hinge_costs(
-    joints: Any,
-    values: FloatArray,
-    rows: IntArray,
-    carriers: IntArray,
-    points: FloatArray,
-    normals: FloatArray,
-    offsets: FloatArray,
-    hinges: FloatArray,
+    joints: Any, values: FloatArray, carriers: IntArray, near: FloatArray, hinges: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,), its gradients (B, m), and vectors v (C, m) of Gauss-Newton.
 
     Σ vvᵀ approximates the Hessian. d_c = x·n_c − b_c is the distance of each of C points of bodies from a plane, at
-    `values[rows[c]]`; the points are carried by joints with Pinocchio's numbers.
+    the row of `values: (B, m)` for which it was found; `near: (C, 10)` is what `pairs_within` returns, of pairs whose
+    first bodies are carried by joints with Pinocchio's numbers, `carriers: (K,)`. Pairs in contact do not count.
 
-    The `joints: (m,)` are a table (`safe_ompl.robot.kernels`) with `values: (B, m)`; `rows` and `carriers`
-    (C,), `points` and `normals` (C, 3) in the frame of the joint and in the world, `offsets: (C,)` b, and
-    `hinges: (H, 2)` D > 0 and w. As in CHOMP and TrajOpt.
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels`), `hinges: (H, 2)` D > 0 and w. As in CHOMP and TrajOpt.
     """
     costs, gradients, m = np.zeros(len(values)), np.zeros(values.shape), len(joints)
-    bends, place, placed = np.zeros((len(rows), m)), np.empty(3), -1
+    bends, place, placed = np.zeros((len(near), m)), np.empty(3), -1
     rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
-    for c in range(len(rows)):
-        b, i, p, normal = rows[c], carriers[c] - 1, points[c], normals[c]
+    for c in range(len(near)):
+        b, i, p, normal = int(near[c, 0]), carriers[int(near[c, 1])] - 1, near[c, 3:6], near[c, 6:9]
+        if not near[c, 2] > 0.0:
+            continue
         if b != placed:
             place_joints(joints, values[b], rotation, origin, axis)
             placed = b
-        distance = -offsets[c]
+        distance = -near[c, 9]
         for x in range(3):
             place[x] = p[x]
             if i >= 0:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, maker, part
 from safe_ompl.danger.kernels.field import Block, Skeleton, add_pull, ceilings, new_block, potential, potentials
 from safe_ompl.robot.kernels import JOINT, KEYPOINT, place_joints, place_keypoints, pull
 
@@ -126,12 +126,21 @@ class _Work(NamedTuple):
 
 @maker
 def _room(tables: Tables, points: Points) -> _Work:
-    """Return room, with a copy of the short columns: of arrays made here LLVM knows that none is part of another."""
+    """Return room, with a copy of the short columns: of arrays made here LLVM knows that none is part of another.
+
+    The last column is repeated up to whole chunks: what is left after these would take as long as many of them.
+    """
     m, K, M = len(tables.joints), len(tables.keys), len(points.charges)
+    chunks = (M + _CHUNK - 1) // _CHUNK
+    short = np.empty((3, _CHUNK * chunks), np.float32)
+    for x in range(3):
+        for k in range(_CHUNK * chunks):
+            short[x, k] = points.short[x, min(k, M - 1)]
     return _Work(
         np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6)), np.empty((K, 3)), np.empty((K, 3)),
-        np.empty(M), np.empty(M), points.short.copy(), np.empty((K, M), np.float32), np.empty(M, np.float32),
-        np.empty((M + _CHUNK - 1) // _CHUNK, np.uint32), np.empty((4, len(tables.links))), new_block(K),
+        np.empty(M), np.empty(M), short, np.empty((K, _CHUNK * chunks), np.float32),
+        np.zeros(_CHUNK * chunks, np.float32), np.empty(chunks, np.uint32), np.empty((4, len(tables.links))),
+        new_block(K),
     )  # fmt: skip
 
 
@@ -153,13 +162,15 @@ def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[flo
     ceilings(skeleton, work.short, reach, work.far, bounds)
     for k in range(M):
         bounds[k] *= np.float32(charges[k])
+    for k in range(M, len(bounds)):
+        bounds[k] = np.float32(0.0)
     # As integers numbers that are not negative have the same order, and what is no number is above all others.
     bits, tops = bounds.view(np.uint32), work.tops
     likely = 0
     for c in range(len(tops)):
-        top = np.uint32(0)
-        for k in range(_CHUNK * c, min(_CHUNK * (c + 1), M)):
-            top = bits[k] if bits[k] > top else top
+        chunk, top = bits[_CHUNK * c : _CHUNK * (c + 1)], np.uint32(0)
+        for k in range(_CHUNK):
+            top = max(top, chunk[k])
         tops[c] = top
         likely = c if tops[c] > tops[likely] else likely
     best = _CHUNK * likely
@@ -247,37 +258,42 @@ def _each_danger(
 
 
 @compiled
-def high_levels(
-    tables: Tables, values: FloatArray, points: Points, least: float, share: float, sloped: bool
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Return the levels (C,) at `values: (B, m)` that are at least `least`, and at least a share of the row's highest.
-
-    Before them come their rows and points (C,), after them, if `sloped`, their gradients (C, m), else (0, m).
-    """
+def high_levels(tables: Tables, values: FloatArray, points: Points, least: float) -> tuple[FloatArray, FloatArray]:
+    """Return the levels (C,) of points at `values: (m,)` that are at least `least`, and their gradients (C, m)."""
     columns, charges, C = points.columns, points.charges, 0
-    B, M = len(values), len(charges)
-    rows, found, levels = np.empty(B * M, np.int64), np.empty(B * M, np.int64), np.empty(B * M)
-    gradients = np.empty((B * M if sloped else 0, values.shape[1]))
+    levels, gradients = np.empty(len(charges)), np.empty((len(charges), len(values)))
     work = _room(tables, points)
     skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
-    for b in range(B):
+    place_joints(tables.joints, values, work.rotation, work.origin, work.axis)
+    place_keypoints(tables.keys, work.rotation, work.origin, work.places)
+    _highest_level(skeleton, points, work)
+    for k in range(len(charges)):
+        if not work.bounds[k] < np.float32(least * (1.0 - 1e-7)):
+            level = potential(skeleton, columns, k, work.alone) * charges[k]
+            if level >= least:
+                levels[C], work.forces[:] = level, 0.0
+                add_pull(skeleton, columns, k, charges[k], work.forces)
+                frames = work.origin, work.axis, work.wrench
+                pull(tables.joints, tables.keys, frames, work.places, work.forces, gradients[C])
+                C += 1
+    return levels[:C].copy(), gradients[:C].copy()
+
+
+@compiled
+def high_points(tables: Tables, values: FloatArray, points: Points, share: float) -> BoolArray:
+    """Return which of the points (M,) have a level at any of `values: (B, m)` that is a share of its highest."""
+    columns, charges, high = points.columns, points.charges, np.zeros(len(points.charges), np.bool_)
+    work = _room(tables, points)
+    skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
+    for b in range(len(values)):
         place_joints(tables.joints, values[b], work.rotation, work.origin, work.axis)
         place_keypoints(tables.keys, work.rotation, work.origin, work.places)
-        lowest = max(least, share * _highest_level(skeleton, points, work)[0])
+        lowest = share * _highest_level(skeleton, points, work)[0]
         enough = np.float32(lowest * (1.0 - 1e-7))
-        for k in range(M):
-            if work.bounds[k] < enough:
-                continue
-            level = potential(skeleton, columns, k, work.alone) * charges[k]
-            if level >= lowest:
-                rows[C], found[C], levels[C] = b, k, level
-                if sloped:
-                    work.forces[:] = 0.0
-                    add_pull(skeleton, columns, k, charges[k], work.forces)
-                    frames = work.origin, work.axis, work.wrench
-                    pull(tables.joints, tables.keys, frames, work.places, work.forces, gradients[C])
-                C += 1
-    return rows[:C].copy(), found[:C].copy(), levels[:C].copy(), gradients[: C if sloped else 0].copy()
+        for k in range(len(charges)):
+            if not (high[k] or work.bounds[k] < enough):
+                high[k] = potential(skeleton, columns, k, work.alone) * charges[k] >= lowest
+    return high
 
 
 _HALVINGS = 6  # of a panel at most

@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 from safe_ompl import CollisionChecker, DangerField, InputError, Obstacle, Pose, Scene, Sphere
-from safe_ompl.paths.cost import ActiveSetCost, DangerDensity, ObstacleCost, PathCost, reference_danger
-from safe_ompl.paths.measures import divided
+from safe_ompl.paths.cost import (
+    ActiveSetCost,
+    DangerDensity,
+    ObstacleCost,
+    PathCost,
+    edge_costs,
+    path_cost,
+    reference_danger,
+)
+from safe_ompl.paths.measures import divided, unrolled
 
 
 class Plane:
@@ -36,9 +44,20 @@ def test_the_cost_of_a_known_path():
     path = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])  # ∫₀² (1 + x²) dx, then 1 · (1 + 4)
     assert PathCost(Plane(), [SQUARES]).of(path) == pytest.approx(2 + 8 / 3 + 5, rel=1e-3)
     assert PathCost(Plane(), []).of(path) == pytest.approx(3.0)
-    starts, ends = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[2.0, 0.0], [1.0, 3.0]])
-    found = PathCost(Plane(), [SQUARES]).of_edges(starts, ends, np.array([200, 3]))
-    np.testing.assert_allclose(found, [2 + 8 / 3, 3 * 2], rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["panda", "gripper", "kinova"])  # the last one has joints that wrap
+def test_kernels_know_the_costs_of_paths_and_edges(robot_named, rng, name):
+    robot = robot_named(name)
+    density = DangerDensity(DangerField(robot, POINTS, aggregate="softmax", sharpness=0.5), 10.0)
+    path = unrolled(robot, rng.uniform(robot.lower, robot.upper, (5, robot.n)) / 2)
+    terms, cost = density.terms(density.field), PathCost(robot, [density], 0.1)
+    assert path_cost(terms, path, 0.1)[0] == pytest.approx(cost.of(path), rel=1e-12)
+    edges = np.array([[0, 4], [1, 2], [0, 3]])
+    found, samples = edge_costs(terms, path, edges, robot.continuous)
+    assert 2 * len(edges) <= samples <= 4 * len(edges)
+    for (i, j), value in zip(edges, found, strict=True):
+        assert value == pytest.approx(cost.of(path[[i, j]]), rel=0.3)
 
 
 BALL = Obstacle("ball", Sphere(0.2), Pose((0.5, 0.3, 0.4)))

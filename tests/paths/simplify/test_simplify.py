@@ -126,7 +126,7 @@ def test_every_path_on_the_way_is_proven_cheaper_than_the_given_one_and_short_en
             np.testing.assert_array_equal(step[[0, -1]], path[[0, -1]])
             assert length(step) <= 1.25 * length(path) + 1e-9
             assert cost.of(step) == pytest.approx(known, rel=0.02)
-            assert known <= cost.of(path)
+            assert known <= cost.of(path) * (1 + 1e-12)
 
 
 @pytest.mark.parametrize("way_points", [[START, START], [START, START, START], [START, START + 0.01, START]])
@@ -273,7 +273,7 @@ def test_where_no_joint_changes_what_is_near_there_is_no_way_out(planar2):
     plate = Obstacle("plate", Box((2.0, 2.0, 0.02)), Pose((0.0, 0.0, 0.06)))
     nearness = ObstacleCost(CollisionChecker(planar2, Scene((plate,))), 0.1)
     stretched, field = np.zeros(2), DangerField(planar2, [[1.3, 0.0, 0.0]])
-    assert nearness.near(stretched[None])
+    assert len(nearness.near(stretched[None]).rows)
     assert not field.gradient(stretched).any()
     np.testing.assert_array_equal(retreat(stretched, nearness, field, motion_limits(planar2), never), [stretched])
 
