@@ -24,7 +24,7 @@ from safe_ompl import Box, Obstacle, People, RateLimits, Replanner, Scenario, Su
 from safe_ompl.common import FloatArray
 from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOptions, Recording, TrackedBody, looking
 from safe_ompl.people.replanning import ReplanningOptions
-from safe_ompl.people.simulation import Drifting, Faults, Playback, SightedSimulation, Simulation
+from safe_ompl.people.simulation import Drifting, Faults, Playback, SightedSimulation, Simulation, World
 from safe_ompl.people.simulation.movers import part_solids
 from safe_ompl.scene import find_scenario
 from safe_ompl.view import DepthRenderer
@@ -119,7 +119,7 @@ def drive(
         one = Simulation(pilot, ways, people, things, faults=faults)
     else:
         look = DepthRenderer(robot, still, eyes, _FLOOR, seed).see
-        one = SightedSimulation(pilot, ways, people, things, look=look, truth=shadow, faults=faults)
+        one = SightedSimulation(pilot, ways, World(people, things, shadow), look, faults=faults)
     one.clock = process_time  # type: ignore[method-assign]
     ticks = list(one.ticks(seconds))
     false = sum(

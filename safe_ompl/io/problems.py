@@ -182,11 +182,11 @@ class RobotDocument(Section):
     meshes: Mapping[str, str] = key(carried_files, factory=dict)
 
 
-def built_robot(carried: Any, *, urdf: Path | None = None, package_dirs: Sequence[Path] = ()) -> Robot:
+def built_robot(carried: Any, *, package_dirs: Sequence[Path] = ()) -> Robot:
     """Return the robot that a document carries the recipe of; whether it is that of the hash the verification says.
 
-    Meshes are looked for beside a `urdf`, which is read instead of the text that is carried, or else in `package_dirs`,
-    among those that travel, and in example-robot-data, nowhere else. An InputError if it cannot be built.
+    Meshes are looked for in `package_dirs`, among those that travel, and in example-robot-data, nowhere else. An
+    InputError if it cannot be built.
     """
     carried = document.section("carried", carried, RobotDocument)
     if carried.recipe is None:
@@ -202,8 +202,8 @@ def built_robot(carried: Any, *, urdf: Path | None = None, package_dirs: Sequenc
                 unpack(carried.meshes, place)
                 folders.append(Path(folder))
             numbers = (Path(folder) / str(k) for k in count(1))
-            spec = _spec("recipe", carried.recipe, numbers, urdf, folders)
-            robot = _built(spec, carried.name, folder, given=urdf is not None or bool(package_dirs))
+            spec = _spec("recipe", carried.recipe, numbers, folders)
+            robot = _built(spec, carried.name, folder, given=bool(package_dirs))
             if carried.meshes:
                 robot.visual_model  # noqa: B018  # read now: the folder goes
             return robot
@@ -222,12 +222,12 @@ def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
         if given:
             raise
         raise InputError(
-            f"the robot {name!r} cannot be built from what is carried; meshes are not: give its URDF, or the "
+            f"the robot {name!r} cannot be built from what is carried; meshes are not: give the "
             f"folder above its packages ({re.sub(re.escape(folder) + r'/([0-9]+/)?', '', str(error))})"
         ) from None
 
 
-def _spec(key: str, recipe: Any, folders: Iterator[Path], urdf: Path | None, package_dirs: Sequence[Path]) -> RobotSpec:
+def _spec(key: str, recipe: Any, folders: Iterator[Path], package_dirs: Sequence[Path]) -> RobotSpec:
     """Return what a recipe says of a robot; the files that it carries go to new folders."""
     given = document.mapping(key, recipe, (*_OPTIONS, *_FILES, "attached", "files", "robots"))
     folder = next(folders)
@@ -236,17 +236,13 @@ def _spec(key: str, recipe: Any, folders: Iterator[Path], urdf: Path | None, pac
         unpack(carried_files("files", files := given.pop("files", {})), folder)
         check_carried("attached", given.get("attached", ()), files)
         if robots := document.mapping("robots", given.get("robots", {})):
-            if urdf is not None:
-                raise InputError("there are several robots: give the folders of their packages instead", "urdf")
-            given["robots"] = {k: _spec(f"robots.{k}", part, folders, None, package_dirs) for k, part in robots.items()}
+            given["robots"] = {k: _spec(f"robots.{k}", part, folders, package_dirs) for k, part in robots.items()}
             return RobotSpec.from_mapping(given, folder)
         own = {file: document.section(file, given.get(file), _File) for file in _FILES if given.get(file) is not None}
         if "urdf" not in own:
             raise InputError("missing: give either urdf or robots", "urdf")
         given |= {file: _written(content, folder / f"carried.{file}") for file, content in own.items()}
-        if urdf is not None:
-            given["urdf"] = urdf
-        elif own["urdf"].text is not None:
+        if own["urdf"].text is not None:
             place_meshes(given["urdf"], package_dirs)
         examples = examples_folder()
         given["package_dirs"] = [*package_dirs, *([] if examples is None else [examples.parents[1]])]

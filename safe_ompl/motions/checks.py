@@ -146,19 +146,19 @@ def check_many(
     robot: Robot,
     scene: Scene,
     *,
-    constraints: Constraints | None = None,
-    tube: ArrayLike | Mapping[str, float] | None = None,
     limits: RateLimits | None = None,
     people: People | OccupancyGrid | None = None,
     workers: int = 1,
+    **wanted: Any,
 ) -> list[MotionCheck]:
     """Return what `check` says of each of some motions, in their order; but the checks hold no `stops`.
 
     Robot and scene are made ready once. Several workers are as many processes; an InputError also for less than one.
-    Other arguments and errors are those of `check`; an error says which motion it is of, counted from 0.
+    Other arguments, `constraints` and `tube`, and errors are those of `check`; an error says which motion it is of,
+    counted from 0.
     """
     scene, beside = _among(scene, people)
-    proof, given = _proof(robot, scene, constraints, tube), list(motions)
+    proof, given = _proof(robot, scene, **wanted), list(motions)
 
     def found(some: range) -> list[_Told]:
         told = list[_Told]()
@@ -287,7 +287,10 @@ def widest_tube(
 
 
 def _proof(
-    robot: Robot, scene: Scene, constraints: Constraints | None, tube: ArrayLike | Mapping[str, float] | None = None
+    robot: Robot,
+    scene: Scene,
+    constraints: Constraints | None = None,
+    tube: ArrayLike | Mapping[str, float] | None = None,
 ) -> MotionProver:
     wanted = Constraints() if constraints is None else instance("constraints", constraints, Constraints)
     if tube is not None:
@@ -329,23 +332,14 @@ def _late(stops: Stops, people: People) -> Iterator[Violation]:
 # ---------------------------------------------------------------------------------------- way points, timed
 
 
-def retime(
-    motion: Any,
-    robot: Robot,
-    scene: Scene,
-    limits: RateLimits | None = None,
-    *,
-    constraints: Constraints | None = None,
-    tube: ArrayLike | None = None,
-    **options: Any,
-) -> Trajectory:
+def retime(motion: Any, robot: Robot, scene: Scene, limits: RateLimits | None = None, **options: Any) -> Trajectory:
     """Return the fastest trajectory along way points that something else made; times that they have are thrown away.
 
     The straight motions between them are proven first, and blends that round the corners are, too.
 
     Parameters
     ----------
-    motion, robot, scene, constraints, tube
+    motion, robot, scene
         As for `check`: way points (N, n), or what `read_motion` returns; of curved pieces only the ends count.
     limits : RateLimits, optional
         Of the joints; default: `RateLimits.of(robot)`.
@@ -356,7 +350,7 @@ def retime(
     Errors as `check` and `time_path`, and a PlanningError if a way point, or the straight motion to the next one, is
     not proven: says which, counted from 0.
     """
-    found = check(way_of(motion, robot), robot, scene, constraints=constraints, tube=tube)
+    found = check(way_of(motion, robot), robot, scene)
     if not found:
         raise PlanningError(objection(found))
     return time_path(found.motion.knots, robot, limits, motion=found.proof, **options)

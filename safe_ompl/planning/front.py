@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from safe_ompl.common import InputError, instance, number, seed as checked_seed, until_ctrl_c
 from safe_ompl.paths import PathCost, timed
-from safe_ompl.planning.planners import check_planner
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.run import noted_ctrl_c
 from safe_ompl.planning.safe_setup import SafeSetup
@@ -64,14 +63,7 @@ class Tradeoff:
         return {"front": paths, "interrupted": self.interrupted}
 
 
-def tradeoff(
-    setup: SafeSetup,
-    weights: Sequence[float] = _WEIGHTS,
-    *,
-    planners: Sequence[str] = _PLANNERS,
-    time: float = 10.0,
-    seed: int = 0,
-) -> Tradeoff:
+def tradeoff(setup: SafeSetup, weights: Sequence[float] = _WEIGHTS, *, time: float = 10.0, seed: int = 0) -> Tradeoff:
     """Return a front of proven paths between the shortest and the least dangerous one.
 
     For each weight w it is the path of least J = L + w·D, length and ∫ (CDF/reference)² ds, among all that are found
@@ -84,8 +76,6 @@ def tradeoff(
         With start and goals. All paths keep to its constraints, and from obstacles as its simplification says.
     weights : sequence of float
         Of danger against length, in [0, 1e6]; see `Simplifier`.
-    planners : sequence of str
-        Names of those that plan the starts, in turns.
     time : float
         Limit [s] in all.
     seed : int
@@ -94,21 +84,18 @@ def tradeoff(
     Raises
     ------
     InputError
-        A weight, planner, time or seed that cannot be used; a setup that plans without danger, or lacks start or goal.
+        A weight, time or seed that cannot be used; a setup that plans without danger, or lacks start or goal.
     KeyboardInterrupt
         On Ctrl-C before there is a path. Later the front is that of the paths so far.
     """
-    space, seed = instance("setup", setup, SafeSetup).getSpaceInformation(), checked_seed(seed)
+    setup, seed = instance("setup", setup, SafeSetup), checked_seed(seed)
     time = number("time limit", time, above=0.0, kind="number of seconds")
-    for name, given in (("weights", weights), ("planners", planners)):
-        if isinstance(given, str) or not len(given):
-            raise InputError(f"{name} must be a list that is not empty, got {given!r}")
+    if isinstance(weights, str) or not len(weights):
+        raise InputError(f"weights must be a list that is not empty, got {weights!r}")
     ordered = sorted({number("weight", weight, at_least=0.0, at_most=_LARGEST_WEIGHT) for weight in weights})
-    for planner in planners:
-        check_planner(planner, space)
     search = _Search(setup, ordered, time)
     with noted_ctrl_c() as interrupts, until_ctrl_c():
-        search.start(planners, time, seed)
+        search.start(time, seed)
         search.improve()
     if interrupts and not search.found:
         raise KeyboardInterrupt
@@ -140,9 +127,9 @@ class _Search:
         self._tried: set[tuple[float, int, int]] = set()
         self.found: list[_Found] = []
 
-    def start(self, planners: Sequence[str], time: float, seed: int) -> None:
+    def start(self, time: float, seed: int) -> None:
         """Plan the starts, until half of the time [s] is over and there is one."""
-        for k, planner in enumerate(islice(cycle(planners), _STARTS)):
+        for k, planner in enumerate(islice(cycle(_PLANNERS), _STARTS)):
             if self._over() or (self.found and self._half_over()):
                 break
             self._add(self._setup.plan(planner, time=0.5 * time if self.found else time, seed=(seed + k) % 2**32))

@@ -325,16 +325,13 @@ def plan(
     time: float | None = None,
     seed: int = 0,
     parameters: Mapping[str, Any] | None = None,
-    *,
-    simplify: bool | float = False,
-    optimise: float | None = None,
-    starts: int = 1,
-    workers: int = 1,
+    **options: Any,
 ) -> PlanResult:
     """Plan a scenario: the problem itself, or the name or file of one; all else as in `SafeSetup.plan`.
 
-    The time limit [s] is by default the scenario's own, and `parameters` override those of the scenario. Errors as
-    `SafeSetup.plan`; an InputError, too, if the scenario cannot be used.
+    The time limit [s] is by default the scenario's own, `parameters` override those of the scenario, and `options` are
+    `simplify`, `optimise`, `starts` and `workers`. Errors as `SafeSetup.plan`; an InputError, too, if the scenario
+    cannot be used.
     """
     begin = clock()
     if not isinstance(scenario, Scenario):
@@ -347,10 +344,7 @@ def plan(
         time=scenario.time if time is None else time,
         seed=seed,
         parameters={**own, **(parameters or {})},
-        simplify=simplify,
-        optimise=optimise,
-        starts=starts,
-        workers=workers,
+        **options,
     )
     return replace(result, setup_time=built + result.setup_time)
 

@@ -223,11 +223,6 @@ def test_what_is_no_recipe(carried, kind, change, message):
         built_robot(content)
 
 
-def test_one_urdf_is_not_taken_for_several_robots(carried, data_folder):
-    with pytest.raises(InputError, match="urdf: there are several robots"):
-        built_robot(carried["in a cell"], urdf=data_folder / "twin_arm.urdf")
-
-
 def test_models_of_pinocchio_are_no_plain_data(ur5):
     robot = Robot.from_models(ur5.model, ur5.collision_model, tip="tool0", base=TURNED)
     assert carried_robot(robot)["recipe"] is None
@@ -245,10 +240,9 @@ def test_a_robot_with_meshes_needs_its_packages(tmp_path, data_folder):
     robot = Robot.from_urdf(here / "arm" / "arm.urdf")
     carried = travelled(carried_robot(robot))
     here.rename(there)
-    with pytest.raises(InputError, match=r"'planar2' cannot be built .* give its URDF, or the folder"):
+    with pytest.raises(InputError, match=r"'planar2' cannot be built .* give the folder"):
         built_robot(carried)
-    for found in ({"package_dirs": [there]}, {"urdf": there / "arm" / "arm.urdf"}):
-        assert robot_hash(built_robot(carried, **found)) == robot_hash(robot)
+    assert robot_hash(built_robot(carried, package_dirs=[there])) == robot_hash(robot)
 
 
 @pytest.mark.parametrize(

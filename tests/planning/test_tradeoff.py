@@ -93,7 +93,6 @@ def test_a_time_limit_and_a_problem_without_solution(beside_a_worker):
         ({"weights": "10"}, "weights"),
         ({"weights": (0, -1)}, "weight: .*-1"),
         ({"weights": (0, np.nan)}, "weight: .*nan"),
-        ({"planners": ("SafeRRTConect",)}, "SafeRRTConnect"),
         ({"time": 0}, "time limit"),
         ({"seed": -1}, "seed"),
     ],

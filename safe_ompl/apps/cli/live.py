@@ -48,6 +48,7 @@ from safe_ompl.people.simulation import (
     Simulation,
     Tour,
     Walker,
+    World,
     part_solids,
 )
 from safe_ompl.planning import ProgramResult, SafeSetup, plan_program, program_robot, setup_scenario
@@ -152,12 +153,11 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
             grid = OccupancyGrid(robot, found.still, cameras, OccupancyOptions(speed, clear=options.clear))
             around = Surroundings(found.still, trackers if options.tracked else {}, people=people, depth=grid)
         replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
-        who = ways, found.people, found.objects
         if cameras is None:
-            return Simulation(replanner, *who, faults=faults)
+            return Simulation(replanner, ways, found.people, found.objects, faults=faults)
         floor = min([0.0, *(one.triangles()[0][:, 2].min() for one in scenario.scene)])
         eyes = DepthRenderer(robot, found.still, cameras, floor, options.seed)
-        return SightedSimulation(replanner, *who, look=eyes.see, truth=truth, faults=faults)
+        return SightedSimulation(replanner, ways, World(found.people, found.objects, truth), eyes.see, faults=faults)
 
     world([])  # what cannot be used is said now
     return partial(_drive, scenario, setup, world=world, driver=driver, options=options)

@@ -22,13 +22,12 @@ from safe_ompl.scene import Scene
 _LOOKS = ("name", "color", "texture", "texture_id", "material")
 
 
-def scene_from_curobo(file: str | Path, *, assets: str | Path | None = None) -> Scene:
+def scene_from_curobo(file: str | Path) -> Scene:
     """Read a world of cuRobo (YAML): cuboids, spheres, capsules, cylinders and mesh files, which become their hulls.
 
-    Files of meshes are relative to `assets`, by default to the file. Raises InputError, which names file, key and
-    value, for other kinds (blox, voxel, …), meshes given by their points, and scales, which cuRobo reads in two ways.
+    Files of meshes are relative to the file. Raises InputError, which names file, key and value, for other kinds (blox,
+    voxel, …), meshes given by their points, and scales, which cuRobo reads in two ways.
     """
-    folder = Path(file).parent if assets is None else Path(assets)
     with document_of(file) as data:
         document.check_keys(data, _KINDS)
         found = []
@@ -39,7 +38,7 @@ def scene_from_curobo(file: str | Path, *, assets: str | Path | None = None) -> 
                     if item.get("scale") not in (None, 1, 1.0, [1, 1, 1]):
                         raise InputError(f"must be [1, 1, 1], got {item['scale']!r}: write the sizes", "scale")
                     place = _curobo_pose(kind, item)
-                    shape, within = shape_of({**item, "file_path": folder / str(item.get("file_path"))})
+                    shape, within = shape_of({**item, "file_path": Path(file).parent / str(item.get("file_path"))})
                     found.append(Obstacle(name, shape, place * within))
         return Scene(found)
 

@@ -262,10 +262,10 @@ def _primitive(data: Mapping[str, Any]) -> Shape:
     return Box(sizes) if kind == 1 else Sphere(*sizes) if kind == 2 else Cylinder(sizes[1], sizes[0])
 
 
-def scene_from_octomap(file: str | Path, *, pose: Any = None) -> Scene:
+def scene_from_octomap(file: str | Path) -> Scene:
     """Read a binary map of OctoMap (.bt): what is occupied as boxes, equal neighbours joined; unknown space is free.
 
-    `pose` is where the map's origin is in the world. Raises InputError if the file is another one, or is cut off.
+    Raises InputError if the file is another one, or is cut off.
     """
     with document.within(str(file), ": "):
         try:
@@ -283,8 +283,7 @@ def scene_from_octomap(file: str | Path, *, pose: Any = None) -> Scene:
             resolution = float(document.require(keys, "res"))
         except ValueError:
             raise InputError(f"must be a number [m], got {keys['res']!r}", "res") from None
-        place = pin.SE3.Identity() if pose is None else Pose.of(pose).se3
-        return Scene(_leaves(data, resolution, place))
+        return Scene(_leaves(data, resolution, pin.SE3.Identity()))
 
 
 def _leaves(data: bytes, resolution: Any, place: pin.SE3) -> list[Obstacle]:

@@ -61,7 +61,6 @@ def verify(
     scene: Scene | None = None,
     *,
     terms: Terms | None = None,
-    urdf: Path | None = None,
     package_dirs: Sequence[Path] = (),
     time: float = TIME,
 ) -> Verified:
@@ -79,7 +78,7 @@ def verify(
     terms : Terms, optional
         What its claims must agree with: options of the danger, limits of the motion, people; `terms_of` makes them.
         Without any, claims are checked as they are; their sentences say what they are.
-    urdf, package_dirs
+    package_dirs : sequence of path-like
         For a robot that is carried, as in `built_robot`.
     time : float
         [s] What is not verified by then stays undecided, which is a CertificateError that says where.
@@ -99,7 +98,7 @@ def verify(
         own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
         if robot is None:
             with document.within("robot"):
-                robot = built_robot(claims.robot, urdf=urdf, package_dirs=package_dirs)
+                robot = built_robot(claims.robot, package_dirs=package_dirs)
                 if robot.name != claims.robot.name:
                     words = f"is {claims.robot.name!r}, but what it carries is {robot.name!r}"
                     raise InputError(words, "name")

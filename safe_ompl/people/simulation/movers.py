@@ -110,7 +110,7 @@ class World:
         self, people: Mapping[str, PersonMover], objects: Mapping[str, Drifting], surroundings: Surroundings
     ) -> None:
         self.people, self.objects = dict(people), dict(objects)
-        self._surroundings = surroundings
+        self.surroundings = surroundings
         self.gated = any(mover.tracker.gate is not None for mover in people.values())
         self._true = {
             name: mover.without_glitches() if isinstance(mover, Playback) and mover.tracker.gate is not None else mover
@@ -135,7 +135,7 @@ class World:
         for name, points in keypoints.items():
             found += limb_solids(name, self.people[name].tracker.body, points)
         for name, mover in self.objects.items():
-            found += part_solids(name, self._surroundings.shapes[name], mover.at(time))
+            found += part_solids(name, self.surroundings.shapes[name], mover.at(time))
         return found
 
     def ends(self, keypoints: Mapping[str, FloatArray], time: float) -> list[FloatArray]:
@@ -144,7 +144,7 @@ class World:
         for name, points in keypoints.items():
             found += list(self.people[name].tracker.body.ends(points))
         for name, mover in self.objects.items():
-            found += self._surroundings.objects[name].points_at(mover.at(time))
+            found += self.surroundings.objects[name].points_at(mover.at(time))
         return found
 
     def tick(self, time: float) -> dict[str, Any]:

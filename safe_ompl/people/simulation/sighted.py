@@ -7,9 +7,9 @@ from typing import Any
 
 from safe_ompl.common import FloatArray
 from safe_ompl.io import ticks_header
-from safe_ompl.people import DepthFrame, Surroundings
+from safe_ompl.people import DepthFrame
 from safe_ompl.people.replanning import Command, Replanner
-from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
+from safe_ompl.people.simulation.movers import Solid, World
 from safe_ompl.people.simulation.simulation import Faults, Simulation
 from safe_ompl.people.simulation.tour import Tour
 from safe_ompl.trajectories import Trajectory
@@ -22,23 +22,21 @@ _ROUNDING = 1e-6  # [s]
 class SightedSimulation(Simulation):
     """A simulation in which the replanner takes images instead of key points and poses, at the rates of its cameras.
 
-    It takes key points of people whom its surroundings track besides. `truth` tracks all people and objects, to say
-    whether they keep to the speed that is relied on. Of faults, images may be lost, and answers late.
+    It takes key points of people whom its surroundings track besides. Those of the `world` track all people and
+    objects, to say whether they keep to the speed that is relied on. Of faults, images may be lost, and answers late.
     """
 
     def __init__(
         self,
         replanner: Replanner,
         trajectories: Sequence[Trajectory] | Tour,
-        people: Mapping[str, PersonMover],
-        objects: Mapping[str, Drifting] | None = None,
-        *,
+        world: World,
         look: Look,
-        truth: Surroundings,
+        *,
         faults: Faults | None = None,
     ) -> None:
         super().__init__(replanner, trajectories, {}, faults=faults)
-        self.world, self._look, self._truth = World(people, objects or {}, truth), look, truth
+        self.world, self._look, self._truth = world, look, world.surroundings
 
     def log_header(self) -> dict[str, Any]:
         """Return the header of a log of the ticks, with who and what is truly there, and what is assumed of them."""
