@@ -38,12 +38,13 @@ ORDER = (  # of the page; files with claims only have no section
     "depth",
     *("reach", "physics", "physics_contact", "physics_live", "tools"),
 )
+CLAIMS_ONLY = ("motion_many", "hard", "worth", "tools")  # whose tables no other page needs: they stand in the files
 INTRODUCTION = """# What was measured
 
 Ratios of two things run in turn in one process, and counts, with the commands that print them again. Times are CPU
 times of one core of an AMD EPYC; ranges go from idle to busy. `python -m bench NAME --help` says what a bench backs.
-`python -m bench page` makes this page of the files in `docs/measured`. The mark r says that the figures were written
-down by hand, from an earlier run of the command or of the bench that it replaced.
+`python -m bench page` makes this page of the files in `docs/measured`, which hold more tables. The mark r says that
+the figures were written down by hand, from an earlier run of the command or of the bench that it replaced.
 """
 
 
@@ -77,8 +78,8 @@ def page(folder: Path) -> str:
         for row in content.get("claims", ())
     )
     parts = [INTRODUCTION, "## Claims", "Each with its `python -m bench …`:", claims]
-    for content in contents:
-        if content.get("tables") or content.get("about"):
+    for name, content in zip(ORDER, contents, strict=True):
+        if name not in CLAIMS_ONLY and (content.get("tables") or content.get("about")):
             parts += _section(content)
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
