@@ -66,7 +66,7 @@ def tampered(written):
 # ------------------------------------------------------------------------------------------------- what holds
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(st.sampled_from(ROBOTS), seeds)
 def test_what_is_written_is_verified(robot_named, clutter, name, seed):
     robot = robot_named(name)
