@@ -27,6 +27,7 @@ _INTERVALS = 64  # the most that may wait to be proven
 _TOGETHER = 256  # motions that a thread proves in one go: Ctrl-C waits for that
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
 BLOCK = 64  # parts of obstacles that are near each other
+_RUN = 8  # groups that are near each other
 ROUNDING = 1e-9  # [m] of distances between balls
 
 
@@ -210,7 +211,20 @@ def _groups(bodies: ConvexBodies, poses: Records, pairs: IntArray, own: int) -> 
         away = np.linalg.norm(centres - np.repeat(middle, numbers, axis=0), axis=1) + reach
         groups["centre"] = middle
         groups["radius"] = np.where(meets[cuts], np.maximum.reduceat(away, cuts) + ROUNDING, np.inf)
+        _find_runs(groups, first[cuts])
     return groups, balls
+
+
+def _find_runs(groups: Records, whose: IntArray) -> None:
+    """Write the runs of groups that are each of one of the robot's bodies."""
+    starts = np.flatnonzero((np.diff(whose) != 0) | (np.diff(groups["radius"] < np.inf) != 0)) + 1
+    runs = [k for a, b in pairwise([0, *starts, len(groups)]) for k in range(a, b, _RUN)]
+    numbers = np.diff(runs, append=len(groups))
+    middle = np.repeat(np.add.reduceat(groups["centre"], runs) / numbers[:, None], numbers, axis=0)
+    away = np.linalg.norm(groups["centre"] - middle, axis=1) + groups["radius"]
+    groups["around"], groups["wide"] = middle, np.repeat(np.maximum.reduceat(away, runs) + ROUNDING, numbers)
+    groups["on"] = groups["back"] = 1
+    groups["on"][runs], groups["back"][np.cumsum(numbers) - 1] = numbers, numbers
 
 
 def edge_memory(joints: int, pairs: int, poses: Records) -> tuple[FloatArray, FloatArray, IntArray, Records]:

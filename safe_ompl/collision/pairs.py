@@ -117,10 +117,10 @@ def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
         halved: list[IntArray] = []
         for block in blocks:
             widest = int(np.ptp(centres[block], axis=0).argmax())
-            halved += np.array_split(block[np.argsort(centres[block, widest], kind="stable")], 2)
-        blocks = halved
-    every = np.arange(checked.size).reshape(checked.shape)
-    order = np.concatenate([every[block].T.ravel() for block in blocks])
+            half = BLOCK * -(-len(block) // (2 * BLOCK))  # whole blocks
+            halved += np.split(block[np.argsort(centres[block, widest], kind="stable")], [half])
+        blocks = [block for block in halved if len(block)]
+    order = np.arange(checked.size).reshape(checked.shape)[np.concatenate(blocks)].T.ravel()
     kept: IntArray = order[checked.ravel()[order]]
     return kept
 

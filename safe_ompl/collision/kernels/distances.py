@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision.kernels.tables import LANES, most_of, near_in_group
+from safe_ompl.collision.kernels.tables import LANES, is_far, most_of, near_in_group
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import (
     POSE,
@@ -54,10 +54,14 @@ def near_pairs(
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     place_joints(joints, values, rotations, origins, joint_axes)
     place_bodies(bodies[:own], poses, rotations, origins, True)
-    most = most_of(margins) + spare
-    for g in range(len(groups)):
-        A = pairs[groups[g].begin, 0]
-        for k in range(near_in_group(groups[g], balls, bodies[A], poses[A], most, hits, some)):
+    most, g = most_of(margins) + spare, 0
+    while g < len(groups):
+        group, A = groups[g], pairs[groups[g].begin, 0]
+        if group.on > 1 and is_far(group, bodies[A], poses[A], most):
+            g += group.on
+            continue
+        g += 1
+        for k in range(near_in_group(group, balls, bodies[A], poses[A], most, hits, some)):
             p = np.uintp(some[k])
             A, B, enough = pairs[p, 0], pairs[p, 1], margins[p] + spare
             if bodies[A].reach < inf and bodies[B].reach < inf:

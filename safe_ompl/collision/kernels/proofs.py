@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision.kernels.tables import LANES, EdgeTables, Pairs, most_of, near_in_group
+from safe_ompl.collision.kernels.tables import LANES, EdgeTables, Pairs, is_far, most_of, near_in_group
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, part
 from safe_ompl.geometry.kernels import Records, Shapes, are_apart, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.robot.kernels import lay_edge, place_joints
@@ -152,13 +152,18 @@ def _half_length(
     axes, known, near, speeds = search.axes, search.known, search.near, search.speeds
     _bound_speeds(pairs, place, joints, rates, search)
     before, after, bounding = most, most, first
-    for turn in range(len(pairs.groups) + 1):
+    turn = 0
+    while turn <= len(pairs.groups):
         near[0], number = first, 1 if first >= 0 else 0
         if turn > 0:
             group = pairs.groups[len(pairs.groups) - turn]  # the hand's first: the hand is nearest often
             A = pairs.bodies[group.begin, 0]
             enough = motion.most + max(before, after) * speeds[len(rates), A] * (1.0 + _ROUNDING)
+            if group.back > 1 and is_far(group, bodies[A], poses[A], enough):
+                turn += group.back
+                continue
             number = near_in_group(group, pairs.balls, bodies[A], poses[A], enough, search.hits, near)
+        turn += 1
         for candidate in range(number):
             p: Any = np.uintp(near[candidate])
             A, B, half = pairs.bodies[p, 0], pairs.bodies[p, 1], max(before, after)

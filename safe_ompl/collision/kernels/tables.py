@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined, maker
+from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined, maker, part
 from safe_ompl.geometry.kernels import BODY, POSE, Records, Shapes
 from safe_ompl.robot.kernels import JOINT
 
@@ -18,6 +18,10 @@ GROUP = np.dtype(
         ("centre", np.float64, (3,)),  # in the world, of a ball that holds their obstacles,
         ("radius", np.float64),  # of this radius; +∞: none does, or these are no such pairs
         ("lane", np.intp),  # where the balls about these obstacles begin
+        ("on", np.intp),  # how many groups from here on are a run: of one body, and far away if the next ball is;
+        ("back", np.intp),  # how many there are back to the first of a run, this one the last; elsewhere both are 1
+        ("around", np.float64, (3,)),
+        ("wide", np.float64),
     ],
     align=True,
 )
@@ -81,6 +85,14 @@ def most_of(values: FloatArray) -> float:
 
 
 LANES = 8  # balls that are looked at together
+
+
+@part
+def is_far(group: Records, body: Records, pose: Records, enough: float) -> bool:
+    """Return whether the run of a group is at least `enough` [m] away from a body of the robot."""
+    x, y, z = pose.centre[0], pose.centre[1], pose.centre[2]
+    u, v, w, apart = x - group.around[0], y - group.around[1], z - group.around[2], enough + body.reach + group.wide
+    return bool(u * u + v * v + w * w >= apart * apart)
 
 
 @inlined
