@@ -1,4 +1,4 @@
-"""How time grows with size: nodes of a tree, obstacles of a scene, danger points, joints of an arm, runs of a campaign.
+"""How time grows with size: nodes, obstacles, points of a cloud, danger points, joints, runs of a campaign.
 
 One table for each kind of size, by options like --nodes 1000 100000. Times are CPU
 times per item [µs], medians of some rounds; the last row is the exponent p of time ~ sizeᵖ, fitted to all rows. Nodes:
@@ -22,7 +22,18 @@ import numpy as np
 
 from bench._harness import Report
 from bench._scenes import scattered, tiled
-from safe_ompl import CollisionChecker, DangerField, DangerObjective, MotionProver, Robot, SafeSetup, Scenario
+from safe_ompl import (
+    CollisionChecker,
+    DangerField,
+    DangerObjective,
+    MotionProver,
+    Obstacle,
+    PointCloud,
+    Robot,
+    SafeSetup,
+    Scenario,
+    Scene,
+)
 from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import AGGREGATES
@@ -36,10 +47,12 @@ ROUNDS, ITEMS = 5, 80  # configurations in all
 SIZES = {
     "nodes": (100, 1000, 10_000, 100_000),
     "obstacles": (10, 100, 1000, 10_000),
+    "cloud": (1000, 1_000_000),
     "points": (1, 10, 100, 1000, 10_000, 100_000),
     "joints": (2, 4, 7, 10, 14),
     "runs": (100, 1000),
 }
+QUIET = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"}  # less idle work
 Row = dict[str, float]
 
 LINK = """<link name="link{k}"><collision><origin xyz="0 0 {middle}"/><geometry><box size="0.04 0.04 {length}"/>
@@ -118,7 +131,19 @@ def nodes(size: int) -> Row:
 
 def obstacles(size: int) -> Row:
     """Return times among so many tiles of a wall and a table, of making the checker and a plan around it, too."""
-    robot, scene = Robot.from_example("panda"), tiled(size)
+    return _among(tiled(size), size)
+
+
+def cloud(size: int) -> Row:
+    """Return the same with so many points on that wall and that table instead."""
+    rng, wall, table = np.random.default_rng(0), [[0.44, -0.5, 0.05], [0.46, 0.5, 0.45]], [[0.5, -0.5], [1.0, 0.5]]
+    places = rng.uniform(*wall, (size, 3))
+    places[::2, :2], places[::2, 2] = rng.uniform(*table, (len(places[::2]), 2)), 0.0
+    return _among(Scene([Obstacle("cloud", PointCloud(0.01, points=places))]), size)
+
+
+def _among(scene: Scene, size: int) -> Row:
+    robot = Robot.from_example("panda")
     begin = time.process_time()
     checker = CollisionChecker(robot, scene)
     making = 1e6 * (time.process_time() - begin)
@@ -182,8 +207,10 @@ def runs(size: int) -> Row:
         time.sleep(0.01)
     row["2 workers"] = _all_processes() - begin
     if find_spec("distributed"):
+        import dask
         from distributed import Client
 
+        dask.config.set(QUIET)
         with Client(n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
             pool = client.get_executor()
             list(Campaign(scenario, ("SafeRRTConnect",), 8, seed=size).results(setup, pool))
@@ -202,6 +229,7 @@ def _all_processes() -> float:
 STUDIES: dict[str, Callable[[int], Row]] = {
     "nodes": nodes,
     "obstacles": obstacles,
+    "cloud": cloud,
     "points": points,
     "joints": joints,
     "runs": runs,

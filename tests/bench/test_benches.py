@@ -53,7 +53,7 @@ SMALL = {
     "reach": "{files} --level 0.5",
     "robots": "{files}/arm.urdf",
     "same": None,  # tests/bench/test_bench_same.py
-    "scaling": "--nodes 20 --obstacles 1 2 --points 1 --joints 2 --runs 2",
+    "scaling": "--nodes 20 --obstacles 1 2 --cloud 40 --points 1 --joints 2 --runs 2",
     "setup": "--rounds 1",
     "shield": "{files} --sample 1 --seconds 0.3 --filters shield,none",
     "simplify": "{files}/problems.json",
