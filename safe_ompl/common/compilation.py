@@ -50,9 +50,9 @@ _ROOT = Path(__file__).parents[__name__.count(".") - 1]
 _MACHINE_CODE = _ROOT / "machine_code"  # of a wheel that holds it: folders for some Python and Numba each, named so:
 PLATFORM = f"{sys.implementation.cache_tag}-numba-{numba.__version__}-llvmlite-{llvmlite.__version__}"
 _BEGINNING = 8000  # bytes of a file that hold its imports
-_WORDS = b"compiled", b"part", b"caller"
+_WORDS = b"compiled", b"part", b"caller", b"maker", b"inlined"
 _IMPORTED = re.compile(
-    rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:compiled|part|caller)\b".encode(), re.MULTILINE
+    rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:{b'|'.join(_WORDS).decode()})\b".encode(), re.MULTILINE
 )
 
 # Of parts, too: Numba compiles its own functions, such as np.empty, once for each set of options.

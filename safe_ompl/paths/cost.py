@@ -133,8 +133,10 @@ class ObstacleCost:
 
     def clearances(self, path: FloatArray) -> tuple[float, float]:
         """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
-        checker = self._checker
-        ends = max(0.0, PairDistances(checker, np.inf).least(path[[0, -1]], np.inf))
+        checker, ends = self._checker, self._distances.least(path[[0, -1]], self.distance)
+        if ends == self.distance:  # only then those of all pairs are needed
+            ends = PairDistances(checker, np.inf).least(path[[0, -1]], np.inf)
+        ends = max(0.0, ends)
         if not 0 < ends < np.inf:
             return ends, ends
         distances = self._distances if ends <= self.distance else PairDistances(checker, ends)
