@@ -27,7 +27,6 @@ from safe_ompl.common import (
 )
 from safe_ompl.danger import link_field
 from safe_ompl.danger.kernels import danger as kernel
-from safe_ompl.danger.kernels.kinetostatic_peak import Groups
 from safe_ompl.danger.link_field import DangerPoints
 from safe_ompl.robot import Robot, plain
 from safe_ompl.scene import Scene
@@ -315,7 +314,7 @@ class DangerField:
         return shares if self.weights is None else shares * self.weights
 
     @property
-    def groups(self) -> Groups:
+    def groups(self) -> kernel.Groups:
         """The danger points, one at least, in groups of neighbours."""
         return self._points.groups
 

@@ -29,8 +29,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array
 from safe_ompl.danger.kernels import field as kernel
-from safe_ompl.danger.kernels.danger import Points
-from safe_ompl.danger.kernels.kinetostatic_peak import Groups
+from safe_ompl.danger.kernels.danger import Groups, Points
 from safe_ompl.robot import plain
 
 Weighting: TypeAlias = Literal["unit", "length"]

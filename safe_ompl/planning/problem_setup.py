@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 from ompl import geometric as og, util as ou
 
 import safe_ompl.motions as motions
+import safe_ompl.paths as paths
+import safe_ompl.scene as scenes
 from safe_ompl.collision import (
     CollisionChecker,
     EdgeTables,
@@ -28,7 +30,7 @@ from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Box, Obstacle, Person, Sphere
 from safe_ompl.geometry.kernels import extreme_vertices
-from safe_ompl.paths import Constraints, Curve, PathReport, Validation, validate
+from safe_ompl.paths import Constraints
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
     RESOLUTION,
@@ -46,7 +48,7 @@ from safe_ompl.planning.planners import NearestNode, SafeRRTConnect
 from safe_ompl.planning.problem import Problem
 from safe_ompl.robot import GoalRegion, Robot, place_of
 from safe_ompl.robot.kernels import descend, lay_edge, steer
-from safe_ompl.scene import Scenario, Scene, find_scenario
+from safe_ompl.scene import Scene
 
 UP = (0.0, 0.0, 1.0)
 
@@ -316,17 +318,17 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         name = "" if planner is None else planner.getName()
         problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
 
-    def report(self, path: ArrayLike) -> PathReport:
+    def report(self, path: ArrayLike) -> paths.PathReport:
         """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
-        return PathReport.of(path, self.checker, self.field, self.motion_prover)
+        return paths.PathReport.of(path, self.checker, self.field, self.motion_prover)
 
-    def is_free(self, path: ArrayLike) -> Validation:
+    def is_free(self, path: ArrayLike) -> paths.Validation:
         """Return whether a path (N, n) may be driven in this scene, under the constraints set now.
 
         The `Validation` is true if so; else `why` names the edge and the pair, and `refused` holds them. An InputError
         if the path is empty, has the wrong shape, or is not finite.
         """
-        return validate(path, self.motion_prover)
+        return paths.validate(path, self.motion_prover)
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`."""
@@ -368,7 +370,7 @@ def compile_kernels() -> None:
 
 def small_robot() -> Robot:
     """Return a robot of two joints."""
-    return Scenario.load(find_scenario("planar2")).build_robot()
+    return scenes.Scenario.load(scenes.find_scenario("planar2")).build_robot()
 
 
 def ask_for_danger() -> None:
@@ -379,7 +381,7 @@ def ask_for_danger() -> None:
     descend(step, q, _ANY_LENGTH, q, q, wraps)
     robot.joint_limits.hold(q)
     DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
-    Curve(robot, np.zeros((2, robot.n))).at(q[:1])
+    paths.Curve(robot, np.zeros((2, robot.n))).at(q[:1])
 
 
 def ask_for_edges() -> None:

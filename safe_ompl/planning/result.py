@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import safe_ompl.danger as dangers
+import safe_ompl.paths as paths
 import safe_ompl.trajectories as trajectories
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError, notebook_html
-from safe_ompl.danger import DangerField, KinetostaticField
-from safe_ompl.paths import PathReport
+from safe_ompl.danger import DangerField
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -61,7 +62,7 @@ class PlanResult:
 
     status: str
     path: FloatArray | None
-    report: PathReport | None
+    report: paths.PathReport | None
     planner: str
     seed: int
     joint_names: tuple[str, ...]
@@ -92,7 +93,7 @@ class PlanResult:
         if self.motion.checker.scene != self.scene:
             raise StaleSceneError("obstacles have moved since this was planned: plan again, or call time_path")
         if options.get("max_danger") is not None and self.danger is not None:
-            options = {"danger": KinetostaticField(self.danger_field()), **options}
+            options = {"danger": dangers.KinetostaticField(self.danger_field()), **options}
         return trajectories.time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
 
     def danger_field(self) -> DangerField:

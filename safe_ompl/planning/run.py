@@ -10,15 +10,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from threading import current_thread, main_thread
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ompl import base as ob
 
+import safe_ompl.paths as paths
 from safe_ompl.common import Counts, FloatArray, PlanningError, clock, in_order, number, until_ctrl_c
-from safe_ompl.paths import Simplifier, Stop, timed
 from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
+
+if TYPE_CHECKING:
+    from safe_ompl.paths import Simplifier, Stop
 
 _log = logging.getLogger(__name__)
 
@@ -58,7 +61,7 @@ def stopping(time: Any) -> Stop:
         return lambda: bool(time())
     if not isinstance(time, bool) and isinstance(time, (int, float)) and time == 0:
         return lambda: False
-    return timed(number("time of simplification", time, above=0.0, kind="number of seconds"))
+    return paths.timed(number("time of simplification", time, above=0.0, kind="number of seconds"))
 
 
 @dataclass
@@ -108,7 +111,7 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
     start, and a time limit [s], to a path (N, n) or None. When several starts in a row have found nothing better, the
     best path is refined: more way points, smaller gains. Ctrl-C ends it early; what was found stands.
     """
-    begin, over, found = clock(), timed(seconds, stop), Optimisation([], [])
+    begin, over, found = clock(), paths.timed(seconds, stop), Optimisation([], [])
     best, stale, refinement, start = np.inf, 0, 0, 0
 
     def better(path: FloatArray, cost: float) -> None:

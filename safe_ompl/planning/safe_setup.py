@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 from ompl import base as ob
 
 import safe_ompl.motions as motions
+import safe_ompl.paths as paths
+import safe_ompl.scene as scenes
 import safe_ompl.tasks as tasks
 import safe_ompl.trajectories as trajectories
 from safe_ompl.common import (
@@ -27,14 +29,13 @@ from safe_ompl.common import (
     seed as checked_seed,
     whole_number,
 )
-from safe_ompl.paths import Simplifier
 from safe_ompl.planning.ompl import DangerObjective
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.run import PlanningRun, best_start, noted_ctrl_c, stopping, told, validated
 from safe_ompl.robot import Robot
-from safe_ompl.scene import MbmProblem, People, Scenario, Scene, find_scenario
+from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -61,7 +62,7 @@ class SafeSetup(ProblemSetup):
     """
 
     _simplification_time = 0.0
-    _simplifier: Simplifier | None = None
+    _simplifier: paths.Simplifier | None = None
     _simplification: Mapping[str, Any] = {}
 
     # -------------------------------------------------------------------------------------------- planning
@@ -213,17 +214,18 @@ class SafeSetup(ProblemSetup):
         self,
         motion: Any,
         limits: trajectories.RateLimits | None = None,
-        people: People | None = None,
-        time: float = motions.TIME,
+        people: scenes.People | None = None,
+        time: float | None = None,
     ) -> motions.MotionCheck:
         """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
-        return motions.check_with(motion, self.motion_prover, limits, people=people, time=time)
+        limit = motions.TIME if time is None else time
+        return motions.check_with(motion, self.motion_prover, limits, people=people, time=limit)
 
     def repair(
         self,
         motion: Any,
         limits: trajectories.RateLimits | None = None,
-        people: People | None = None,
+        people: scenes.People | None = None,
         *,
         time: float = 2.0,
     ) -> motions.Repair:
@@ -248,7 +250,7 @@ class SafeSetup(ProblemSetup):
     # ----------------------------------------------------------------------------------------- simplification
 
     @property
-    def simplifier(self) -> Simplifier:
+    def simplifier(self) -> paths.Simplifier:
         """What makes paths cheaper; raises InputError if this setup plans without danger."""
         if self._simplifier is None or self._simplifier.checker is not self.checker:
             self.setSimplification(**self._simplification)
@@ -261,7 +263,7 @@ class SafeSetup(ProblemSetup):
         """Set options of the danger-aware simplification: names and errors as `Simplifier`, errors as `simplifier`."""
         if self.field is None:
             raise InputError("danger-aware simplification needs a danger field; this setup plans without danger")
-        self._simplifier = Simplifier(self.checker, self.field, self.motion_prover, **options)
+        self._simplifier = paths.Simplifier(self.checker, self.field, self.motion_prover, **options)
         self._simplification = options
 
     def simplifySolution(self, time: Any = 0.0) -> None:
@@ -320,7 +322,7 @@ def connecting(setup: SafeSetup, time: float) -> Callable[[FloatArray, FloatArra
 
 
 def plan(
-    scenario: Scenario | str | Path,
+    scenario: scenes.Scenario | str | Path,
     planner: str = "SafeRRTConnect",
     time: float | None = None,
     seed: int = 0,
@@ -334,8 +336,8 @@ def plan(
     cannot be used.
     """
     begin = clock()
-    if not isinstance(scenario, Scenario):
-        scenario = Scenario.load(find_scenario(scenario))
+    if not isinstance(scenario, scenes.Scenario):
+        scenario = scenes.Scenario.load(scenes.find_scenario(scenario))
     setup = setup_scenario(scenario)
     own = scenario.planners.get(planner, {})
     built = clock() - begin
@@ -349,7 +351,7 @@ def plan(
     return replace(result, setup_time=built + result.setup_time)
 
 
-def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
+def setup_scenario(scenario: scenes.Scenario, robot: Robot | None = None) -> SafeSetup:
     """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
     robot = robot or scenario.build_robot()
     start, goal = scenario.start_configuration(robot), scenario.goal
@@ -384,7 +386,7 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
     return setup
 
 
-def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:
+def setup_problem(problem: scenes.MbmProblem, robot: Robot) -> SafeSetup:
     """Return a SafeSetup with the scene, start and goals of a problem.
 
     Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`. An
@@ -407,7 +409,7 @@ def repair(
     *,
     tube: ArrayLike | Mapping[str, float] | None = None,
     limits: trajectories.RateLimits | None = None,
-    people: People | None = None,
+    people: scenes.People | None = None,
     time: float = 2.0,
 ) -> motions.Repair:
     """Return a motion that something else made with as little changed as a proof needs.

@@ -26,6 +26,19 @@ class Points(NamedTuple):
     reach: float
 
 
+class Groups(NamedTuple):
+    """M ≥ 1 danger points in G groups: columns (3, M + G), the points and a centre of each group; charges k₁w (M,).
+
+    Where the groups begin, and the last one ends, (G + 1,); radii (G,) [m] about the centres; largest charges (G,).
+    """
+
+    columns: FloatArray
+    charges: FloatArray
+    begins: IntArray
+    radii: FloatArray
+    heaviest: FloatArray
+
+
 class Aggregate(NamedTuple):
     """`MAXIMUM`, `MEAN` or `SOFTMAX`, and β of the latter."""
 

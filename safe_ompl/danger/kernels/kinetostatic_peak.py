@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, part
-from safe_ompl.danger.kernels.danger import Tables
+from safe_ompl.danger.kernels.danger import Groups, Tables
 from safe_ompl.danger.kernels.field import ZERO, Skeleton, new_block, potentials
 from safe_ompl.danger.kernels.kinetostatic import link_sums
 from safe_ompl.robot.kernels import move_joints, move_keypoints, place_joints, place_keypoints
@@ -29,19 +29,6 @@ _SLACK = 1 + 1e-7  # of rounding in the bounds
 _LOST = 1e-7  # (S² − ℓ²)/S² below which too many digits of it are lost: then the bound is infinite
 _SHORT = 1e-6  # [m] links that are as good as a point
 _RIGID = 1e-9  # relative: links that become no longer than this do not
-
-
-class Groups(NamedTuple):
-    """M ≥ 1 danger points in G groups: columns (3, M + G), the points and a centre of each group; charges k₁w (M,).
-
-    Where the groups begin, and the last one ends, (G + 1,); radii (G,) [m] about the centres; largest charges (G,).
-    """
-
-    columns: FloatArray
-    charges: FloatArray
-    begins: IntArray
-    radii: FloatArray
-    heaviest: FloatArray
 
 
 class Motion(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -12,32 +13,27 @@ from ompl import base as ob, geometric as og, util as ou
 from safe_ompl.common import InputError, UnknownNameError, clock
 from safe_ompl.planning.ompl import WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner, camel_case
-from safe_ompl.planning.planners.bubble import BubblePlanner
-from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
-from safe_ompl.planning.planners.printed import PaperSafeBubble, PaperSafeJTRRT, PaperSafePRM, PaperSafeRRTConnect
-from safe_ompl.planning.planners.prm import SafePRM
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 
-_OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
-    "SafeRRTConnect": (SafeRRTConnect, {}),
-    "ClassicRRTConnect": (SafeRRTConnect, {"alpha": 0.0}),
-    "SafePRM": (SafePRM, {}),
-    "ClassicPRM": (SafePRM, {"alpha": 0.0}),
-    "SafeJTRRT": (SafeJTRRT, {}),
-    "ClassicJTRRT": (SafeJTRRT, {"alpha": 0.0, "transpose": True}),
-    "BubblePlanner": (BubblePlanner, {}),
-    "ClassicBubble": (BubblePlanner, {"alpha": 0.0}),
+_OURS: dict[str, tuple[str, dict[str, Any]]] = {
+    "SafeRRTConnect": ("rrt_connect:SafeRRTConnect", {}),
+    "ClassicRRTConnect": ("rrt_connect:SafeRRTConnect", {"alpha": 0.0}),
+    "SafePRM": ("prm:SafePRM", {}),
+    "ClassicPRM": ("prm:SafePRM", {"alpha": 0.0}),
+    "SafeJTRRT": ("jt_rrt:SafeJTRRT", {}),
+    "ClassicJTRRT": ("jt_rrt:SafeJTRRT", {"alpha": 0.0, "transpose": True}),
+    "BubblePlanner": ("bubble:BubblePlanner", {}),
+    "ClassicBubble": ("bubble:BubblePlanner", {"alpha": 0.0}),
 }
 
-_AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
-    "PaperSafeRRTConnect": (PaperSafeRRTConnect, {}),
-    "PaperRRTConnect": (PaperSafeRRTConnect, {"alpha": 0.0}),
-    "PaperSafePRM": (PaperSafePRM, {}),
-    "PaperPRM": (PaperSafePRM, {"alpha": 0.0}),
-    "PaperSafeJTRRT": (PaperSafeJTRRT, {"transpose": False}),
-    "PaperJTRRT": (PaperSafeJTRRT, {"alpha": 0.0, "transpose": True}),
-    "PaperSafeBubble": (PaperSafeBubble, {}),
-    "PaperBubble": (PaperSafeBubble, {"alpha": 0.0}),
+_AS_PRINTED: dict[str, tuple[str, dict[str, Any]]] = {
+    "PaperSafeRRTConnect": ("printed:PaperSafeRRTConnect", {}),
+    "PaperRRTConnect": ("printed:PaperSafeRRTConnect", {"alpha": 0.0}),
+    "PaperSafePRM": ("printed:PaperSafePRM", {}),
+    "PaperPRM": ("printed:PaperSafePRM", {"alpha": 0.0}),
+    "PaperSafeJTRRT": ("printed:PaperSafeJTRRT", {"transpose": False}),
+    "PaperJTRRT": ("printed:PaperSafeJTRRT", {"alpha": 0.0, "transpose": True}),
+    "PaperSafeBubble": ("printed:PaperSafeBubble", {}),
+    "PaperBubble": ("printed:PaperSafeBubble", {"alpha": 0.0}),
 }
 
 _PYTHON = {**_OURS, **_AS_PRINTED}
@@ -66,7 +62,13 @@ def is_ours(name: str) -> bool:
 
 def needs_place(name: str) -> bool:
     """Return whether the planner called `name` plans to a `WorkspaceGoal` only."""
-    return name in _PYTHON and issubclass(_PYTHON[name][0].plans_to, WorkspaceGoal)
+    return name in _PYTHON and issubclass(_kind(name).plans_to, WorkspaceGoal)
+
+
+def _kind(name: str) -> type[SafePlanner]:
+    """Return the class of one of our planners, whose module is imported only then."""
+    kind: type[SafePlanner] = resolve_name(f"{__package__}.{_PYTHON[name][0]}")
+    return kind
 
 
 def accepts(planner: Any, goal: Any) -> bool:
@@ -83,8 +85,7 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
     """
     given = dict(parameters or {})
     if name in _PYTHON:
-        kind, fixed = _PYTHON[name]
-        planner = kind(si, name)
+        planner, fixed = _kind(name)(si, name), _PYTHON[name][1]
         _refuse_others(name, given, fixed)
         for key, value in {**fixed, **given}.items():
             planner.setParameter(key, value)
