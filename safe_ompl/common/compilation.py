@@ -21,7 +21,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import cache, cached_property, lru_cache, partial, update_wrapper
 from hashlib import blake2b
 from pathlib import Path
 from pkgutil import resolve_name
@@ -67,15 +67,38 @@ threading.Thread(target=lambda: (os.read(0, 1), os._exit(1)), daemon=True).start
 
 def compiled(function: _Function) -> _Function:
     """Return a kernel: `function` compiled on its first call; free of the GIL, and x/0 is ±∞ as in NumPy."""
-    return _kernel(function, _OPTIONS)
+    return _lazily(_kernel, function, _OPTIONS)
 
 
 def caller(function: _Function) -> _Function:
     """Return a kernel that does little but call other kernels, which are not optimised once more: half of the time."""
-    return _kernel(function, _OPTIONS | {"pipeline_class": _CallerCompiler})
+    return _lazily(_kernel, function, _OPTIONS | {"pipeline_class": _CallerCompiler})
 
 
-def _kernel(function: _Function, options: dict[str, Any]) -> _Function:
+class _Lazy:
+    """A kernel, or a part of some, that Numba knows from when it is first asked for: many a program needs few."""
+
+    def __init__(self, make: Callable[..., Any], function: Any, options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self._make = partial(make, function, options)
+
+    @cached_property
+    def _dispatcher(self) -> Any:
+        return self._make()
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._dispatcher(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._dispatcher, name)
+
+
+def _lazily(make: Callable[..., Any], function: _Function, options: dict[str, Any]) -> _Function:
+    lazy: Any = _Lazy(make, function, options)
+    return lazy  # type: ignore[no-any-return]
+
+
+def _kernel(function: Any, options: dict[str, Any]) -> Any:
     kernel: Any = njit(**options)(function)
     try:
         kernel.enable_caching()
@@ -84,10 +107,9 @@ def _kernel(function: _Function, options: dict[str, Any]) -> _Function:
         _compilation.kept = _NOT_KEPT
     else:  # Numba looks at the kernel's own file only, although what other kernels do is compiled into it
         files = kernel._cache._cache_file
-        files._source_stamp = files._source_stamp, _SOURCES
+        files._source_stamp = files._source_stamp, _sources_now()
     _load_whole(kernel)
-    fast: _Function = _without_literals(kernel)
-    return fast
+    return _without_literals(kernel)
 
 
 def part(function: _Function) -> _Function:
@@ -96,7 +118,7 @@ def part(function: _Function) -> _Function:
     It makes no arrays, as a `maker` does, and calls no part that returns new ones: within it Numba does not count who
     holds which array. Counting takes as long as all else that small parts do.
     """
-    return _part(function, {"_nrt": False})
+    return _lazily(_part, function, {"_nrt": False})
 
 
 def inlined(function: _Function) -> _Function:
@@ -106,13 +128,11 @@ def inlined(function: _Function) -> _Function:
 
 def maker(function: _Function) -> _Function:
     """Return a part of kernels that makes arrays."""
-    return _part(function, {})
+    return _lazily(_part, function, {})
 
 
-def _part(function: _Function, options: dict[str, bool]) -> _Function:
-    inner: Any = njit(pipeline_class=_PartCompiler, **(_OPTIONS | options))(function)
-    fast: _Function = _without_literals(inner)
-    return fast
+def _part(function: Any, options: dict[str, bool]) -> Any:
+    return _without_literals(njit(pipeline_class=_PartCompiler, **(_OPTIONS | options))(function))
 
 
 class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -258,7 +278,7 @@ def until_ctrl_c() -> Iterator[None]:
 def shipped_files(kernel: Any, folder: Path | None = None) -> IndexDataCacheFile:
     """Return the files of a kernel's machine code in a folder: that of the wheel for this Python and Numba if None."""
     name = f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}"
-    return IndexDataCacheFile(str(folder or _MACHINE_CODE / PLATFORM), name, _SOURCES)
+    return IndexDataCacheFile(str(folder or _MACHINE_CODE / PLATFORM), name, _sources_now())
 
 
 def origin(kernel: Any) -> str:
@@ -366,6 +386,11 @@ def _digest(package: Path) -> str:
     return found.hexdigest()
 
 
+@cache
+def _sources_now() -> str:
+    return _digest(_ROOT)
+
+
 class _Compilation(event.Listener):  # type: ignore[misc]
     """Announces compilation once, sums the time that it takes, and preserves a Ctrl-C that arrives meanwhile.
 
@@ -433,6 +458,5 @@ class _Compilation(event.Listener):  # type: ignore[misc]
 # A kernel that returns arrays looks their class up by this function. Where Python is called a Ctrl-C may be raised, and
 # Numba ends with a SystemError then. In C, as a memory of functools, nothing can be raised.
 serialize._numba_unpickle = lru_cache(None)(serialize._numba_unpickle)
-_SOURCES = _digest(_ROOT)
 _compilation = _Compilation()
 event.register("numba:compile", _compilation)
