@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import ast
+import re
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from sys import modules
 
+_IMPORT, _NAME = re.compile(r"from ([\w.]+) import (\([^)]*|[^\n(]*)"), re.compile(r"\w+ as (\w+)")
 Door = tuple[Callable[[str], object], Callable[[], list[str]], list[str]]
 
 
@@ -31,10 +32,9 @@ def lazily(package: str, file: str) -> Door:
 
 
 def _sources(text: str) -> dict[str, str]:
-    """Return the module of each name that is imported in the blocks `if TYPE_CHECKING:` of a source text."""
-    blocks = (node for node in ast.parse(text).body if isinstance(node, ast.If))
-    imports = (node for block in blocks for node in block.body if isinstance(node, ast.ImportFrom))
-    return {alias.name: str(node.module) for node in imports for alias in node.names}
+    """Return the module of each name that is imported in the block `if TYPE_CHECKING:` of a source text."""
+    imports = _IMPORT.findall(text.partition("\nif TYPE_CHECKING:\n")[2])
+    return {name: module for module, names in imports for name in _NAME.findall(names)}
 
 
 def _import(package: str, sources: dict[str, str], name: str) -> object:

@@ -14,7 +14,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class ObstaclePart:
     """One part of an obstacle where it is now: its index among the bodies, its places in the obstacle and the world."""
 

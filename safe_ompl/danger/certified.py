@@ -114,7 +114,7 @@ class DangerLimit:
         return MotionVerdict(Verdict.FREE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class KeypointRates:
     """Proven bounds of speed, acceleration and jerk (E, K) [m] of the key points over whole edges q₁ + tΔ, t ∈ [0, 1].
 
@@ -158,7 +158,7 @@ class KeypointRates:
         return np.minimum(self.speed[edges], speed + step * acceleration), acceleration
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sample:
     """One configuration q_e + tΔ of an edge, and what is known there."""
 
@@ -171,7 +171,7 @@ class Sample:
     acceleration: FloatArray  # (K,)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class _Interval:
     first: Sample
     last: Sample

@@ -183,7 +183,7 @@ _POINT, _NO_BOX, _ACROSS = np.zeros((1, 3)), (0.0, 0.0, 0.0), (1.0, 1.0, 0.0)
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Hull:
     """Points (P, 3) [m] whose convex hull, grown by `radius` [m], holds a body."""
 
@@ -229,7 +229,7 @@ class Placed(Protocol):
     parentJoint: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ConvexBodies:
     """Convex bodies that hold the G bodies of a geometry model, in its order; `exact: (G,)` says which are the same.
 

@@ -64,7 +64,7 @@ def stopping(time: Any) -> Stop:
     return paths.timed(number("time of simplification", time, above=0.0, kind="number of seconds"))
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Optimisation:
     """The best path so far, and those that were best before; and when there was a path at all [s]."""
 

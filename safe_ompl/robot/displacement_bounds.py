@@ -30,7 +30,7 @@ _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ReachCylinder:
     """All points within `radius` of an axis through `center`, at most `half_length` along it [m]."""
 
@@ -79,7 +79,7 @@ class ReachCylinder:
         return pin.GeometryObject("", 0, place, coal.Cylinder(self.radius, 2 * self.half_length))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ReachCylinders:
     """M cylinders as tables: centers and unit axes (M, 3), radii and half lengths (M,) [m]; see `ReachCylinder`."""
 
@@ -108,7 +108,7 @@ class ReachCylinders:
 Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body can be in their frames
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class JointChain:
     """The n joints of a robot; joint i is Pinocchio's joint i + 1, and parents have Pinocchio's numbers.
 

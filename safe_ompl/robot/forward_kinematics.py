@@ -62,7 +62,7 @@ def plain(array: Any) -> FloatArray:
     return np.require(array, np.float64, ["C", "W"])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Coupling:
     """The affine map from the n planned joints to the m joints of Pinocchio's model, matrix (m, n)·q + offsets.
 

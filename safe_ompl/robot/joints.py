@@ -297,7 +297,7 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
 _ZERO_LENGTH = 1e-6  # [m]; joints at the same place, as on a spherical wrist
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Skeleton:
     """K key points of a robot and the segments between them (paper §3, eq. 2).
 

@@ -66,7 +66,7 @@ class Attachment:
         return {**data, "danger": True} if self.danger else data
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class RobotParts:
     """Models of the joints that are not locked, and what Pinocchio does not keep. Nobody changes them."""
 
@@ -266,7 +266,7 @@ def _with_object(geometry: pin.GeometryModel, item: Attachment, model: pin.Model
     return copy
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Graft:
     """Where the joints and frames of a model, by their old numbers, are in one that it was appended to.
 
