@@ -94,8 +94,7 @@ class _Lazy:
 
 
 def _lazily(make: Callable[..., Any], function: _Function, options: dict[str, Any]) -> _Function:
-    lazy: Any = _Lazy(make, function, options)
-    return lazy  # type: ignore[no-any-return]
+    return _Lazy(make, function, options)  # type: ignore[return-value]
 
 
 def _kernel(function: Any, options: dict[str, Any]) -> Any:
@@ -107,7 +106,7 @@ def _kernel(function: Any, options: dict[str, Any]) -> Any:
         _compilation.kept = _NOT_KEPT
     else:  # Numba looks at the kernel's own file only, although what other kernels do is compiled into it
         files = kernel._cache._cache_file
-        files._source_stamp = files._source_stamp, _sources_now()
+        files._source_stamp = files._source_stamp, _digest(_ROOT)
     _load_whole(kernel)
     return _without_literals(kernel)
 
@@ -278,7 +277,7 @@ def until_ctrl_c() -> Iterator[None]:
 def shipped_files(kernel: Any, folder: Path | None = None) -> IndexDataCacheFile:
     """Return the files of a kernel's machine code in a folder: that of the wheel for this Python and Numba if None."""
     name = f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}"
-    return IndexDataCacheFile(str(folder or _MACHINE_CODE / PLATFORM), name, _sources_now())
+    return IndexDataCacheFile(str(folder or _MACHINE_CODE / PLATFORM), name, _digest(_ROOT))
 
 
 def origin(kernel: Any) -> str:
@@ -378,17 +377,13 @@ def sources(package: Path) -> list[Path]:
     return sorted(found)
 
 
+@cache
 def _digest(package: Path) -> str:
     """Return a digest of the files with kernels, and of this one: of what stands in them, wherever they are."""
     found = blake2b()
     for path in (Path(__file__), *sources(package)):
         found.update(str(path.relative_to(package)).encode() + path.read_bytes())
     return found.hexdigest()
-
-
-@cache
-def _sources_now() -> str:
-    return _digest(_ROOT)
 
 
 class _Compilation(event.Listener):  # type: ignore[misc]

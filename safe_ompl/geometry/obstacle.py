@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, documents as document, shown
+from safe_ompl.common import InputError, documents as document, shown
 from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.person import Person, with_own_keypoints
 from safe_ompl.geometry.pose import Pose, placed
@@ -152,15 +152,6 @@ class Obstacle:
     def part_name(self, part: Part) -> str:
         """Return the name of the obstacle, followed by "/" and that of one of its parts where there are several."""
         return f"{self.name}/{part.name}" if part.name else self.name
-
-    def danger_points(self, spacing: float) -> FloatArray:
-        """Return points on the surface in the world frame, shape (M, 3) [m]; always the same ones.
-
-        Every point of the surface is within `spacing` of one of them.
-        """
-        step = document.number("spacing", spacing, above=0.0)
-        check_number(self.shape.most_danger_points(step), step, repr(self.name))
-        return placed(self.pose.se3, self.shape.kept_danger_points(step))
 
     def triangles(self, resolution: int = 24) -> Triangles:
         """Return the surface in the world frame for drawing, with `resolution` corners on every circle.

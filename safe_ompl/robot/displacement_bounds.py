@@ -79,30 +79,11 @@ class ReachCylinder:
         return pin.GeometryObject("", 0, place, coal.Cylinder(self.radius, 2 * self.half_length))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ReachCylinders:
-    """M cylinders as tables: centers and unit axes (M, 3), radii and half lengths (M,) [m]; see `ReachCylinder`."""
-
-    centers: FloatArray
-    axes: FloatArray
-    radii: FloatArray
-    half_lengths: FloatArray
-
-    @classmethod
-    def of(cls, cylinders: Sequence[ReachCylinder]) -> ReachCylinders:
-        """Return the tables of some cylinders."""
-        vectors, lengths = ([(c.center, c.axis) for c in cylinders], [(c.radius, c.half_length) for c in cylinders])
-        centers, axes = np.reshape(vectors, (-1, 2, 3)).swapaxes(0, 1)
-        radii, half_lengths = np.reshape(lengths, (-1, 2)).T
-        return cls(centers, axes, radii, half_lengths)
-
-    def farthest(self, points: FloatArray) -> FloatArray:
-        """Return the largest distance (K, M) [m] between each of points (K, 3) and any point of each cylinder."""
-        arms = points[:, None] - self.centers
-        along = np.einsum("kmx,mx->km", arms, self.axes)
-        lateral = np.linalg.norm(arms - along[..., None] * self.axes, axis=2)
-        distances: FloatArray = np.hypot(lateral + self.radii, np.abs(along) + self.half_lengths)
-        return distances
+def _tables(cylinders: Sequence[ReachCylinder]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return centers and unit axes (M, 3), radii and half lengths (M,) [m] of M cylinders."""
+    vectors = np.reshape([(c.center, c.axis) for c in cylinders], (-1, 2, 3))
+    lengths = np.reshape([(c.radius, c.half_length) for c in cylinders], (-1, 2))
+    return vectors[:, 0].copy(), vectors[:, 1].copy(), lengths[:, 0].copy(), lengths[:, 1].copy()
 
 
 Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body can be in their frames
@@ -181,10 +162,9 @@ class JointChain:
         """Cylinders in the world that hold the n joints' origins, about their axes."""
         joints = zip(self.parents, self.placements, self.axes, strict=True)
         reaches = [self.point_reach(k, place.translation, place.rotation @ axis) for k, place, axis in joints]
-        known, fixed = ReachCylinders.of(reaches), np.array(self.parents) == 0
-        lengths = np.where(fixed, np.inf, known.half_lengths)  # axes that stay where they are go on along the center's
-        centers, axes, radii = (np.ascontiguousarray(each) for each in (known.centers, known.axes, known.radii))
-        return centers, axes, radii, lengths
+        tables = _tables(reaches)
+        tables[3][np.array(self.parents) == 0] = np.inf  # axes that stay where they are go on along the center's
+        return tables
 
     def regions(self, joint: int, body: Hull) -> Regions:
         """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame."""
@@ -261,8 +241,12 @@ class DisplacementBounds:
 
     def keypoint_reaches(self, points: ArrayLike) -> FloatArray:
         """Return how far (K, M) [m] each key point can ever be from fixed `points: (M, 3)`, at most; proven."""
-        cylinders = ReachCylinders.of([self._chain.point_reach(*point) for point in self._key_points])
-        return cylinders.farthest(finite_array(points, (None, 3), "points")).T
+        centers, axes, radii, half_lengths = _tables([self._chain.point_reach(*point) for point in self._key_points])
+        arms = finite_array(points, (None, 3), "points")[:, None] - centers
+        along = np.einsum("kmx,mx->km", arms, axes)
+        lateral = np.linalg.norm(arms - along[..., None] * axes, axis=2)
+        reaches: FloatArray = np.hypot(lateral + radii, np.abs(along) + half_lengths).T
+        return reaches
 
     def displacement_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.
