@@ -122,7 +122,7 @@ def part(function: _Function) -> _Function:
 
 def inlined(function: _Function) -> _Function:
     """Return a part that is put into the loop that calls it, for LLVM would pass arrays one number after the other."""
-    return _part(function, {"_nrt": False, "forceinline": True})
+    return _lazily(_part, function, {"_nrt": False, "forceinline": True})
 
 
 def maker(function: _Function) -> _Function:
