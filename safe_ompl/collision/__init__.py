@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from safe_ompl.collision.distances import NearPairs as NearPairs, PairDistances as PairDistances
     from safe_ompl.collision.kernels.distances import hinge_costs as hinge_costs
     from safe_ompl.collision.kernels.proofs import prove_curve as prove_curve, prove_edge as prove_edge
-    from safe_ompl.collision.kernels.tables import EdgeTables as EdgeTables
+    from safe_ompl.collision.kernels.tables import EdgeTables as EdgeTables, Required as Required
     from safe_ompl.collision.motion import (
         FLOOR as FLOOR,
         MotionLimit as MotionLimit,

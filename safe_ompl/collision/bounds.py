@@ -12,7 +12,7 @@ import numpy as np
 
 from safe_ompl.collision.kernels.distances import near_pairs, pair_bounds, pairs_within
 from safe_ompl.collision.kernels.proofs import prove_curve, prove_curves
-from safe_ompl.collision.kernels.tables import GROUP, LANES, EdgeTables, Pairs
+from safe_ompl.collision.kernels.tables import GROUP, LANES, EdgeTables, Pairs, Required
 from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import BoolArray, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import ConvexBodies
@@ -95,15 +95,15 @@ class DistanceBounds:
             self._counts.bound_queries += len(Q)
         return bounds
 
-    def nearer(self, q: FloatArray, margins: FloatArray) -> tuple[IntArray, bool]:
+    def nearer(self, q: FloatArray, margins: FloatArray, largest: float) -> tuple[IntArray, bool]:
         """Return the pairs that may be nearer than their margins (P,) [m] at `q: (n,)`; the last one surely is if True.
 
-        Then no others were looked at. What bounds decide coal would decide alike.
+        No margin is above the largest. Then no others were looked at. What bounds decide coal would decide alike.
         """
         near: IntArray = np.empty(len(self.exact), np.intp)
         known, values = self._data[2], plain(self._coupling.values(q))
-        tables = *self._flat[:4], known.bodies, known.certain, known.groups, known.own, known.balls, self._memory.own[3]
-        number, surely = near_pairs(*tables, values, plain(margins), ALLOWANCE, near)
+        tables = *self._flat[:4], known.bodies, known.certain, known.groups, known.own, known.balls
+        number, surely = near_pairs(*tables, values, plain(margins), largest, ALLOWANCE, near, self._memory.own[3])
         return near[:number], surely
 
     def near(self, Q: FloatArray, pairs: IntArray, within: float, *, least: bool = False) -> FloatArray:
@@ -120,10 +120,10 @@ class DistanceBounds:
         exact = self.exact[pairs]
         return pairs_within(joints, shapes, known.bodies[pairs], exact, values, within, DISTANCE_ERROR, least)
 
-    def prove(self, curve: Curve, required: FloatArray, floor: float) -> BoundsProof:
+    def prove(self, curve: Curve, required: Required, floor: float) -> BoundsProof:
         """Try to prove a motion.
 
-        Pairs must keep `required: (P,)` [m], `ALLOWANCE` in it. Intervals in whose halves the bodies move less than the
+        What pairs must keep has `ALLOWANCE` in it. Intervals in whose halves the bodies move less than the
         floor [m] are given up.
         """
         if not self._bounded:
@@ -134,7 +134,7 @@ class DistanceBounds:
         return self._proof(coefficients, required, floor)
 
     def prove_edge(
-        self, ends: tuple[FloatArray, FloatArray], limits: JointLimits, required: FloatArray, floor: float
+        self, ends: tuple[FloatArray, FloatArray], limits: JointLimits, required: Required, floor: float
     ) -> BoundsProof | None:
         """Try to prove the straight motion between two configurations (n,); None if one is not within the limits."""
         edge = self._memory.own[0]
@@ -142,23 +142,23 @@ class DistanceBounds:
             return None
         return self._proof(edge, required, floor) if self._bounded else _UNKNOWN
 
-    def edge_tables(self, limits: JointLimits, required: FloatArray, floor: float) -> EdgeTables | None:
+    def edge_tables(self, limits: JointLimits, required: Required, floor: float) -> EdgeTables | None:
         """Return what the kernel `prove_edge` needs, which does not count its places; None where nothing is bounded."""
         joints, shapes, pairs = self._data
         edge, left, suspects, poses = edge_memory(len(pairs.radii), len(pairs.bodies), self._memory.own[3])
         tables = EdgeTables(joints, shapes, pairs, *limits.tables, required, floor, edge, left, suspects, poses)
         return tables if self._bounded else None
 
-    def _proof(self, coefficients: FloatArray, required: FloatArray, floor: float) -> BoundsProof:
+    def _proof(self, coefficients: FloatArray, required: Required, floor: float) -> BoundsProof:
         """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""
         _, left, suspects, poses = self._memory.own
-        number, at, places = prove_curve(*self._flat, poses, coefficients, required, floor, left, suspects)
+        number, at, places = prove_curve(*self._flat, coefficients, *required, floor, left, suspects, poses)
         self._counts.bound_queries += places
         if not number:
             return _FREE
         return BoundsProof(False, at, left[:number].tolist() if number > 0 else _UNKNOWN.left, number < 0)
 
-    def prove_many(self, curves: FloatArray, required: FloatArray, floor: float, workers: int = 1) -> IntArray:
+    def prove_many(self, curves: FloatArray, required: Required, floor: float, workers: int = 1) -> IntArray:
         """Return what `prove` says of motions of the model's joints, of coefficients `curves: (E, d + 1, m)`, (E,).
 
         That is 1 of those that are proven, −1 of those that are blocked, 0 of others. Each of the workers is a thread.
@@ -169,8 +169,8 @@ class DistanceBounds:
 
         def prove(some: slice) -> int:
             _, left, _, poses = self._memory.own
-            told = required, floor, left, nothing, found[some]
-            return int(prove_curves(joints, shapes, known, poses, curves[some], *told))
+            told = required, floor, left, nothing, poses, found[some]
+            return int(prove_curves(joints, shapes, known, curves[some], *told))
 
         if self._bounded:
             parts = [slice(k, k + _TOGETHER) for k in range(0, len(curves), _TOGETHER)]
@@ -198,7 +198,12 @@ def _groups(bodies: ConvexBodies, poses: Records, pairs: IntArray, own: int) -> 
     starts = np.flatnonzero((np.diff(first, prepend=-1) != 0) & meets | (np.diff(meets, prepend=True)))
     cuts = [k for a, b in pairwise([0, *starts, len(pairs)]) for k in range(a, b, BLOCK)]
     groups = np.zeros(len(cuts), GROUP)
-    groups["begin"], groups["end"], groups["radius"] = cuts, [*cuts[1:], len(pairs)], np.inf
+    groups["begin"], groups["end"], groups["body"], groups["radius"] = (
+        cuts,
+        [*cuts[1:], len(pairs)],
+        first[cuts],
+        np.inf,
+    )
     numbers = groups["end"] - groups["begin"]
     lanes = -(-numbers // LANES) * LANES
     groups["lane"] = np.cumsum(lanes) - lanes

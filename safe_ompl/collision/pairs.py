@@ -215,9 +215,9 @@ class PairSet:
 
         Bounds decide most pairs; coal is asked where they do not, and its answer would be the same for all.
         """
-        margins = self._no_margins if margins is None else margins
+        margins, largest = (self._no_margins, 0.0) if margins is None else (margins, float(margins.max(initial=0.0)))
         done, found = self.changes.done, None
-        pairs, surely = self.bounds.nearer(q, margins)
+        pairs, surely = self.bounds.nearer(q, margins, largest)
         if len(pairs) > surely:
             own = self._coal.own
             own.place(q)

@@ -11,6 +11,7 @@ import numpy as np
 
 from safe_ompl.collision.bounds import ALLOWANCE
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.kernels.tables import Required
 from safe_ompl.collision.pairs import PairSet
 from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number, shown
@@ -188,7 +189,7 @@ class RequiredDistances:
 
     def __init__(self, pairs: PairSet, least: FloatArray) -> None:
         self.pairs, self.least = pairs, least
-        self.allowed_for, self.provable = least + ALLOWANCE, least + _SPARE
+        self.allowed_for, self.provable = Required.of(least + ALLOWANCE), least + _SPARE
         for array in (least, self.provable):
             array.setflags(write=False)
         self.any = bool(least.any())

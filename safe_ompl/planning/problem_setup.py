@@ -387,9 +387,10 @@ def ask_for_danger() -> None:
 def ask_for_edges() -> None:
     """Call what the proof of an edge needs that no pair of bodies is near."""
     nothing = EdgeTables.of_nothing()
-    lay_edge(nothing.required, nothing.required, nothing.coupling, nothing.limits, nothing.edge)
-    arguments: Any = nothing.joints, *nothing.shapes, *nothing.pairs, nothing.edge, *nothing[5:7], *nothing[8:]
-    prove_curve(*arguments)
+    required, edge = nothing.required, nothing.edge
+    lay_edge(required.distances, required.distances, nothing.coupling, nothing.limits, edge)
+    arguments: Any = *nothing.pairs, edge, *required, nothing.floor, *nothing[8:]
+    prove_curve(nothing.joints, *nothing.shapes, *arguments)
 
 
 def ask_for_trees() -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Robot, Scene, Verdict
-from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Separation
+from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Required, Separation
 from safe_ompl.collision.bounds import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
 from safe_ompl.geometry import ConvexBodies
@@ -36,7 +36,7 @@ def along(delta):
 
 
 def proof(pairs, start, delta, required=0.0):
-    return pairs.bounds.prove((start, delta), np.zeros(len(pairs.names)) + required + ALLOWANCE, FLOOR)
+    return pairs.bounds.prove((start, delta), Required.of(np.zeros(len(pairs.names)) + required + ALLOWANCE), FLOOR)
 
 
 # --------------------------------------------------------------------------------------------------- what is proven
@@ -181,7 +181,7 @@ def test_accelerations_count_where_velocities_lead_past_a_surface(tmp_path):
 def test_without_pairs_everything_is_free(ur5):
     nothing = np.zeros((0, 2), np.intp), np.zeros((0, ur5.n))
     bounds = DistanceBounds(ur5, ur5.bounds.convex_bodies, *nothing, Counts())
-    assert bounds.prove(next(edges(ur5, 1)), np.zeros(0), FLOOR).proven
+    assert bounds.prove(next(edges(ur5, 1)), Required.of(np.zeros(0)), FLOOR).proven
 
 
 def test_what_has_no_end_is_left_to_coal(ur5):
@@ -191,7 +191,7 @@ def test_what_has_no_end_is_left_to_coal(ur5):
     bounds = DistanceBounds(
         ur5, ConvexBodies.of(list(geometry.geometryObjects)), np.array([[3, number]]), np.ones((1, ur5.n)), Counts()
     )
-    found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), FLOOR)
+    found = bounds.prove(next(edges(ur5, 1)), Required.of(np.zeros(1)), FLOOR)
     assert not found.proven
     assert not found.covers(0.4, 0.6)
 

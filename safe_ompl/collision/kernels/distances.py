@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision.kernels.tables import LANES, is_far, most_of, near_in_group
+from safe_ompl.collision.kernels.tables import LANES, is_far, near_in_group
 from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
 from safe_ompl.geometry.kernels import (
     POSE,
@@ -34,19 +34,20 @@ def near_pairs(
     groups: Records,
     own: int,
     balls: FloatArray,
-    poses: Records,
     values: FloatArray,
     margins: FloatArray,
+    largest: float,
     spare: float,
     near: IntArray,
+    poses: Records,
 ) -> tuple[int, bool]:
     """Write which of the pairs (P, 2) may be nearer than their margins (P,) [m]; return how many they are.
 
     The search ends at a pair that certainly is, which `True` tells: its two bodies are known exactly, where `certain:
-    (P,)` is finite. A pair is apart if a lower bound of its distance is more than its margin by `spare` [m]. The joints
-    are at `values: (m,)`; they are a table (`safe_ompl.robot.kernels`), `bodies`, `starts` and `vertices` those of
-    `Shapes`, then come those of `Pairs`: Python would take longer to hand over tuples. `near: (P,)` takes the indices,
-    in order.
+    (P,)` is finite. No margin is above the largest. A pair is apart if a lower bound of its distance is more than its
+    margin by `spare` [m]. The joints are at `values: (m,)`; they are a table (`safe_ompl.robot.kernels`), `bodies`,
+    `starts` and `vertices` those of `Shapes`, then come those of `Pairs`: Python would take longer to hand over tuples.
+    `near: (P,)` takes the indices, in order; `poses: (G,)` are those of bodies that do not move, and room for others.
     """
     m, shapes, number = len(values), Shapes(bodies, starts, vertices), 0
     simplex, axis = np.empty((4, 3)), np.empty(3)
@@ -54,9 +55,9 @@ def near_pairs(
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     place_joints(joints, values, rotations, origins, joint_axes)
     place_bodies(bodies[:own], poses, rotations, origins, True)
-    most, g = most_of(margins) + spare, 0
+    most, g = largest + spare, 0
     while g < len(groups):
-        group, A = groups[g], pairs[groups[g].begin, 0]
+        group, A = groups[g], groups[g].body
         if group.on > 1 and is_far(group, bodies[A], poses[A], most):
             g += group.on
             continue

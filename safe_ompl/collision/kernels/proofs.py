@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision.kernels.tables import LANES, EdgeTables, Pairs, is_far, most_of, near_in_group
+from safe_ompl.collision.kernels.tables import LANES, EdgeTables, Pairs, Required, is_far, near_in_group
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, part
 from safe_ompl.geometry.kernels import Records, Shapes, are_apart, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.robot.kernels import lay_edge, place_joints
@@ -157,7 +157,7 @@ def _half_length(
         near[0], number = first, 1 if first >= 0 else 0
         if turn > 0:
             group = pairs.groups[len(pairs.groups) - turn]  # the hand's first: the hand is nearest often
-            A = pairs.bodies[group.begin, 0]
+            A = group.body
             enough = motion.most + max(before, after) * speeds[len(rates), A] * (1.0 + _ROUNDING)
             if group.back > 1 and is_far(group, bodies[A], poses[A], enough):
                 turn += group.back
@@ -314,23 +314,25 @@ def prove_curve(
     groups: Records,
     own: int,
     balls: FloatArray,
-    poses: Records,
     curve: FloatArray,
-    required: FloatArray,
+    distances: FloatArray,
+    largest: FloatArray,
     least: float,
     left: FloatArray,
     suspects: IntArray,
+    poses: Records,
 ) -> tuple[int, float, int]:
     """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
 
     The `joints: (m,)` are a table (`safe_ompl.robot.kernels`). `bodies`, `starts` and `vertices` are those of `Shapes`,
-    and the next six those of `Pairs`: as tuples each would take Python a microsecond more to hand over. Pair p must
-    keep c_p, `required: (P,)`, with all allowances in it. The proof stops at an interval in whose halves no two bodies
-    approach each other by more than `least` [m], and where more than M intervals would wait. Intervals that are not
-    proven are written to `left: (M, 2)`. (An array that is returned would be made by Python code, where a Ctrl-C
-    becomes a SystemError.) `suspects` are pairs that blocked motions before; those that block this one are kept there.
-    Where a suspect is certainly too near the others are not looked at: no proof could find the motion free, so whether
-    it is never depends on what is suspected.
+    and the next seven those of `Pairs`: as tuples each would take Python a microsecond more to hand over. Pair p must
+    keep c_p, `distances: (P,)`, with all allowances in it, none of them above the `largest: (1,)`. The proof stops at
+    an interval in whose halves no two bodies approach each other by more than `least` [m], and where more than M
+    intervals would wait. Intervals that are not proven are written to `left: (M, 2)`. (An array that is returned would
+    be made by Python code, where a Ctrl-C becomes a SystemError.) The `poses: (G,)` are those of bodies that do not
+    move, and room for others. `suspects` are pairs that blocked motions before; those that block this one are kept
+    there. Where a suspect is certainly too near the others are not looked at: no proof could find the motion free, so
+    whether it is never depends on what is suspected.
 
     Returns
     -------
@@ -346,7 +348,7 @@ def prove_curve(
     pairs = Pairs(pair_bodies, radii, reaches, certain, groups, own, balls)
     moves, rates, widest = np.empty((5, m)), np.empty(P), 0.0
     taylor, rotations = np.empty(len(curve)), np.empty((m, 3, 3))
-    here, place = _Motion(moves, rates, required, most_of(required)), _Place(poses, np.empty((m, 3)), np.empty((m, 3)))
+    here, place = _Motion(moves, rates, distances, largest[0]), _Place(poses, np.empty((m, 3)), np.empty((m, 3)))
     search = _Search(
         np.empty((P + 1, 3)), np.zeros(P, np.bool_), np.empty((4, 3)), np.empty((m + 1, own)), np.empty((4, own)),
         np.empty(P + 1, np.intp), np.empty(LANES, np.bool_),
@@ -396,11 +398,11 @@ def prove_edge(start: FloatArray, end: FloatArray, tables: EdgeTables) -> tuple[
     """
     if not lay_edge(start, end, tables.coupling, tables.limits, tables.edge):
         return -1, 0
-    shapes, pairs = tables.shapes, tables.pairs
+    shapes, pairs, required = tables.shapes, tables.pairs, tables.required
     number, _, places = prove_curve(
         tables.joints, shapes.bodies, shapes.starts, shapes.vertices, pairs.bodies, pairs.radii, pairs.reaches,
-        pairs.certain, pairs.groups, pairs.own, pairs.balls, tables.poses, tables.edge, tables.required, tables.floor,
-        tables.left, tables.suspects,
+        pairs.certain, pairs.groups, pairs.own, pairs.balls, tables.edge, required.distances, required.most,
+        tables.floor, tables.left, tables.suspects, tables.poses,
     )  # fmt: skip
     return number, places
 
@@ -410,12 +412,12 @@ def prove_curves(
     joints: Any,
     shapes: Shapes,
     pairs: Pairs,
-    poses: Records,
     curves: FloatArray,
-    required: FloatArray,
+    required: Required,
     least: float,
     left: FloatArray,
     suspects: IntArray,
+    poses: Records,
     found: IntArray,
 ) -> int:
     """Write what `prove_curve` says of E motions, `curves: (E, d + 1, m)`; return how many places it took.
@@ -427,7 +429,7 @@ def prove_curves(
     for k in range(len(curves)):
         number, _, looked = prove_curve(
             joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.reaches, pairs.certain, pairs.groups,
-            pairs.own, pairs.balls, poses, curves[k], required, least, left, suspects,
+            pairs.own, pairs.balls, curves[k], required.distances, required.most, least, left, suspects, poses,
         )  # fmt: skip
         found[k] = 1 if number == 0 else min(number, 0)
         places += looked

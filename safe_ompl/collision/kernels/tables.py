@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined, maker, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined, part
 from safe_ompl.geometry.kernels import BODY, POSE, Records, Shapes
 from safe_ompl.robot.kernels import JOINT
 
@@ -15,6 +15,7 @@ GROUP = np.dtype(
     [
         ("begin", np.intp),  # of its pairs: those of one of the robot's bodies
         ("end", np.intp),
+        ("body", np.intp),  # that one
         ("centre", np.float64, (3,)),  # in the world, of a ball that holds their obstacles,
         ("radius", np.float64),  # of this radius; +∞: none does, or these are no such pairs
         ("lane", np.intp),  # where the balls about these obstacles begin
@@ -46,6 +47,18 @@ class Pairs(NamedTuple):
     balls: FloatArray
 
 
+class Required(NamedTuple):
+    """Distances (P,) [m] that pairs must keep, and the largest of them, (1,): a kernel may write both."""
+
+    distances: FloatArray
+    most: FloatArray
+
+    @classmethod
+    def of(cls, distances: FloatArray) -> Required:
+        """Return these distances (P,) [m]."""
+        return cls(distances, np.array([distances.max(initial=-inf)]))
+
+
 class EdgeTables(NamedTuple):
     """What `prove_edge` needs: what `lay_edge` and `prove_curve` do, in this order."""
 
@@ -54,7 +67,7 @@ class EdgeTables(NamedTuple):
     pairs: Pairs
     coupling: FloatArray
     limits: FloatArray
-    required: FloatArray
+    required: Required
     floor: float
     edge: FloatArray
     left: FloatArray
@@ -69,19 +82,9 @@ class EdgeTables(NamedTuple):
         shapes = Shapes(np.zeros(0, BODY), numbers.ravel(), none)
         pairs = Pairs(numbers.astype(np.uintp), none, none, edge[0], np.zeros(0, GROUP), 0, none)
         left, suspects, poses = np.zeros((1, 2)), numbers.ravel(), np.zeros(0, POSE)
-        return cls(np.zeros(0, JOINT), shapes, pairs, none, edge, edge[0], 1.0, edge, left, suspects, poses)
-
-
-@maker
-def most_of(values: FloatArray) -> float:
-    """Return the largest of values (P,), in lanes: one after the other would take ten times as long."""
-    lanes, count = np.full(8, -inf), len(values)
-    for p in range(0, count - 7, 8):
-        for k in range(8):
-            lanes[k] = values[p + k] if values[p + k] > lanes[k] else lanes[k]
-    for p in range(count - count % 8, count):
-        lanes[0] = max(lanes[0], values[p])
-    return float(lanes.max())
+        return cls(
+            np.zeros(0, JOINT), shapes, pairs, none, edge, Required.of(edge[0]), 1.0, edge, left, suspects, poses
+        )
 
 
 LANES = 8  # balls that are looked at together

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision import DistanceBounds, EdgeTables, MotionProver, RequiredDistances
+from safe_ompl.collision import DistanceBounds, EdgeTables, MotionProver, Required, RequiredDistances
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import PointDanger
@@ -211,7 +211,7 @@ class Growth:
         done, bounds, known = changes.done, required.pairs.bounds, self._known
         if known is None or known[0] is not required or known[1] is not bounds:
             limits, least, meets = self.problem.limits_of(motion), required.least, required.pairs.meets_obstacle
-            tables = None if motion.limits else bounds.edge_tables(limits, np.empty_like(least), motion.floor)
+            tables = None if motion.limits else bounds.edge_tables(limits, Required.of(least.copy()), motion.floor)
             proofs = None if tables is None else Proofs(tables, least.copy(), meets.copy())
             known = self._known = required, bounds, proofs
         return known[2] if changes.begun == done else None

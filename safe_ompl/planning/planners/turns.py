@@ -325,9 +325,12 @@ def _proof(s: Any, q: FloatArray, new: FloatArray, proofs: Proofs) -> int:
     """Return 0 if the motion between a node and a new one is proven, −1 if it is not free, more if neither is known."""
     margin = s.margin if s.alpha * s.scale > 0.0 else 0.0
     if s.kept != margin:
+        required, most = proofs.tables.required, -inf
         for p in range(len(proofs.least)):
             least = proofs.least[p]
-            proofs.tables.required[p] = (max(least, margin) if proofs.meets[p] else least) + ALLOWANCE
+            required.distances[p] = (max(least, margin) if proofs.meets[p] else least) + ALLOWANCE
+            most = max(most, required.distances[p])
+        required.most[0] = most
         s.kept = margin
     start, end = (q, new) if s.side == 0 else (new, q)  # as it is driven
     number, places = prove_edge(start, end, proofs.tables)
