@@ -268,7 +268,7 @@ def drive(
     start = before = policy.ways[0].at(0.0).q
     motion: Motion = lambda t: start  # noqa: E731
     measured = 0.0
-    surroundings, monitor, sets = world._surroundings, ContactMonitor(robot), {}
+    surroundings, monitor, sets = world.surroundings, ContactMonitor(robot), {}
     took, moving, touched = [], 0, 0
     reach = robot.bounds.displacement_radii.max(axis=0)
     for k in range(round(seconds / TICK)):
