@@ -28,7 +28,7 @@ _TOGETHER = 256  # motions that a thread proves in one go: Ctrl-C waits for that
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
 BLOCK = 64  # parts of obstacles that are near each other
 _RUN = 8  # groups that are near each other
-ROUNDING = 1e-9  # [m] of distances between balls
+_ROUNDING = 1e-9  # [m] of distances between balls
 
 
 # Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
@@ -123,8 +123,8 @@ class DistanceBounds:
     def prove(self, curve: Curve, required: Required, floor: float) -> BoundsProof:
         """Try to prove a motion.
 
-        What pairs must keep has `ALLOWANCE` in it. Intervals in whose halves the bodies move less than the
-        floor [m] are given up.
+        What pairs must keep has `ALLOWANCE` in it. Intervals in whose halves the bodies move less than the floor [m]
+        are given up.
         """
         if not self._bounded:
             return _UNKNOWN
@@ -198,12 +198,7 @@ def _groups(bodies: ConvexBodies, poses: Records, pairs: IntArray, own: int) -> 
     starts = np.flatnonzero((np.diff(first, prepend=-1) != 0) & meets | (np.diff(meets, prepend=True)))
     cuts = [k for a, b in pairwise([0, *starts, len(pairs)]) for k in range(a, b, BLOCK)]
     groups = np.zeros(len(cuts), GROUP)
-    groups["begin"], groups["end"], groups["body"], groups["radius"] = (
-        cuts,
-        [*cuts[1:], len(pairs)],
-        first[cuts],
-        np.inf,
-    )
+    groups["begin"], groups["end"], groups["body"] = cuts, [*cuts[1:], len(pairs)], first[cuts]
     numbers = groups["end"] - groups["begin"]
     lanes = -(-numbers // LANES) * LANES
     groups["lane"] = np.cumsum(lanes) - lanes
@@ -212,22 +207,27 @@ def _groups(bodies: ConvexBodies, poses: Records, pairs: IntArray, own: int) -> 
     lane = np.repeat(groups["lane"] - groups["begin"], numbers) + np.arange(len(pairs))
     balls[:3, lane], balls[3, lane] = centres.T, reach
     if len(cuts):
-        middle = np.add.reduceat(centres, cuts) / numbers[:, None]
-        away = np.linalg.norm(centres - np.repeat(middle, numbers, axis=0), axis=1) + reach
-        groups["centre"] = middle
-        groups["radius"] = np.where(meets[cuts], np.maximum.reduceat(away, cuts) + ROUNDING, np.inf)
-        _find_runs(groups, first[cuts])
+        groups["centre"], radii = _balls_about(centres, reach, cuts)
+        groups["radius"] = np.where(meets[cuts], radii, np.inf)
+        _find_runs(groups)
     return groups, balls
 
 
-def _find_runs(groups: Records, whose: IntArray) -> None:
+def _balls_about(centres: FloatArray, radii: FloatArray, begins: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Return centres (K, 3) and radii (K,) of balls that each hold balls (N,) from one that begins to the next."""
+    numbers = np.diff(begins, append=len(centres))
+    middle = np.add.reduceat(centres, begins) / numbers[:, None]
+    away = np.linalg.norm(centres - np.repeat(middle, numbers, axis=0), axis=1) + radii
+    return middle, np.maximum.reduceat(away, begins) + _ROUNDING
+
+
+def _find_runs(groups: Records) -> None:
     """Write the runs of groups that are each of one of the robot's bodies."""
-    starts = np.flatnonzero((np.diff(whose) != 0) | (np.diff(groups["radius"] < np.inf) != 0)) + 1
+    starts = np.flatnonzero((np.diff(groups["body"]) != 0) | (np.diff(groups["radius"] < np.inf) != 0)) + 1
     runs = [k for a, b in pairwise([0, *starts, len(groups)]) for k in range(a, b, _RUN)]
     numbers = np.diff(runs, append=len(groups))
-    middle = np.repeat(np.add.reduceat(groups["centre"], runs) / numbers[:, None], numbers, axis=0)
-    away = np.linalg.norm(groups["centre"] - middle, axis=1) + groups["radius"]
-    groups["around"], groups["wide"] = middle, np.repeat(np.maximum.reduceat(away, runs) + ROUNDING, numbers)
+    middle, radii = _balls_about(groups["centre"], groups["radius"], runs)
+    groups["around"], groups["wide"] = np.repeat(middle, numbers, axis=0), np.repeat(radii, numbers)
     groups["on"] = groups["back"] = 1
     groups["on"][runs], groups["back"][np.cumsum(numbers) - 1] = numbers, numbers
 

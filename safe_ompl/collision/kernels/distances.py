@@ -58,7 +58,7 @@ def near_pairs(
     most, g = largest + spare, 0
     while g < len(groups):
         group, A = groups[g], groups[g].body
-        if group.on > 1 and is_far(group, bodies[A], poses[A], most):
+        if group.on > 1 and is_far(group.around, group.wide, bodies[A], poses[A], most):
             g += group.on
             continue
         g += 1

@@ -159,12 +159,14 @@ def _half_length(
             group = pairs.groups[len(pairs.groups) - turn]  # the hand's first: the hand is nearest often
             A = group.body
             enough = motion.most + max(before, after) * speeds[len(rates), A] * (1.0 + _ROUNDING)
-            if group.back > 1 and is_far(group, bodies[A], poses[A], enough):
+            if group.back > 1 and is_far(group.around, group.wide, bodies[A], poses[A], enough):
                 turn += group.back
                 continue
             number = near_in_group(group, pairs.balls, bodies[A], poses[A], enough, search.hits, near)
         turn += 1
         for candidate in range(number):
+            if turn > 1 and near[candidate] == first:
+                continue
             p: Any = np.uintp(near[candidate])
             A, B, half = pairs.bodies[p, 0], pairs.bodies[p, 1], max(before, after)
             a, b = poses[A].centre, poses[B].centre

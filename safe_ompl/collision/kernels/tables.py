@@ -91,11 +91,11 @@ LANES = 8  # balls that are looked at together
 
 
 @part
-def is_far(group: Records, body: Records, pose: Records, enough: float) -> bool:
-    """Return whether the run of a group is at least `enough` [m] away from a body of the robot."""
-    x, y, z = pose.centre[0], pose.centre[1], pose.centre[2]
-    u, v, w, apart = x - group.around[0], y - group.around[1], z - group.around[2], enough + body.reach + group.wide
-    return bool(u * u + v * v + w * w >= apart * apart)
+def is_far(centre: FloatArray, radius: float, body: Records, pose: Records, enough: float) -> bool:
+    """Return whether a ball is at least `enough` [m] away from that about a body."""
+    at, apart = pose.centre, enough + body.reach + radius
+    x, y, z = at[0] - centre[0], at[1] - centre[1], at[2] - centre[2]
+    return bool(x * x + y * y + z * z >= apart * apart)
 
 
 @inlined
@@ -112,10 +112,9 @@ def near_in_group(
         for k in range(count):
             near[k] = group.begin + k
         return int(count)
-    x, y, z, far = pose.centre[0], pose.centre[1], pose.centre[2], enough + body.reach
-    u, v, w, apart = x - group.centre[0], y - group.centre[1], z - group.centre[2], far + group.radius
-    if u * u + v * v + w * w >= apart * apart:
+    if is_far(group.centre, group.radius, body, pose, enough):
         return 0
+    x, y, z, far = pose.centre[0], pose.centre[1], pose.centre[2], enough + body.reach
     number: Any = np.uintp(0)
     for first in range(0, count, LANES):
         for k in range(LANES):
