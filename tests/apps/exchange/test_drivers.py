@@ -47,15 +47,17 @@ ControllerMode = Some(JointImpedance=0)
 """
 UR_STAND_IN = """
 import pickle, time
-came, began = [], time.monotonic()
+came, cycles = [], 0
 
 class RTDEControlInterface:
     def __init__(self, host, rate):
         assert rate == 500.0
     def initPeriod(self):
-        return time.monotonic()
+        return cycles
     def waitPeriod(self, begun):
-        time.sleep(max(0.0, begun + 0.002 - time.monotonic()))
+        global cycles
+        time.sleep(0.002)
+        cycles = begun + 1  # counted, so that no load of this machine loses one
     def servoJ(self, q, speed, acceleration, time, lookahead, gain):
         came.append(q)
         return len(q) == 6 and (speed, acceleration, time, lookahead, gain) == (0.0, 0.0, 0.002, 0.03, 500.0)
@@ -70,7 +72,7 @@ class RTDEReceiveInterface:
     def getActualQ(self):
         return came[-1] if came else [0.1] * 6
     def getTimestamp(self):
-        return time.monotonic() - began
+        return 0.002 * cycles
 """
 
 
