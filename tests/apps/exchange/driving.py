@@ -47,6 +47,12 @@ def panda(shield=False):
     return cell_of(scenario, scenario.build_robot(), trackers_of(scenario, options), options, ControlOptions())
 
 
+def ball(centre):
+    """Return points (300, 3) on a ball of 8 cm."""
+    directions = np.random.default_rng(0).normal(size=(300, 3))
+    return centre + 0.08 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
 class Drive:
     """A controller, a robot that does what it is told, and a person, in simulated time."""
 

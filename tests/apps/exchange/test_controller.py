@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from driving import AWAY, BODY, GOAL, OPTIONS, START, Drive, panda
+from driving import AWAY, BODY, GOAL, OPTIONS, START, Drive, ball, panda
 from numba.core.dispatcher import Dispatcher
 
 from safe_ompl.apps.cli.ros import cell_of, rehearse, trackers_of
@@ -245,12 +245,6 @@ def test_a_goal_that_cannot_be_reached(drive):
     assert drive.last[1].startswith("no way to the goal: ")
     drive.go()
     drive.arrives()
-
-
-def ball(centre):
-    """Points on a ball of 8 cm."""
-    directions = np.random.default_rng(0).normal(size=(300, 3))
-    return centre + 0.08 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
 def test_points_of_robot_and_person_are_left_out_and_new_ones_stop_the_robot(drive):

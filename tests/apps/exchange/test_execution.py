@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from driving import AWAY, BODY, GOAL, START, Drive, panda
+from driving import AWAY, BODY, GOAL, START, Drive, ball, panda
 
 from safe_ompl.apps.exchange import Code, Execution, GoalError
 from safe_ompl.motions import Motion
@@ -75,21 +75,26 @@ def send(drive, times, rows, **changes):
     return execution, outcomes
 
 
-def on_path(drive, motion, ticks):
+def arrives(drive, outcomes):
+    """Go on until a trajectory has an outcome, and assert that the robot was driven to its end."""
+    while not outcomes:
+        drive.run(0.05)
+    assert outcomes == [(Code.SUCCESSFUL, "", False)]
+
+
+def off_path(drive, motion):
     """Return how far the robot was from the motion, at most, wherever it was on it."""
     fine = motion.at(np.linspace(*motion.times[[0, -1]], 20000))
-    return max(np.abs(fine - tick["q"]).max(axis=1).min() for tick in ticks)
+    return max(np.abs(fine - tick["q"]).max(axis=1).min() for tick in drive.ticks)
 
 
 def test_it_drives_a_trajectory_on_its_own_path_in_its_own_time(drive, there):
     drive.run(0.2)
     execution, outcomes = send(drive, *there)
-    while not outcomes:
-        drive.run(0.05)
-    assert outcomes == [(Code.SUCCESSFUL, "", False)]
+    arrives(drive, outcomes)
     np.testing.assert_allclose(drive.q, GOAL, atol=1e-6)
     assert drive.time - execution.began < there[0][-1] + 0.5
-    assert on_path(drive, Motion.hermite(there[0], *there[1]), drive.ticks) < 2e-3
+    assert off_path(drive, Motion.hermite(there[0], *there[1])) < 2e-3
     drive.run(0.3)
     assert not drive.controller.driving  # silent without a goal
 
@@ -98,11 +103,8 @@ def test_it_stops_on_the_path_for_a_person_and_goes_on_when_the_way_is_free(driv
     execution, outcomes = send(drive, *there)
     drive.run(0.8)
     assert np.abs(drive.qd).max() > 0.05
-    person, monitor, limbs = (
-        drive.person.copy(),
-        ContactMonitor(drive.robot),
-        drive.controller.cell.trackers["operator"],
-    )
+    person, monitor = drive.person.copy(), ContactMonitor(drive.robot)
+    limbs = drive.controller.cell.trackers["operator"]
     for k in range(100):  # walks at 1.6 m/s, stays, and walks away
         share = np.clip(min(k, 80 - k) / 31, 0.0, 1.0)
         drive.person = person + share * (NEAR - AWAY)
@@ -114,10 +116,8 @@ def test_it_stops_on_the_path_for_a_person_and_goes_on_when_the_way_is_free(driv
             assert not drive.qd.any()
             assert 0 < execution.done < execution.duration
             assert "of 'operator' may come to" in drive.last[1]
-    while not outcomes:
-        drive.run(0.05)
-    assert outcomes == [(Code.SUCCESSFUL, "", False)]
-    assert on_path(drive, execution.motion, drive.ticks) < 2e-3
+    arrives(drive, outcomes)
+    assert off_path(drive, execution.motion) < 2e-3
 
 
 def test_what_is_not_free_is_aborted_with_pair_and_time(drive, there):
@@ -141,7 +141,7 @@ def test_cancel_stops_on_the_path(drive, there):
     assert outcomes == [(Code.SUCCESSFUL, "cancelled", True)]
     assert not drive.qd.any()
     assert 0 < execution.done < execution.duration
-    assert on_path(drive, execution.motion, drive.ticks) < 2e-3
+    assert off_path(drive, execution.motion) < 2e-3
 
 
 def test_a_new_trajectory_takes_the_place_of_the_old_one(drive, there):
@@ -150,9 +150,7 @@ def test_a_new_trajectory_takes_the_place_of_the_old_one(drive, there):
     stop = first.motion.at(first.done)
     _, also = send(drive, [0.0, 2.0], [[stop, START], np.zeros((2, 7))])
     assert outcomes == [(Code.INVALID_GOAL, "a new trajectory took its place", False)]
-    while not also:
-        drive.run(0.05)
-    assert also == [(Code.SUCCESSFUL, "", False)]
+    arrives(drive, also)
     np.testing.assert_allclose(drive.q, START, atol=1e-6)
     _, third = send(drive, *there)
     drive.run(0.5)
@@ -175,10 +173,8 @@ def test_what_is_lost_stops_it_and_it_goes_on(drive, there, lost):
     assert 0 < execution.done < execution.duration
     for name in names:
         setattr(drive, name, False)
-    while not outcomes:
-        drive.run(0.05)
-    assert outcomes == [(Code.SUCCESSFUL, "", False)]
-    assert on_path(drive, execution.motion, drive.ticks) < 2e-3
+    arrives(drive, outcomes)
+    assert off_path(drive, execution.motion) < 2e-3
 
 
 def test_new_points_of_a_cloud_stop_it_until_they_are_gone(drive, there):
@@ -193,14 +189,7 @@ def test_new_points_of_a_cloud_stop_it_until_they_are_gone(drive, there):
     assert not outcomes
     assert execution.objection.startswith("not free of what stands still at ")
     drive.controller.see_cloud(drive.time, wall)
-    while not outcomes:
-        drive.run(0.05)
-    assert outcomes == [(Code.SUCCESSFUL, "", False)]
-
-
-def ball(centre):
-    directions = np.random.default_rng(0).normal(size=(300, 3))
-    return centre + 0.08 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    arrives(drive, outcomes)
 
 
 # ----------------------------------------------------------------------------------------------------- tolerances
@@ -248,15 +237,11 @@ def test_when_it_begins(drive, there):
     drive.pilot.cancel()
     drive.run(1.0)
     _, outcomes = send(drive, [1.0], [[START]])  # from where it stands
-    while not outcomes:
-        drive.run(0.05)
-    assert outcomes == [(Code.SUCCESSFUL, "", False)]
+    arrives(drive, outcomes)
     np.testing.assert_allclose(drive.q, START, atol=1e-6)
     aside = np.array(START) + 0.01
     _, outcomes = send(drive, [0.0, 1.0], [[aside, START]])
-    while not outcomes:
-        drive.run(0.05)
-    assert outcomes == [(Code.SUCCESSFUL, "", False)]
+    arrives(drive, outcomes)
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,16 @@ def planar3(*obstacles, **changes):
     return replace(scenario, scene=Scene(obstacles or tuple(scenario.scene)), motion=FAST, **changes)
 
 
+def beside_anna():
+    """Return the planar arm, and a person of 1.6 m/s who is tracked."""
+    return planar3(Obstacle("anna", Person(1.75), Pose((4.0, 0.0, -0.75))), people=People(speed=1.6))
+
+
+def within(tube, scenario):
+    """Return a scenario whose joints may be off by a tube [rad], or none."""
+    return replace(scenario, limits=replace(scenario.limits, tube=tube))
+
+
 class Bench:
     """A guard and a robot that is where it was told to be, and sags, in simulated time; motors give degrees."""
 
@@ -49,12 +59,12 @@ class Bench:
         return dict(zip(KEYS[:3], np.degrees(q).tolist(), strict=True))
 
 
-def wave(k, start):
-    """Return the targets (n,) of a policy that moves smoothly."""
-    return np.array(start) + 0.3 * (1 - np.cos(0.05 * k)) * np.array([1.0, -1.0, 0.5])
-
-
 FREE = np.array([2.0, -0.5, 0.3])
+
+
+def wave(k):
+    """Return the targets (n,) of a policy that moves smoothly from `FREE`."""
+    return FREE + 0.3 * (1 - np.cos(0.05 * k)) * np.array([1.0, -1.0, 0.5])
 
 
 def test_what_is_free_is_sent_as_it_is():
@@ -62,16 +72,15 @@ def test_what_is_free_is_sent_as_it_is():
     for _ in range(3):
         one.send(FREE)
     for k in range(120):
-        assert one.send(wave(k, FREE), gripper=k) == pytest.approx(wave(k, FREE), abs=2e-3)
+        assert one.send(wave(k), gripper=k) == pytest.approx(wave(k), abs=2e-3)
         assert one.sent[-1][1] == k
 
 
 def test_sag_is_learnt_and_what_is_sent_stays_the_target():
     one = Bench(planar3(), FREE, sag=0.03)
     for k in range(200):
-        assert one.send(wave(max(0, k - 100), FREE)) == pytest.approx(
-            wave(max(0, k - 100), FREE), abs=0.01 + 0.03 * (k < 4)
-        )
+        target = wave(max(0, k - 100))
+        assert one.send(target) == pytest.approx(target, abs=0.01 + 0.03 * (k < 4))
     command = one.guard.controller.command
     assert command.at(one.time).q == pytest.approx(one.q, abs=4e-3)  # what is proven is where the robot is
 
@@ -139,8 +148,7 @@ class Anna(Bench):
     """The same beside a person who walks towards where the arm is going, or away."""
 
     def __init__(self):
-        person = Obstacle("anna", Person(1.75), Pose((4.0, 0.0, -0.75)))
-        super().__init__(planar3(person, people=People(speed=1.6)), FREE)
+        super().__init__(beside_anna(), FREE)
         self.distance, self.walks = 2.0, 0.0
         for _ in range(3):
             self.send(FREE)
@@ -157,27 +165,27 @@ def test_targets_wait_with_the_gripper_and_the_path_is_kept():
     one, reasons = Anna(), set()
     one.walks = -1.5
     for k in range(62):
-        one.send(wave(k, FREE), gripper=float(k))
+        one.send(wave(k), gripper=float(k))
         reasons.add(one.guard.reason)
     assert any("anna" in reason for reason in reasons)
     assert one.sent[-1][1] < 45.0
     one.walks = 1.5
     for _ in range(120):
-        one.send(wave(62, FREE), gripper=62.0)
-    path = np.array([wave(k, FREE) for k in np.linspace(0.0, 62.0, 2000)])
+        one.send(wave(62), gripper=62.0)
+    path = np.array([wave(k) for k in np.linspace(0.0, 62.0, 2000)])
     assert max(np.abs(path - q).max(axis=1).min() for q, _ in one.sent) < 0.01
     grips = [gripper for _, gripper in one.sent]
     assert grips == sorted(grips)
     for q, gripper in one.sent:
-        assert np.abs(q - wave(gripper, FREE)).max() < 0.06  # the arm and what the gripper does belong together
-    assert one.q == pytest.approx(wave(62, FREE), abs=2e-3)
+        assert np.abs(q - wave(gripper)).max() < 0.06  # the arm and what the gripper does belong together
+    assert one.q == pytest.approx(wave(62), abs=2e-3)
 
 
 def test_a_policy_that_looks_again_is_followed_at_once():
     one = Anna()
     one.walks = -1.5
     for k in range(50):
-        one.send(wave(k, FREE))
+        one.send(wave(k))
     waited = len(one.guard._waiting)
     one.send(one.q)
     assert waited > 5
@@ -185,17 +193,16 @@ def test_a_policy_that_looks_again_is_followed_at_once():
 
 
 def test_people_who_are_not_seen_keep_the_robot_where_it_is():
-    person = Obstacle("anna", Person(1.75), Pose((4.0, 0.0, -0.75)))
-    one = Bench(planar3(person, people=People(speed=1.6)), FREE)
+    one = Bench(beside_anna(), FREE)
     for k in range(20):
-        one.send(wave(k, FREE))
+        one.send(wave(k))
     assert one.q == pytest.approx(FREE, abs=1e-6)
 
 
 def test_a_chunk_that_is_known_is_driven_as_it_is():
     """A bend that is too sharp for what does not know it."""
     one = Bench(planar3(), FREE)
-    chunk = np.array([wave(k, FREE) for k in range(60)])
+    chunk = np.array([wave(k) for k in range(60)])
     one.guard.foresee(np.degrees(np.column_stack([chunk, np.zeros(60)])))
     one.send(FREE)
     for q in chunk:
@@ -207,7 +214,7 @@ def test_a_chunk_that_is_known_is_driven_as_it_is():
 def test_a_robot_that_is_held_is_stopped():
     one, reasons = Bench(planar3(), FREE), set()
     for k in range(60):
-        one.send(wave(k, FREE))
+        one.send(wave(k))
         reasons.add(one.guard.reason)
         one.q = FREE
     assert any("from where it should be" in reason for reason in reasons)
@@ -246,8 +253,7 @@ class Weak(Bench):
 
 @pytest.mark.parametrize(("tube", "touches"), [(None, True), (0.05, False)])
 def test_weak_servos_touch_nothing_that_stands_still_from_within_their_tube(tube, touches):
-    scenario = planar3()
-    scenario = replace(scenario, limits=replace(scenario.limits, tube=tube))
+    scenario = within(tube, planar3())
     one = Weak(scenario, scenario.start_configuration(scenario.build_robot()))
     begin, reasons = one.q.copy(), set()
     for k in range(60):
@@ -261,11 +267,8 @@ class Runner(Weak):
     """The same beside somebody who runs to the arm, as fast as people may."""
 
     def __init__(self, **options):
-        person = Obstacle("anna", Person(1.75), Pose((4.0, 0.0, -0.75)))
-        tube = options.pop("tube", None)
-        scenario = planar3(person, people=People(speed=1.6))
         self.angle, self.since = 2.2, np.inf
-        super().__init__(replace(scenario, limits=replace(scenario.limits, tube=tube)), FREE, **options)
+        super().__init__(within(options.pop("tube", None), beside_anna()), FREE, **options)
 
     def body(self, time):
         far = 2.6 - 1.6 * max(0.0, time - self.since)
@@ -297,26 +300,23 @@ def test_weak_servos_have_stopped_when_somebody_is_there(servo, touches):
 
 
 def test_a_joint_that_leaves_its_tube_is_named_and_the_robot_goes_on_once_it_stands():
-    scenario = planar3()
-    one = Bench(replace(scenario, limits=replace(scenario.limits, tube=0.05)), FREE)
+    one = Bench(within(0.05, planar3()), FREE)
     for k in range(20):
-        one.send(wave(k, FREE))
+        one.send(wave(k))
     one.q = one.q + np.array([0.0, 0.06, 0.0])  # somebody pushes it
-    one.send(wave(20, FREE))
+    one.send(wave(20))
     assert one.guard.reason == "'joint2' is 0.060 from where it should be, and 0.05 is allowed"
-    told = [one.send(wave(k, FREE)) for k in range(21, 60)]
+    told = [one.send(wave(k)) for k in range(21, 60)]
     assert one.guard.reason == ""
     assert np.abs(np.diff(told, axis=0)).max() < 3.0 / 30 + 1e-6  # it goes back without a jump
-    assert told[-1] == pytest.approx(wave(59, FREE), abs=5e-3)
+    assert told[-1] == pytest.approx(wave(59), abs=5e-3)
 
 
 def test_a_lag_is_no_error_and_no_sag():
     """What is behind by no more than the lag is where it should be; nothing of it is learnt as sag."""
-    scenario = planar3()
-    lagging = replace(scenario, limits=replace(scenario.limits, tube=0.02))
-    one, late = Bench(lagging, FREE, lag=0.08), [FREE, FREE]
+    one, late = Bench(within(0.02, planar3()), FREE, lag=0.08), [FREE, FREE]
     for k in range(100):
-        late.append(one.send(wave(k, FREE)))
+        late.append(one.send(wave(k)))
         one.q = late[-3]  # two periods later
     assert np.abs(one.guard._sag).max() < 2e-3
     assert not any("should be" in reason for reason in [one.guard.reason])
@@ -378,7 +378,7 @@ def test_a_robot_of_lerobot_is_wrapped(tmp_path, monkeypatch):
     assert (robot.name, robot.action_features) == ("inner", Inner.action_features)
     robot.connect()
     assert SafeOmplRobot.connected is robot
-    chunk = np.column_stack([np.degrees([wave(0.2 * k, FREE) for k in range(30)]), np.full(30, 7.0)])
+    chunk = np.column_stack([np.degrees([wave(0.2 * k) for k in range(30)]), np.full(30, 7.0)])
     step = PolicyProcessorPipeline([SafeOmplChunks()], to_transition=lambda x: {"action": x}, to_output=lambda x: x)
     assert step(torch.tensor(chunk[None]))["action"].shape == (1, 30, 4)
     assert len(robot.guard._chunk) == 30
