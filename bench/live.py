@@ -49,7 +49,6 @@ _SHARES = ("model_obeyed", "model_obeyed_raw", "refused", "moving")
 _CONTACTS = ("while_moving", "after_violations", "at_rest", "retreating")
 _LATENCY = 0.4  # of a tick, from a measurement to the command that answers it
 _BESIDE = 0.4  # [m] who is nearer than that is beside the robot
-GLITCH = 6.0  # [m/s] no key point of these people is so fast
 
 _BETWEEN = ([0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785])  # start and goal
 

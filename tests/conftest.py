@@ -13,6 +13,7 @@ from crank import CRANK
 from hypothesis import settings
 from ompl import util as ou
 
+from bench._plain import PlainGeometry
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, RateLimits, Robot, Scenario, Scene, Sphere
 from safe_ompl.common import warn_once
 from safe_ompl.geometry import bounding_hull
@@ -250,31 +251,12 @@ def clutter():
     )
 
 
-class PlainCheck:
+class PlainCheck(PlainGeometry):
     """Robot against scene by coal's pairwise distances alone: no broad phase, no margins, nothing left out."""
 
     def __init__(self, robot, scene):
-        self.robot = robot
-        self.geometry = robot.collision_model.copy()
-        bodies = list(robot.collision_model.geometryObjects)
-        self.names = [body.name.rsplit("_", 1)[0] for body in bodies]
-        for obstacle in scene:
-            for name, shape, placement in obstacle.geometries():
-                number = self.geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, shape))
-                self.names.append(obstacle.name)
-                for k, body in enumerate(bodies):
-                    if body.parentJoint != 0:
-                        self.geometry.addCollisionPair(pin.CollisionPair(k, number))
-        self.pairs = [(self.names[pair.first], self.names[pair.second]) for pair in self.geometry.collisionPairs]
-        self._model = robot.shared.model
-        self._data = self._model.createData()
-        self._results = pin.GeometryData(self.geometry)
-
-    def distances(self, q):
-        """Signed distance [m] of every pair at `q`."""
-        full = self.robot.pinocchio_configuration(q)
-        pin.computeDistances(self._model, self._data, self.geometry, self._results, full)
-        return np.array([result.min_distance for result in self._results.distanceResults])
+        super().__init__(robot, scene)
+        self.pairs = [(link, obstacle or other) for link, obstacle, other in self.pairs]
 
     def nearest(self, q):
         """Return the smallest signed distance [m] at `q`."""
@@ -284,8 +266,7 @@ class PlainCheck:
         """Return the first fraction of the edge at which something touches, looking every `step` [rad], or None."""
         delta = self.robot.difference(start, end)
         for t in np.linspace(0.0, 1.0, 1 + max(1, ceil(np.linalg.norm(delta) / step))):
-            full = self.robot.pinocchio_configuration(start + t * delta)
-            if pin.computeCollisions(self._model, self._data, self.geometry, self._results, full, True):
+            if self.touches(start + t * delta):
                 return float(t)
         return None
 

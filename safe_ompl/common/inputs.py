@@ -211,12 +211,8 @@ def halton_point(index: int, dimension: int) -> FloatArray:
 
     Its i-th coordinate is the radical inverse of the index in the i-th prime: the digits mirrored at the point.
     """
-    primes = itertools.islice(filter(_is_prime, itertools.count(2)), dimension)
-    return np.array([_radical_inverse(index, prime) for prime in primes])
-
-
-def _is_prime(number: int) -> bool:
-    return all(number % divisor for divisor in range(2, number))
+    primes = (number for number in itertools.count(2) if all(number % divisor for divisor in range(2, number)))
+    return np.array([_radical_inverse(index, prime) for prime in itertools.islice(primes, dimension)])
 
 
 def _radical_inverse(index: int, base: int) -> float:

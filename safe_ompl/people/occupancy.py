@@ -177,7 +177,8 @@ class OccupancyGrid:
         self._deep = [g for g in robot_bodies.tolist() if _depth(shapes[g].geometry, own.bodies[g]["centre"]) > _DEEP]
         self._walls = mark(self._known, self._known.still, self.cells, 0.0)
         self._space = self._all & ~self._walls
-        self._beyond = _packed(_border(side)) & self._space
+        border = np.pad(np.zeros((side - 2,) * 3, dtype=bool), 1, constant_values=True)
+        self._beyond = _packed(border) & self._space
         # Where something that moves may be, and of it what was seen, as bits; at first everywhere
         self._may = self._space if options.unseen == "occupied" else np.zeros_like(self._all)
         self._hit: IntArray = np.zeros_like(self._all)
@@ -415,13 +416,6 @@ def _depth(shape: coal.CollisionGeometry, point: FloatArray) -> float:
     there, result = coal.Transform3s(np.eye(3), point), coal.DistanceResult()
     ball = coal.Sphere(_SAME)
     return -float(coal.distance(shape, coal.Transform3s(), ball, there, coal.DistanceRequest(), result))
-
-
-def _border(side: int) -> BoolArray:
-    """Return the outermost cells of a grid."""
-    found: BoolArray = np.ones((side,) * 3, dtype=bool)
-    found[1:-1, 1:-1, 1:-1] = False
-    return found
 
 
 def _packed(cells: BoolArray) -> IntArray:

@@ -352,7 +352,7 @@ class Surroundings:
         self._violations = [violation for violation in found if violation is not None]
         if self.known:
             self.sets = limbs = ReachSets.none()
-            for track in sorted(self._tracks.values(), key=_is_cloud):
+            for track in sorted(self._tracks.values(), key=lambda track: isinstance(track, CloudTrack)):
                 self.sets = self.sets.beside(track.sets())
                 limbs = self.sets if isinstance(track, PersonTrack) else limbs
             if self.depth is not None:
@@ -388,7 +388,3 @@ def who_is_where(people: Mapping[str, FloatArray | None], objects: Mapping[str, 
             for name, pose in poses.items()
         },
     }
-
-
-def _is_cloud(track: PersonTrack | ObjectTrack) -> bool:
-    return isinstance(track, CloudTrack)

@@ -74,7 +74,7 @@ def finger_joints(full: pin.Model) -> frozenset[str]:
     for palm in range(1, full.njoints):
         lengths = {joint: length(joint) for joint in range(1, full.njoints) if full.parents[joint] == palm}
         fingers = {
-            joint: (max(lengths[joint], _SHORT), _slides(full, joint))
+            joint: (max(lengths[joint], _SHORT), "P" in full.joints[joint].shortname()[10:])  # a prismatic one
             for joint in lengths
             if len(full.subtrees[joint]) <= _MOST_JOINTS
             and lengths[joint] <= _LONGEST
@@ -93,10 +93,6 @@ def finger_joints(full: pin.Model) -> frozenset[str]:
     if len(below) < full.njoints - 1:
         carried |= below
     return frozenset(full.names[joint] for joint in carried)
-
-
-def _slides(full: pin.Model, joint: int) -> bool:
-    return "P" in full.joints[joint].shortname()[10:]
 
 
 def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tuple[str, ...]:

@@ -195,7 +195,8 @@ def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds
     # The best angle by angle may be a corner that is not the best of all: begin in all of them.
     corners = np.stack(np.meshgrid(*bounds), axis=-1).reshape(-1, 3)
     begins = np.unique(np.vstack([begins, (lower + upper) / 2, corners]), axis=0)
-    found = _rotations(_descended(rotation, begins, lower, upper))
+    roll, pitch, yaw = _descended(rotation, begins, lower, upper).T
+    found = _turns(2, yaw) @ _turns(1, pitch) @ _turns(0, roll)
     nearest: FloatArray = found[np.einsum("sij,ij->s", found, rotation).argmax()]
     return nearest
 
@@ -220,11 +221,6 @@ def _descended(rotation: FloatArray, angles: FloatArray, lower: FloatArray, uppe
         if len(choice) < 2 or np.abs(angles - before).max() < _SETTLED:
             break
     return angles
-
-
-def _rotations(angles: FloatArray) -> FloatArray:
-    """Return the orientations (S, 3, 3) of roll, pitch and yaw (S, 3)."""
-    return _turns(2, angles[:, 2]) @ _turns(1, angles[:, 1]) @ _turns(0, angles[:, 0])
 
 
 def _turns(axis: int, angles: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import FloatArray
 from safe_ompl.view.camera import Camera, in_picture, viewing_rays
 from safe_ompl.view.light import FLOOR_VALUE, SUBPIXELS, Light, Painted, View, shaded
 from safe_ompl.view.rasteriser import Numbers, draw_triangles, interpolated, nearest_triangles
@@ -83,14 +83,10 @@ class Renderer:
         """Return the values (V, C) of a body's vertices where it is nearer than what hides it: (height, width, C)."""
         nearness, faces = self._nearest(surface)
         pixels = np.flatnonzero(nearness.ravel() > hidden)
+        rays, seen = viewing_rays(self.camera, self._fine, pixels), surface.faces[faces.ravel()[pixels]]
         image = np.zeros((nearness.size, values.shape[1]), dtype=np.float32)
-        image[pixels] = self._interpolated(surface, faces.ravel()[pixels], pixels, values)
+        image[pixels] = interpolated(surface.vertices, seen, values, self.camera.eye, rays)
         return np.clip(_averaged(image.reshape(self._fine[1], self._fine[0], -1)), 0.0, 1.0)
-
-    def _interpolated(self, surface: Surface, faces: Numbers, pixels: IntArray, values: FloatArray) -> FloatArray:
-        """Return values (V, C) of vertices where the rays of pixels (P,) meet triangles (P,): (P, C)."""
-        rays = viewing_rays(self.camera, self._fine, pixels)
-        return interpolated(surface.vertices, surface.faces[faces], values, self.camera.eye, rays)
 
 
 def _averaged(fine: NDArray[np.float32]) -> FloatArray:

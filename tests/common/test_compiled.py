@@ -176,27 +176,34 @@ def one(x):
 """
 
 
+def _package(folder, outer, inner):
+    """Write a copy of the package into a folder, with a kernel `two` of one kind that calls `one` of another."""
+    package = folder / "safe_ompl"
+    shutil.copytree(Path(safe_ompl.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for name, text in (("other/caller", CALLER.format(outer)), ("third/callee", CALLEE.format(inner, 1.0))):
+        file = package / f"{name}.py"
+        file.parent.mkdir()
+        (file.parent / "__init__.py").touch()
+        file.write_text(text)
+    return package
+
+
+def _answer(folder, program, **variables):
+    variables = {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(folder)} | variables
+    words = [sys.executable, "-c", *program]
+    done = subprocess.run(words, cwd=folder, env=os.environ | variables, capture_output=True, text=True)
+    assert not done.returncode, done.stderr
+    return done.stdout.split(), done.stderr
+
+
 @pytest.mark.parametrize(("outer", "inner"), [("compiled", "part"), ("caller", "compiled")])
 def test_a_kernel_is_compiled_anew_when_what_it_calls_in_another_folder_changes(tmp_path, outer, inner):
     """What it calls is compiled into it: else a stale proof would run."""
-    package = tmp_path / "safe_ompl"
-    shutil.copytree(Path(safe_ompl.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    for folder, name, text in (
-        ("other", "caller", CALLER.format(outer)),
-        ("third", "callee", CALLEE.format(inner, 1.0)),
-    ):
-        (package / folder).mkdir()
-        (package / folder / "__init__.py").touch()
-        (package / folder / f"{name}.py").write_text(text)
+    package = _package(tmp_path, outer, inner)
     program = "from safe_ompl.other.caller import two; print(two(1.0), sum(two.stats.cache_hits.values()))"
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
 
     def answer():
-        done = subprocess.run(
-            [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True
-        )
-        assert not done.returncode, done.stderr
-        return done.stdout.split()
+        return _answer(tmp_path, [program])[0]
 
     assert [answer(), answer()] == [["2.0", "0"], ["2.0", "1"]]
     (package / "third" / "callee.py").write_text(CALLEE.format(inner, 10.0))
@@ -218,13 +225,7 @@ runpy.run_path(sys.argv[1])["copy_kept"]([two], Path("safe_ompl"))
 def wheel(tmp_path_factory):
     """Return a folder with a package that holds the machine code of a kernel for a processor with AVX."""
     folder = tmp_path_factory.mktemp("wheel")
-    package = folder / "safe_ompl"
-    shutil.copytree(Path(safe_ompl.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    for name, text in (("caller", CALLER.format("compiled")), ("callee", CALLEE.format("part", 1.0))):
-        place = package / {"caller": "other", "callee": "third"}[name]
-        place.mkdir()
-        (place / "__init__.py").touch()
-        (place / f"{name}.py").write_text(text)
+    _package(folder, "compiled", "part")
     hook = Path(__file__).parents[2] / ".ci" / "machine_code.py"
     _answer(folder, [SHIP, str(hook)], NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES=_HAS)
     shutil.rmtree(folder / "cache")
@@ -232,14 +233,6 @@ def wheel(tmp_path_factory):
 
 
 _HAS = "" if platform.machine() != "x86_64" else "+avx"
-
-
-def _answer(folder, program, **variables):
-    variables = {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(folder)} | variables
-    words = [sys.executable, "-c", *program]
-    done = subprocess.run(words, cwd=folder, env=os.environ | variables, capture_output=True, text=True)
-    assert not done.returncode, done.stderr
-    return done.stdout.split(), done.stderr
 
 
 def _damage(folder):

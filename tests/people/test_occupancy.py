@@ -52,13 +52,20 @@ def camera(place, at, **more):
 
 
 CAMERAS = {"left": camera((1.8, -1.2, 1.2), (0, 0, 0.3)), "right": camera((1.8, 1.2, 1.2), (0, 0, 0.3))}
+SMALL = {"width": 64, "height": 48, "focal": (44.0, 44.0), "middle": (31.5, 23.5), "block": 1}
+EYES = {name: replace(one, **SMALL) for name, one in CAMERAS.items()}  # which see the same in fewer pixels
+
+
+def rays_of(camera):
+    """Return the way to what each pixel sees at a depth of 1 m, (height, width, 3)."""
+    v, u = np.mgrid[: camera.height, : camera.width]
+    slopes = (u - camera.middle[0]) / camera.focal[0], (v - camera.middle[1]) / camera.focal[1]
+    return np.stack([*slopes, np.ones_like(u)], axis=-1)
 
 
 def image(of, balls):
     """Return the depths of balls (centre, radius) in front of a wall, without the robot."""
-    place = of.pose.se3.inverse()
-    v, u = np.mgrid[: of.height, : of.width]
-    rays = np.stack([(u - of.middle[0]) / of.focal[0], (v - of.middle[1]) / of.focal[1], np.ones_like(u)], axis=-1)
+    place, rays = of.pose.se3.inverse(), rays_of(of)
     depths = np.full((of.height, of.width), WALL)
     for centre, radius in balls:
         c = place.act(np.array(centre, dtype=float))
@@ -71,10 +78,8 @@ def image(of, balls):
 
 def robot_image(of, robot, q):
     """Return the depths of the robot's convex bodies, infinite beside them."""
-    data, place = robot.model.createData(), of.pose.se3.inverse()
+    data, place, rays = robot.model.createData(), of.pose.se3.inverse(), rays_of(of)
     pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
-    v, u = np.mgrid[: of.height, : of.width]
-    rays = np.stack([(u - of.middle[0]) / of.focal[0], (v - of.middle[1]) / of.focal[1], np.ones_like(u)], axis=-1)
     depths = np.full((of.height, of.width), np.inf)
     for body in robot.collision_model.geometryObjects:
         if isinstance(body.geometry, coal.Convex):
@@ -165,17 +170,15 @@ def test_what_is_left_out_is_a_shell_about_the_robot_and_no_more(panda):
 
 def test_a_robot_goes_on_until_something_may_come_to_it_seen_or_not(panda):
     """A ball comes nearer, then no camera sees anything any more."""
-    small = {"width": 64, "height": 48, "focal": (44.0, 44.0), "middle": (31.5, 23.5), "block": 1}
-    eyes = {name: replace(one, **small) for name, one in CAMERAS.items()}
     arm = panda.with_accelerations(dict.fromkeys(panda.joint_names, 10.0))
 
     def drive(ball, blind):
-        shield = Shield(arm, Surroundings(FLOOR, depth=grid_of(panda, FLOOR, eyes, clear=2.0, edge=0.1)))
+        shield = Shield(arm, Surroundings(FLOOR, depth=grid_of(panda, FLOOR, EYES, clear=2.0, edge=0.1)))
         shield.start(Q)
         for k in range(14):
             now = 0.1 * k
             q = Q if shield._last is None else shield._last.at(now).q
-            seen = {n: np.minimum(robot_image(eye, panda, q), image(eye, ball(now))) for n, eye in eyes.items()}
+            seen = {n: np.minimum(robot_image(eye, panda, q), image(eye, ball(now))) for n, eye in EYES.items()}
             shield.update({}, {}, now, {} if now >= blind else {n: DepthFrame(seen[n], now, q) for n in seen})
             shield.propose_velocity([0.3, 0, 0, 0, 0, 0, 0])
             command = shield.command(now + 0.01)
@@ -237,21 +240,19 @@ def test_a_tracked_person_bounds_only_what_is_seen_of_them(panda):
 
 
 def test_a_robot_does_no_less_beside_a_person_who_is_tracked_besides(panda):
-    small = {"width": 64, "height": 48, "focal": (44.0, 44.0), "middle": (31.5, 23.5), "block": 1}
-    eyes = {name: replace(one, **small) for name, one in CAMERAS.items()}
     arm = panda.with_accelerations(dict.fromkeys(panda.joint_names, 10.0))
 
     def turned(tracked, shift=0.0):
         """Return how far the first joint turns in 1 s."""
         trackers = {"anna": Tracker(ALL_KEYPOINTS, BODY)} if tracked else {}
-        grid = grid_of(panda, FLOOR, eyes, clear=2.0, speed=2.0, edge=0.05)
+        grid = grid_of(panda, FLOOR, EYES, clear=2.0, speed=2.0, edge=0.05)
         shield = Shield(arm, Surroundings(FLOOR, trackers, people=People(speed=0.2), depth=grid))
         shield.start(Q)
         for k in range(10):
             now = 0.1 * k
             q = Q if shield._last is None else shield._last.at(now).q
             points, balls = person_at(1.15 - 0.02 * now, 0.1)
-            seen = {n: np.minimum(robot_image(eye, panda, q), image(eye, balls)) for n, eye in eyes.items()}
+            seen = {n: np.minimum(robot_image(eye, panda, q), image(eye, balls)) for n, eye in EYES.items()}
             people = {"anna": points + shift} if tracked else {}
             shield.update(people, {}, now, {n: DepthFrame(seen[n], now, q) for n in seen})
             shield.propose_velocity([0.8, 0, 0, 0, 0, 0, 0])
@@ -311,10 +312,8 @@ def test_a_camera_that_sees_through_the_robot_or_falls_silent_stops_it(panda):
     seen = {name: DepthFrame(image(one, []), 0.0, Q) for name, one in CAMERAS.items()}
     around.update({}, {}, 0.0, seen)
     assert "sees through panda_link" in around.trouble(0.0, 0.5)
-    small = {"width": 64, "height": 48, "focal": (44.0, 44.0), "middle": (31.5, 23.5), "block": 1}
-    eyes = {name: replace(one, **small) for name, one in CAMERAS.items()}
-    around = Surroundings(FLOOR, depth=grid_of(panda, FLOOR, eyes, unseen="free"))
-    images = {name: np.minimum(robot_image(one, panda, Q), WALL) for name, one in eyes.items()}
+    around = Surroundings(FLOOR, depth=grid_of(panda, FLOOR, EYES, unseen="free"))
+    images = {name: np.minimum(robot_image(one, panda, Q), WALL) for name, one in EYES.items()}
     for k in range(7):
         millimetres = {name: np.rint(1e3 * depths).astype(np.uint16) for name, depths in images.items()}
         if k > 0:

@@ -116,10 +116,8 @@ class PathLimits:
 
     def same_as(self, other: PathLimits) -> bool:
         """Return whether the other limits are equal to these."""
-        return self.joints.as_dict() == other.joints.as_dict() and (self.tool_speed, self.link_speed) == (
-            other.tool_speed,
-            other.link_speed,
-        )
+        mine, theirs = ((of.joints.as_dict(), of.tool_speed, of.link_speed) for of in (self, other))
+        return mine == theirs
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,7 @@ class DriveReport:
             robot = built_robot(document.require(header, "robot"))
         times = np.array([document.number("time", document.require(tick, "time")) for tick in ticks])
         nearest = _nearest(header, ticks, robot, scene)
+        hashes = {f"{what} (hash)": str(header[what].get("hash", "")) for what in ("robot", "scene")}
         return cls(
             times=times,
             states=[str(document.require(tick, "state")) for tick in ticks],
@@ -94,7 +95,7 @@ class DriveReport:
             missed=[float(tick["time"]) for tick in ticks if tick.get("reaction", 0.0) is None],
             reactions=np.array([tick["reaction"] for tick in ticks if tick.get("reaction") is not None]),
             assumed=str((header.get("rules") or {}).get("assumed", "the log does not say")),
-            made_by=_made_by(header),
+            made_by={**(header.get("made_by") or {}), **hashes},
         )
 
     @property
@@ -158,11 +159,6 @@ class DriveReport:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _made_by(header: Mapping[str, Any]) -> dict[str, str]:
-    hashes = {f"{what} (hash)": str(header[what].get("hash", "")) for what in ("robot", "scene")}
-    return {**(header.get("made_by") or {}), **hashes}
 
 
 def _nearest(

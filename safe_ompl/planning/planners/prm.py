@@ -150,7 +150,8 @@ class SafePRM(SafePlanner):
             margin = self._margin.in_force * _PENALTY_FALL**penalties if keeps else 0.0
             is_free = parent == ROOT or self._roadmap.is_free(*graph.as_driven(parent, milestone), margin)
             if margin and not is_free:  # it stays in Open, with a penalty
-                graph.penalise(offer, penalty)
+                graph.g[offer] += penalty
+                graph.penalties[offer] += 1
                 f[offer] += penalty
                 continue
             f[offer] = np.inf

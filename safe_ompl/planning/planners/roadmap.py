@@ -201,11 +201,6 @@ class SearchGraph:
         self._length[milestone] = self.g[offer]
         return milestone
 
-    def penalise(self, offer: int, penalty: float) -> None:
-        """Add a penalty [rad or m] to the length of an offer in Open."""
-        self.g[offer] += penalty
-        self.penalties[offer] += 1
-
     def remove_open(self, offers: list[int]) -> None:
         """REMOVE (Open): drop offers, and all others of milestones that are in Closed."""
         keep = ~self.closed[self.milestones]

@@ -4,22 +4,27 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from swinging import HOME
 
 from safe_ompl import (
     Box,
+    CollisionChecker,
+    MotionProver,
     Obstacle,
     People,
     Pose,
     RateLimits,
     Replanner,
     Scene,
+    Shield,
     Sphere,
     Surroundings,
     Tracker,
     time_path,
 )
+from safe_ompl.collision import Separation
 from safe_ompl.people import TrackedBody, find_skeleton
-from safe_ompl.people.replanning import Doing, ReplanningOptions
+from safe_ompl.people.replanning import Doing, PathLimits, ReplanningOptions
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
 WAYS = [[-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785], [0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785]]
@@ -52,6 +57,22 @@ def replanner_for(panda, table, tracker):
             Surroundings(table, trackers, {"ball": ball} if "ball" in who else {}, people or People(speed=1.6)),
             options=ReplanningOptions(**options),
         )
+
+    return make
+
+
+@pytest.fixture
+def shield_for(panda, table):
+    """Return a function that makes a shield beside a ball of 1.6 m/s: with a tube [rad], or limits of the jerk (7,)."""
+
+    def make(tube=0.0, jerk=None):
+        limits = PathLimits(RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS, jerk=jerk))
+        checker = CollisionChecker(panda, table.without("ball"))
+        proof = MotionProver(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
+        around, options = Surroundings(table, objects={"ball": 1.6}), ReplanningOptions(limits=limits)
+        shield = Shield(panda, around, options=options, prover=proof)
+        shield.start(HOME)
+        return shield
 
     return make
 

@@ -6,24 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, example, given, settings, strategies as st
+from swinging import HOME, NOTHING, SWING, SWINGING, proposing, swing
 
-from safe_ompl import (
-    CollisionChecker,
-    MotionProver,
-    Pose,
-    RateLimits,
-    Replanner,
-    Shield,
-    Sphere,
-    Surroundings,
-    time_path,
-)
-from safe_ompl.people.replanning import Doing, PathLimits, ReplanningOptions
+from safe_ompl import Pose, RateLimits, Replanner, Sphere, Surroundings, time_path
+from safe_ompl.people.replanning import Doing
 from safe_ompl.people.replanning.stop_motion import averaging_window
 from safe_ompl.people.simulation import ContactMonitor, part_solids
 
-HOME = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
-SWING = np.array([1.0, 0.3, 0.0, -0.3, 0.0, 0.3, 0.0])
 SIDE = np.eye(7)[0]
 FAR = np.array([3.0, 0.0, 0.0])
 ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
@@ -35,21 +24,6 @@ STEP = 2.5e-3  # [s]
 @pytest.fixture(scope="module")
 def monitor(panda):
     return ContactMonitor(panda)
-
-
-@pytest.fixture
-def shield_for(panda, table):
-    """Return a function that makes a shield with limits of the jerk (7,), beside a ball of 1.6 m/s."""
-
-    def make(jerk):
-        limits = RateLimits.of(panda, acceleration=ACCELERATIONS, jerk=jerk)
-        proof = MotionProver(CollisionChecker(panda, table.without("ball")))
-        options = ReplanningOptions(limits=PathLimits(limits))
-        shield = Shield(panda, Surroundings(table, objects={"ball": 1.6}), options=options, prover=proof)
-        shield.start(HOME)
-        return shield
-
-    return make
 
 
 def check_limits(states, limits, step):
@@ -74,11 +48,6 @@ def check_commands(commands, limits):
         np.testing.assert_array_equal(command.at(np.inf).qd, 0.0)
 
 
-def swing(t):
-    """Return the positions (…, n) of a smooth motion that begins at rest, at times [s]."""
-    return HOME + SWING * 0.9 * (1 - np.cos(0.9 * np.maximum(np.asarray(t), 0.0)))[..., None]
-
-
 def run(shield, propose, ball, ticks):
     """Return the commands of a shield."""
     commands = []
@@ -91,36 +60,18 @@ def run(shield, propose, ball, ticks):
     return commands
 
 
-def proposing(rng, kinds):
-    """Return what proposes at each tick one of the kinds: chunks that bend or jump, velocities, twists, nothing."""
-
-    def propose(shield, time, here):
-        kind, way = rng.choice(kinds), rng.normal(size=7)
-        if kind < 3:
-            bends = np.cumsum(np.cumsum(rng.normal(scale=[0.002, 0.01, 0.05][kind], size=(10, 7)), axis=0), axis=0)
-            shield.propose(here + bends, rng.uniform(10.0, 60.0))
-        elif kind == 3:
-            shield.propose_velocity(way)
-        elif kind == 4:
-            shield.propose_twist(0.5 * way[:6])
-        elif kind == 5:
-            shield.propose(swing(time + np.arange(16) / 20) + 2e-3 * rng.normal(size=(16, 7)), 20.0)
-
-    return propose
-
-
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     seed=st.integers(0, 2**31),
     jerk=st.sampled_from(JERKS),
-    kinds=st.lists(st.integers(0, 6), min_size=1, max_size=3),
+    kinds=st.lists(st.integers(0, NOTHING), min_size=1, max_size=3),
     near=st.booleans(),
 )
-@example(seed=0, jerk=JERKS[0], kinds=[5], near=True)
-@example(seed=1, jerk=JERKS[2], kinds=[0, 5, 6], near=True)
+@example(seed=0, jerk=JERKS[0], kinds=[SWINGING], near=True)
+@example(seed=1, jerk=JERKS[2], kinds=[0, SWINGING, NOTHING], near=True)
 def test_whatever_is_proposed_all_rates_are_kept_and_stops_are_proven(shield_for, monitor, seed, jerk, kinds, near):
     rng = np.random.default_rng(seed)
-    shield = shield_for(jerk)
+    shield = shield_for(jerk=jerk)
 
     def ball(time):
         return np.array([0.75, 0.3 * np.sin(4 * time + seed), 0.5]) if near else FAR
@@ -141,7 +92,7 @@ def test_a_smooth_proposal_is_driven_in_time(shield_for, jerk):
     def propose(shield, time, here):
         shield.propose(swing(time + np.arange(20) / 20), 20.0)
 
-    shield = shield_for(jerk)
+    shield = shield_for(jerk=jerk)
     commands = run(shield, propose, lambda t: FAR, 60)
     assert {command.doing for command in commands} == {Doing.MOVING}
     assert max(command.delay for command in commands) < 1e-9
@@ -154,7 +105,7 @@ def test_a_smooth_proposal_is_driven_in_time(shield_for, jerk):
 
 
 def test_a_velocity_is_reached_held_and_left(shield_for):
-    shield, target = shield_for(JERKS[1]), 0.4 * SWING
+    shield, target = shield_for(jerk=JERKS[1]), 0.4 * SWING
     commands = run(shield, lambda s, t, _: t < 1.0 and s.propose_velocity(target), lambda t: FAR, 40)
     for command in commands[10:18]:
         np.testing.assert_allclose(command.at(command.time).qd, target, atol=1e-9)

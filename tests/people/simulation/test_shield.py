@@ -6,37 +6,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
+from swinging import BENDS, HOME, JUMPS, NOTHING, SWING, TWIST, VELOCITY, proposing, swing
 
 from safe_ompl import CollisionChecker, InputError, Motion, MotionProver, Pose, RateLimits, Shield, Sphere, Surroundings
 from safe_ompl.collision import Separation
 from safe_ompl.people.replanning import Doing, PathLimits, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, part_solids
 
-HOME = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
-SWING = np.array([1.0, 0.3, 0.0, -0.3, 0.0, 0.3, 0.0])
 FAR = (3.0, 0.0, 0.0)
 RATE, CHUNK = 20.0, 16
-
-
-@pytest.fixture
-def shield_for(panda, table):
-    """Return a function that makes a shield beside a ball of 1.6 m/s, with a tube about all joints [rad]."""
-
-    def make(tube=0.0):
-        limits = RateLimits.of(panda, acceleration=[15, 7.5, 10, 12.5, 15, 20, 20])
-        checker = CollisionChecker(panda, table.without("ball"))
-        proof = MotionProver(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
-        options = ReplanningOptions(limits=PathLimits(limits))
-        shield = Shield(panda, Surroundings(table, objects={"ball": 1.6}), options=options, prover=proof)
-        shield.start(HOME)
-        return shield
-
-    return make
-
-
-def swing(t):
-    """Return the positions (…, n) of a smooth motion that begins at rest, at times [s]."""
-    return HOME + SWING * 0.9 * (1 - np.cos(0.9 * np.maximum(np.asarray(t), 0.0)))[..., None]
 
 
 def drive(shield, propose, ball, seconds, latency=0.02):
@@ -128,22 +106,8 @@ def test_beside_somebody_it_is_slower_on_the_same_path(shield_for):
 
 
 def wild(seed):
-    """Return what proposes something else at each tick: chunks that bend or jump, velocities, twists, nothing."""
-    rng = np.random.default_rng(seed)
-
-    def propose(shield, time, here):
-        kind, way = rng.integers(7), rng.normal(size=7)
-        if kind < 3:
-            bends = np.cumsum(np.cumsum(rng.normal(scale=[0.002, 0.01, 0.05][kind], size=(10, 7)), axis=0), axis=0)
-            shield.propose(here + bends, RATE * rng.uniform(0.5, 3.0))
-        elif kind == 3:
-            shield.propose_velocity(way)
-        elif kind == 4:
-            shield.propose_twist(0.5 * way[:6])
-        elif kind == 5:
-            shield.propose(here + rng.normal(size=(5, 7)), RATE)
-
-    return propose
+    """Return what proposes something else at each tick."""
+    return proposing(np.random.default_rng(seed), [*BENDS, VELOCITY, TWIST, JUMPS, NOTHING])
 
 
 @pytest.mark.parametrize(("seed", "tube"), [(0, 0.0), (1, 0.02)])
