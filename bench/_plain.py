@@ -59,7 +59,7 @@ class PlainGeometry:
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.model = robot, robot.shared.model
         self.geometry = robot.collision_model.copy()
-        bodies = list(self.geometry.geometryObjects)
+        bodies = list(robot.collision_model.geometryObjects)  # those of the copy move in memory when some are added
         links = [body.name.rsplit("_", 1)[0] for body in bodies]
         self.pairs = [(links[pair.first], "", links[pair.second]) for pair in self.geometry.collisionPairs]
         for obstacle in scene:
