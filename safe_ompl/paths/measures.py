@@ -81,8 +81,7 @@ class Curve:
         return at_arc_lengths(self._points, self._arc, plain(s))
 
 
-_FINE = 0.25  # [rad] Segments near obstacles are divided until they are shorter: finer ones descend slowly.
-_HALVINGS = 3
+_FINE = 0.25  # [rad] Segments near obstacles are halved if they are longer: finer ones descend slowly.
 
 
 def path_length(path: FloatArray) -> float:
@@ -103,27 +102,13 @@ def divided(path: FloatArray, spacing: float) -> FloatArray:
 
 
 def refined(path: FloatArray, rows_near: Callable[[FloatArray], IntArray]) -> FloatArray:
-    """Return the same unrolled path (N, n) with short segments near obstacles, the `rows_near(Q)` of `Q: (B, n)`."""
-
-    def near(Q: FloatArray) -> BoolArray:
-        found = np.zeros(len(Q), dtype=bool)
-        found[rows_near(Q)] = True
-        return found
-
-    close = near(path)
-    for _ in range(_HALVINGS):
-        middles = 0.5 * (path[1:] + path[:-1])
-        lengths = np.linalg.norm(path[1:] - path[:-1], axis=1)
-        long = lengths > _FINE
-        at_middle = np.zeros(len(middles), dtype=bool)
-        at_middle[long] = near(middles[long])
-        split = long & (close[:-1] | close[1:] | at_middle)
-        if not split.any():
-            break
-        where = 1 + np.flatnonzero(split)
-        path = np.insert(path, where, middles[split], axis=0)
-        close = np.insert(close, where, at_middle[split])
-    return path
+    """Return the same unrolled path (N, n) with halved segments near obstacles, the `rows_near(Q)` of `Q: (B, n)`."""
+    long = np.flatnonzero(np.linalg.norm(path[1:] - path[:-1], axis=1) > _FINE)
+    middles = 0.5 * (path[long + 1] + path[long])
+    near = np.zeros(len(path) + len(long), dtype=bool)
+    near[rows_near(np.concatenate([path, middles]))] = True
+    split = near[long] | near[long + 1] | near[len(path) :]
+    return np.insert(path, 1 + long[split], middles[split], axis=0)
 
 
 def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> FloatArray:
