@@ -216,12 +216,14 @@ class DangerField:
         lengths: FloatArray = np.linalg.norm(end - start, axis=-1)
         return lengths
 
-    def for_kernels(self) -> kernel.PointDanger:
+    def for_kernels(self, chosen: BoolArray | None = None) -> kernel.PointDanger:
         """Return what `safe_ompl.danger.kernels.dangers` needs for the danger at present; without points it is zero.
 
-        The joints of its values and gradients are those of Pinocchio's model. Whoever calls it counts the evaluations.
+        That is of all danger points, or of those that are chosen (M,). The joints of its values and gradients are those
+        of Pinocchio's model. Whoever calls it counts the evaluations.
         """
-        return kernel.PointDanger(self.tables, self._points.prepared, self._measure)
+        points = self._points.prepared if chosen is None else self._points.some(chosen)
+        return kernel.PointDanger(self.tables, points, self._measure)
 
     def count(self, configurations: int, points: int) -> None:
         """Count an evaluation of so many points at every one of so many configurations."""
@@ -329,10 +331,6 @@ class DangerField:
             return np.ones(len(points), dtype=bool)
         self.count(len(Q), len(points))
         return kernel.high_points(self.tables, plain(self.robot.coupling.values(Q)), points.prepared, share)
-
-    def with_some(self, chosen: BoolArray) -> DangerField:
-        """Return the field at those of the danger points that are chosen (M,)."""
-        return self._at(self._points.some(chosen))
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""

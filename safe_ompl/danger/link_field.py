@@ -20,7 +20,6 @@ points are (B, K, 3) [m], `links: (L, 2)` are pairs of them, and points (M, 3) [
 from __future__ import annotations
 
 from collections.abc import Sized
-from copy import copy
 from functools import cached_property
 from typing import Literal, TypeAlias
 
@@ -112,16 +111,10 @@ class DangerPoints:
     def __len__(self) -> int:
         return len(self.points)
 
-    def some(self, chosen: BoolArray) -> DangerPoints:
-        """Return those that are chosen (M,)."""
-        other, (places, charges, short, reach) = copy(self), self.prepared
-        vars(other).pop("groups", None)
-        other.points, other.weights = self.points[chosen], None if self.weights is None else self.weights[chosen]
-        for array in (other.points, other.weights):
-            if array is not None:
-                array.setflags(write=False)
-        other.prepared = Points(places[:, chosen].copy(), charges[chosen], short[:, chosen].copy(), reach)
-        return other
+    def some(self, chosen: BoolArray) -> Points:
+        """Return what kernels need of those that are chosen (M,)."""
+        (places, charges, short, reach), rows = self.prepared, np.flatnonzero(chosen)
+        return Points(places.take(rows, axis=1), charges[rows], short.take(rows, axis=1), reach)
 
     @cached_property
     def groups(self) -> Groups:

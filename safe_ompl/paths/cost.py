@@ -13,7 +13,7 @@ from safe_ompl.collision import CollisionChecker, MotionProver, NearPairs, PairD
 from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, number
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import PointDanger, dangers
-from safe_ompl.paths.measures import Curve, arc_lengths, at_arc_lengths
+from safe_ompl.paths.measures import Curve, spread
 from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import way
 
@@ -76,11 +76,11 @@ class DangerDensity:
         density: FloatArray = self.weight * (self.field.values(Q) / self.reference) ** 2
         return density
 
-    def terms(self, field: DangerField) -> DangerTerms:
-        """Return what kernels need of the same density of a field, such as one of fewer danger points."""
-        coupling = field.robot.coupling
-        weight = self.weight / self.reference**2
-        return DangerTerms(field.for_kernels(), weight, np.array(coupling.matrix), np.array(coupling.offsets))
+    def terms(self, chosen: BoolArray | None = None) -> DangerTerms:
+        """Return what kernels need of the density, or of that of the danger points which are chosen (M,)."""
+        coupling, weight = self.field.robot.coupling, self.weight / self.reference**2
+        danger = self.field.for_kernels(chosen)
+        return DangerTerms(danger, weight, np.array(coupling.matrix), np.array(coupling.offsets))
 
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
@@ -182,13 +182,13 @@ class ActiveSetCost:
 
     def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
         """Take the danger points that matter near a path (N, n), and besides; return whether they are others now."""
-        field, samples = self.everywhere.field, Curve(self.robot, path).spread(_SCAN)
+        field, (samples, _) = self.everywhere.field, spread(plain(path), _SCAN)
         if besides is not None:
             samples = np.concatenate([samples, besides])
         active = field.high_points(samples, _SHARE)
         if self._active is not None and np.array_equal(active, self._active):
             return False
-        self._active, self.terms = active, self.everywhere.terms(field.with_some(active))
+        self._active, self.terms = active, self.everywhere.terms(active)
         return True
 
     def count(self, configurations: int) -> None:
@@ -221,14 +221,10 @@ class ActiveSetCost:
         densities add is their Gauss-Newton part; so the whole is positive. Danger (B,) and its gradients (B, m) at the
         Gauss points may be `known`.
         """
-        path, densities = plain(path), self.densities()
-        (N, n), count = path.shape, 0 if known else 2 * len(path) - 2
-        self.count(count)
+        self.count(0 if known else 2 * len(path) - 2)
         nothing = np.empty(0), np.empty((0, len(self.terms.shift)))
-        found = at_nodes(densities, path, *(known or nothing))
-        blocks, beside = np.zeros((N, n, n)), np.zeros((N - 1, n, n))
-        value, near, gradient = integrated(path, found, densities, blocks, beside)
-        return QuadraticModel(value, near, gradient, blocks, beside)
+        model: QuadraticModel = modelled(self.densities(), plain(path), *(known or nothing))
+        return model
 
 
 # ------------------------------------------------------------------------------------------------------------ kernels
@@ -275,13 +271,12 @@ def danger_at(terms: DangerTerms, Q: FloatArray, slopes: FloatArray) -> FloatArr
 @caller
 def path_cost(terms: DangerTerms, path: FloatArray, step: float) -> tuple[float, int]:
     """Return J of an unrolled path (N, n) by the trapezoidal rule, and from how many samples [rad] apart."""
-    arc = arc_lengths(path)
-    count = 1 + int(arc[-1] / step)
-    samples = at_arc_lengths(path, arc, np.arange(count + 1) * (arc[-1] / count))
+    samples, length = spread(path, step)
     danger, total = danger_at(terms, samples, np.empty((0, len(terms.shift)))), 0.0
+    count = len(danger) - 1
     for k in range(count + 1):
         total += (0.5 if k == 0 or k == count else 1.0) * danger[k] ** 2
-    return arc[-1] * (1.0 + terms.weight * total / count), count + 1
+    return length * (1.0 + terms.weight * total / count), count + 1
 
 
 _SPACING = 0.8  # [rad] between the samples of an edge's cost
@@ -378,6 +373,15 @@ def integrated(
                 blocks[k + 1, i, j] += t**2 * square
                 beside[k, i, j] += t * (1.0 - t) * square
     return total, close, gradient
+
+
+@caller
+def modelled(densities: Densities, path: FloatArray, danger: FloatArray, slopes: FloatArray) -> QuadraticModel:
+    """Return the model of the cost of a path (N, n); the danger at its Gauss points may be known, with its slopes."""
+    (N, n), found = path.shape, at_nodes(densities, path, danger, slopes)
+    blocks, beside = np.zeros((N, n, n)), np.zeros((N - 1, n, n))
+    value, near, gradient = integrated(path, found, densities, blocks, beside)
+    return QuadraticModel(value, near, gradient, blocks, beside)
 
 
 @compiled

@@ -162,7 +162,7 @@ def retreat(
     Gauss-Newton model (Nocedal & Wright, ch. 4), along the floor of a valley, where gradient steps would go from wall
     to wall. It is not proven free.
     """
-    terms = DangerDensity(field, 1.0).terms(field)
+    terms = DangerDensity(field, 1.0).terms()
     q, way, enough, reference = end, [end], None, 0.0
     while len(way) * RETREAT_STEP <= _LONGEST and not stop():
         Q = plain(q[None])

@@ -9,7 +9,7 @@ from math import pi, sqrt
 import numpy as np
 
 from safe_ompl.collision import Clearance, CollisionChecker
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled
+from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled
 from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
 from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import way
@@ -46,6 +46,14 @@ def at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> FloatA
     return out
 
 
+@caller
+def spread(path: FloatArray, step: float) -> tuple[FloatArray, float]:
+    """Return configurations (S, n) of an unrolled path (N, n) at equal steps, no longer than `step`, and its length."""
+    arc = arc_lengths(path)
+    count = 1 + int(arc[-1] / step)
+    return at_arc_lengths(path, arc, np.arange(count + 1) * (arc[-1] / count)), arc[-1]
+
+
 @compiled
 def _unrolled(path: FloatArray, wraps: BoolArray) -> FloatArray:
     """Return what `unrolled` does."""
@@ -73,8 +81,8 @@ class Curve:
 
     def spread(self, step: float) -> FloatArray:
         """Return configurations (S, n) at equal steps, no longer than `step` [rad], from start to goal."""
-        count = 1 + int(self.length / step)
-        return self.at(np.arange(count + 1, dtype=np.float64) * (self.length / count))
+        samples: FloatArray = spread(self._points, step)[0]
+        return samples
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""

@@ -11,7 +11,7 @@ from oracles.pinocchio_points import keypoint_jacobians
 from safe_ompl import Box, CertifiedDanger, DangerField, InputError, Obstacle, Person, Pose, Robot, Scene
 from safe_ompl.common import Counts
 from safe_ompl.danger.field import AGGREGATES
-from safe_ompl.danger.kernels import high_levels
+from safe_ompl.danger.kernels import dangers, high_levels
 from safe_ompl.danger.link_field import WEIGHTINGS, field, vectors
 from safe_ompl.geometry import STANDING
 
@@ -104,7 +104,9 @@ def test_high_levels_are_the_fields_of_single_points(panda, rng, weights):
             np.testing.assert_allclose(gradient, slope, rtol=1e-10, atol=1e-12)
     high, every = danger.high_points(Q, 0.5), np.array([one.values(Q) for one in single])
     np.testing.assert_array_equal(high, (every >= 0.5 * every.max(axis=0)).any(axis=1))
-    np.testing.assert_array_equal(danger.with_some(high).values(Q), danger.values(Q))
+    few = danger.for_kernels(high)
+    values = dangers(few.tables, Q, few.points, few.aggregate, np.empty((0, panda.n)))
+    np.testing.assert_array_equal(values, danger.values(Q))
     assert DangerField(panda, POINTS, weights, aggregate="mean").high_points(Q, 0.5).all()
 
 

@@ -51,7 +51,7 @@ def test_kernels_know_the_costs_of_paths_and_edges(robot_named, rng, name):
     robot = robot_named(name)
     density = DangerDensity(DangerField(robot, POINTS, aggregate="softmax", sharpness=0.5), 10.0)
     path = unrolled(robot, rng.uniform(robot.lower, robot.upper, (5, robot.n)) / 2)
-    terms, cost = density.terms(density.field), PathCost(robot, [density], 0.1)
+    terms, cost = density.terms(), PathCost(robot, [density], 0.1)
     assert path_cost(terms, path, 0.1)[0] == pytest.approx(cost.of(path), rel=1e-12)
     edges = np.array([[0, 4], [1, 2], [0, 3]])
     found, samples = edge_costs(terms, path, edges, robot.continuous)
