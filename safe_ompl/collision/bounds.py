@@ -102,7 +102,7 @@ class DistanceBounds:
         """
         near: IntArray = np.empty(len(self.exact), np.intp)
         known, values = self._data[2], plain(self._coupling.values(q))
-        tables = *self._flat[:4], known.bodies, known.certain, known.groups, known.own, known.balls
+        tables = *self._flat[:5], known.bodies, known.certain, known.groups, known.own, known.balls
         number, surely = near_pairs(*tables, values, plain(margins), largest, ALLOWANCE, near, self._memory.own[3])
         return near[:number], surely
 

@@ -158,21 +158,18 @@ class CollisionChecker:
 
     def distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
-        distances: FloatArray = self._distances(configuration(q, self.robot.n)[None])[0]
+        distances: FloatArray = self.all_distances(configuration(q, self.robot.n)[None])[0]
         return distances
 
-    def nearest_distances(self, Q: FloatArray) -> FloatArray:
-        """Return `distances` (B, P) at `Q: (B, n)`; infinity for some bodies that are not nearest to an obstacle."""
-        return self._distances(configurations(Q, self.robot.n), whole=False)
+    def all_distances(self, Q: ArrayLike) -> FloatArray:
+        """Return `distances` (B, P) at `Q: (B, n)`."""
+        return self.pairs_within(inf).distances(configurations(Q, self.robot.n), self._table.with_obstacle)
 
     def pair_distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance (P,) [m] of the pairs that may touch at `q: (n,)`, the robot's own pairs included."""
         every, Q = np.arange(len(self.pairs.bodies)), configuration(q, self.robot.n)[None]
         distances: FloatArray = self.pairs.distances(Q, every)[0]
         return distances
-
-    def _distances(self, Q: FloatArray, whole: bool = True) -> FloatArray:
-        return self.pairs_within(inf).distances(Q, self._table.with_obstacle, whole=whole)
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, but costlier.

@@ -9,7 +9,7 @@ import coal
 import pinocchio as pin
 
 from safe_ompl.common import InputError
-from safe_ompl.geometry import Obstacle, Part
+from safe_ompl.geometry import Cells, Obstacle, Part
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -22,6 +22,7 @@ class ObstaclePart:
     geometry: coal.CollisionGeometry
     local: pin.SE3
     placement: pin.SE3
+    cells: Cells | None
     parentJoint: int = 0
 
 
@@ -44,7 +45,9 @@ class SceneGeometry:
         for obstacle in scene.obstacles:
             pose, parts = obstacle.pose.se3, []
             for part in obstacle.shape.parts():
-                parts.append(ObstaclePart(len(self.names), part.geometry, part.placement, pose * part.placement))
+                parts.append(
+                    ObstaclePart(len(self.names), part.geometry, part.placement, pose * part.placement, part.cells)
+                )
                 self.names.append(obstacle.name)
             self._of.append(parts)
         self.parts = [part for parts in self._of for part in parts]
@@ -59,7 +62,7 @@ class SceneGeometry:
         for k, obstacle, shapes in moves:
             pose = obstacle.pose.se3
             for part, shape in zip(self._of[k], shapes, strict=False):
-                part.geometry, part.local = shape.geometry, shape.placement
+                part.geometry, part.local, part.cells = shape.geometry, shape.placement, shape.cells
             for part in self._of[k]:
                 part.placement = pose * part.local
         self._scene = scene

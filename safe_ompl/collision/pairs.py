@@ -244,13 +244,11 @@ class PairSet:
     def measured(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
         """Return distances and nearest points (C, 8) of pairs (C,) at rows (C,), which do not fall, of `Q: (B, n)`.
 
-        It is coal that measures, and what is known of each is what `DistanceBounds.near` says after row and pair. What
-        was asked before changes nothing.
+        It is coal that measures, and what is known of each is what `DistanceBounds.near` says after row and pair.
         """
         found, on_first, placed = np.zeros((len(rows), 8)), np.zeros((len(rows), 3)), -1
         with self.changes.none():
             own = self._coal.own
-            own.forget()
             for c, (row, pair) in enumerate(zip(rows.tolist(), pairs.tolist(), strict=True)):
                 if row != placed:
                     self._counts.distance_queries += 1
@@ -263,23 +261,18 @@ class PairSet:
         found[:, 1:4] = _in_joint_frames(self._robot, Q[rows], self.carriers[pairs, 0], on_first)
         return found
 
-    def distances(self, Q: FloatArray, pairs: IntArray, *, whole: bool = True) -> FloatArray:
-        """Return the distances (B, K) [m] of pairs (K,) at `Q: (B, n)`; ≤ 0 in contact.
-
-        Unless they are to be `whole`, infinity stands for some bodies that are not the nearest one to a cloud.
-        """
+    def distances(self, Q: FloatArray, pairs: IntArray) -> FloatArray:
+        """Return the distances (B, K) [m] of pairs (K,) at `Q: (B, n)`; ≤ 0 in contact."""
         exact = self.bounds.exact[pairs]
         found = np.full((len(Q), len(pairs)), -np.inf)
         with self.changes.none():
             found[:, exact] = self.bounds.near(Q, pairs[exact], np.inf)[:, 2].reshape(len(Q), np.count_nonzero(exact))
             own = self._coal.own
-            own.forget()
             for row, q in zip(found, Q, strict=True):
                 left = np.flatnonzero(row == -np.inf)  # those in contact, too
                 if len(left):
                     own.place(q)
-                    asked = pairs[left].tolist()
-                    row[left] = [own.nearest(pair).distance for pair in asked] if whole else own.distances(asked)
+                    row[left] = [own.nearest(pair).distance for pair in pairs[left].tolist()]
         self._counts.distance_queries += len(Q)
         return found
 

@@ -8,6 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.geometry import surfaces as surfaces
+    from safe_ompl.geometry.cells import Cells as Cells
     from safe_ompl.geometry.cloud import PointCloud as PointCloud
     from safe_ompl.geometry.hulls import (
         ConvexBodies as ConvexBodies,

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, float_array, key, warn_once
 from safe_ompl.geometry import surfaces
+from safe_ompl.geometry.cells import Cells
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.shapes import LONGEST, Part, Shape, Sphere, array_digest
 from safe_ompl.geometry.surfaces import Triangles
@@ -157,7 +158,7 @@ class PointCloud(Shape):
     def _solid(self) -> Part:
         """The balls as one geometry; kept, as building it takes a while."""
         edge = self.cell_edge
-        return Part("", *cell_tree(touched_cells(self.centres, self.radius, edge), edge))
+        return cell_tree(touched_cells(self.centres, self.radius, edge), edge)
 
     @cached_property
     def cell_edge(self) -> float:
@@ -281,12 +282,12 @@ class _Numbers:
         return numbers
 
 
-def cell_tree(cells: IntArray, edge: float) -> tuple[coal.OcTree, pin.SE3]:
-    """Return a solid whose points are those of the `cells: (C, 3)`, and where it is."""
+def cell_tree(cells: IntArray, edge: float) -> Part:
+    """Return a solid whose points are those of the `cells: (C, 3)`."""
     middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
     tree = coal.makeOctree((cells - middle + 0.5) * edge, edge)
     tree.computeLocalAABB()
-    return tree, pin.SE3(np.eye(3), middle * edge)
+    return Part("", tree, pin.SE3(np.eye(3), middle * edge), Cells(cells - middle, edge))
 
 
 def one_per_cell(points: FloatArray, edge: float) -> FloatArray:

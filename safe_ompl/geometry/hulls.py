@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import sqrt
 from typing import NamedTuple, Protocol
 
 import coal
@@ -13,7 +14,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, halton_point
-from safe_ompl.geometry.kernels import BODY, Records, Shapes, extreme_vertices
+from safe_ompl.geometry.cells import Cells
+from safe_ompl.geometry.kernels import BODY, NODE, Records, Shapes, extreme_vertices
 
 _log = logging.getLogger(__name__)
 
@@ -222,11 +224,15 @@ def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
 
 
 class Placed(Protocol):
-    """A body as Pinocchio has it, a `pin.GeometryObject`, or any with these attributes."""
+    """A body as Pinocchio has it, a `pin.GeometryObject`, or any with these attributes; it may have `cells`, too."""
 
     geometry: coal.CollisionGeometry
     placement: pin.SE3
     parentJoint: int
+
+
+_EXACT = 2e-6  # [m], rounding of coal's trees up to which cells are as exact as coal
+_NO_NODES = np.zeros(0, NODE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,6 +241,9 @@ class ConvexBodies:
 
     `starts: (C + 1,)` and `vertices: (E, 3)` are lists of their vertices, as kernels have them: the first one is the
     origin alone, for most bodies. `bounded` says whether all are finite: no plane, no half space.
+
+    Some may be `solids` of cells, by their indices. Once they are joined to others there are trees of their cells,
+    `nodes`, and a cell of each level is one more body, after all others.
     """
 
     bodies: Records
@@ -242,11 +251,13 @@ class ConvexBodies:
     vertices: FloatArray
     bounded: bool
     exact: BoolArray
+    solids: Mapping[int, Cells] = field(default_factory=dict)
+    nodes: Records = field(default_factory=lambda: _NO_NODES)
 
     @property
     def shapes(self) -> Shapes:
-        """The bodies and the lists, as kernels take them."""
-        return Shapes(self.bodies, self.starts, self.vertices)
+        """The bodies, the lists and the trees, as kernels take them."""
+        return Shapes(self.bodies, self.starts, self.vertices, self.nodes)
 
     @classmethod
     def of(cls, parts: Sequence[Placed]) -> ConvexBodies:
@@ -272,10 +283,12 @@ class ConvexBodies:
             lists.append(own_vertices)
         bounded = bool(np.isfinite(bodies["reach"]).all())
         exact = np.array([summands.exact for summands in known], dtype=bool)
-        return cls(bodies, np.array(starts, dtype=np.intp), np.concatenate(lists), bounded, exact)
+        solids = {k: cells for k, part in enumerate(parts) if (cells := getattr(part, "cells", None))}
+        exact[[k for k, cells in solids.items() if cells.rounding < _EXACT]] = True
+        return cls(bodies, np.array(starts, dtype=np.intp), np.concatenate(lists), bounded, exact, solids)
 
     def joined(self, others: ConvexBodies) -> ConvexBodies:
-        """Return these bodies and, after them, others."""
+        """Return these bodies, none of them a solid of cells, and, after them, others."""
         bodies = np.empty(len(self.bodies) + len(others.bodies), BODY)
         bodies[: len(self.bodies)], bodies[len(self.bodies) :] = self.bodies, others.bodies
         starts, vertices = self.starts, self.vertices
@@ -283,8 +296,19 @@ class ConvexBodies:
             bodies["first_cell"][len(self.bodies) :] += np.where(others.bodies["first_cell"] > 0, len(starts) - 2, 0)
             starts = np.concatenate([starts, others.starts[2:] + (len(vertices) - 1)])
             vertices = np.concatenate([vertices, others.vertices[1:]])
-        exact = np.concatenate([self.exact, others.exact])
-        return ConvexBodies(bodies, starts, vertices, self.bounded and others.bounded, exact)
+        exact, nodes, cells = np.concatenate([self.exact, others.exact]), [_NO_NODES], [bodies]
+        for k, solid in others.solids.items():
+            body = bodies[len(self.bodies) + k]
+            levels = np.repeat(body, len(solid.half_sides))
+            levels["box"] = levels["extent"] = solid.half_sides[:, None]
+            levels["reach"] = sqrt(3) * solid.half_sides
+            levels["centre"], levels["grid"], levels["first_cell"] = 0.0, 0, 0
+            body["levels"], body["root"] = sum(map(len, cells)), sum(map(len, nodes))
+            nodes.append(solid.tree)
+            cells.append(levels)
+        return ConvexBodies(
+            np.concatenate(cells), starts, vertices, self.bounded and others.bounded, exact, {}, np.concatenate(nodes)
+        )
 
 
 class _Summands(NamedTuple):

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, Section, documents as document, key, shown, warn_once
 from safe_ompl.geometry import surfaces
+from safe_ompl.geometry.cells import Cells
 from safe_ompl.geometry.hulls import convex_hull, triangle_tree
 from safe_ompl.geometry.pose import UNLIKELY, Pose
 from safe_ompl.geometry.surfaces import Triangles
@@ -45,11 +46,15 @@ _settle_boxes()
 
 
 class Part(NamedTuple):
-    """One piece of a shape: its name, empty if it is the only one; a convex solid or a triangle mesh; its placement."""
+    """One piece of a shape: its name, empty if it is the only one; a convex solid or a triangle mesh; its placement.
+
+    Or a tree of coal's, and the cells in it.
+    """
 
     name: str
     geometry: coal.CollisionGeometry
     placement: pin.SE3
+    cells: Cells | None = None
 
 
 @dataclass(frozen=True)

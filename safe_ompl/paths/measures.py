@@ -209,7 +209,7 @@ def _proven_peak(field: DangerField, path: FloatArray) -> DangerBounds | None:
 def clearance_along(curve: Curve, checker: CollisionChecker, s: FloatArray, samples: FloatArray) -> ClearanceReport:
     """Return distances to obstacles along `curve`, from its `samples: (S, n)` at the arc lengths `s: (S,)` [rad]."""
     names = checker.distance_names
-    every = checker.nearest_distances(samples)
+    every = checker.all_distances(samples)
     if not names:
         return ClearanceReport(np.inf, np.inf, 0.0, None, None, 0.0)
     distances = every.min(axis=1)

@@ -76,7 +76,7 @@ class Costs:
         if len(near):
             costs[near[[self._checker.touches(q) for q in Q[near]]]] = np.inf
             if len(self._checker.distance_names):
-                clear = self._checker.nearest_distances(Q[near]).min(axis=1)
+                clear = self._checker.all_distances(Q[near]).min(axis=1)
                 costs[near] += _CLEARANCE * np.maximum(0.0, 1 - clear / _CLEAR) ** 2
         return costs
 

@@ -6,6 +6,7 @@ from oracles.pinocchio_points import body_points
 
 from safe_ompl import Box, CollisionChecker, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import PairDistances
+from safe_ompl.geometry import Cells
 
 TURNED = Pose((0.1, -0.05, 0.02), (0.0, 0.0, np.sin(0.2), np.cos(0.2)))
 
@@ -54,25 +55,36 @@ def test_distances_are_those_of_coal(checker, path, plain_distances):
     assert (found[~apart] <= 0).all()
 
 
-def test_the_nearest_bodies_are_found_whatever_is_left_out(ur5, path, plain_distances, rng):
+def test_clouds_all_around_are_decided_without_coal(ur5, path, plain_distances, rng):
     points = rng.uniform(-1.0, 1.0, (400, 3))
     points = points[np.linalg.norm(points, axis=1) > 0.75]
     scene = scene_of(points, Pose()).with_obstacles(Obstacle("column", PointCloud(0.01, points=column(200, 0.7))))
-    checker = CollisionChecker(ur5, scene)
-    Q = np.concatenate([path, path[::-1] + 0.01, rng.uniform(-1.5, 1.5, (20, 6))])
+    checker, Q = CollisionChecker(ur5, scene), np.concatenate([path, rng.uniform(-1.5, 1.5, (60, 6))])
     expected = np.array([plain_distances(checker, q) for q in Q])
-    found = checker.nearest_distances(Q)
-    names = np.array([obstacle for _, obstacle in checker.distance_names])
-    assert np.isinf(found).mean() > 0.2, "most bodies need not be measured"
-    for name in ("scan", "column", "wall"):
-        least, true = found[:, names == name].min(axis=1), expected[:, names == name].min(axis=1)
-        apart = true > 0
-        np.testing.assert_allclose(least[apart], true[apart], rtol=0, atol=1e-6)
-        assert (least[~apart] <= 0).all()
-        columns = found[:, names == name].argmin(axis=1)
-        rows = np.arange(len(Q))
-        np.testing.assert_allclose(expected[:, names == name][rows, columns][apart], true[apart], rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(checker.nearest_distances(Q), found)
+    apart, found = expected > 0, checker.all_distances(Q)
+    np.testing.assert_allclose(found[apart], expected[apart], rtol=0, atol=2e-6)
+    assert (found[~apart] <= 0).all()
+    bounds, margins = checker.pairs.bounds, np.zeros(len(checker.pairs.bodies))
+    decided = [bounds.nearer(q, margins, 0.0) for q in Q]
+    assert sum(len(pairs) > surely for pairs, surely in decided) == 0
+    assert [surely for _, surely in decided] == [checker.in_collision(q) for q in Q]
+
+
+def test_cells_of_a_tree_hold_those_that_follow(rng):
+    cells = Cells(np.unique(rng.integers(-9, 14, (300, 3)), axis=0), 0.02)
+    nodes, sides = cells.tree, cells.half_sides
+    leaves = nodes[nodes["level"] == 0]
+    np.testing.assert_allclose(np.unique(leaves["centre"], axis=0), np.unique((cells.numbers + 0.5) * 0.02, axis=0))
+    assert len(leaves) == len(cells.numbers)
+    assert nodes[0]["size"] == len(nodes)
+    after = np.arange(len(nodes)) + nodes["size"].astype(int)
+    for k, node in enumerate(nodes):
+        inner = nodes[k + 1 : after[k]]
+        assert (inner["level"] < node["level"]).all()
+        off = np.abs(inner["centre"] - node["centre"]) + sides[inner["level"], None]
+        assert (off <= sides[node["level"]] + 1e-5).all()
+        outer = nodes[:k][after[:k] > k]
+        assert [other["level"] for other in outer] == list(range(nodes[0]["level"], node["level"], -1))
 
 
 def test_a_cloud_that_is_measured_anew_is_another_one(checker, path, plain_distances):

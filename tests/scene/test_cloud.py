@@ -261,7 +261,7 @@ def test_the_cells_contain_every_ball_and_no_more_than_is_promised(resolution):
 
 def test_the_tree_holds_every_cell_far_from_the_origin():
     cells = touched_cells(POINTS + np.array([900.0, -900.0, 2.0]), 0.02, 0.01)
-    tree, placement = cell_tree(cells, 0.01)
+    _, tree, placement, _ = cell_tree(cells, 0.01)
     probe, request = coal.Sphere(0.001), coal.CollisionRequest()
     for cell in cells[::37]:
         centre = coal.Transform3s(np.eye(3), (cell + 0.5) * 0.01)

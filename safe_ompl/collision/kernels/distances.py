@@ -29,6 +29,7 @@ def near_pairs(
     bodies: Records,
     starts: IntArray,
     vertices: FloatArray,
+    nodes: Records,
     pairs: IntArray,
     certain: FloatArray,
     groups: Records,
@@ -45,11 +46,11 @@ def near_pairs(
 
     The search ends at a pair that certainly is, which `True` tells: its two bodies are known exactly, where `certain:
     (P,)` is finite. No margin is above the largest. A pair is apart if a lower bound of its distance is more than its
-    margin by `spare` [m]. The joints are at `values: (m,)`; they are a table (`safe_ompl.robot.kernels`), `bodies`,
-    `starts` and `vertices` those of `Shapes`, then come those of `Pairs`: Python would take longer to hand over tuples.
-    `near: (P,)` takes the indices, in order; `poses: (G,)` are those of bodies that do not move, and room for others.
+    margin by `spare` [m]. The joints are at `values: (m,)`; they are a table (`safe_ompl.robot.kernels`), the next four
+    those of `Shapes`, then come those of `Pairs`: Python would take longer to hand over tuples. `near: (P,)` takes the
+    indices, in order; `poses: (G,)` are those of bodies that do not move, and room for others.
     """
-    m, shapes, number = len(values), Shapes(bodies, starts, vertices), 0
+    m, shapes, number = len(values), Shapes(bodies, starts, vertices, nodes), 0
     simplex, axis = np.empty((4, 3)), np.empty(3)
     some, hits = np.empty(len(pairs), np.intp), np.empty(LANES, np.bool_)
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))

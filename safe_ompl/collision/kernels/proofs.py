@@ -206,7 +206,7 @@ def _half_length(
                 return nothing, nothing, near[candidate]
             even, spare = (lower - required[p]) / rate, found - required[p]
             back, on = even, even
-            if spare > 0.0:
+            if spare > 0.0 and bodies[B].levels == 0:
                 back, on = _slab(p, pairs, bodies, place, joints, motion.joints, axes[p], spare)
                 back, on = max(even, min(back, _NEAR / rate)), max(even, min(on, _NEAR / rate))
             if back < before or on < after:
@@ -309,6 +309,7 @@ def prove_curve(
     bodies: Records,
     starts: IntArray,
     vertices: FloatArray,
+    nodes: Records,
     pair_bodies: IntArray,
     radii: FloatArray,
     reaches: FloatArray,
@@ -326,9 +327,9 @@ def prove_curve(
 ) -> tuple[int, float, int]:
     """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
 
-    The `joints: (m,)` are a table (`safe_ompl.robot.kernels`). `bodies`, `starts` and `vertices` are those of `Shapes`,
-    and the next seven those of `Pairs`: as tuples each would take Python a microsecond more to hand over. Pair p must
-    keep c_p, `distances: (P,)`, with all allowances in it, none of them above the `largest: (1,)`. The proof stops at
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels`). The next four are those of `Shapes`, and the next seven
+    those of `Pairs`: as tuples each would take Python a microsecond more to hand over. Pair p must keep
+    c_p, `distances: (P,)`, with all allowances in it, none of them above the `largest: (1,)`. The proof stops at
     an interval in whose halves no two bodies approach each other by more than `least` [m], and where more than M
     intervals would wait. Intervals that are not proven are written to `left: (M, 2)`. (An array that is returned would
     be made by Python code, where a Ctrl-C becomes a SystemError.) The `poses: (G,)` are those of bodies that do not
@@ -346,7 +347,7 @@ def prove_curve(
         At how many places of the motion the bounds were looked at.
     """
     m, P = radii.shape
-    shapes = Shapes(bodies, starts, vertices)
+    shapes = Shapes(bodies, starts, vertices, nodes)
     pairs = Pairs(pair_bodies, radii, reaches, certain, groups, own, balls)
     moves, rates, widest = np.empty((5, m)), np.empty(P), 0.0
     taylor, rotations = np.empty(len(curve)), np.empty((m, 3, 3))
@@ -402,9 +403,9 @@ def prove_edge(start: FloatArray, end: FloatArray, tables: EdgeTables) -> tuple[
         return -1, 0
     shapes, pairs, required = tables.shapes, tables.pairs, tables.required
     number, _, places = prove_curve(
-        tables.joints, shapes.bodies, shapes.starts, shapes.vertices, pairs.bodies, pairs.radii, pairs.reaches,
-        pairs.certain, pairs.groups, pairs.own, pairs.balls, tables.edge, required.distances, required.most,
-        tables.floor, tables.left, tables.suspects, tables.poses,
+        tables.joints, shapes.bodies, shapes.starts, shapes.vertices, shapes.nodes, pairs.bodies, pairs.radii,
+        pairs.reaches, pairs.certain, pairs.groups, pairs.own, pairs.balls, tables.edge, required.distances,
+        required.most, tables.floor, tables.left, tables.suspects, tables.poses,
     )  # fmt: skip
     return number, places
 
@@ -427,11 +428,12 @@ def prove_curves(
     To `found: (E,)` a 1 is written for those that are proven, −1 for those in which some pair is certainly too near,
     and 0 for others, as those that are not finite.
     """
-    places, bodies, starts, vertices = 0, shapes.bodies, shapes.starts, shapes.vertices
+    places, (bodies, starts, vertices, nodes) = 0, shapes
     for k in range(len(curves)):
         number, _, looked = prove_curve(
-            joints, bodies, starts, vertices, pairs.bodies, pairs.radii, pairs.reaches, pairs.certain, pairs.groups,
-            pairs.own, pairs.balls, curves[k], required.distances, required.most, least, left, suspects, poses,
+            joints, bodies, starts, vertices, nodes, pairs.bodies, pairs.radii, pairs.reaches, pairs.certain,
+            pairs.groups, pairs.own, pairs.balls, curves[k], required.distances, required.most, least, left, suspects,
+            poses,
         )  # fmt: skip
         found[k] = 1 if number == 0 else min(number, 0)
         places += looked

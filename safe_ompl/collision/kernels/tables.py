@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined, part
-from safe_ompl.geometry.kernels import BODY, POSE, Records, Shapes
+from safe_ompl.geometry.kernels import BODY, NODE, POSE, Records, Shapes
 from safe_ompl.robot.kernels import JOINT
 
 GROUP = np.dtype(
@@ -79,7 +79,7 @@ class EdgeTables(NamedTuple):
         """Return what kernels are given where nothing is to be proven."""
         numbers: IntArray = np.zeros((0, 2), np.intp)
         none, edge = np.zeros((0, 0)), np.zeros((2, 0))
-        shapes = Shapes(np.zeros(0, BODY), numbers.ravel(), none)
+        shapes = Shapes(np.zeros(0, BODY), numbers.ravel(), none, np.zeros(0, NODE))
         pairs = Pairs(numbers.astype(np.uintp), none, none, edge[0], np.zeros(0, GROUP), 0, none)
         left, suspects, poses = np.zeros((1, 2)), numbers.ravel(), np.zeros(0, POSE)
         return cls(

@@ -21,6 +21,7 @@ from safe_ompl.geometry.kernels.vertices import cell_of, extreme_vertices
 
 __all__ = [
     "BODY",
+    "NODE",
     "POSE",
     "Records",
     "Shapes",
@@ -138,17 +139,33 @@ BODY = np.dtype(
         ("ball", np.float64),  # r
         ("grid", np.intp),  # of the lists of its vertices: see `extreme_vertices`
         ("first_cell", np.intp),  # its first list
+        ("levels", np.intp),  # of a solid of cells: the body that is a cell of the lowest level; 0: it is no solid,
+        ("root", np.intp),  # or its tree, which begins at this node, is not known
+    ],
+    align=True,
+)
+
+
+NODE = np.dtype(
+    [
+        ("centre", np.float64, (3,)),  # of a cell, in the frame of the solid
+        ("level", np.intp),
+        ("size", np.uintp),  # how many nodes it and those in it are, which follow it
     ],
     align=True,
 )
 
 
 class Shapes(NamedTuple):
-    """Bodies (G,) of type `BODY`, and the lists of their vertices: starts (C + 1,) and vertices (E, 3)."""
+    """Bodies (G,) of type `BODY`, and the lists of their vertices: starts (C + 1,) and vertices (E, 3).
+
+    Of solids of cells there are trees of `nodes` of type `NODE`.
+    """
 
     bodies: Records
     starts: IntArray
     vertices: FloatArray
+    nodes: Records
 
 
 POSE = np.dtype(
@@ -287,8 +304,18 @@ def distance_bounds(
     lower bound is `enough`, or tight and above `least`, or the upper one is not above `least`; the best axis is left in
     `axis`. `simplex: (4, 3)` is working memory. With six columns it has points of a − b, each beside the point of a,
     without its ball; the nearest point lies between so many of them as the last number says, and bounds are tight to
-    a millionth then.
+    a millionth then. Body b may be a solid of cells.
     """
+    if shapes.bodies[b].levels > 0:
+        return _cell_bounds(shapes, poses, a, b, axis, simplex, enough, least)
+    return _convex_bounds(shapes, poses, a, b, axis, simplex, enough, least)
+
+
+@part
+def _convex_bounds(
+    shapes: Shapes, poses: Records, a: int, b: int, axis: FloatArray, simplex: FloatArray, enough: float, least: float
+) -> tuple[float, float, int]:
+    """Return what `distance_bounds` does of two convex bodies."""
     body_a, pose_a, body_b, pose_b = shapes.bodies[a], poses[a], shapes.bodies[b], poses[b]
     starts, vertices = shapes.starts, shapes.vertices
     balls = body_a.ball + body_b.ball
@@ -317,6 +344,92 @@ def distance_bounds(
         if upper <= least:
             break
     return lower, upper, corners
+
+
+_GJK = 3  # the highest level at which more than balls and boxes are looked at
+_FINE = 0.3  # of the distance beyond `least`: cells so small are not divided where bounds need not be tight
+
+
+@part
+def _place_cell(node: Records, solid: Records, pose: Records) -> None:
+    """Write the pose of a cell of a solid at a pose, but for the rotation, which is the same."""
+    c, R, o = node.centre, solid.rotation, solid.origin
+    for x in range(3):
+        pose.centre[x] = pose.origin[x] = o[x] + R[x, 0] * c[0] + R[x, 1] * c[1] + R[x, 2] * c[2]
+
+
+@part
+def _likely_cell(nodes: Records, root: int, solid: Records, point: FloatArray) -> Any:
+    """Return a cell of the lowest level that may be near a point of the world: on each level the nearest one."""
+    R, o = solid.rotation, solid.origin
+    x, y, z = point[0] - o[0], point[1] - o[1], point[2] - o[2]
+    a = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    b = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    c = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+    best: Any = root
+    while nodes[best].level > 0:
+        k, end, least = best + np.uintp(1), best + nodes[best].size, inf
+        while k < end:
+            middle = nodes[k].centre
+            square = (middle[0] - a) ** 2 + (middle[1] - b) ** 2 + (middle[2] - c) ** 2
+            if square < least:
+                best, least = k, square
+            k += nodes[k].size
+    return best
+
+
+@part
+def _cell_bounds(
+    shapes: Shapes, poses: Records, a: int, b: int, axis: FloatArray, simplex: FloatArray, enough: float, least: float
+) -> tuple[float, float, int]:
+    """Return what `distance_bounds` does of a convex body and a solid of cells.
+
+    Cells that are not nearer than the nearest one so far are left out with all that are in them: by the balls about
+    both, the ball about one and the box about the other, and by GJK. A likely one is looked at before all others.
+    """
+    body, pose, at, wide = shapes.bodies[a], poses[a], poses[a].centre, simplex.shape[1] == 6
+    root: Any = np.uintp(shapes.bodies[b].root)
+    nodes, first = shapes.nodes, shapes.bodies[b].levels
+    end = root + nodes[root].size
+    k = nearest = _likely_cell(nodes, root, poses[b], at)
+    bound, upper, begun = enough, inf, False
+    while k < end:
+        here, k = k, k + nodes[k].size if begun else root
+        begun, level = True, nodes[here].level
+        cell, place = shapes.bodies[first + level], poses[first + level]
+        _place_cell(nodes[here], poses[b], place)
+        x, y, z = at[0] - place.centre[0], at[1] - place.centre[1], at[2] - place.centre[2]
+        far = bound + cell.reach + body.reach
+        if x * x + y * y + z * z >= far * far:
+            continue
+        u, v, w = from_box(body, pose, place.centre)
+        far = bound + cell.reach
+        if u * u + v * v + w * w >= far * far:
+            continue
+        u, v, w = from_box(cell, place, at)
+        far = bound + body.reach
+        if u * u + v * v + w * w >= far * far:
+            continue
+        lower, most = -inf, inf
+        if level <= _GJK:
+            begin_axis(axis, u, v, w, x, y, z)
+            lower, most, _ = _convex_bounds(shapes, poses, a, first + level, axis, simplex, bound, least)
+        if lower >= bound:
+            continue
+        if level > 0 and (wide or not 2.0 * cell.reach <= _FINE * (lower - max(least, 0.0))):
+            k = here + np.uintp(1)
+            continue
+        bound, nearest = lower, here
+        if level == 0:
+            upper = min(upper, most)
+            if upper <= least:
+                break
+    if not wide or not bound < enough:
+        return bound, upper, 0
+    place = poses[first]
+    _place_cell(nodes[nearest], poses[b], place)
+    begin_axis(axis, 0.0, 0.0, 0.0, at[0] - place.centre[0], at[1] - place.centre[1], at[2] - place.centre[2])
+    return _convex_bounds(shapes, poses, a, first, axis, simplex, inf, least)
 
 
 @part
