@@ -26,7 +26,6 @@ from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOp
 from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation import Drifting, Faults, Playback, SightedSimulation, Simulation, World
 from safe_ompl.people.simulation.movers import part_solids
-from safe_ompl.scene import find_scenario
 from safe_ompl.view import DepthRenderer
 
 CLAIM = "nobody whom depth cameras see is touched while the robot moves, without anybody being recognised"
@@ -87,7 +86,7 @@ def drive(
     job: tuple[Path, str, int] | int, policy: str, seconds: float, unseen: str, width: int = _SIZE[0]
 ) -> dict[str, Any]:
     """Drive once beside a recorded person, or beside boxes of a seed, and return what happened."""
-    scenario = Scenario.load(find_scenario("panda_shelf"))
+    scenario = Scenario.load("panda_shelf")
     robot = scenario.build_robot()
     still = scenario.scene.without("operator")
     shapes = [Obstacle(f"box{k}", Box((0.12, 0.2, 0.16))) for k in range(_BOXES)]
@@ -133,7 +132,7 @@ def drive(
 
 def ingest(ticks: int) -> list[tuple[Any, ...]]:
     """Return how long one, two and three images, and clouds of `_CLOUD` points, take to ingest [ms]: 50 and 99 %."""
-    scenario, eyes, rng = Scenario.load(find_scenario("panda_shelf")), cameras(_SIZE[0]), np.random.default_rng(0)
+    scenario, eyes, rng = Scenario.load("panda_shelf"), cameras(_SIZE[0]), np.random.default_rng(0)
     robot, still = scenario.build_robot(), scenario.scene.without("operator")
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
     look = DepthRenderer(robot, still, eyes, _FLOOR)

@@ -16,7 +16,6 @@ from bench._harness import Report, in_turn
 from safe_ompl import DangerField, KinetostaticField, Robot, Scenario
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.link_field import field
-from safe_ompl.scene import find_scenario
 
 CLAIM = "danger in motion costs less than three times that at rest"
 
@@ -65,7 +64,7 @@ def path_gradient(rounds: int) -> float:
 
 def in_motion(scenario: str, rounds: int) -> tuple[object, ...]:
     """Return the times of the kinetostatic danger over those of the static one, values and with gradients."""
-    problem = Scenario.load(find_scenario(scenario))
+    problem = Scenario.load(scenario)
     robot, rng = problem.build_robot(), np.random.default_rng(0)
     danger = DangerField.of_scene(robot, problem.scene)
     Q = rng.uniform(np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5), (MOVING, robot.n))

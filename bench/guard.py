@@ -44,7 +44,7 @@ from safe_ompl.people import Surroundings, Tracker
 from safe_ompl.people.replanning import PathLimits, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS, ContactMonitor, Solid, limb_solids, part_solids
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import Goal, find_scenario
+from safe_ompl.scene import Goal
 
 CLAIM = (
     "no contact while moving, and every trajectory goes on when its way is free, sooner than where it is planned anew"
@@ -105,7 +105,7 @@ class Work:
     """The Panda, its way, and how both policies drive it."""
 
     def __init__(self) -> None:
-        scenario = Scenario.load(find_scenario("panda_shelf"))
+        scenario = Scenario.load("panda_shelf")
         self.robot = scenario.build_robot()
         ball = Obstacle(THING, Sphere(0.1), Pose(tuple(AWAY)))
         self.scenario = replace(scenario, people=None)

@@ -35,7 +35,6 @@ from safe_ompl.people.replanning.stop_motion import StopMotion
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Faults, Simulation
 from safe_ompl.people.simulation.tour import Tour
-from safe_ompl.scene import find_scenario
 from safe_ompl.trajectories.contact import CONTACT_RULES
 
 CLAIM = "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"
@@ -207,7 +206,7 @@ def simulation(
     Key points that are faster than the gate [m/s] are glitches; a reach has a gate of its own. People are measured, and
     commands given, at every tick [s], and a command holds two fifths of a tick after its measurement.
     """
-    scenario = Scenario.load(find_scenario("panda_shelf"))
+    scenario = Scenario.load("panda_shelf")
     robot = scenario.build_robot()
     recording = Recording.load(file, clip)
     pose = places(recording, count, seed=sum(map(ord, file.stem + clip)), near=near)[place]

@@ -35,7 +35,7 @@ from safe_ompl.common import FloatArray, polynomials
 from safe_ompl.motions import check_with, repair_with
 from safe_ompl.motions.pieces import piece_proofs
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import find_scenario
+from safe_ompl.planning.safe_setup import connecting
 
 CLAIM = "splines that are called free are free, tubes hold, and what touches is repaired"
 STEP = 0.0002  # [rad] between samples
@@ -219,7 +219,7 @@ def planned_paths(setup: SafeSetup, number: int) -> list[FloatArray]:
 
 def shelf_problem() -> tuple[SafeSetup, list[FloatArray]]:
     """Return the Panda's shelf, and paths."""
-    setup = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
+    setup = setup_scenario(Scenario.load("panda_shelf"))
     return setup, planned_paths(setup, 8)
 
 
@@ -399,14 +399,14 @@ def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...
     found: dict[str, list[tuple[float, ...]]] = {}
     rng = np.random.default_rng(3)
     for setup, paths in known:  # type: ignore[attr-defined]
-        proof, connect = MotionProver(CollisionChecker(setup.robot, setup.scene)), way_round(setup)
+        proof = MotionProver(CollisionChecker(setup.robot, setup.scene))
         plain = PlainGeometry(setup.robot, setup.scene)
         for path in paths[:rounds]:
             for kind, motion in disturbances(setup.robot, path, rng):
                 if check_with(motion, proof):
                     continue
                 begin = process_time()
-                repair = repair_with(motion, proof, connect=connect)
+                repair = repair_with(motion, proof, connect=connecting(setup, 3.0))
                 milliseconds = 1e3 * (process_time() - begin)
                 after = repair.motion
                 t = np.linspace(after.times[0], after.times[-1], 20_000)
@@ -423,17 +423,6 @@ def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...
         counts = (len(held), int(held[:, 0].sum()), int(held[:, 1].sum()), int(held[:, 2].sum()))
         rows.append((f"{name}, {kind}", *counts, *numbers))
     return rows
-
-
-def way_round(setup: SafeSetup) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
-    """Return a function that plans from one configuration to another."""
-
-    def connect(start: FloatArray, goal: FloatArray) -> FloatArray | None:
-        fresh = SafeSetup(setup.robot, setup.scene)
-        fresh.setConfigurations(start, goal)
-        return fresh.plan("SafeRRTConnect", time=3.0, seed=0, simplify=0.05).path
-
-    return connect
 
 
 PARTS = {"pieces": pieces, "time": times, "tubes": tubes, "repair": repairs}

@@ -46,7 +46,6 @@ from safe_ompl.geometry import STANDING
 from safe_ompl.io.motions import TimedMotion
 from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import find_scenario
 from safe_ompl.view.content import ViewerContent, read_recording
 from safe_ompl.view.drawn_scene import DrawnScene, best_view
 from safe_ompl.view.pictures import render_comparison, render_path, save_picture
@@ -85,7 +84,7 @@ def simplification() -> None:
 
 def danger() -> None:
     """Draw contours of the danger field of a level arm at two configurations."""
-    robot = Scenario.load(find_scenario("planar2")).build_robot()
+    robot = Scenario.load("planar2").build_robot()
     line = np.linspace(-1.25, 1.25, 241)
     x, y = np.meshgrid(line, line)
     points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
@@ -109,7 +108,7 @@ def free_bubbles() -> None:
     Of each bubble is drawn all that one distance query proves free, and within it the diamond of all links' distances
     (solid), the paper's diamond (9, dashed), and the cube (dotted).
     """
-    setup = setup_scenario(Scenario.load(find_scenario("planar2")))
+    setup = setup_scenario(Scenario.load("planar2"))
     robot, checker = setup.robot, setup.checker
     figure = Figure(figsize=(9.4, 4.7), dpi=110, layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -172,7 +171,7 @@ def a_start_in_collision() -> None:
 
 def profiles() -> None:
     """Draw the mean danger along the paths of four planners."""
-    scenario = Scenario.load(find_scenario("ur5_handover"))
+    scenario = Scenario.load("ur5_handover")
     setup = setup_scenario(scenario)
     found = {}
     for planner in ("SafeRRTConnect", "ClassicRRTConnect", "SafePRM", "ClassicPRM"):
@@ -252,7 +251,7 @@ def draw_moments(ticks: str) -> None:
 
 def viewer() -> None:
     """Photograph the page of a motion in time, as the browser shows it half-way; needs Chromium and its driver."""
-    scenario = Scenario.load(find_scenario("panda_shelf"))
+    scenario = Scenario.load("panda_shelf")
     result = plan(scenario, seed=0, simplify=True)
     limits = RateLimits.of(result.robot, acceleration=[8.0] * result.robot.n)
     trajectory = result.timed(limits, people=scenario.people)
@@ -305,7 +304,7 @@ def robots() -> None:
 
 def region() -> None:
     """Draw a region of the tip, and a path to it."""
-    setup = setup_scenario(Scenario.load(find_scenario("ur5_handover")))
+    setup = setup_scenario(Scenario.load("ur5_handover"))
     result = setup.plan("SafeRRTConnect", time=5.0, seed=0, simplify=True)
     tip = setup.robot.tip_pose(result.path[-1]).translation
     ring = Obstacle("region", Box((0.26, 0.22, 0.012)), Pose(tuple(tip)), color=(0.2, 0.75, 0.4))

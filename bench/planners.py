@@ -23,7 +23,7 @@ from bench._scenes import free_configuration
 from safe_ompl import Box, CollisionChecker, Obstacle, Pose, Scenario, Scene, Sphere
 from safe_ompl.geometry import Shape
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import Goal, find_scenario, list_scenarios
+from safe_ompl.scene import Goal, list_scenarios
 
 CLAIM = "paths of safe planners are less dangerous and farther from obstacles; what that costs in time"
 SCENES, SEED = 30, 2013
@@ -51,7 +51,7 @@ def problems(options: argparse.Namespace) -> Iterator[Problem]:
                 scenario = random_scenario(number)
                 yield Problem(name, setup_scenario(scenario), scenario.planners)
         else:
-            scenario = Scenario.load(find_scenario(name))
+            scenario = Scenario.load(name)
             yield Problem(name, setup_scenario(scenario), scenario.planners)
 
 
@@ -60,7 +60,7 @@ def random_scenario(number: int) -> Scenario:
 
     The first obstacle is dangerous to approach, each other one with probability ½.
     """
-    model, rng = Scenario.load(find_scenario("paper_1")), np.random.default_rng([SEED, number])
+    model, rng = Scenario.load("paper_1"), np.random.default_rng([SEED, number])
     robot, obstacles, wanted = model.build_robot(), [model.scene["floor"]], int(rng.integers(4, 11))
     while len(obstacles) <= wanted:
         place = rng.uniform([-0.9, -0.9, 0.05], [0.9, 0.9, 1.1])

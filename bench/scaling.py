@@ -40,7 +40,6 @@ from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners.tree import Tree
-from safe_ompl.scene import find_scenario
 
 CLAIM = "time grows slowly with obstacles, danger points and nodes"
 ROUNDS, ITEMS = 5, 80  # configurations in all
@@ -194,7 +193,7 @@ def joints(size: int) -> Row:
 
 def runs(size: int) -> Row:
     """Return CPU times per run of a campaign of so many: in a loop, and of all processes, forked ones and dask's."""
-    scenario = Scenario.load(find_scenario("planar3"))
+    scenario = Scenario.load("planar3")
     campaign, setup = Campaign(scenario, ("SafeRRTConnect",), size), setup_scenario(scenario)
     setup.plan(seed=0)  # loads the kernels
     begin = time.process_time()

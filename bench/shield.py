@@ -40,7 +40,6 @@ from safe_ompl.geometry import placed
 from safe_ompl.people import Recording, Surroundings, TrackedBody
 from safe_ompl.people.replanning import PathLimits, ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, Playback, Solid, Walker, World, limb_solids
-from safe_ompl.scene import find_scenario
 
 CLAIM = "the shield lets no proposal touch people while the robot moves; what other filters do"
 OURS = ("shield", "jerk", "contact")
@@ -239,7 +238,7 @@ def walker(seed: int) -> Walker:
 
 def run(mover: Any, seed: int, names: list[str], seconds: float) -> list[dict[str, Any]]:
     """Run each of the filters beside a person."""
-    scenario = Scenario.load(find_scenario("panda_shelf"))
+    scenario = Scenario.load("panda_shelf")
     robot = scenario.build_robot()
     tracker = mover.tracker
     proof = MotionProver(CollisionChecker(robot, scenario.scene.without("operator")))

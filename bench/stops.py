@@ -45,7 +45,6 @@ from safe_ompl.collision.queries import fresh_data
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import rate_violations
 from safe_ompl.motions.rates import stops_of
-from safe_ompl.scene import find_scenario
 from safe_ompl.trajectories import State
 from safe_ompl.trajectories.stops import Stops
 
@@ -61,7 +60,7 @@ class Problem:
     """A path beside a person, and what times it."""
 
     def __init__(self, name: str, people: People, *, jerk: bool = False) -> None:
-        scenario = Scenario.load(find_scenario(name))
+        scenario = Scenario.load(name)
         self.name, self.people, self.scene = name, people, scenario.scene
         self.robot = robot = scenario.build_robot()
         ends = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]

@@ -41,7 +41,6 @@ from safe_ompl import (
 )
 from safe_ompl.common import FloatArray, compilation
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import find_scenario
 
 CLAIM = "beside a person our paths may always be driven"
 PEOPLE = People(speed=1.6, reaction_time=0.1)
@@ -137,7 +136,7 @@ def shown(seconds: float) -> str:
 def problems(scenes: int) -> Iterator[Problem]:
     """Yield the scenarios, then random scenes."""
     for name in ("panda_shelf", "ur5_handover"):
-        scenario = Scenario.load(find_scenario(name))
+        scenario = Scenario.load(name)
         safe = setup_scenario(scenario)
         ends = scenario.start_configuration(safe.robot), scenario.goal_configurations(safe.robot)
         yield Problem(name, safe, setup(safe.robot, scenario.scene, *ends, danger=None), _ways(safe.robot, *ends))

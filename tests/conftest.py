@@ -17,7 +17,6 @@ from bench._plain import PlainGeometry
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, RateLimits, Robot, Scenario, Scene, Sphere
 from safe_ompl.common import warn_once
 from safe_ompl.geometry import bounding_hull
-from safe_ompl.scene import find_scenario
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -160,7 +159,7 @@ def panda():
 @pytest.fixture(scope="session")
 def shelf():
     """Return the scenario of a Panda between a shelf, a table and a person."""
-    return Scenario.load(find_scenario("panda_shelf"))
+    return Scenario.load("panda_shelf")
 
 
 @pytest.fixture(scope="session")

@@ -47,7 +47,7 @@ for room in "common geometry robot scene collision danger paths trajectories mot
         import_module(module.name)
 
 import safe_ompl
-scenario = safe_ompl.Scenario.load(safe_ompl.scene.find_scenario("planar2"))
+scenario = safe_ompl.Scenario.load("planar2")
 robot = scenario.build_robot()
 start = scenario.start_configuration(robot)
 assert safe_ompl.check([start, start + 0.01], robot, scenario.scene)

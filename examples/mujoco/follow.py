@@ -10,9 +10,8 @@ from servo_robot import STEP, Servo, ServoRobot
 
 from safe_ompl import Motion, RateLimits, SafeSetup, Scenario, check
 from safe_ompl.motions import measured_tube
-from safe_ompl.scene import find_scenario
 
-scenario = Scenario.load(find_scenario("panda_shelf"))
+scenario = Scenario.load("panda_shelf")
 robot, scene = scenario.build_robot(), scenario.scene
 setup = SafeSetup(robot, scene)
 setup.setTube(0.015)  # what we expect of the controller: every joint within 15 mrad

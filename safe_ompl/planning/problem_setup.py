@@ -370,7 +370,7 @@ def compile_kernels() -> None:
 
 def small_robot() -> Robot:
     """Return a robot of two joints."""
-    return scenes.Scenario.load(scenes.find_scenario("planar2")).build_robot()
+    return scenes.Scenario.load("planar2").build_robot()
 
 
 def ask_for_danger() -> None:

@@ -200,12 +200,15 @@ class Scenario(Section):
             raise InputError("missing, but needed", "goal")
 
     @classmethod
-    def load(cls, path: str | Path) -> Scenario:
-        """Read a scenario from a YAML file; the files that it names are relative to it.
+    def load(cls, name_or_path: str | Path) -> Scenario:
+        """Read a scenario from a YAML file, or the one of a name, see `list_scenarios`.
 
-        Raises InputError, which names file, key and value, if it cannot be read or is not valid.
+        The files that it names are relative to it. Raises InputError, which names file, key and value, if it cannot be
+        read or is not valid; UnknownNameError if there is none of that name.
         """
-        file = Path(path)
+        file = Path(name_or_path)
+        if not file.suffix:
+            file = find_scenario(name_or_path)
         if file.suffix.lower() in (".urdf", ".xacro"):
             raise InputError(
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it", str(file)

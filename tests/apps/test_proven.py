@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from safe_ompl import CollisionChecker, Motion, Obstacle, Pose, Scenario, Scene, Sphere, assert_proven, check
-from safe_ompl.scene import find_scenario
 
 pytest_plugins = ("pytester",)
 
@@ -38,7 +37,7 @@ CASES = {
 
 def scenario_with(ball):
     pole = Obstacle("pole", Sphere(5e-4), Pose(ball))
-    robot = Scenario.load(find_scenario("planar2")).robot
+    robot = Scenario.load("planar2").robot
     return Scenario("cell", robot, Scene([pole]), [-1.2, 0.0], {"configuration": [1.2, 0.0]})
 
 

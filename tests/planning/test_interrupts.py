@@ -24,7 +24,7 @@ from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_names
 from safe_ompl.planning.run import noted_ctrl_c
-from safe_ompl.scene import Scenario, find_scenario
+from safe_ompl.scene import Scenario
 
 PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]
 PACKAGE = str(Path(safe_ompl.__file__).parent)
@@ -64,7 +64,7 @@ def looks_after_ctrl_c(setup, planner, k, ticks):
 
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_ctrl_c_ends_planning_at_once(planner, ticks):
-    setup, rng = setup_scenario(Scenario.load(find_scenario("planar3"))), np.random.default_rng(7)
+    setup, rng = setup_scenario(Scenario.load("planar3")), np.random.default_rng(7)
     for k in rng.integers(1, 2000, 4):
         assert looks_after_ctrl_c(setup, planner, k, ticks) <= 1
         assert not setup.haveSolutionPath() or setup.report(setup.solution()).certified
@@ -130,7 +130,7 @@ def put_broken(setup, fuse, what):
 
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_an_exception_of_a_callback_arrives_unchanged(planner):
-    scenario = Scenario.load(find_scenario("planar3"))
+    scenario = Scenario.load("planar3")
     raised = []
     for what in ("checker", "objective", "goal"):
         setup = setup_scenario(scenario)
@@ -189,7 +189,7 @@ def ctrl_c_while_simplifying(request, monkeypatch):
 
 @pytest.mark.parametrize("options", [{"simplify": True}, {"optimise": 60.0}])
 def test_ctrl_c_leaves_the_best_path_so_far(ctrl_c_while_simplifying, options):
-    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    setup = setup_scenario(Scenario.load("planar3"))
     before = signal.getsignal(signal.SIGINT)
     result = setup.plan(time=20.0, seed=0, **options)
     assert all(ctrl_c_while_simplifying)
@@ -209,14 +209,14 @@ def test_ctrl_c_before_there_is_a_path_leaves_nothing(press):
             while not ptc():
                 pass
 
-    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    setup = setup_scenario(Scenario.load("planar3"))
     for options in ({}, {"simplify": True}, {"optimise": 60.0}):
         with pytest.raises(KeyboardInterrupt):
             setup.plan(Endless(setup.getSpaceInformation()), time=60.0, **options)
 
 
 def test_ctrl_c_ends_all_the_runs_of_a_campaign(ctrl_c_while_simplifying):
-    campaign = Campaign(Scenario.load(find_scenario("planar3")), ("SafeRRTConnect",), 5, simplify=True)
+    campaign = Campaign(Scenario.load("planar3"), ("SafeRRTConnect",), 5, simplify=True)
     with pytest.raises(KeyboardInterrupt):
         list(campaign.results())
 

@@ -21,7 +21,7 @@ CLEARANCE = 0.12  # [m] from the person; start and goal keep 0.6
 
 @pytest.fixture(scope="module")
 def scenario():
-    return Scenario.load(find_scenario("planar3"))
+    return Scenario.load("planar3")
 
 
 @pytest.fixture

@@ -9,12 +9,11 @@ from safe_ompl.apps.benchmark import Campaign, summarize
 from safe_ompl.paths import Simplifier
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.run import optimise
-from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return Scenario.load(find_scenario("ur5_handover"))
+    return Scenario.load("ur5_handover")
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from ompl import geometric as og
 from safe_ompl import Benchmark, InputError, Scenario
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.registry import _REFUSED
-from safe_ompl.scene import find_scenario
 
 WAYS = {
     "plan": lambda setup, kind: setup.plan(kind(setup.getSpaceInformation())),
@@ -23,7 +22,7 @@ WAYS = {
 
 @pytest.fixture
 def setup():
-    return setup_scenario(Scenario.load(find_scenario("planar2")))
+    return setup_scenario(Scenario.load("planar2"))
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -47,7 +46,7 @@ def test_what_is_no_planner_is_refused(setup, planner):
 def test_other_planners_are_taken(setup):
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
     assert setup.solve(20.0)
-    setup = setup_scenario(Scenario.load(find_scenario("planar2")))
+    setup = setup_scenario(Scenario.load("planar2"))
     setup.setPlannerAllocator(og.RRTConnect)
     assert setup.solve(20.0)
     assert setup.getPlanner().getName() == "RRTConnect"

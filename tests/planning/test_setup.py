@@ -30,7 +30,6 @@ from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import ScratchState, StateBridge
 from safe_ompl.planning.planners import SafeRRTConnect, make_planner
 from safe_ompl.robot import RobotSpec
-from safe_ompl.scene import find_scenario
 from safe_ompl.scene.scenario import Goal
 
 
@@ -348,7 +347,7 @@ def test_a_scenario_whose_start_collides_names_file_and_pair(scenario, tmp_path)
 
 @pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect", "SafeJTRRT"])
 def test_a_scenario_may_name_a_place_alone(planner):
-    scenario = Scenario.load(find_scenario("ur5_handover"))
+    scenario = Scenario.load("ur5_handover")
     place = dataclasses.replace(scenario.goal, configurations=())
     setup = setup_scenario(dataclasses.replace(scenario, goal=place))
     result = setup.plan(planner, time=10.0, seed=1)

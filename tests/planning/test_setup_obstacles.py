@@ -11,7 +11,7 @@ from safe_ompl import Box, BubblePlanner, Obstacle, Pose, SafeRRTConnect, Sphere
 from safe_ompl.common import CollisionError, InputError, StaleSceneError, UnknownNameError
 from safe_ompl.paths import Curve
 from safe_ompl.planning import SafeSetup, setup_scenario
-from safe_ompl.scene import Scenario, find_scenario
+from safe_ompl.scene import Scenario
 
 PLANNERS = ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect"]
 BALL = Obstacle("ball", Sphere(0.1), Pose((0.3, 0.5, 0.4)), weight=0.5)
@@ -19,7 +19,7 @@ BALL = Obstacle("ball", Sphere(0.1), Pose((0.3, 0.5, 0.4)), weight=0.5)
 
 @pytest.fixture(scope="module")
 def scenario():
-    return Scenario.load(find_scenario("ur5_handover"))
+    return Scenario.load("ur5_handover")
 
 
 @pytest.fixture

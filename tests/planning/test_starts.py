@@ -11,14 +11,13 @@ import safe_ompl
 from safe_ompl import InputError, PlanningError, SafeRRTConnect, Scenario, Simplifier
 from safe_ompl.common import in_order
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import find_scenario
 
 FIRST, STARTS = 2**32 - 3, 6  # seeds go on at 0
 
 
 @pytest.fixture(scope="module")
 def setup():
-    return setup_scenario(Scenario.load(find_scenario("planar3")))
+    return setup_scenario(Scenario.load("planar3"))
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from safe_ompl import CollisionError, InputError, Obstacle, Person, Pose, Robot, SafeSetup, Scene, Sphere, tradeoff
 from safe_ompl.apps import main
-from safe_ompl.scene import Scenario, find_scenario
+from safe_ompl.scene import Scenario
 
 
 def assert_front(setup, front):
@@ -39,7 +39,7 @@ def beside_a_worker():
 @given(st.lists(st.floats(-0.9, 0.9), min_size=4, max_size=4), st.integers(0, 1000))
 def test_it_is_a_front(places, seed):
     x, y, turn, bend = places
-    scenario = Scenario.load(find_scenario("planar3"))
+    scenario = Scenario.load("planar3")
     danger, thing = (
         Obstacle("danger", Sphere(0.1), Pose((0.6 + 0.2 * x, 0.5 * y, 0.0)), weight=1.0),
         Obstacle("thing", Sphere(0.08), Pose((-0.5, 0.4, 0.0)), weight=0.0),
@@ -77,7 +77,7 @@ def test_weights_that_were_not_monotone(beside_a_worker):
 def test_a_time_limit_and_a_problem_without_solution(beside_a_worker):
     assert_front(beside_a_worker, tradeoff(beside_a_worker, time=0.1))
     wall = Obstacle("wall", Sphere(0.25), Pose((0.7, 0.0, 0.0)), weight=1.0)
-    robot = Scenario.load(find_scenario("planar3")).build_robot()
+    robot = Scenario.load("planar3").build_robot()
     setup = SafeSetup(robot.with_limits(dict.fromkeys(robot.joint_names, (-1.5, 1.5))), Scene((wall,)))
     setup.setConfigurations([-1.2, 0.0, 0.0], [1.2, 0.0, 0.0])
     setup.setMaxDanger(1.01 * max(setup.field.values(np.array([[-1.2, 0.0, 0.0], [1.2, 0.0, 0.0]]))))

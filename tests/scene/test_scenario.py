@@ -219,8 +219,9 @@ def test_scenarios_are_found_by_name_and_by_path(folder, monkeypatch):
     assert find_scenario(file) == file
     assert set(HAZARD) <= set(list_scenarios())
     assert find_scenario("planar3").name == "planar3.yaml"
+    assert Scenario.load("planar3").file == find_scenario("planar3")
     with pytest.raises(UnknownNameError, match=r"unknown scenario file or name 'planar33'; did you mean 'planar3'"):
-        find_scenario("planar33")
+        Scenario.load("planar33")
 
     (folder / "scenarios").mkdir()
     shutil.copy(file, folder / "scenarios" / "planar3.yaml")

@@ -7,7 +7,6 @@ import pytest
 
 from safe_ompl import People, Scenario
 from safe_ompl.collision import fresh_data
-from safe_ompl.scene import find_scenario
 from safe_ompl.scene.constraints import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, ContactLimits, RateLimits, contact_speed, time_path
 from safe_ompl.trajectories.contact import limb_thickness
@@ -97,7 +96,7 @@ def swings(robot, slopes=6):
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_no_gap_in_which_a_hand_fits_closes_faster_than_it_bears(robot_named, name):
     robot = robot_named(name)
-    scenario = Scenario.load(find_scenario({"panda": "panda_shelf", "ur5": "ur5_handover"}[name]))
+    scenario = Scenario.load({"panda": "panda_shelf", "ur5": "ur5_handover"}[name])
     still = scenario.scene.without(*(o.name for o in scenario.scene if o.weight > 0))
     limits = ContactLimits(robot, still, People(contact=True), LIMBS, {"anna": 1.75})
     curve, cells, bodies = cells_of(robot, swings(robot))

@@ -43,7 +43,7 @@ from safe_ompl.people.replanning import Legs, PathLimits, Replanner, ReplanningO
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.planning import plan_program, program_robot, setup_scenario
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene, find_scenario
+from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene
 from safe_ompl.trajectories import RateLimits
 
 _PLANNER = "SafeRRTConnect"
@@ -255,7 +255,7 @@ def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
         ask_for_depth()
     shield = options.shield or bool(options.controller)
     usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=shield, reach=None, depth=None)
-    found = Scenario.load(find_scenario("planar2"))
+    found = Scenario.load("planar2")
     motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
     robot, scenario = found.build_robot(), replace(found, motion=motion, people=People(who=(_SOMEBODY,)))
     cell = cell_of(scenario, robot, {_SOMEBODY: Tracker(ALL_KEYPOINTS)}, usual, control)

@@ -31,14 +31,13 @@ from safe_ompl.apps.benchmark.runs import lost
 from safe_ompl.common import in_order, warn_once
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import is_ours, planner_names
-from safe_ompl.scene import find_scenario
 
 PLANNERS = ("RRTConnect", "SafeRRTConnect")
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return Scenario.load(find_scenario("planar3"))
+    return Scenario.load("planar3")
 
 
 @pytest.fixture(scope="module")

@@ -15,3 +15,18 @@ def call(capfd):
         return (status, *capfd.readouterr())
 
     return run
+
+
+@pytest.fixture
+def refuses(call):
+    """Return a function that fails unless a command line is refused, in one line that holds all of some words."""
+
+    def check(line, *words):
+        status, out, err = call(*(line.split() if isinstance(line, str) else line))
+        assert (status, out) == (2, ""), err
+        assert len(err.splitlines()) == 1, err
+        assert err.startswith("safe-ompl: ")
+        for word in words:
+            assert word in err
+
+    return check

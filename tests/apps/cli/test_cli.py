@@ -346,16 +346,6 @@ def test_help_leads_with_what_a_beginner_needs(capsys):
 # ------------------------------------------------------------------------------------------------- bad input
 
 
-def assert_refused(outcome, *words):
-    """Assert status 2, and one line on standard error that holds all the words."""
-    status, out, err = outcome
-    assert (status, out) == (2, ""), err
-    assert len(err.splitlines()) == 1, err
-    assert err.startswith("safe-ompl: ")
-    for word in words:
-        assert word in err
-
-
 BAD_OPTIONS = [
     ("plan", "SCENARIO"),
     ("fly", "fly", "plan"),
@@ -388,8 +378,9 @@ BAD_OPTIONS = [
 
 
 @pytest.mark.parametrize("row", BAD_OPTIONS, ids=lambda row: row[0])
-def test_bad_options(run, problems, row):
-    assert_refused(run(*row[0].split()), *row[1:])
+@pytest.mark.usefixtures("problems")
+def test_bad_options(refuses, row):
+    refuses(*row)
 
 
 @pytest.mark.parametrize(("options", "shown"), [((), False), (("-v",), True)])
@@ -437,11 +428,11 @@ BAD_SCENARIOS = [
 
 
 @pytest.mark.parametrize("row", BAD_SCENARIOS, ids=lambda row: row[1])
-def test_bad_scenarios(run, folder, row):
+def test_bad_scenarios(refuses, folder, row):
     old, new, *words = row
     assert old in SCENARIO
     (folder / "bad.yaml").write_text(SCENARIO.replace(old, new))
-    assert_refused(run("compare" if "collision" in words else "plan", "bad.yaml"), *words)
+    refuses(("compare" if "collision" in words else "plan", "bad.yaml"), *words)
 
 
 def test_a_path_is_free_whatever_moving_obstacles_do(run, folder):
@@ -458,10 +449,10 @@ def test_a_path_is_free_whatever_moving_obstacles_do(run, folder):
     assert result["clearance"]["obstacles"]["person"] >= 0.1
 
 
-def test_checking_an_output_file_leaves_it_alone(run, folder):
+def test_checking_an_output_file_leaves_it_alone(refuses, folder):
     (folder / "old.json").write_text("precious")
-    assert_refused(run("plan", "nowhere", "--json", "old.json", "--force"), "nowhere")
-    assert_refused(run("plan", "nowhere", "--json", "new.json"), "nowhere")
+    refuses("plan nowhere --json old.json --force", "nowhere")
+    refuses("plan nowhere --json new.json", "nowhere")
     assert (folder / "old.json").read_text() == "precious"
     assert not (folder / "new.json").exists()
 
@@ -477,22 +468,23 @@ OUTPUTS = [
 
 
 @pytest.mark.parametrize(("line", "words"), OUTPUTS)
-def test_nothing_is_overwritten_without_force(run, folder, problems, line, words):
+@pytest.mark.usefixtures("problems")
+def test_nothing_is_overwritten_without_force(refuses, folder, line, words):
     (folder / "old").mkdir()
     names = ("old.json", "old.csv", "old.yaml", "old.html", "old.svg", "old/report.json", "old/ticks.jsonl")
     for name in names:
         (folder / name).write_text("precious")
-    assert_refused(run(*line.split()), words, "or --force")
+    refuses(line, words, "or --force")
     assert all((folder / name).read_text() == "precious" for name in names)
 
 
-def test_force_replaces_files_but_no_input(run, folder):
+def test_force_replaces_files_but_no_input(run, refuses, folder):
     (folder / "old.json").write_text("old")
     assert run("plan", "test.yaml", "--json", "old.json", "--force")[0] == 0
     strict((folder / "old.json").read_text())
-    again = ("check", "old.json", "--scenario", "test.yaml", "--repair")
-    assert_refused(run(*again, "./old.json", "--force"), "--repair", "is read by this command")
-    assert_refused(run("new", "arm.urdf", "-o", "arm.urdf", "--force"), "must end in .yaml")
+    again = "check old.json --scenario test.yaml --repair ./old.json --force"
+    refuses(again, "--repair", "is read by this command")
+    refuses("new arm.urdf -o arm.urdf --force", "must end in .yaml")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full disk")
@@ -501,6 +493,7 @@ def test_a_full_disk_is_named(run):
     assert (status, err) == (2, "safe-ompl: /dev/full: No space left on device\n")
 
 
-def test_pictures_without_the_extra_are_refused_with_advice(run, monkeypatch):
+@pytest.mark.usefixtures("folder")
+def test_pictures_without_the_extra_are_refused_with_advice(refuses, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
-    assert_refused(run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]")
+    refuses("plan test.yaml --plot x.png", "--plot", "no_such_module", "safe-ompl[plots]")

@@ -9,13 +9,13 @@ import pytest
 
 from safe_ompl import InputError, KinetostaticField, People, Scenario, plan, read_motion
 from safe_ompl.apps import main
-from safe_ompl.scene import MotionLimits, find_scenario
+from safe_ompl.scene import MotionLimits
 from safe_ompl.trajectories import Trajectory
 
 
 @pytest.fixture(scope="module")
 def beside_her():
-    scenario = Scenario.load(find_scenario("panda_shelf"))
+    scenario = Scenario.load("panda_shelf")
     accelerations = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
     return replace(
         scenario,

@@ -9,7 +9,6 @@ import pytest
 
 from safe_ompl import Box, Obstacle, Scenario
 from safe_ompl.apps import main
-from safe_ompl.scene import find_scenario
 
 pytest.importorskip("viser")
 
@@ -52,7 +51,7 @@ def test_what_cannot_be_shown_is_refused(files, tmp_path, capsys):
 
 
 def test_a_start_in_collision_can_be_looked_at(tmp_path, capsys):
-    scenario = Scenario.load(find_scenario("planar2"))
+    scenario = Scenario.load("planar2")
     block = Obstacle("block", Box((3.0, 3.0, 3.0)))
     file, page = tmp_path / "stuck.yaml", tmp_path / "view.html"
     dataclasses.replace(scenario, scene=scenario.scene.with_obstacles(block)).save(file)

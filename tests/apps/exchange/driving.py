@@ -10,7 +10,7 @@ import numpy as np
 from safe_ompl.apps.cli.ros import cell_of, trackers_of
 from safe_ompl.apps.exchange import ControlOptions, LiveController, TrajectoryGuard
 from safe_ompl.geometry import STANDING
-from safe_ompl.scene import Scenario, find_scenario
+from safe_ompl.scene import Scenario
 
 GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
 START = [1.45, 0.1, 0.0, -1.7, 0.0, 3.37, 0.785]
@@ -43,7 +43,7 @@ class AtOnce(Executor):
 
 def panda(shield=False):
     """Return the Panda between shelf and table, and an operator who is tracked."""
-    scenario, options = Scenario.load(find_scenario("panda_shelf")), argparse.Namespace(**OPTIONS, shield=shield)
+    scenario, options = Scenario.load("panda_shelf"), argparse.Namespace(**OPTIONS, shield=shield)
     return cell_of(scenario, scenario.build_robot(), trackers_of(scenario, options), options, ControlOptions())
 
 

@@ -24,7 +24,7 @@ from safe_ompl.common import InputError
 from safe_ompl.geometry import STANDING, Pose, Sphere
 from safe_ompl.motions import Motion
 from safe_ompl.people.simulation import ContactMonitor, part_solids
-from safe_ompl.scene import Scenario, Wait, find_scenario
+from safe_ompl.scene import Scenario, Wait
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_it_drives_to_a_goal_and_back(drive):
 
 def work(finger=0.04):
     """Return a drive of the Panda that carries a cube, and waits after it has it, beside a person who is tracked."""
-    given, options = Scenario.load(find_scenario("panda_pick_place")), argparse.Namespace(**OPTIONS, shield=False)
+    given, options = Scenario.load("panda_pick_place"), argparse.Namespace(**OPTIONS, shield=False)
     steps = given.program.steps
     rest = Wait(time=0.5, touching=(("cube", "table"),))
     given = replace(given, program=replace(given.program, steps=(*steps[:4], rest, *steps[4:])))
@@ -236,7 +236,7 @@ def test_a_robot_that_is_moved_while_its_path_is_planned(drive):
 
 
 def test_a_goal_that_cannot_be_reached(drive):
-    checker = CollisionChecker(drive.robot, Scenario.load(find_scenario("panda_shelf")).scene.without("operator"))
+    checker = CollisionChecker(drive.robot, Scenario.load("panda_shelf").scene.without("operator"))
     rng = np.random.default_rng(0)
     drawn = (rng.uniform(drive.robot.lower, drive.robot.upper) for _ in range(100))
     drive.go(next(q for q in drawn if checker.in_collision(q)).tolist())
@@ -267,7 +267,7 @@ def test_points_of_robot_and_person_are_left_out_and_new_ones_stop_the_robot(dri
 
 
 def test_behind_a_shield_the_jerk_of_the_scenario_is_kept():
-    given, options = Scenario.load(find_scenario("panda_shelf")), argparse.Namespace(**OPTIONS, shield=True)
+    given, options = Scenario.load("panda_shelf"), argparse.Namespace(**OPTIONS, shield=True)
     given = replace(given, motion=replace(given.motion, jerk=500.0))
     found = cell_of(given, given.build_robot(), trackers_of(given, options), options, ControlOptions())
     start = given.start_configuration(found.robot)

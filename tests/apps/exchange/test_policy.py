@@ -13,7 +13,7 @@ from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.people.simulation import ALL_KEYPOINTS, ContactMonitor, limb_solids
-from safe_ompl.scene import MotionLimits, People, Scenario, Scene, find_scenario
+from safe_ompl.scene import MotionLimits, People, Scenario, Scene
 
 KEYS = ("joint1.pos", "joint2.pos", "joint3.pos", "gripper.pos")
 BODY = 1.75 * np.array(list(STANDING.values()))
@@ -22,7 +22,7 @@ FAST = MotionLimits(velocity=3.0, acceleration=50.0)
 
 def planar3(*obstacles, **changes):
     """Return the planar arm among other obstacles."""
-    scenario = Scenario.load(find_scenario("planar3"))
+    scenario = Scenario.load("planar3")
     return replace(scenario, scene=Scene(obstacles or tuple(scenario.scene)), motion=FAST, **changes)
 
 

@@ -11,7 +11,6 @@ from plane import PlaneProblem, SlopedHotSpot
 from safe_ompl import DangerField, DangerObjective, Pose, SafeRRTConnect, Scenario, Scene, make_planner
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import ScratchState, StateBridge, StateCost, joint_space
-from safe_ompl.scene import find_scenario
 
 
 class Squares(ob.OptimizationObjective):
@@ -139,7 +138,7 @@ def test_no_configuration_is_less_dangerous_than_the_proven_minimum(robot_named,
 
 @pytest.mark.parametrize("planner", ["RRTstar", "InformedRRTstar", "SORRTstar", "BITstar"])
 def test_optimising_planners_stop_when_asked(planner, ticks):
-    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    setup = setup_scenario(Scenario.load("planar3"))
     setup.setOptimizationObjective(DangerObjective(setup.getSpaceInformation(), setup.field))
     result = setup.plan(planner, time=0.05, seed=2)
     assert 50 <= ticks.looks < 80
@@ -149,7 +148,7 @@ def test_optimising_planners_stop_when_asked(planner, ticks):
 
 @pytest.mark.parametrize("planner", ["RRTstar", "InformedRRTstar"])
 def test_rrt_star_grows_the_same_tree_without_costs_that_it_does_not_need(planner):
-    setup = setup_scenario(Scenario.load(find_scenario("planar2")))
+    setup = setup_scenario(Scenario.load("planar2"))
     objective, trees, asked = setup.getOptimizationObjective(), [], []
     for method in (setup.solve, partial(og.SimpleSetup.solve, setup)):  # the second one asks for all costs
         iterations = count()
@@ -177,7 +176,7 @@ def test_rrt_star_grows_the_same_tree_without_costs_that_it_does_not_need(planne
 
 @pytest.fixture
 def setup():
-    return setup_scenario(Scenario.load(find_scenario("planar3")))
+    return setup_scenario(Scenario.load("planar3"))
 
 
 def prepared(setup, name, **parameters):

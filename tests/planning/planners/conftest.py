@@ -7,13 +7,12 @@ from plane import PlaneProblem, SlopedHotSpot
 from safe_ompl import Box, Obstacle, Pose, SafeRRTConnect, SafeSetup, Scenario, Scene
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.problem import PlanningProblem
-from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture(scope="package")
 def scenario():
     """Return the scenario planar3: three joints, a start, a place of the tip."""
-    return Scenario.load(find_scenario("planar3"))
+    return Scenario.load("planar3")
 
 
 @pytest.fixture(scope="package")
@@ -23,13 +22,13 @@ def planar3(scenario):
 
 @pytest.fixture(scope="package")
 def shelf():
-    return setup_scenario(Scenario.load(find_scenario("panda_shelf")))
+    return setup_scenario(Scenario.load("panda_shelf"))
 
 
 @pytest.fixture(scope="package")
 def arm_between_walls():
     """Return an arm between two walls from the base to beyond its reach: the goal lies behind one of them."""
-    planar2 = Scenario.load(find_scenario("planar2")).build_robot()
+    planar2 = Scenario.load("planar2").build_robot()
     reach = 1.2 * float(np.linalg.norm(planar2.tip_pose(np.zeros(planar2.n)).translation))
     walls = [
         Obstacle(

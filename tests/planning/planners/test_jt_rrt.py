@@ -7,7 +7,7 @@ from ompl import base as ob
 
 from safe_ompl import Box, Obstacle, Pose, SafeSetup, Sphere, make_planner
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import Scenario, Scene, find_scenario
+from safe_ompl.scene import Scenario, Scene
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = np.array([0.35, -0.45, 0.35])
@@ -125,7 +125,7 @@ def test_null_space_motion_makes_the_way_safer(panda, far_ball):
 
 
 def test_the_safe_planner_is_much_safer_than_the_classical_one():
-    handover = setup_scenario(Scenario.load(find_scenario("ur5_handover")))
+    handover = setup_scenario(Scenario.load("ur5_handover"))
     safe, classic = (
         np.mean([handover.plan(planner, time=10.0, seed=seed).report.danger.mean for seed in range(6)])
         for planner in ("SafeJTRRT", "ClassicJTRRT")

@@ -13,7 +13,6 @@ from safe_ompl.planning.planners import extend, turns
 from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import Trees
-from safe_ompl.scene import find_scenario
 
 PLANNERS = ["SafeRRTConnect", "ClassicRRTConnect"]
 
@@ -63,7 +62,7 @@ def wrapping_setup(robot, clutter):
 @pytest.mark.parametrize("problem", ["planar2", "panda_shelf", "ur5_handover", "joints that wrap"])
 def test_paths_are_those_of_a_validator_of_ones_own(problem, kinova, clutter, asked):
     wraps = problem == "joints that wrap"
-    setup = wrapping_setup(kinova, clutter) if wraps else setup_scenario(Scenario.load(find_scenario(problem)))
+    setup = wrapping_setup(kinova, clutter) if wraps else setup_scenario(Scenario.load(problem))
     si = setup.getSpaceInformation()
     validator = AnyValidator(si, setup.checker)
     runs = [(planner, seed) for planner in PLANNERS for seed in range(3)]
@@ -85,7 +84,7 @@ class AnyObjective(DangerObjective):
 
 
 def test_paths_are_those_of_an_objective_of_ones_own(asked):
-    shelf = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
+    shelf = setup_scenario(Scenario.load("panda_shelf"))
     field = shelf.getProblemDefinition().getOptimizationObjective().field
     before = planned(shelf, "SafeRRTConnect", 0)
     assert not {turns.COST, turns.COSTS, turns.GRADIENT} & {*asked}

@@ -13,7 +13,6 @@ from safe_ompl.collision.bubbles import diamond_meetings, reach_along
 from safe_ompl.danger.link_field import vectors
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import ScratchState, StateBridge, StateCost
-from safe_ompl.scene import find_scenario
 
 
 def branch(rows, node):
@@ -332,7 +331,7 @@ class BubblePlanner(OnArm):
     ("name", "alpha"), [("planar2", 0.1), ("planar2", 0.2), ("planar3", 0.1), ("planar2", 0.0), ("planar3", 0.0)]
 )
 def test_the_bubble_planner_is_the_papers(name, alpha):
-    scenario = Scenario.load(find_scenario(name))
+    scenario = Scenario.load(name)
     setup = setup_scenario(scenario)
     planner, given = ("PaperSafeBubble", {"alpha": alpha}) if alpha else ("PaperBubble", {})
     result = setup.plan(planner, time=30.0, parameters={**given, "beta": 20.0})
@@ -355,7 +354,7 @@ def test_k_max_ends_the_search(planar3):
 
 def test_the_radii_of_the_papers_bubble_are_those_of_all_links():
     """Only an arm in space tells them from those of the pairs."""
-    setup = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
+    setup = setup_scenario(Scenario.load("panda_shelf"))
     checker, q = setup.checker, setup.problem.start
     radii = checker.robot.bounds.displacement_radii_at(q).max(axis=0)
     expected = radii / (checker.pair_distances(q).min() - DISTANCE_ERROR)

@@ -15,7 +15,6 @@ from safe_ompl import SafeRRTConnect, SafeSetup, Scenario, make_planner, planner
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import is_ours, needs_place
 from safe_ompl.planning.planners.problem import Margin
-from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 SAFE = [name for name in OURS if not name.startswith("Classic")]
@@ -24,7 +23,7 @@ LARGE = 10.0  # [m]; no motion of an arm keeps so much from a floor
 
 
 def load(name="planar3"):
-    return Scenario.load(find_scenario(name))
+    return Scenario.load(name)
 
 
 def ask(setup, planner, start):

@@ -6,12 +6,11 @@ from ompl import util as ou
 
 from safe_ompl import Scenario
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import find_scenario
 
 
 def main(name):
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    setup = setup_scenario(Scenario.load("planar3"))
     setup.plan(name, time=0.3)
     try:
         print("ready", flush=True)
