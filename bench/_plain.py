@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from safe_ompl import Motion, Robot, Scene
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, polynomials
-from safe_ompl.motions import Motion
-from safe_ompl.robot import Robot
-from safe_ompl.scene import Scene
 
 SPACING, COARSE = 0.0002, 0.01  # [rad] between samples, for contact and for means
 ROUNDING = 1e-4  # [rad or m] by which a motion may miss its start and goal, or pass limits

@@ -19,17 +19,11 @@ import pinocchio as pin
 
 from bench._harness import Report
 from bench._planning import Problem, add_options as add_planning_options, compare
-from safe_ompl import SafeSetup
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import MotionProver
+from safe_ompl import CollisionChecker, MotionProver, Obstacle, Pose, Robot, SafeSetup, Scene
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import bounding_hull
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
 from safe_ompl.geometry.shapes import Box, Capsule, Shape
 from safe_ompl.robot.ik import Place, approach
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
 
 CLAIM = "safe planners solve as many narrow problems as their classical counterparts"
 COUNT = 112

@@ -34,10 +34,9 @@ from bench._harness import Report
 from bench._scenes import scattered
 from bench._touches import TouchJudge
 from examples.mujoco.servo_robot import STEP, BodyPart, Servo, ServoRobot
-from safe_ompl import People, RateLimits, Robot, SafeSetup, Scene, Trajectory
+from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, SafeSetup, Scene, Trajectory
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.common import FloatArray
-from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.motions import FACTOR
 from safe_ompl.people import Surroundings, Tracker
 from safe_ompl.people.replanning import Doing, Replanner

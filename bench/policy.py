@@ -27,12 +27,10 @@ import numpy as np
 import yaml
 
 from bench._harness import Report
-from safe_ompl import People
+from safe_ompl import People, Scenario, Surroundings
 from safe_ompl.apps.exchange import PolicyGuard, PolicyOptions
 from safe_ompl.common import FloatArray
-from safe_ompl.people import Surroundings
 from safe_ompl.people.simulation import ContactMonitor, Walker, World
-from safe_ompl.scene import Scenario
 
 CLAIM = (
     "what a policy of LeRobot does behind the shield and without it: blocks carried, contacts, what is sent unchanged"

@@ -18,9 +18,8 @@ import pinocchio as pin
 
 from bench._harness import Report
 from examples.mujoco.servo_robot import STEP, Servo, ServoRobot, _pose, _weigh
-from safe_ompl import ProgramResult, Robot, Scene, plan_program
+from safe_ompl import Obstacle, ProgramResult, Robot, Scene, plan_program
 from safe_ompl.common import FloatArray
-from safe_ompl.geometry import Obstacle
 from safe_ompl.motions import FACTOR, Motion
 from safe_ompl.robot import Attachment
 from safe_ompl.scene import Attach, Detach, Scenario, list_scenarios

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from signing import signed
 
-from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Scene
-from safe_ompl.certificates import certificate, verify
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Scene, certificate, verify
 from safe_ompl.certificates.claims import Danger
 from safe_ompl.certificates.verifier.bodies import Stretch, farthest
 from safe_ompl.certificates.verifier.danger import PlainDanger

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from signing import signed
 
-from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People
+from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People, Robot
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import TimedMotion, at_most
 from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.robot import Robot
 from safe_ompl.trajectories import RateLimits, time_path
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])

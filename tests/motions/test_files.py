@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from safe_ompl import InputError, JointPath, Motion, Scene, load, read_motion, save, time_path
+from safe_ompl import InputError, JointPath, Motion, PlanResult, RateLimits, Scene, load, read_motion, save, time_path
 from safe_ompl.io import WRITABLE
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.trajectories import RateLimits
 
 NAMES = ("hip", "knee")
 T = np.array([0.0, 0.5, 2.0])

@@ -13,10 +13,9 @@ from numpy.polynomial import Chebyshev, Polynomial
 from ompl import base as ob, geometric as og
 from scipy import interpolate
 
-from safe_ompl import InputError, JointPath, Motion
+from safe_ompl import InputError, JointPath, Motion, PlanResult
 from safe_ompl.collision.motion import place
 from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
-from safe_ompl.planning.result import PlanResult
 
 N = 3
 

@@ -16,15 +16,12 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import CollisionFreeValidity, DangerObjective, WorkspaceGoal
+from safe_ompl import CollisionFreeValidity, DangerObjective, Replanner, Scenario, Simplifier, WorkspaceGoal
 from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import Campaign
-from safe_ompl.paths import Simplifier
-from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_names
 from safe_ompl.planning.run import noted_ctrl_c
-from safe_ompl.scene import Scenario
 
 PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]
 PACKAGE = str(Path(safe_ompl.__file__).parent)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl import InputError, SafeSetup, Scenario
+from safe_ompl import InputError, SafeSetup, Scenario, Simplifier
 from safe_ompl.apps.benchmark import Campaign, summarize
-from safe_ompl.paths import Simplifier
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.run import optimise
 

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from ompl import geometric as og
 
-from safe_ompl import Box, BubblePlanner, Obstacle, Pose, SafeRRTConnect, Sphere
+from safe_ompl import Box, BubblePlanner, Obstacle, Pose, SafeRRTConnect, Scenario, Sphere
 from safe_ompl.common import CollisionError, InputError, StaleSceneError, UnknownNameError
 from safe_ompl.paths import Curve
 from safe_ompl.planning import SafeSetup, setup_scenario
-from safe_ompl.scene import Scenario
 
 PLANNERS = ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect"]
 BALL = Obstacle("ball", Sphere(0.1), Pose((0.3, 0.5, 0.4)), weight=0.5)

@@ -7,8 +7,7 @@ import pytest
 from ball import GOAL, START, densely, setup_for
 from ompl import base as ob
 
-from safe_ompl.collision import Verdict
-from safe_ompl.common import CollisionError, InputError
+from safe_ompl import CollisionError, InputError, Verdict
 from safe_ompl.planning.ompl import SampledValidity, StateBridge
 
 UP = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])

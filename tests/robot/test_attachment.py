@@ -4,8 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import CollisionChecker, InputError, Scene
-from safe_ompl.geometry import Box, Mesh, PointCloud, Pose, Sphere
+from safe_ompl import Box, CollisionChecker, InputError, Mesh, PointCloud, Pose, Scene, Sphere
 from safe_ompl.robot import Attachment
 
 

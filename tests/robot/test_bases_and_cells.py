@@ -8,8 +8,7 @@ import pinocchio as pin
 import pytest
 from self_pairs import self_pairs
 
-from safe_ompl import CollisionChecker, InputError, Scene, UnknownNameError
-from safe_ompl.geometry import Pose, Sphere
+from safe_ompl import CollisionChecker, InputError, Pose, Scene, Sphere, UnknownNameError
 from safe_ompl.robot import Robot, robot_hash
 
 BASE = Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2))

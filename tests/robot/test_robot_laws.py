@@ -8,9 +8,7 @@ import pytest
 from oracles.pinocchio_points import keypoint_jacobians
 from self_pairs import self_pairs
 
-from safe_ompl import CollisionChecker, MotionProver, Scene
-from safe_ompl.certificates import certificate, verify
-from safe_ompl.danger import CertifiedDanger, DangerField
+from safe_ompl import CertifiedDanger, CollisionChecker, DangerField, MotionProver, Scene, certificate, verify
 from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
 from safe_ompl.robot import robot_hash
 

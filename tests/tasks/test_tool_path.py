@@ -4,8 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError
-from safe_ompl.tasks import ToolPath
+from safe_ompl import InputError, ToolPath
 
 
 def pose(x, y, z, roll=0.0, pitch=0.0, yaw=0.0):

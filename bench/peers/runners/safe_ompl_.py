@@ -10,11 +10,7 @@ import pinocchio as pin
 from ompl import util as ou
 from protocol import Waypoints, serve
 
-from safe_ompl import Robot, SafeSetup
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.geometry.shapes import Box, Cylinder, Sphere
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Cylinder, Obstacle, Pose, Robot, SafeSetup, Scene, Sphere
 
 SHAPES = {"box": Box, "cylinder": Cylinder, "sphere": Sphere}
 

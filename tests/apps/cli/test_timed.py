@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safe_ompl import InputError, KinetostaticField, People, Scenario, plan, read_motion
+from safe_ompl import InputError, KinetostaticField, People, Scenario, Trajectory, plan, read_motion
 from safe_ompl.apps import main
 from safe_ompl.scene import MotionLimits
-from safe_ompl.trajectories import Trajectory
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,10 @@ import pytest
 from driving import AWAY, BODY, GOAL, OPTIONS, START, Drive, ball, panda
 from numba.core.dispatcher import Dispatcher
 
+from safe_ompl import CollisionChecker, InputError, Motion
 from safe_ompl.apps.cli.ros import cell_of, rehearse, trackers_of
 from safe_ompl.apps.exchange import ControlOptions
-from safe_ompl.collision import CollisionChecker
-from safe_ompl.common import InputError
 from safe_ompl.geometry import STANDING, Pose, Sphere
-from safe_ompl.motions import Motion
 from safe_ompl.people.simulation import ContactMonitor, part_solids
 from safe_ompl.scene import Scenario, Wait
 

@@ -7,11 +7,10 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 
+from safe_ompl import InputError, RateLimits, SafeOmplError
 from safe_ompl.apps.cli.program import main
 from safe_ompl.apps.exchange import open_driver
 from safe_ompl.apps.exchange.drivers import FRANKA, UR
-from safe_ompl.common import InputError, SafeOmplError
-from safe_ompl.trajectories import RateLimits
 
 HOME = np.array([0.0, -0.5, 0.0, -1.6, 0.0, 1.6, 0.8])
 STAND_IN = """

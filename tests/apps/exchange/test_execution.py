@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from driving import AWAY, BODY, GOAL, START, Drive, ball, panda
 
+from safe_ompl import Motion, RateLimits, time_path
 from safe_ompl.apps.exchange import Code, Execution, GoalError
-from safe_ompl.motions import Motion
 from safe_ompl.people.simulation import ContactMonitor, limb_solids
-from safe_ompl.trajectories import RateLimits, time_path
 
 WAY = [START, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], GOAL]
 NEAR = np.array([0.6, 0.0, -0.75])  # where a person bars the way

@@ -14,11 +14,10 @@ pytest.importorskip("rosbags")
 from mcap.writer import Writer  # noqa: E402
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 
-from safe_ompl import Obstacle, Pose, Scene, Shield, Sphere, Surroundings, Tracker  # noqa: E402
+from safe_ompl import InputError, Obstacle, Pose, Scene, Shield, Sphere, Surroundings, Tracker  # noqa: E402
 from safe_ompl.apps import main  # noqa: E402
 from safe_ompl.apps.cli import output  # noqa: E402
 from safe_ompl.apps.exchange import McapLog, messages, read_log  # noqa: E402
-from safe_ompl.common import InputError  # noqa: E402
 from safe_ompl.io import built_scene, read_ticks, strict_json  # noqa: E402
 from safe_ompl.people import find_skeleton  # noqa: E402
 from safe_ompl.view import read_recording  # noqa: E402

@@ -8,9 +8,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
+from safe_ompl import CollisionChecker, InputError, SafeOmplError
 from safe_ompl.apps.exchange import PolicyGuard, PolicyOptions
-from safe_ompl.collision import CollisionChecker
-from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.people.simulation import ALL_KEYPOINTS, ContactMonitor, limb_solids
 from safe_ompl.scene import MotionLimits, People, Scenario, Scene

@@ -8,15 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from safe_ompl import InputError, Pose, Robot, Scenario
 from safe_ompl.apps.exchange import lookup_of
 from safe_ompl.apps.exchange.messages import Frames, cloud_of, people_of_markers, pose_of, stamp_of
 from safe_ompl.apps.exchange.sightings import CloudView, Sightings
-from safe_ompl.common import InputError
-from safe_ompl.geometry import Pose
 from safe_ompl.people import find_skeleton
 from safe_ompl.people.simulation import ALL_KEYPOINTS
-from safe_ompl.robot import Robot
-from safe_ompl.scene import Scenario
 
 TURNED = Pose.from_rpy((1.0, 0.0, 2.0), (0.0, 0.0, np.pi / 2))
 

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from safe_ompl import Pose
+from safe_ompl import Pose, RateLimits
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Doing, PathLimits
 from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.guarded_path import RETREAT_SPEED, GuardedPath, line
 from safe_ompl.people.replanning.replanner import Receding, Retreats
-from safe_ompl.trajectories import RateLimits
 
 FAR = Pose((3.0, 0.0, 0.0))
 

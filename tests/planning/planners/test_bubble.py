@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from plane import PlaneProblem
 
-from safe_ompl import Box, BubblePlanner, InputError, Obstacle, Pose, Sphere
+from safe_ompl import Box, BubblePlanner, InputError, Obstacle, Pose, SafeSetup, Scene, Sphere
 from safe_ompl.collision import Bubble, CollisionChecker
-from safe_ompl.planning import SafeSetup
 from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
 from safe_ompl.planning.planners.problem import DangerWeight, PlanningProblem
-from safe_ompl.scene import Scene
 
 
 @pytest.mark.parametrize("printed", [False, True])

@@ -5,9 +5,8 @@ import pinocchio as pin
 import pytest
 from ompl import base as ob
 
-from safe_ompl import Box, Obstacle, Pose, SafeSetup, Sphere, make_planner
+from safe_ompl import Box, Obstacle, Pose, SafeSetup, Scenario, Scene, Sphere, make_planner
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import Scenario, Scene
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = np.array([0.35, -0.45, 0.35])

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safe_ompl import Box, DangerObjective, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
+from safe_ompl import Box, CertifiedMotionValidator, DangerObjective, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
 from safe_ompl.common import Counts
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import CertifiedMotionValidator
 from safe_ompl.planning.planners import extend, turns
 from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
