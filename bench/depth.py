@@ -24,8 +24,7 @@ from safe_ompl import Box, Obstacle, People, RateLimits, Replanner, Scenario, Su
 from safe_ompl.common import FloatArray
 from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, OccupancyOptions, Recording, TrackedBody, looking
 from safe_ompl.people.replanning import ReplanningOptions
-from safe_ompl.people.simulation import Drifting, Faults, Playback, SightedSimulation, Simulation, World
-from safe_ompl.people.simulation.movers import part_solids
+from safe_ompl.people.simulation import Drifting, Faults, Playback, SightedSimulation, Simulation, World, part_solids
 from safe_ompl.view import DepthRenderer
 
 CLAIM = "nobody whom depth cameras see is touched while the robot moves, without anybody being recognised"

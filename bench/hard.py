@@ -21,8 +21,7 @@ from bench._harness import Report
 from bench._planning import Problem, add_options as add_planning_options, compare
 from safe_ompl import CollisionChecker, MotionProver, Obstacle, Pose, Robot, SafeSetup, Scene
 from safe_ompl.common import FloatArray
-from safe_ompl.geometry import bounding_hull
-from safe_ompl.geometry.shapes import Box, Capsule, Shape
+from safe_ompl.geometry import Box, Capsule, Shape, bounding_hull
 from safe_ompl.robot.ik import Place, approach
 
 CLAIM = "safe planners solve as many narrow problems as their classical counterparts"

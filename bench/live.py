@@ -32,9 +32,7 @@ from safe_ompl.people import CalibratedReach, Recording, TrackedBody, facing, li
 from safe_ompl.people.replanning import Command, Doing, ReplanningOptions
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin
 from safe_ompl.people.replanning.stop_motion import StopMotion
-from safe_ompl.people.simulation.movers import Playback
-from safe_ompl.people.simulation.simulation import Faults, Simulation
-from safe_ompl.people.simulation.tour import Tour
+from safe_ompl.people.simulation import Faults, Playback, Simulation, Tour
 from safe_ompl.trajectories.contact import CONTACT_RULES
 
 CLAIM = "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"

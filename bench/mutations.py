@@ -62,15 +62,13 @@ from safe_ompl import (
     certificate,
     verify,
 )
-from safe_ompl.certificates import motion_certificate
-from safe_ompl.certificates.issue import terms_of
+from safe_ompl.certificates import motion_certificate, terms_of
 from safe_ompl.certificates.verifier.verify import Terms, Verified
 from safe_ompl.collision import Separation
 from safe_ompl.io.problems import built_robot
 from safe_ompl.io.schema import digest
 from safe_ompl.motions import check_with
-from safe_ompl.robot import Attachment, robot_hash
-from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.robot import Attachment, RobotSpec, robot_hash
 from safe_ompl.scene import Goal, MotionLimits
 
 CLAIM = "no certificate is accepted of which a sentence is false, whoever changed it"

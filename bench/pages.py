@@ -46,9 +46,8 @@ from safe_ompl.geometry import STANDING
 from safe_ompl.io.motions import TimedMotion
 from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.planning import setup_scenario
-from safe_ompl.view.content import ViewerContent, read_recording
+from safe_ompl.view import ViewerContent, read_recording, render_comparison, render_path, save_picture
 from safe_ompl.view.drawn_scene import DrawnScene, best_view
-from safe_ompl.view.pictures import render_comparison, render_path, save_picture
 from safe_ompl.view.plots import plot_profiles, plot_speeds
 from safe_ompl.view.viewer import save_page
 

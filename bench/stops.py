@@ -45,8 +45,7 @@ from safe_ompl.collision.queries import fresh_data
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import rate_violations
 from safe_ompl.motions.rates import stops_of
-from safe_ompl.trajectories import State
-from safe_ompl.trajectories.stops import Stops
+from safe_ompl.trajectories import State, Stops
 
 CLAIM = "a robot stands, or is as slow as is borne, before anyone of bounded speed is there"
 BETWEEN = {

@@ -5,8 +5,7 @@ import sys
 import numpy as np
 
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, Scene, Shield, Surroundings, Tracker, time_path
-from safe_ompl.people.simulation import Simulation, Walker
-from safe_ompl.people.simulation.movers import ALL_KEYPOINTS
+from safe_ompl.people.simulation import ALL_KEYPOINTS, Simulation, Walker
 
 PICK, GIVE = [-1.2, 0, 0, -2.0, 0, 2.2, 0.785], [0.9, 0.3, 0, -1.8, 0, 2.1, 0.785]
 RATE = 20.0  # [Hz]

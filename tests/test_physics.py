@@ -9,8 +9,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import Box, Obstacle, Pose, Robot, Scene, Sphere, plan_program
-from safe_ompl.people.simulation import ContactMonitor
-from safe_ompl.people.simulation.movers import Solid
+from safe_ompl.people.simulation import ContactMonitor, Solid
 
 mujoco = pytest.importorskip("mujoco", reason="needs mujoco")
 from bench.programs import Replay  # noqa: E402

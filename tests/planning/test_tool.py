@@ -23,9 +23,8 @@ from safe_ompl import (
 from safe_ompl.apps import main
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import GoalRegion, RobotSpec, inverse_kinematics
-from safe_ompl.scene import Scenario, Scene, ToolConstraint
+from safe_ompl.scene import Goal, Scenario, Scene, ToolConstraint
 from safe_ompl.scene.constraints import PathLimits, TipBox
-from safe_ompl.scene.scenario import Goal
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 LIMIT = np.radians(30.0)

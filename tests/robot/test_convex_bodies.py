@@ -10,8 +10,7 @@ import pytest
 from numba import njit
 
 from safe_ompl import PointCloud
-from safe_ompl.geometry import ConvexBodies, convex_hull, kernels as convex
-from safe_ompl.geometry.hulls import triangle_tree
+from safe_ompl.geometry import ConvexBodies, convex_hull, kernels as convex, triangle_tree
 from safe_ompl.geometry.kernels import POSE, from_box
 
 ERROR = 1e-5  # [m] of coal's distances

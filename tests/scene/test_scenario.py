@@ -10,8 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CollisionChecker, InputError, MotionProver, Robot, Scenario, Scene, UnknownNameError
 from safe_ompl.robot import RobotSpec
-from safe_ompl.scene import find_scenario, list_scenarios
-from safe_ompl.scene.scenario import Goal
+from safe_ompl.scene import Goal, find_scenario, list_scenarios
 
 FOLDER = Path(__file__).resolve().parents[2] / "scenarios"
 SHIPPED = sorted(file.stem for file in FOLDER.glob("*.yaml"))

@@ -9,9 +9,8 @@ import yaml
 
 from safe_ompl import GoalRegion, Person, Pose, Scene
 from safe_ompl.geometry.obstacle import _KEYS, SHAPES
-from safe_ompl.scene import ToolConstraint
+from safe_ompl.scene import Goal, ToolConstraint
 from safe_ompl.scene.constraints import PathLimits, TipBox
-from safe_ompl.scene.scenario import Goal
 
 PAGES = {
     name: (Path(__file__).parents[2] / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("scene", "goals")

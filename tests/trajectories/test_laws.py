@@ -9,8 +9,7 @@ import pytest
 from safe_ompl import DangerField, DangerLimit, InputError, Motion, RateLimits, TipBounds, time_path
 from safe_ompl.collision import Separation
 from safe_ompl.motions import rate_violations
-from safe_ompl.trajectories import BlendedCurve, Piece, blended, velocity_cap
-from safe_ompl.trajectories.time_law import SmoothLimits
+from safe_ompl.trajectories import BlendedCurve, Piece, SmoothLimits, blended, velocity_cap
 
 HOME = np.array([0.0, 0, 0, -1.5, 0, 1.5, 0])
 

@@ -26,8 +26,7 @@ from safe_ompl import (
     load,
     save,
 )
-from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, summarize
-from safe_ompl.apps.benchmark.runs import lost
+from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, lost, summarize
 from safe_ompl.common import in_order, warn_once
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import is_ours, planner_names
