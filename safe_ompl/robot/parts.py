@@ -138,11 +138,7 @@ class RobotParts:
         held = with_mimics(self.model, self.mimics, values, self.source)
         model, bodies = reduce_model(self.model, self.collision_model, held)
         drop_fixed_pairs(bodies)
-
-        def visual() -> pin.GeometryModel | None:
-            drawn = self.read_visual()
-            return None if drawn is None else reduce_model(self.model, drawn, held)[1]
-
+        visual = self._seen(lambda drawn: reduce_model(self.model, drawn, held)[1])
         mimics = {name: mimic for name, mimic in self.mimics.items() if name not in held}
         parts = replace(self, model=model, collision_model=bodies, read_visual=visual, mimics=mimics)
         return replace(parts, held={**self.held, **held})
@@ -167,11 +163,7 @@ class RobotParts:
             end = pin.SE3(np.eye(3), self._far_end(item, frame))
             model, tips = model.copy(), (*tips, item.name)
             model.addFrame(pin.Frame(item.name, joint, frame, end, pin.FrameType.OP_FRAME), False)
-
-        def visual() -> pin.GeometryModel | None:
-            drawn = self.read_visual()
-            return None if drawn is None else _with_object(drawn, item, self.model, frame)
-
+        visual = self._seen(lambda drawn: _with_object(drawn, item, self.model, frame))
         held = (*self.attached, item)
         return replace(self, model=model, collision_model=bodies, read_visual=visual, tips=tips, attached=held)
 
@@ -209,13 +201,17 @@ class RobotParts:
         """Return the robot with its base fixed to a joint of `model`, which it is appended to."""
         graft = Graft.of(model, self.model, joint, pose)
         model.name = self.model.name
-
-        def visual() -> pin.GeometryModel | None:
-            drawn = self.read_visual()
-            return None if drawn is None else graft.geometry(drawn)
-
-        bodies = graft.geometry(self.collision_model)
+        bodies, visual = graft.geometry(self.collision_model), self._seen(graft.geometry)
         return replace(self, model=model, collision_model=bodies, read_visual=visual)
+
+    def _seen(self, change: Callable[[pin.GeometryModel], pin.GeometryModel]) -> Callable[[], pin.GeometryModel | None]:
+        """Return what reads the visual model, when it is asked for, and changes it."""
+
+        def read() -> pin.GeometryModel | None:
+            drawn = self.read_visual()
+            return None if drawn is None else change(drawn)
+
+        return read
 
 
 def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotParts:

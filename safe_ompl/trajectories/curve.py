@@ -104,6 +104,12 @@ class Piece(NamedTuple):
         """Whether it is a line."""
         return not (self.bend.any() or self.swing.any())
 
+    @property
+    def powers(self) -> FloatArray:
+        """Coefficients (4, n) of the powers of the share of its length, as `MotionProver.check_curve` takes them."""
+        t = self.length
+        return np.array([self.start, t * self.slope, t * t / 2 * self.bend, t * t * t / 6 * self.swing])
+
     def places(self, at: FloatArray) -> CurvePoints:
         """Return the places (S,) of the piece at arc lengths from its start."""
         t = at[:, None]
@@ -116,9 +122,7 @@ class Piece(NamedTuple):
         """Return whether the piece is proven free, and to keep the limits of the motion, as its edges are."""
         if self.straight:
             return motion.is_free(self.start, self.start + self.length * self.slope)
-        coefficients = self.start, self.slope, self.bend / 2, self.swing / 6
-        scaled = [self.length**k * coefficient for k, coefficient in enumerate(coefficients)]
-        return motion.check_curve(scaled).verdict is Verdict.FREE
+        return motion.check_curve(self.powers).verdict is Verdict.FREE
 
     def slope_box(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the box (S, n) of q′ between arc lengths first and last (S,), with what rounding adds."""

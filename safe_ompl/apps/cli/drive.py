@@ -162,8 +162,7 @@ def write_log(log: DriveLog, robot: Robot, file: str | None) -> None:
     if Path(file).suffix == ".npz":
         np.savez(file, **columns)  # type: ignore[arg-type]  # names of columns are no options
     else:
-        rows = np.column_stack(list(columns.values())).tolist()
-        files.write(file, "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows), ""]))
+        files.write(file, files.table(list(columns), np.column_stack(list(columns.values())).tolist()))
 
 
 def measured(log: DriveLog, robot: Robot) -> dict[str, float]:

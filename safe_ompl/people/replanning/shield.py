@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
+from safe_ompl.common import InputError, SafeOmplError, finite_array
 from safe_ompl.motions import Motion
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
@@ -101,7 +101,7 @@ class Shield(Guard):
         piece = Piece(here, still, still, still, 1.0)
         self._rest = rest = self._path(BlendedCurve([piece], []))
         # The first proof makes and loads what all need: here, and not within the first tick.
-        self.prover.proven_by_bounds(_powers(piece)[None])
+        self.prover.proven_by_bounds(piece.powers[None])
         self._verdict(piece)
         rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
         self._last, self._way = None, None
@@ -277,7 +277,7 @@ class Shield(Guard):
         kept = zip(pieces, ends.tolist(), strict=True)
         cut = [piece._replace(length=piece.length - max(0.0, end - length)) for piece, end in kept]
         cut = [piece for piece in cut if piece.length > 0]
-        free = self.prover.proven_by_bounds(np.array([_powers(piece) for piece in cut])).tolist()
+        free = self.prover.proven_by_bounds(np.array([piece.powers for piece in cut])).tolist()
         proven: list[Piece] = []
         blocked = ""
         for piece, end, known in zip(cut, ends.tolist(), free, strict=False):
@@ -302,17 +302,11 @@ class Shield(Guard):
 
     def _verdict(self, piece: Piece) -> MotionVerdict:
         """Return the verdict on a piece among what stands still."""
-        return self.prover.check_curve(_powers(piece))
+        return self.prover.check_curve(piece.powers)
 
     def _path(self, curve: BlendedCurve) -> GuardedPath:
         path = GuardedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
         return replace(path, brakes=np.minimum(path.brakes, _HARDEST))
-
-
-def _powers(piece: Piece) -> FloatArray:
-    """Return the coefficients (4, n) of a piece as `MotionProver.check_curve` takes them."""
-    t = piece.length
-    return np.array([piece.start, t * piece.slope, t * t / 2 * piece.bend, t * t * t / 6 * piece.swing])
 
 
 class _Way(NamedTuple):
