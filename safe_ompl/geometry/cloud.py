@@ -166,7 +166,7 @@ class PointCloud(Shape):
         if self.resolution is not None:
             return self.resolution
         edge = self.radius / 2
-        while len(one_per_cell(self.centres, edge)) > (_FEW_CELLS if edge < self.radius else _MANY_CELLS):
+        while _count_cells(self.centres, edge) > (_FEW_CELLS if edge < self.radius else _MANY_CELLS):
             edge *= 2
         if edge > self.radius:
             _log.info(
@@ -292,11 +292,23 @@ def cell_tree(cells: IntArray, edge: float) -> Part:
 
 def one_per_cell(points: FloatArray, edge: float) -> FloatArray:
     """Return the first of the points, shape (N, 3), in each cell of a grid; the order is kept."""
+    chosen: FloatArray = points[np.sort(np.unique(_cells_of(points, edge)[0], return_index=True)[1])]
+    return chosen
+
+
+def _count_cells(points: FloatArray, edge: float) -> int:
+    """Return in how many cells of a grid there are points (N, 3)."""
+    cells, count = _cells_of(points, edge)
+    found = _Numbers(count)
+    found.add(cells)
+    return len(found.all())
+
+
+def _cells_of(points: FloatArray, edge: float) -> tuple[IntArray, int]:
+    """Return the cells (N,) of a grid that points (N, 3) are in, and how many cells there are."""
     home = np.floor((points - points.min(axis=0)) / edge).astype(np.intp)
     extent = home.max(axis=0) + 1
-    flat = (home[:, 0] * extent[1] + home[:, 1]) * extent[2] + home[:, 2]
-    chosen: FloatArray = points[np.sort(np.unique(flat, return_index=True)[1])]
-    return chosen
+    return (home[:, 0] * extent[1] + home[:, 1]) * extent[2] + home[:, 2], int(extent.prod())
 
 
 def _message_points(message: Any) -> FloatArray:

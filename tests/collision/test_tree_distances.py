@@ -110,9 +110,8 @@ def test_nearest_points_are_given_of_the_link_first(checker, path, side):
     for pair, distance, on_link, normal, offset in zip(found.pairs, distance_of, places, normals, offsets, strict=True):
         if distance > 0:
             assert on_link @ normal - offset == pytest.approx(distance, abs=1e-6)
-        name, on_obstacle = names[pair], on_link - distance * normal
-        if name == "scan" and distance > 0.05:
-            local = TURNED.se3.actInv(on_obstacle)
+        if names[pair] == "scan" and distance > 0.05:
+            local = TURNED.se3.actInv(on_link - distance * normal)
             assert np.hypot(local[0] - 0.5, local[1]) < 0.08 + 0.01 + 0.01, "on the column, not on the link"
             seen += 1
     assert seen > 5
