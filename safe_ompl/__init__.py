@@ -1,7 +1,5 @@
 """Safety-oriented robot arm motion planning for OMPL (Lacevic & Rocco, Robotica 2013)."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

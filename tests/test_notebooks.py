@@ -1,7 +1,5 @@
 """The notebooks in examples/ run from top to bottom, have their pictures, and name no machine's folders."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The robot of examples/mujoco is the one that is planned for: the same kinematics, inertias and shapes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

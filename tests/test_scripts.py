@@ -1,7 +1,5 @@
 """The scripts in examples/ are short and run as they stand."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import sys

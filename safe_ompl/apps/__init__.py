@@ -1,7 +1,5 @@
 """Programs: the command line and benchmarks; proofs as tests."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """Certificates of paths: what they claim, how they are issued, and how independent code verifies them."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

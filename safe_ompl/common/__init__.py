@@ -1,7 +1,5 @@
 """Shared by all rooms: array types, checks of input, errors, documents, what models share, compiled kernels."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

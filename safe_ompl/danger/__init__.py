@@ -1,7 +1,5 @@
 """The danger field of a robot at rest and in motion, its gradients, and proven bounds of it."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

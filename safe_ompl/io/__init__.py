@@ -1,7 +1,5 @@
 """Results, paths, scenes and robots as files: one versioned JSON form, and the forms of others by their endings."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """Motions that something else made, as piecewise polynomials: checks of freedom and rates, tubes, repair."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """People as sensors see them: skeletons of key points, tracking, and where a body may soon be."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """SafeSetup, OMPL's SimpleSetup for a robot in a scene; and the results of planning."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

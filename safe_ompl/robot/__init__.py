@@ -1,7 +1,5 @@
 """Robots on Pinocchio: loading, kinematics, inverse kinematics, and how far bodies can move."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """Scenes and scenarios: obstacles, people, constraints, start and goal."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

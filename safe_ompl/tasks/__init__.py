@@ -1,7 +1,5 @@
 """Work: motions of the tool along curves, proven to stay in a corridor."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """Trajectories: paths in time, within limits, no faster than what is proven to stop before people."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

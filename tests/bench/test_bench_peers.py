@@ -1,7 +1,5 @@
 """The comparison with other planners: what is exported, what the judge says, and the processes that answer."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files are written as a whole, or stay what they were."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

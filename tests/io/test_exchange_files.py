@@ -1,7 +1,5 @@
 """Results, paths and scenes come back from their files as they were."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Motions come from the files that others write, and files of other kinds are refused in one line."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Motions hold what they were made of: SciPy's splines, ROS's interpolation, samples, paths."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from math import comb
 from types import SimpleNamespace

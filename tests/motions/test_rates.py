@@ -1,7 +1,5 @@
 """Extremes are bounds, and near what is taken; violations are found where they are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

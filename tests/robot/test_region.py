@@ -1,7 +1,5 @@
 """Regions of the tip, held against dense samples of themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

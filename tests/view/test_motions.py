@@ -1,7 +1,5 @@
 """Motions in time, and recordings of a robot beside people, in files and in views."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of a view in a real browser: it opens offline, shows something, and its play bar moves the robot."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

@@ -1,7 +1,5 @@
 """A program in a view: one motion with its gripper; things go with the tip while it holds them."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

@@ -1,7 +1,5 @@
 """What a view shows, seen without a browser."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs of planners, campaigns of them, and benchmarks in OMPL's form."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

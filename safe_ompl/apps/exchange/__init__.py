@@ -4,8 +4,6 @@ Logs and recordings need the extra `safe-ompl[mcap]`, what starts a node ROS, to
 driven need those of their makers (`safe-ompl[franka]`, `safe-ompl[ur]`).
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """Replanning beside people who move: what is driven is proven at every tick."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """Simulated people, robots and their contacts, to test what is driven beside people."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

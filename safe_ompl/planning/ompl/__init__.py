@@ -1,7 +1,5 @@
 """What OMPL is given: validity, motion validity, objectives, goals, and the bridge between states and arrays."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """Planners that subclass ompl.base.Planner."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily

@@ -1,7 +1,5 @@
 """Runs, campaigns and benchmarks: who runs when, what OMPL's reader finds, and that no run ends the others."""
 
-from __future__ import annotations
-
 import dataclasses
 import logging
 import multiprocessing

@@ -1,7 +1,5 @@
 """`safe-ompl check` and `tube`: what is proven, what is not and why, repairs in every form, and bad input in a line."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`safe-ompl doctor`, `python -m safe_ompl`, and the one place of the version."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`safe-ompl new`: a robot of one's own has a scenario that can be planned, and stumbling stones have signs."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

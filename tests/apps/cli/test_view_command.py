@@ -1,7 +1,5 @@
 """`safe-ompl view` from scenarios, results and certificates to a page."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

@@ -1,7 +1,5 @@
 """A controller of a robot that does what it is told, and a person, in simulated time."""
 
-from __future__ import annotations
-
 import argparse
 from concurrent.futures import Executor, Future
 

@@ -1,7 +1,5 @@
 """A robot driven to goals beside people, with messages lost, late, out of order and broken; without ROS."""
 
-from __future__ import annotations
-
 import argparse
 import gc
 import os

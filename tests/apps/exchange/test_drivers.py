@@ -1,7 +1,5 @@
 """Drivers: what reaches a robot cycle by cycle; the libraries of the makers have stand-ins of the same interface."""
 
-from __future__ import annotations
-
 from time import monotonic, sleep
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trajectories of others behind a guard: driven on their own path, stopped, resumed, and ended as the action says."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Logs for Foxglove: read back with mcap's own reader and compared with the ticks that were written beside them."""
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from itertools import pairwise

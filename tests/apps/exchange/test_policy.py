@@ -1,7 +1,5 @@
 """What a policy sends to motors: units, what is passed through, waiting, people; a robot that does what it is told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib.util import find_spec
 

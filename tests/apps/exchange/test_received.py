@@ -1,7 +1,5 @@
 """Messages as arrays in the world: frames, stamps, key points, poses and clouds."""
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 

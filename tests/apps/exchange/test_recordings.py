@@ -1,7 +1,5 @@
 """Joints from recordings of ROS 2 that other programs wrote, in all forms that there are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Without ROS and control_msgs the tests are skipped, except where SAFE_OMPL_ROS=1 says that they must be there.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -1,7 +1,5 @@
 """The report of a drive: known figures from small logs, and the command."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A robot of LeRobot that guards another one, ``--robot.type=safe_ompl``; needs LeRobot (`pip install lerobot`)."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from safe_ompl.doors import lazily
