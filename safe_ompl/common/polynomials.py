@@ -33,8 +33,7 @@ def _bernstein_from_power(degree: int) -> FloatArray:
 
 def bernstein(coefficients: FloatArray) -> FloatArray:
     """Return the Bernstein coefficients of polynomials; their rounding is at most (d + 3) ε Σ_k |c_k|."""
-    found: FloatArray = _bernstein_from_power(coefficients.shape[1] - 1) @ coefficients
-    return found
+    return _bernstein_from_power(coefficients.shape[1] - 1) @ coefficients
 
 
 def powers(control_points: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:

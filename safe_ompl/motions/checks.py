@@ -282,8 +282,7 @@ def widest_tube(
     while high - low > tolerance * low and high > 1e-9:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if proven(middle) else (low, middle)
-    widest: FloatArray = low * shape
-    return widest
+    return low * shape
 
 
 def _proof(

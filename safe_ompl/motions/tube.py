@@ -46,8 +46,7 @@ class MeasuredTube:
     @property
     def widths(self) -> FloatArray:
         """The tube (n,) [rad or m]: factor × (errors + between)."""
-        found: FloatArray = self.factor * (self.errors + self.between)
-        return found
+        return self.factor * (self.errors + self.between)
 
 
 def measured_tube(

@@ -179,8 +179,7 @@ def read_step(key: str, value: Any) -> Step:
 
 
 def _poses(key: str, value: Any) -> tuple[Pose, ...]:
-    found: tuple[Pose, ...] = document.each(key, value, document.section, kind=Pose, least="pose")
-    return found
+    return document.each(key, value, document.section, kind=Pose, least="pose")
 
 
 @dataclass(frozen=True)

@@ -295,8 +295,7 @@ def rotation_vectors(matrices: FloatArray) -> FloatArray:
     vectors = 0.5 * (matrices[:, (2, 0, 1), (1, 2, 0)] - matrices[:, (1, 2, 0), (2, 0, 1)])
     sine = np.linalg.norm(vectors, axis=1)
     angle = np.arctan2(sine, 0.5 * (np.trace(matrices, axis1=1, axis2=2) - 1))
-    found: FloatArray = vectors * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[:, None]
-    return found
+    return vectors * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[:, None]
 
 
 def cubic_spline(knots: FloatArray, values: FloatArray, ends: FloatArray | None = None) -> FloatArray:

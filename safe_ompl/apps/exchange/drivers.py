@@ -176,8 +176,7 @@ class Driver:
 
     def _told(self, first: int, last: int) -> FloatArray:
         """Return the rows of some cycles; the first and the last one are held before and after."""
-        found: FloatArray = self._rows[np.clip(np.arange(first, last) - self._first, 0, len(self._rows) - 1)]
-        return found
+        return self._rows[np.clip(np.arange(first, last) - self._first, 0, len(self._rows) - 1)]
 
     def _take(self, begin: int, first: int, rows: FloatArray) -> str:
         """Take rows of the cycles from one on, which are new from another one on; return why they are not taken."""

@@ -182,8 +182,7 @@ class PlainMovingDanger:
             fields = [claim.k1 * levels + claim.k2 * rate * pushes for rate in rates]
         fields = [np.where(np.isnan(field), np.inf, field) for field in fields]
         if claim.aggregate == "max":
-            near: IntArray = points[still.weights[points] * np.maximum(*fields) > limit]
-            return near
+            return points[still.weights[points] * np.maximum(*fields) > limit]
         above = max(still.aggregated(field) for field in fields) > limit
         return points if above else points[:0]
 

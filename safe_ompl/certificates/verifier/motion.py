@@ -41,13 +41,11 @@ class PlainPiece:
 
     def at(self, sigma: float) -> FloatArray:
         """Return the configuration (n,) at an arc length from its start."""
-        q: FloatArray = self.start + sigma * self.first + sigma**2 / 2 * self.second + sigma**3 / 6 * self.third
-        return q
+        return self.start + sigma * self.first + sigma**2 / 2 * self.second + sigma**3 / 6 * self.third
 
     def slope(self, sigma: float) -> FloatArray:
         """Return q′ (n,) there."""
-        slope: FloatArray = self.first + sigma * self.second + sigma**2 / 2 * self.third
-        return slope
+        return self.first + sigma * self.second + sigma**2 / 2 * self.third
 
     def bend(self, sigma: float) -> FloatArray:
         """Return q″ (n,) there."""
@@ -56,14 +54,12 @@ class PlainPiece:
     def steps(self, half: float) -> FloatArray:
         """Return how far each joint (n,) moves at most in half an interval."""
         low, high = self.slopes(0.0, self.length)
-        steps: FloatArray = half * np.maximum(-low, high)
-        return steps
+        return half * np.maximum(-low, high)
 
     @property
     def bends(self) -> FloatArray:
         """The largest |q″| (n,) on the piece."""
-        bends: FloatArray = np.maximum(np.abs(self.second), np.abs(self.bend(self.length)))
-        return bends
+        return np.maximum(np.abs(self.second), np.abs(self.bend(self.length)))
 
     def slopes(self, first: float, last: float) -> tuple[FloatArray, FloatArray]:
         """Return the least and the largest q′ (n,) between two arc lengths."""
@@ -120,8 +116,7 @@ class PlainMotion:
     @property
     def pushes(self) -> FloatArray:
         """s̈ (C,) in each cell; of the plan, if there is a window."""
-        pushes: FloatArray = np.diff(self.squares) / (2 * np.diff(self.edges))
-        return pushes
+        return np.diff(self.squares) / (2 * np.diff(self.edges))
 
     def rates_between(self, cell: int, first: float, last: float) -> tuple[float, float]:
         """Return the least and the largest ṡ between two arc lengths of a cell, or bounds of them."""
