@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from safe_ompl import Box, Capsule, CollisionChecker, Cylinder, Obstacle, Pose, Robot, Scene, Sphere
+from safe_ompl import Box, Capsule, CollisionChecker, Cylinder, Obstacle, PointCloud, Pose, Robot, Scene, Sphere
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import Shape
 from safe_ompl.robot.spec import robots_folder
@@ -68,6 +68,14 @@ def tiled(number: int) -> Scene:
 def _shape(rng: np.random.Generator, k: int) -> Shape:
     a, b, c = rng.uniform(0.05, 0.25, 3).tolist()
     return (Box((a, b, c)), Sphere(a / 2), Cylinder(a / 2, 2 * b), Capsule(a / 2, b))[k % 4]
+
+
+def pillar_of_points() -> Scene:
+    """Return points of a pillar in front of a robot, as a camera sees them."""
+    rng = np.random.default_rng(0)
+    angles, heights = rng.uniform(0.0, 2.0 * np.pi, 400), rng.uniform(0.0, 0.9, 400)
+    points = np.column_stack([0.5 + 0.08 * np.cos(angles), 0.08 * np.sin(angles), heights])
+    return Scene([Obstacle("pillar", PointCloud(0.01, points=points))])
 
 
 def bookshelf() -> Scene:
