@@ -102,7 +102,7 @@ def carried_robot(recipe: Mapping[str, Any], folder: Path) -> Robot:
 def carried(content: Mapping[str, Any]) -> tuple[Robot, Scene]:
     """Build the robot and the scene that a certificate carries."""
     with TemporaryDirectory() as name:
-        for file, data in content["scene"]["files"].items():
+        for file, data in content["scene"].get("files", {}).items():
             (Path(name) / file).write_bytes(zlib.decompress(b64decode(data)))
         scene = Scene.from_mapping(content["scene"]["content"], Path(name))
         return carried_robot(content["robot"]["recipe"], Path(name)), scene
