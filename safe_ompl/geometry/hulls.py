@@ -298,10 +298,10 @@ class ConvexBodies:
             vertices = np.concatenate([vertices, others.vertices[1:]])
         exact, nodes, cells = np.concatenate([self.exact, others.exact]), [_NO_NODES], [bodies]
         for k, solid in others.solids.items():
-            body = bodies[len(self.bodies) + k]
-            levels = np.repeat(body, len(solid.half_sides))
-            levels["box"] = levels["extent"] = solid.half_sides[:, None]
-            levels["reach"] = sqrt(3) * solid.half_sides
+            body, sides = bodies[len(self.bodies) + k], solid.half_sides
+            levels = np.repeat(body, len(sides))
+            levels["box"] = levels["extent"] = sides[:, None]
+            levels["reach"] = sqrt(3) * sides
             levels["centre"], levels["grid"], levels["first_cell"] = 0.0, 0, 0
             body["levels"], body["root"] = sum(map(len, cells)), sum(map(len, nodes))
             nodes.append(solid.tree)

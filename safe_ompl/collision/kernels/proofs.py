@@ -328,10 +328,10 @@ def prove_curve(
     """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
 
     The `joints: (m,)` are a table (`safe_ompl.robot.kernels`). The next four are those of `Shapes`, and the next seven
-    those of `Pairs`: as tuples each would take Python a microsecond more to hand over. Pair p must keep
-    c_p, `distances: (P,)`, with all allowances in it, none of them above the `largest: (1,)`. The proof stops at
-    an interval in whose halves no two bodies approach each other by more than `least` [m], and where more than M
-    intervals would wait. Intervals that are not proven are written to `left: (M, 2)`. (An array that is returned would
+    those of `Pairs`: as tuples each would take Python a microsecond more to hand over. Pair p must keep c_p,
+    `distances: (P,)`, with all allowances in it, none of them above the `largest: (1,)`. The proof stops at an interval
+    in whose halves no two bodies approach each other by more than `least` [m], and where more than M intervals would
+    wait. Intervals that are not proven are written to `left: (M, 2)`. (An array that is returned would
     be made by Python code, where a Ctrl-C becomes a SystemError.) The `poses: (G,)` are those of bodies that do not
     move, and room for others. `suspects` are pairs that blocked motions before; those that block this one are kept
     there. Where a suspect is certainly too near the others are not looked at: no proof could find the motion free, so
