@@ -33,8 +33,7 @@ def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
     Displacement radii (P, n) at the centre are of pairs or of bodies: r_i is the largest. Distances (P,) at the centre
     are positive.
     """
-    weights: FloatArray = radii.max(axis=0, initial=0.0) / distances.min(initial=np.inf)
-    return weights
+    return np.asarray(radii.max(axis=0, initial=0.0) / distances.min(initial=np.inf))
 
 
 def link_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
@@ -42,8 +41,7 @@ def link_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
 
     It holds the paper's (9), because max_p R_pi/d_p ≤ max_p R_pi/min_p d_p. Parameters as for `common_diamond`.
     """
-    weights: FloatArray = (radii / distances[:, None]).max(axis=0, initial=0.0)
-    return weights
+    return np.asarray((radii / distances[:, None]).max(axis=0, initial=0.0))
 
 
 def extents(weights: FloatArray) -> FloatArray:
@@ -85,8 +83,7 @@ def diamond_meetings(u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArr
 
 def diamonds_may_meet(u: FloatArray, v: FloatArray) -> BoolArray:
     """Return False (N,) only where diamonds do not meet: Σ min(u_i, v_i) bounds twice their gap from below."""
-    near: BoolArray = np.minimum(u, v).sum(axis=1) < 2.0
-    return near
+    return np.asarray(np.minimum(u, v).sum(axis=1) < 2.0)
 
 
 @dataclass(frozen=True)

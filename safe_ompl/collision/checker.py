@@ -158,8 +158,7 @@ class CollisionChecker:
 
     def distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
-        distances: FloatArray = self.all_distances(configuration(q, self.robot.n)[None])[0]
-        return distances
+        return np.asarray(self.all_distances(configuration(q, self.robot.n)[None])[0])
 
     def all_distances(self, Q: ArrayLike) -> FloatArray:
         """Return `distances` (B, P) at `Q: (B, n)`."""
@@ -168,8 +167,7 @@ class CollisionChecker:
     def pair_distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance (P,) [m] of the pairs that may touch at `q: (n,)`, the robot's own pairs included."""
         every, Q = np.arange(len(self.pairs.bodies)), configuration(q, self.robot.n)[None]
-        distances: FloatArray = self.pairs.distances(Q, every)[0]
-        return distances
+        return np.asarray(self.pairs.distances(Q, every)[0])
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, but costlier.

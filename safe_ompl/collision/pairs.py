@@ -121,8 +121,7 @@ def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
             halved += np.split(block[np.argsort(centres[block, widest], kind="stable")], [half])
         blocks = [block for block in halved if len(block)]
     order = np.arange(checked.size).reshape(checked.shape)[np.concatenate(blocks)].T.ravel()
-    kept: IntArray = order[checked.ravel()[order]]
-    return kept
+    return order[checked.ravel()[order]]
 
 
 class PairSet:
@@ -165,8 +164,7 @@ class PairSet:
     @property
     def carriers(self) -> IntArray:
         """Pinocchio's numbers of the joints that carry the bodies of each pair, (P, 2)."""
-        joints: IntArray = self._table.convex_bodies.bodies["joint"][self.bodies]
-        return joints
+        return np.asarray(self._table.convex_bodies.bodies["joint"][self.bodies])
 
     def _take_radii(self) -> None:
         links, obstacles = self._robot.bounds.joint_radii, self._table.obstacle_radii
@@ -207,8 +205,7 @@ class PairSet:
         """
         links, coupling = self._robot.bounds.joint_radii, self._robot.coupling
         radii = coupling.radii(_pair_radii(links, self.bodies, np.full_like(self._table.obstacle_radii, np.inf)))
-        nearer: FloatArray = radii @ steps
-        return nearer
+        return radii @ steps
 
     def touching(self, q: FloatArray, margins: FloatArray | None = None) -> int | None:
         """Return a pair that touches, or is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`, or None.
@@ -290,8 +287,7 @@ def _pair_radii(links: FloatArray, bodies: IntArray, obstacle_radii: FloatArray)
     moves[: len(links)] = links
     first, second = moves[bodies[:, 0]], moves[bodies[:, 1]]
     radii = np.where((first > 0) != (second > 0), first + second, 0.0)
-    capped: FloatArray = np.minimum(radii, obstacle_radii[bodies[:, 1]])
-    return capped
+    return np.minimum(radii, obstacle_radii[bodies[:, 1]])
 
 
 def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:

@@ -208,8 +208,7 @@ def _unit(value: ArrayLike, name: str) -> FloatArray:
     length = float(np.linalg.norm(vector))
     if length < _LEAST_LENGTH:
         raise InputError(f"{name} must be a vector that is not zero, got {vector.tolist()}")
-    unit: FloatArray = vector / length
-    return unit
+    return vector / length
 
 
 def _corner(value: ArrayLike, name: str) -> FloatArray:

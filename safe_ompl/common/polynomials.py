@@ -111,8 +111,7 @@ def restricted(coefficients: FloatArray, first: float | FloatArray, last: float 
     i = np.arange(coefficients.shape[-2])
     k = i[:, None]
     shift = width**k * _binomials(len(i)) * begin ** np.maximum(i - k, 0)
-    found: FloatArray = shift @ coefficients
-    return found
+    return np.asarray(shift @ coefficients)
 
 
 @cache

@@ -51,8 +51,7 @@ class Cells:
     @property
     def half_sides(self) -> FloatArray:
         """Half the side of a cell of each level (L,) [m], and what the rounding may add."""
-        sides: FloatArray = self.edge * 2.0 ** np.arange(-1.0, self._depth) + self.rounding
-        return sides
+        return self.edge * 2.0 ** np.arange(-1.0, self._depth) + self.rounding
 
     @property
     def rounding(self) -> float:

@@ -257,8 +257,7 @@ def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
         if across.min() <= limit:
             for k in reach:
                 flat.add(first[across + gaps[k][2] <= limit] + int(np.array([i, j, k]) @ stride))
-    cells: IntArray = np.column_stack(np.unravel_index(flat.all(), tuple(extent))) + low
-    return cells
+    return np.asarray(np.column_stack(np.unravel_index(flat.all(), tuple(extent))) + low)
 
 
 class _Numbers:
@@ -278,8 +277,7 @@ class _Numbers:
         """Return them in order, each once."""
         if self._table is not None:
             return np.asarray(np.flatnonzero(self._table), dtype=np.intp)
-        numbers: IntArray = np.unique(np.concatenate(self._lists))
-        return numbers
+        return np.unique(np.concatenate(self._lists))
 
 
 def cell_tree(cells: IntArray, edge: float) -> Part:
@@ -292,8 +290,7 @@ def cell_tree(cells: IntArray, edge: float) -> Part:
 
 def one_per_cell(points: FloatArray, edge: float) -> FloatArray:
     """Return the first of the points, shape (N, 3), in each cell of a grid; the order is kept."""
-    chosen: FloatArray = points[np.sort(np.unique(_cells_of(points, edge)[0], return_index=True)[1])]
-    return chosen
+    return points[np.sort(np.unique(_cells_of(points, edge)[0], return_index=True)[1])]
 
 
 def _count_cells(points: FloatArray, edge: float) -> int:

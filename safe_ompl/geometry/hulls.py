@@ -70,8 +70,7 @@ def _thin_directions(vertices: FloatArray) -> FloatArray:
     """Return unit vectors (3, 3) in which vertices have no extent; rows of zeros for the others."""
     spread = np.vstack([vertices - vertices.mean(axis=0), np.zeros((3, 3))])
     _, extents, directions = np.linalg.svd(spread, full_matrices=False)
-    thin: FloatArray = np.where((extents < _IN_PLANE)[:, None], directions, 0.0)
-    return thin
+    return np.where((extents < _IN_PLANE)[:, None], directions, 0.0)
 
 
 def _thickened(vertices: FloatArray, thickness: float) -> coal.BVHModelBase:

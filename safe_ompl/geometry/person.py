@@ -125,13 +125,11 @@ class Body:
         forward = (wrist - shoulder) / reach
         down = _perpendicular(np.array([0.0, 0.0, -1.0]), forward)
         along = (reach**2 + upper**2 - fore**2) / (2 * reach)
-        bent: FloatArray = shoulder + along * forward + np.sqrt(max(upper**2 - along**2, 0.0)) * down
-        return bent
+        return np.asarray(shoulder + along * forward + np.sqrt(max(upper**2 - along**2, 0.0)) * down)
 
     def _beyond(self, point: FloatArray, way: FloatArray, side: str) -> FloatArray:
         """Return where one comes from a point along a way, as far as the wrist is from the hand."""
-        end: FloatArray = point + self._segment(side, "wrist", "hand") * way / max(float(np.linalg.norm(way)), 1e-9)
-        return end
+        return point + self._segment(side, "wrist", "hand") * way / max(float(np.linalg.norm(way)), 1e-9)
 
 
 def _perpendicular(vector: FloatArray, axis: FloatArray) -> FloatArray:
@@ -140,8 +138,7 @@ def _perpendicular(vector: FloatArray, axis: FloatArray) -> FloatArray:
         rest = candidate - (candidate @ axis) * axis
         if np.linalg.norm(rest) > 1e-6:
             break
-    unit: FloatArray = rest / np.linalg.norm(rest)
-    return unit
+    return rest / np.linalg.norm(rest)
 
 
 class Limb(NamedTuple):
@@ -267,8 +264,7 @@ class Person(Shape):
 
     def danger_points(self, spacing: float) -> FloatArray:
         """Return points on the surface, shape (M, 3); all of it is within `spacing` of them [m]."""
-        points: FloatArray = surfaces.capsule_points(*self._capsules, spacing)
-        return points
+        return surfaces.capsule_points(*self._capsules, spacing)
 
     def triangles(self, resolution: int) -> Triangles:
         pieces = [(limb.placement, limb.shape.triangles(resolution)) for limb in self.limbs()]

@@ -128,8 +128,7 @@ PoseLike: TypeAlias = Pose | pin.SE3 | Mapping[str, Any] | ArrayLike
 
 def placed(transform: pin.SE3, points: FloatArray) -> FloatArray:
     """Return `points`, shape (M, 3), moved by a rigid transform."""
-    moved: FloatArray = points @ transform.rotation.T + transform.translation
-    return moved
+    return np.asarray(points @ transform.rotation.T + transform.translation)
 
 
 def _turned(rpy: tuple[float, ...]) -> tuple[float, ...]:

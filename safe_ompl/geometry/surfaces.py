@@ -86,8 +86,7 @@ def most_mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> f
 def _mesh_steps(corners: FloatArray, spacing: float) -> FloatArray:
     """Return into how many steps the edges of each triangle (F, 3, 3) are divided."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    steps: FloatArray = np.maximum(1.0, np.ceil(longest / (spacing / 2) - 1e-9))
-    return steps
+    return np.asarray(np.maximum(1.0, np.ceil(longest / (spacing / 2) - 1e-9)))
 
 
 def thinned(points: FloatArray, distance: float) -> FloatArray:

@@ -100,5 +100,4 @@ def _between(times: FloatArray, values: FloatArray) -> FloatArray:
         return np.zeros(values.shape[1])
     bends = np.abs(np.diff(np.diff(values, axis=0) / spans, axis=0)) * 2 / (spans[1:] + spans[:-1])
     either = np.maximum(np.vstack([bends[:1], bends]), np.vstack([bends, bends[-1:]]))
-    found: FloatArray = (either * spans**2).max(axis=0) / 8
-    return found
+    return np.asarray((either * spans**2).max(axis=0) / 8)

@@ -245,8 +245,7 @@ class DisplacementBounds:
         arms = finite_array(points, (None, 3), "points")[:, None] - centers
         along = np.einsum("kmx,mx->km", arms, axes)
         lateral = np.linalg.norm(arms - along[..., None] * axes, axis=2)
-        reaches: FloatArray = np.hypot(lateral + radii, np.abs(along) + half_lengths).T
-        return reaches
+        return np.asarray(np.hypot(lateral + radii, np.abs(along) + half_lengths).T)
 
     def displacement_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.

@@ -316,8 +316,7 @@ class JointLimits:
         """Return of which motions (E,) of coefficients (E, d + 1, n) the control points prove that they hold."""
         low, high = self._bounds
         points = polynomials.bernstein(curves)
-        held: BoolArray = ((low <= points) & (high >= points)).all(axis=(1, 2))
-        return held
+        return np.asarray(((low <= points) & (high >= points)).all(axis=(1, 2)))
 
     def left_by(self, curve: Sequence[FloatArray]) -> tuple[int, float] | None:
         """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.

@@ -119,8 +119,7 @@ def pseudoinverse_step(jacobian: FloatArray, error: FloatArray, drift: FloatArra
     squares, directions = np.linalg.eigh(jacobian @ jacobian.T)
     damped = squares + _DAMPING**2 * np.maximum(0.0, 1.0 - squares / _SINGULAR**2)
     residual = directions.T @ (error - jacobian @ drift)
-    step: FloatArray = drift + jacobian.T @ (directions @ (residual / damped))
-    return step
+    return drift + jacobian.T @ (directions @ (residual / damped))
 
 
 def transpose_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
@@ -128,16 +127,14 @@ def transpose_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -
     pull = jacobian.T @ error
     moved = jacobian @ pull
     square = float(moved @ moved)
-    step: FloatArray = pull * (float(pull @ pull) / square if square > 0 else 0.0)
-    return step
+    return pull * (float(pull @ pull) / square if square > 0 else 0.0)
 
 
 def cautious_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
     """Return Δq (n,) = Jᵀ(JJᵀ + μ‖Δx‖²)⁻¹Δx (Levenberg-Marquardt; Sugihara 2011); Δq₀ is ignored."""
     square = jacobian @ jacobian.T
     square.flat[:: len(error) + 1] += _CAUTION * float(error @ error) + _REGULAR
-    step: FloatArray = jacobian.T @ np.linalg.solve(square, error)
-    return step
+    return jacobian.T @ np.linalg.solve(square, error)
 
 
 Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -231,8 +228,7 @@ def tip_reach(robot: Robot) -> tuple[FloatArray, float]:
 
 
 def _full_turns(robot: Robot) -> BoolArray:
-    full: BoolArray = robot.continuous | (~robot.prismatic & (robot.upper - robot.lower > _FULL_TURN))
-    return full
+    return robot.continuous | (~robot.prismatic & (robot.upper - robot.lower > _FULL_TURN))
 
 
 def _within_limits(robot: Robot, q: FloatArray) -> FloatArray:

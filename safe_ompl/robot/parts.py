@@ -179,11 +179,9 @@ class RobotParts:
         way = (points.min(axis=0) + points.max(axis=0)) / 2 - start
         length = float(np.linalg.norm(way))
         if length < 1e-6:  # the key point is the middle of the object: any end will do
-            farthest: FloatArray = points[np.linalg.norm(points - start, axis=1).argmax()]
-            return farthest
+            return np.asarray(points[np.linalg.norm(points - start, axis=1).argmax()])
         way = way / length
-        end: FloatArray = start + max(float(((hull.points - start) @ way).max()) + hull.radius for hull in hulls) * way
-        return end
+        return np.asarray(start + max(float(((hull.points - start) @ way).max()) + hull.radius for hull in hulls) * way)
 
     def _prefixed(self, prefix: str) -> RobotParts:
         """Return the same parts with a prefix before the names that they say of joints, links and frames."""

@@ -197,8 +197,7 @@ def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds
     begins = np.unique(np.vstack([begins, (lower + upper) / 2, corners]), axis=0)
     roll, pitch, yaw = _descended(rotation, begins, lower, upper).T
     found = _turns(2, yaw) @ _turns(1, pitch) @ _turns(0, roll)
-    nearest: FloatArray = found[np.einsum("sij,ij->s", found, rotation).argmax()]
-    return nearest
+    return np.asarray(found[np.einsum("sij,ij->s", found, rotation).argmax()])
 
 
 def _descended(rotation: FloatArray, angles: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
@@ -238,5 +237,4 @@ def _brought_within(angles: FloatArray, lower: Any, upper: Any) -> FloatArray:
     """Return the angles in [lower, upper] that are nearest to others, going round the circle."""
     middle = (lower + upper) / 2
     turned = middle + np.remainder(angles - middle + np.pi, 2 * np.pi) - np.pi
-    within: FloatArray = np.clip(turned, lower, upper)
-    return within
+    return np.asarray(np.clip(turned, lower, upper))

@@ -61,8 +61,7 @@ class Goal(Section):
         """Orientation of the tip as a matrix (3, 3), or None where any will do."""
         if self.position is None or self.quaternion_xyzw is None:
             return None
-        rotation: FloatArray = Pose(self.position, self.quaternion_xyzw).se3.rotation
-        return rotation
+        return np.asarray(Pose(self.position, self.quaternion_xyzw).se3.rotation)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> Goal:

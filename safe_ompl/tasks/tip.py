@@ -156,5 +156,4 @@ def _least_squares(jacobians: FloatArray, errors: FloatArray, damping: FloatArra
     """Return Jᵀ(JJᵀ + μ)⁻¹e (B, n)."""
     square = jacobians @ np.swapaxes(jacobians, 1, 2)
     square[:, range(6), range(6)] += damping[:, None] + _DAMPING
-    steps: FloatArray = np.einsum("bxn,bx->bn", jacobians, np.linalg.solve(square, errors[..., None])[..., 0])
-    return steps
+    return np.asarray(np.einsum("bxn,bx->bn", jacobians, np.linalg.solve(square, errors[..., None])[..., 0]))

@@ -68,8 +68,7 @@ class Stretch(NamedTuple):
     @property
     def steps(self) -> FloatArray:
         """How fast joints (n,) move at most, by t."""
-        found: FloatArray = (len(self.points) - 1) * np.abs(np.diff(self.points, axis=0)).max(axis=0)
-        return found
+        return np.asarray((len(self.points) - 1) * np.abs(np.diff(self.points, axis=0)).max(axis=0))
 
 
 class Separations:

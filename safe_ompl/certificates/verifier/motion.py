@@ -136,12 +136,10 @@ class PlainMotion:
         """
         cells = np.arange(len(self.of))
         if not self.window:
-            same: BoolArray = cells == k
-            return same
+            return np.asarray(cells == k)
         away = np.maximum(self.edges[:-1] - self.edges[k + 1], self.edges[k] - self.edges[1:])
         between = (cells >= self._begins[k]) & (cells < self.ends[k])
-        near: BoolArray = between & (away <= np.maximum(self.window / 2 * speeds * (1 - _ROUNDING), 0.0))
-        return near
+        return np.asarray(between & (away <= np.maximum(self.window / 2 * speeds * (1 - _ROUNDING), 0.0)))
 
     def fastest_near(self, speeds: FloatArray) -> FloatArray:
         """Return bounds (C,) of ṡ in the cells for a plan whose σ̇ is at most `speeds: (C,)` in them."""

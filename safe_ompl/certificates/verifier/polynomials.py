@@ -88,8 +88,7 @@ def check_free(
 
 def rounded(points: FloatArray) -> FloatArray:
     """Return what halving control points adds to where joints (n,) are."""
-    found: FloatArray = _ROUNDING * np.abs(points).max(axis=0)
-    return found
+    return np.asarray(_ROUNDING * np.abs(points).max(axis=0))
 
 
 def derivatives(coefficients: FloatArray, span: Fraction) -> list[FloatArray]:

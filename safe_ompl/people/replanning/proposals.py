@@ -57,8 +57,7 @@ def proposed_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     room = limits.acceleration - least_brake(limits) * cells.slopes
     squares = np.divide(room, cells.bends, out=np.full_like(room, np.inf), where=cells.bends > 0)
     fastest = np.sqrt(np.maximum(squares.min(axis=1), 0.0))
-    found: FloatArray = np.minimum(1.0, np.maximum(fastest, bending_cap(cells, limits)))
-    return found
+    return np.asarray(np.minimum(1.0, np.maximum(fastest, bending_cap(cells, limits))))
 
 
 @dataclass(frozen=True)

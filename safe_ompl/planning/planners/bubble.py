@@ -198,8 +198,7 @@ class BubblePlanner(SafePlanner):
             return np.zeros(len(points))
         rates = self._checker.robot.bounds.arm_rates
         metres = float(np.sqrt(np.mean(rates**2))) / slope
-        scaled: FloatArray = metres * usual * np.log1p(values / usual)
-        return scaled
+        return metres * usual * np.log1p(values / usual)
 
     # -------------------------------------------------------------------------------------------- the trees
 
@@ -266,14 +265,12 @@ class JointMetric:
         """Return the lengths (…) of motions between `start` and `end: (…, n)`, for g and h."""
         if not self._taxicab:
             return self.separations(start, end)
-        lengths: FloatArray = np.abs(self._bridge.difference(start, end)) @ self._rates
-        return lengths
+        return np.abs(self._bridge.difference(start, end)) @ self._rates
 
     def separations(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the distances (…) between `start` and `end: (…, n)` in the 2-norm, for the diversity."""
         steps = self._bridge.difference(start, end) * self._rates
-        separations: FloatArray = np.sqrt(np.einsum("...i,...i->...", steps, steps))
-        return separations
+        return np.asarray(np.sqrt(np.einsum("...i,...i->...", steps, steps)))
 
 
 class EndPoint(NamedTuple):

@@ -71,8 +71,7 @@ class TangentialDescent:
         bridge, slope = self._bridge, self._danger.cost.value_and_gradient(step[0])[1] / self._danger.slope
         if not descend(step, slope, self.share * reach, bridge.lower, bridge.upper, bridge.circular):
             return None
-        moved: FloatArray = step[1]
-        return moved
+        return np.asarray(step[1])
 
 
 @dataclass(eq=False)

@@ -137,8 +137,7 @@ class PaperSafePRM(SafePlanner):
 
     def _lengths_from(self, milestone: int) -> FloatArray:
         """Return the distances (N,) in the 1-norm between all milestones and one of them."""
-        lengths: FloatArray = np.abs(self._roadmap.ways_to(milestone)).sum(axis=1)
-        return lengths
+        return np.asarray(np.abs(self._roadmap.ways_to(milestone)).sum(axis=1))
 
     @property
     def _structure(self) -> Roadmap:
@@ -319,8 +318,7 @@ class PaperSafeBubble(SafePlanner):
         """BUBBLE_ENDPOINTS: the vertices (K, n)."""
         bridge = self._bridge
         points = bridge.inside(bubble.vertices(bridge.lower, bridge.upper, bridge.circular))
-        found: FloatArray = points[self._metric.separations(bubble.q, points) > 1e-9]
-        return found
+        return points[self._metric.separations(bubble.q, points) > 1e-9]
 
     @property
     def _structure(self) -> TwoTrees[VolumeTree]:

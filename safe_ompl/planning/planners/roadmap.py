@@ -66,8 +66,7 @@ class Roadmap:
         ways = self.ways_to(milestone) if self._robot is None else self._places - self._places[milestone]
         distances = squares(ways)
         left = np.flatnonzero(~(excluded | self.invalid))
-        order: IntArray = left[np.argsort(distances[left], kind="stable")]
-        return order
+        return left[np.argsort(distances[left], kind="stable")]
 
     def ways_to(self, milestone: int) -> FloatArray:
         """Return the straight motions (N, n) [rad or m] between every milestone and one of them."""
@@ -165,8 +164,7 @@ class Roadmap:
 
 def squares(rows: FloatArray) -> FloatArray:
     """Return the squared norms (N,) of `rows: (N, E)`."""
-    norms: FloatArray = np.einsum("ij,ij->i", rows, rows)
-    return norms
+    return np.asarray(np.einsum("ij,ij->i", rows, rows))
 
 
 class SearchGraph:

@@ -52,8 +52,7 @@ class Tree:
     @property
     def roots(self) -> FloatArray:
         """The nodes (R, n) that have no parent."""
-        roots: FloatArray = self.configurations[self.parents == ROOT]
-        return roots
+        return np.asarray(self.configurations[self.parents == ROOT])
 
     @property
     def costs(self) -> FloatArray:
@@ -75,8 +74,7 @@ class Tree:
             marks[node, SLOPED] = True
             if np.isnan(costs[node]):
                 costs[node] = value
-        gradient: FloatArray = gradients[node]
-        return gradient
+        return np.asarray(gradients[node])
 
     def add(self, q: FloatArray, parent: int = ROOT) -> int:
         """Append the configuration `q: (n,)` and return its index."""
