@@ -40,10 +40,10 @@ def assert_proven(
     from safe_ompl.common import CollisionError
     from safe_ompl.io import read_motion
     from safe_ompl.planning import setup_scenario
-    from safe_ompl.scene import Scenario, find_scenario
+    from safe_ompl.scene import Scenario
 
     if not isinstance(scenario, Scenario):
-        scenario = Scenario.load(find_scenario(scenario))
+        scenario = Scenario.load(scenario)
     robot, what = scenario.build_robot(), f"motion of {scenario.name}"
     if isinstance(motion, (str, Path)):
         what, motion = str(motion), read_motion(motion, robot)

@@ -292,7 +292,7 @@ def _pair_radii(links: FloatArray, bodies: IntArray, obstacle_radii: FloatArray)
 
 def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:
     """Return places (C, 3) in the world in the frames of joints (C,), by Pinocchio's numbers, at `Q: (C, n)`."""
-    rotations, origins, _ = robot.kinematics.frames(robot.coupling.values(Q))
+    rotations, origins, _ = robot.joint_frames(Q)
     local = places.copy()
     carried = np.flatnonzero(joints)  # the others are in the frame of the world
     at = carried, joints[carried] - 1

@@ -277,7 +277,7 @@ class Displacement:
                     missing.append(wanted[row, k] - found.distance)
         if not of:
             return np.zeros(0, dtype=np.intp), np.zeros((0, robot.n)), np.zeros(0)
-        frames = robot.kinematics.frames(robot.coupling.values(Q[of]))[1:]
+        frames = robot.joint_frames(Q[of])[1:]
         speeds = [_speeds(robot, np.array(joints)[:, side], np.array(points)[:, side], *frames) for side in (0, 1)]
         slopes = robot.coupling.columns(np.einsum("kmx,kx->km", speeds[1] - speeds[0], np.array(normals)))
         moving = slopes.any(axis=1)

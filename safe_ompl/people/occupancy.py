@@ -149,7 +149,7 @@ class OccupancyGrid:
                 raise InputError(f"is more than the {camera.block**2} pixels of a block of {name!r}", "min_points")
         self.time = -np.inf  # of the newest image [s]
         side = _SIDE * ceil(2 * options.reach / options.edge / _SIDE - _SAME)
-        frames = robot.kinematics.frames(robot.coupling.values(np.zeros((1, robot.n))))
+        frames = robot.joint_frames(np.zeros((1, robot.n)))
         middle = frames[1][0, 0]
         self.cells = Cells(middle - 0.5 * side * options.edge, options.edge, side)
         parts = [
@@ -201,7 +201,7 @@ class OccupancyGrid:
 
     def _place(self, q: FloatArray, *, moving: bool) -> None:
         """Place the bodies that joints carry at q (n,), or those that none does."""
-        rotations, origins = self.robot.kinematics.frames(self.robot.coupling.values(q[None]))[:2]
+        rotations, origins = self.robot.joint_frames(q[None])[:2]
         place(self._known.shapes, self._known.poses, plain(rotations[0]), plain(origins[0]), moving)
 
     def _stand(self, q: FloatArray) -> None:

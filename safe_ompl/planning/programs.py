@@ -37,19 +37,7 @@ from safe_ompl.motions import Motion
 from safe_ompl.planning.program_result import ProgramResult, Stretch
 from safe_ompl.planning.workcell import Driven, ImpossibleError, State, Workcell, named
 from safe_ompl.robot import Attachment, Robot
-from safe_ompl.scene import (
-    Attach,
-    Detach,
-    Goal,
-    Gripper,
-    Line,
-    Move,
-    Scenario,
-    Seam,
-    Wait,
-    configuration_for,
-    find_scenario,
-)
+from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario, Seam, Wait, configuration_for
 from safe_ompl.tasks import Corridor, ToolPath, configurations_at
 from safe_ompl.trajectories import BlendedCurve, PathTimer, Trajectory
 
@@ -86,7 +74,7 @@ def plan_program(scenario: Scenario | str | Path, *, time: float = TIME, seed: i
         If the scenario has no program, or a step names what is not there; starts with the step and its key.
     """
     if not isinstance(scenario, Scenario):
-        scenario = Scenario.load(find_scenario(scenario))
+        scenario = Scenario.load(scenario)
     limit = number("time limit", time, above=0.0, kind="number of seconds")
     with _naming(scenario):
         return _ProgramPlanner(scenario, checked_seed(seed)).run(limit)
@@ -231,7 +219,8 @@ class _ProgramPlanner:
             if known not in (None, k):
                 continue
             if kind == "place":
-                pose = option.se3 * self._cell.held_pose(held[value], step.arm, state).inverse()
+                in_hand = self._cell.tip(step.arm, state).inverse() * self._cell.link(held[value].link, state)
+                pose = option.se3 * (in_hand * held[value].pose.se3).inverse()
             elif item is not None:  # of the other arm, which hands it over
                 pose = self._cell.link(item.link, state) * item.pose.se3 * option.se3
             else:

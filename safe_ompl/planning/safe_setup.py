@@ -337,7 +337,7 @@ def plan(
     """
     begin = clock()
     if not isinstance(scenario, scenes.Scenario):
-        scenario = scenes.Scenario.load(scenes.find_scenario(scenario))
+        scenario = scenes.Scenario.load(scenario)
     setup = setup_scenario(scenario)
     own = scenario.planners.get(planner, {})
     built = clock() - begin

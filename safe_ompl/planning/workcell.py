@@ -170,10 +170,6 @@ class Workcell:
         pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(state.q))
         return pin.SE3(data.oMf[model.getFrameId(link)])
 
-    def held_pose(self, item: Attachment, arm: str | None, state: State) -> pin.SE3:
-        """Return where an object that is held is, seen from the tip."""
-        return self.tip(arm, state).inverse() * self.link(item.link, state) * item.pose.se3
-
     @cached_property
     def finger_links(self) -> tuple[str, ...]:
         """The links that joints of grippers move: they may touch what they hold."""

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         EXAMPLES as EXAMPLES,
         RobotSpec as RobotSpec,
         find_example as find_example,
+        read_robot as read_robot,
         robots_folder as robots_folder,
     )
     from safe_ompl.robot.srdf import SrdfFile as SrdfFile, disabled_links as disabled_links, srdf_text as srdf_text

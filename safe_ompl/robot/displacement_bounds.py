@@ -256,9 +256,7 @@ class DisplacementBounds:
 
     def joint_radii_at(self, q: FloatArray) -> FloatArray:
         """Return the radii R (G, m) at `q: (n,)` by the joints of Pinocchio's model."""
-        rotation, origins, axes = (
-            frames[0] for frames in self._robot.kinematics.frames(self._robot.model_values(q[None]))
-        )
+        rotation, origins, axes = (frames[0] for frames in self._robot.joint_frames(q[None]))
         joints, corners, pads, support = self._body_corners
         fixed = (joints == 0)[:, None, None]  # to the base: no joint moves them
         carried = np.einsum("gij,gpj->gpi", rotation[joints - 1], corners) + origins[joints - 1][:, None]

@@ -49,10 +49,6 @@ class KinematicTree:
         self.keypoints["offset"] = offsets
         self.keypoints["joint"] = carriers
 
-    def frames(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return rotations (B, m, 3, 3), origins and axes (B, m, 3) of the joints in the world at `values: (B, m)`."""
-        return kernel.joint_frames(self.joints, plain(values))
-
 
 def plain(array: Any) -> FloatArray:
     """Return `array` as the one kind of array that kernels are compiled for, itself where it is one."""
@@ -131,11 +127,11 @@ class ForwardKinematics:
         self._turning, self._straight, self._circular = turning, first[~turning], first[turning]
         self._plain = self.coupling.trivial and not turning.any()  # Pinocchio's form is our own
         self._chain = parts.chain
-        self._sliding = self._chain.prismatic
+        self.joint_prismatic: BoolArray = self._chain.prismatic
 
         self.continuous: BoolArray = turning[planned]
         self._wraps = bool(self.continuous.any())
-        self.prismatic: BoolArray = self._sliding[planned]
+        self.prismatic: BoolArray = self.joint_prismatic[planned]
         self.lower: FloatArray = self._chain.lower[planned]
         self.upper: FloatArray = self._chain.upper[planned]
 
@@ -147,7 +143,6 @@ class ForwardKinematics:
         self.skeleton = skeleton
         self.kinematics = KinematicTree(self._chain, skeleton.joints, skeleton.offsets)
         self._tables = self.kinematics.joints, self.kinematics.keypoints
-        self.joint_prismatic: BoolArray = self._sliding
         self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
         self._scratch = PerThread(model.createData)
         flags = self.continuous, self.prismatic, self.joint_keypoint_support
@@ -227,6 +222,10 @@ class ForwardKinematics:
     def keypoints_batch(self, Q: ArrayLike) -> FloatArray:
         """Return the key points (B, K, 3) [m] for a batch of configurations `Q: (B, n)`."""
         return kernel.keypoints(*self._tables, plain(self.model_values(Q)))
+
+    def joint_frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return rotations (B, m, 3, 3), origins and axes (B, m, 3) of the joints in the world at `Q: (B, n)`."""
+        return kernel.joint_frames(self.kinematics.joints, plain(self.coupling.values(Q)))
 
     def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
         """Map gradients (B, K, 3) by the key points at `Q: (B, n)` to gradients (B, n) by the joints, Σ_k J_kᵀ g_k."""

@@ -68,16 +68,8 @@ class Place:
         return self
 
     def error(self, q: FloatArray) -> FloatArray:
-        """Return Δx (m,) [m] from the tip at `q: (n,)` to the place, in world axes.
-
-        The rotational part is c·log(R_goal Rᵀ). In the logarithm of the whole motion, log6, position and
-        rotation mix; taken apart, ½‖Δx‖² has the gradient −JᵀΔx exactly, and the tip moves on a straight line.
-        """
-        pose = self.robot.tip_pose(q)
-        offset: FloatArray = self.position - pose.translation
-        if self.rotation is None:
-            return offset
-        return np.concatenate([offset, METRES_PER_RADIAN * pin.log3(self.rotation @ pose.rotation.T)])
+        """Return Δx (m,) [m] from the tip at `q: (n,)` to the place, in world axes; see `error_from`."""
+        return error_from(self.robot.tip_pose(q), self.position, self.rotation)
 
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Return the Jacobian J (m, n) [m/rad] of the tip at `q: (n,)` in the coordinates of `error`."""
@@ -93,6 +85,18 @@ class Place:
         """Return WS_DISTANCE = ‖Δx‖ = √(‖p‖² + c²‖ω‖²) [m] at `q: (n,)`."""
         error = self.error(q)
         return float(np.sqrt(error @ error))
+
+
+def error_from(pose: pin.SE3, position: FloatArray, rotation: FloatArray | None) -> FloatArray:
+    """Return Δx (3,) or (6,) [m] from a pose to a position and perhaps an orientation, in world axes.
+
+    The rotational part is c·log(R_goal Rᵀ). In the logarithm of the whole motion, log6, position and
+    rotation mix; taken apart, ½‖Δx‖² has the gradient −JᵀΔx exactly, and the tip moves on a straight line.
+    """
+    offset = position - pose.translation
+    if rotation is None:
+        return np.asarray(offset)
+    return np.concatenate([offset, METRES_PER_RADIAN * pin.log3(rotation @ pose.rotation.T)])
 
 
 def _matrix(rotation: ArrayLike | pin.Quaternion) -> FloatArray:

@@ -313,8 +313,9 @@ class Skeleton:
         """Build the skeleton of `model`, whose locked joints are reduced to frames."""
         first, *others = (frame_index(model, tip) for tip in tips)
         on_chain = {frame for tip in (first, *others) for frame in _way_to_root(model, tip)}
-        ends = [(name, _joint_frame(model, name)) for name in joint_names]
-        frames = [frame for name, frame in ends if frame in on_chain or model.existJointName(name)]
+        named = reversed(list(enumerate(model.frames)))  # a joint, free or locked; a link may have the same name
+        of = {frame.name: k for k, frame in named if frame.type != pin.FrameType.BODY}
+        frames = [of[name] for name in joint_names if of[name] in on_chain or model.existJointName(name)]
         frames += [*others, first]
         index = {frame: k for k, frame in enumerate(frames)}
         joints = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
@@ -344,11 +345,6 @@ def frame_index(model: pin.Model, name: str) -> int:
     matches = [k for k, frame in enumerate(model.frames) if frame.name == name]
     bodies = [k for k in matches if model.frames[k].type == pin.FrameType.BODY]
     return (bodies or matches)[0]
-
-
-def _joint_frame(model: pin.Model, name: str) -> int:
-    """Return the index of the frame of a joint, free or locked; a link may have the same name."""
-    return next(k for k, f in enumerate(model.frames) if f.name == name and f.type != pin.FrameType.BODY)
 
 
 def _frame_positions(model: pin.Model, frames: list[int]) -> FloatArray:

@@ -51,12 +51,12 @@ class Attachment:
         object.__setattr__(self, "touch_links", tuple(document.text("touch_links", name) for name in names))
 
     @classmethod
-    def from_mapping(cls, data: Any, folder: Path) -> Attachment:
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> Attachment:
         """Read an object as an obstacle of a scene is written (shape and pose), with `link` and the other keys."""
-        read = document.mapping("attached", data)
-        link = document.text("link", document.require(read, "link"))
-        body = Obstacle.from_mapping({key: value for key, value in read.items() if key not in _KEYS}, folder)
-        return cls(body.name, body.shape, link, body.pose, read.get("touch_links", ()), read.get("danger", False))
+        link = document.text("link", document.require(data, "link"))
+        rest = {key: value for key, value in data.items() if key not in _KEYS}
+        body = Obstacle.from_mapping(rest, folder or document.folder_of_document())
+        return cls(body.name, body.shape, link, body.pose, data.get("touch_links", ()), data.get("danger", False))
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
@@ -183,18 +183,6 @@ class RobotParts:
         way = way / length
         return np.asarray(start + max(float(((hull.points - start) @ way).max()) + hull.radius for hull in hulls) * way)
 
-    def _prefixed(self, prefix: str) -> RobotParts:
-        """Return the same parts with a prefix before the names that they say of joints, links and frames."""
-        return replace(
-            self,
-            link_ends=tuple(prefix + name for name in self.link_ends),
-            tips=tuple(prefix + name for name in self.tips),
-            mimics={prefix + k: replace(mimic, primary=prefix + mimic.primary) for k, mimic in self.mimics.items()},
-            held={prefix + name: value for name, value in self.held.items()},
-            bare_links=tuple(prefix + name for name in self.bare_links),
-            attached=tuple(replace(item, name=prefix + item.name, link=prefix + item.link) for item in self.attached),
-        )
-
     def _on(self, model: pin.Model, joint: int, pose: pin.SE3) -> RobotParts:
         """Return the robot with its base fixed to a joint of `model`, which it is appended to."""
         graft = Graft.of(model, self.model, joint, pose)
@@ -226,17 +214,19 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
         drawn = [parts.read_visual() or parts.collision_model for parts in robots.values()]
         return _joined(graft.geometry(geometry) for graft, geometry in zip(grafts, drawn, strict=True))
 
-    members = {prefix: parts._prefixed(f"{prefix}_") for prefix, parts in robots.items()}
-    order = [members[tip], *(parts for prefix, parts in members.items() if prefix != tip)]
-    found = RobotParts(name, name, model, bodies, visual, (), tuple(end for parts in order for end in parts.tips))
-    for parts in members.values():
+    found = RobotParts(name, name, model, bodies, visual, (), ())
+    for prefix, parts in robots.items():
+        mimics = {k: replace(mimic, primary=f"{prefix}_{mimic.primary}") for k, mimic in parts.mimics.items()}
+        items = (replace(item, name=f"{prefix}_{item.name}", link=f"{prefix}_{item.link}") for item in parts.attached)
+        ends = tuple(f"{prefix}_{end}" for end in parts.tips)
         found = replace(
             found,
-            link_ends=found.link_ends + parts.link_ends,
-            mimics={**found.mimics, **parts.mimics},
-            held={**found.held, **parts.held},
-            bare_links=found.bare_links + parts.bare_links,
-            attached=found.attached + parts.attached,
+            link_ends=(*found.link_ends, *(f"{prefix}_{end}" for end in parts.link_ends)),
+            tips=ends + found.tips if prefix == tip else found.tips + ends,
+            mimics={**found.mimics, **{f"{prefix}_{k}": mimic for k, mimic in mimics.items()}},
+            held={**found.held, **{f"{prefix}_{joint}": value for joint, value in parts.held.items()}},
+            bare_links=(*found.bare_links, *(f"{prefix}_{link}" for link in parts.bare_links)),
+            attached=(*found.attached, *items),
         )
     return found
 

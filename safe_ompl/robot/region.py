@@ -11,8 +11,9 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, Section, documents as document, key
 from safe_ompl.geometry import Pose
-from safe_ompl.robot.ik import METRES_PER_RADIAN, Place
+from safe_ompl.robot.ik import Place, error_from
 from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.spec import read_pose
 
 Bounds: TypeAlias = tuple[float, float]
 """Least and largest value, equal where there is one only."""
@@ -33,10 +34,6 @@ def _bounds(key: str, given: Any) -> Bounds:
     if low > high:
         raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
     return low, high
-
-
-def _frame(key: str, value: Any) -> Pose:
-    return Pose.of(value, key)
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,7 @@ class GoalRegion(Section):
        planning. International Journal of Robotics Research, 2011.
     """
 
-    frame: Pose = key(_frame, factory=Pose)
+    frame: Pose = key(read_pose, factory=Pose)
     x: Bounds | None = key(_bounds, default=None)
     y: Bounds | None = key(_bounds, default=None)
     z: Bounds | None = key(_bounds, default=None)
@@ -119,11 +116,7 @@ class GoalRegion(Section):
 
     def error(self, pose: pin.SE3) -> FloatArray:
         """Return Δx [m] from a pose to the nearest one of the region, (3,) or (6,) as that of `Place`."""
-        position, rotation = self.nearest(pose)
-        offset: FloatArray = position - pose.translation
-        if rotation is None:
-            return offset
-        return np.concatenate([offset, METRES_PER_RADIAN * pin.log3(rotation @ pose.rotation.T)])
+        return error_from(pose, *self.nearest(pose))
 
     def sample(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray | None]:
         """Return a position (3,) of the region and an orientation (3, 3), or None where any will do, at random.

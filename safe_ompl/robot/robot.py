@@ -220,8 +220,7 @@ class Robot(ForwardKinematics):
     @cached_property
     def model(self) -> pin.Model:
         """A copy of Pinocchio's model of the joints that move, mimics included; changes do not reach the robot."""
-        model: pin.Model = self.shared.model.copy()
-        return model
+        return self.shared.model.copy()
 
     @cached_property  # always the same one: Pinocchio's GeometryData crashes if its model is gone
     def collision_model(self) -> pin.GeometryModel:

@@ -109,7 +109,8 @@ def _path(name: str, value: Any) -> Path:
     return (document.folder_of_document() / value).resolve()
 
 
-def _pose(name: str, value: Any) -> Pose:
+def read_pose(name: str, value: Any) -> Pose:
+    """Return a pose that is given in any of the forms of `Pose.of`."""
     return Pose.of(value, name)
 
 
@@ -122,19 +123,12 @@ def _ranges(name: str, value: Any) -> Ranges:
     return x, y
 
 
-def _attachment(name: str, value: Any) -> Attachment:
-    if isinstance(value, Attachment):
+def read_robot(name: str, value: Any) -> RobotSpec:
+    """Return a robot, given as one or as a document has it."""
+    if isinstance(value, RobotSpec):
         return value
     with document.within(name):
-        return Attachment.from_mapping(value, document.folder_of_document())
-
-
-def _robots(name: str, value: Any) -> dict[str, RobotSpec]:
-    found = {}
-    for prefix, robot in document.mapping(name, value).items():
-        with document.within(f"{name}.{prefix}"):
-            found[prefix] = robot if isinstance(robot, RobotSpec) else RobotSpec.from_mapping(robot)
-    return found
+        return RobotSpec.from_mapping(value)
 
 
 def _words(name: str, value: Any) -> dict[str, str] | None:
@@ -209,10 +203,10 @@ class RobotSpec(Section):
     tip: str | None = key(document.line, default=None)
     locked: Mapping[str, float] | None = key(document.by_name, read=document.number, default=None)
     free: tuple[str, ...] = key(document.each, read=document.line, default=())
-    base: Pose | None = key(_pose, default=None)
+    base: Pose | None = key(read_pose, default=None)
     mobile_base: Ranges | None = key(_ranges, default=None)
-    attached: tuple[Attachment, ...] = key(document.each, read=_attachment, default=())
-    robots: Mapping[str, RobotSpec] = key(_robots, factory=dict)
+    attached: tuple[Attachment, ...] = key(document.each, read=document.section, kind=Attachment, default=())
+    robots: Mapping[str, RobotSpec] = key(document.by_name, read=read_robot, factory=dict)
     name: str | None = key(document.line, default=None)
     group: str | None = key(document.line, default=None)
     collision: CollisionSource = key(document.one_of, known=get_args(CollisionSource), default="required")

@@ -11,7 +11,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, Section, UnknownNameError, documents as document, files, key
 from safe_ompl.geometry import Pose
-from safe_ompl.robot import GoalRegion, Robot, RobotSpec
+from safe_ompl.robot import GoalRegion, Robot, RobotSpec, read_robot
 from safe_ompl.scene.constraints import Configuration, MotionLimits, PathLimits, People, read_configuration
 from safe_ompl.scene.program import Program
 from safe_ompl.scene.scene import Scene
@@ -135,13 +135,6 @@ def _description(key: str, value: Any) -> str:
     return value
 
 
-def _robot(key: str, value: Any) -> RobotSpec:
-    if isinstance(value, RobotSpec):
-        return value
-    with document.within(key):
-        return RobotSpec.from_mapping(value, document.folder_of_document())
-
-
 @dataclass(frozen=True)
 class Scenario(Section):
     """A planning problem.
@@ -178,7 +171,7 @@ class Scenario(Section):
     """
 
     name: str = key(document.text)
-    robot: RobotSpec = key(_robot)
+    robot: RobotSpec = key(read_robot)
     scene: Scene = key(document.section, kind=Scene)
     start: Configuration = key(read_configuration)
     goal: Goal = key(document.section, default=None, kind=Goal)  # None where there is a program only
@@ -206,12 +199,12 @@ class Scenario(Section):
         read or is not valid; UnknownNameError if there is none of that name.
         """
         file = Path(name_or_path)
-        if not file.suffix:
-            file = find_scenario(name_or_path)
         if file.suffix.lower() in (".urdf", ".xacro"):
             raise InputError(
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it", str(file)
             )
+        if file.suffix.lower() not in (".yaml", ".yml"):  # as others are no files, but names
+            file = find_scenario(name_or_path)
         with files.reading(file) as data:
             data = {"name": file.stem, "scene": None, **data}
             data |= {name: data[name] or {} for name in ("planners", "people", "frames") if name in data}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -120,11 +120,15 @@ class Scene(Section):
         a number.
         """
         obstacles: dict[str, Obstacle] = {}
-        _refuse_other_obstacles(problem)
+        for kind, value in problem.items():
+            if kind not in _MBM_KINDS and isinstance(value, list) and any(isinstance(item, dict) for item in value):
+                raise InputError(f"obstacles of this kind are not read; known: {', '.join(_MBM_KINDS)}", kind)
         for kind in _MBM_KINDS:
             for k, item in enumerate(document.sequence(kind, problem.get(kind, ()))):
                 data = document.mapping(f"{kind}[{k}]", item)
-                name = _unused_name(str(data.get("name", kind)), obstacles)
+                name = str(data.get("name", kind))
+                numbered = itertools.chain([name], (f"{name}#{k}" for k in itertools.count(2)))
+                name = next(each for each in numbered if each not in obstacles)
                 with document.within(f"{kind}[{k}]"):
                     obstacles[name] = Obstacle(name, *_mbm_shape(kind, data), weight=1.0)
         return cls(tuple(obstacles.values()), spacing)
@@ -169,11 +173,10 @@ class Scene(Section):
             links.setdefault(self[name].name, []).append(link)
         found = []
         for obstacle in self.obstacles:
-            given = obstacle.name, obstacle.shape, obstacle.pose, obstacle.weight, obstacle.color
             if obstacle.name in links:
                 with document.within(repr(obstacle.name)):
                     core = obstacle.shape.core(document.number("depth", depth, above=0.0))
-                obstacle = Obstacle(*given, touched_by=(*obstacle.touched_by, *links[obstacle.name]))
+                obstacle = replace(obstacle, touched_by=(*obstacle.touched_by, *links[obstacle.name]))
                 found.append(Obstacle(f"{obstacle.name}, {1e3 * depth:g}{CORE}", core, obstacle.pose, weight=0.0))
             found.append(obstacle)
         return Scene(tuple(found), self.spacing)
@@ -233,14 +236,3 @@ def _mbm_shape(kind: str, data: Mapping[str, Any]) -> tuple[Shape, Pose]:
         shape = Cylinder if kind == "cylinder" else Capsule
         return shape(document.require(data, "radius"), document.require(data, "length")), pose
     return Sphere(document.require(data, "radius")), pose
-
-
-def _refuse_other_obstacles(problem: Mapping[str, Any]) -> None:
-    for kind, value in problem.items():
-        if kind not in _MBM_KINDS and isinstance(value, list) and any(isinstance(item, dict) for item in value):
-            raise InputError(f"obstacles of this kind are not read; known: {', '.join(_MBM_KINDS)}", kind)
-
-
-def _unused_name(name: str, taken: Container[str]) -> str:
-    candidates = itertools.chain([name], (f"{name}#{k}" for k in itertools.count(2)))
-    return next(candidate for candidate in candidates if candidate not in taken)

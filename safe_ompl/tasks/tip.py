@@ -40,7 +40,7 @@ class Tip:
         """Return the tip at configurations (B, n)."""
         robot = self.robot
         frame = robot.shared.model.frames[robot.tip_frame]
-        rotations, origins, axes = robot.kinematics.frames(robot.model_values(Q))
+        rotations, origins, axes = robot.joint_frames(Q)
         carrier = int(frame.parentJoint) - 1
         turned = rotations[:, carrier]
         positions = origins[:, carrier] + turned @ frame.placement.translation

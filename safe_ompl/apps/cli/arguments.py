@@ -14,7 +14,7 @@ from safe_ompl.apps.cli import output
 from safe_ompl.common import InputError, UnknownNameError, documents as document
 from safe_ompl.planning.planners import planner_names
 from safe_ompl.robot import CollisionSource
-from safe_ompl.scene import Scenario, ToolConstraint, find_scenario
+from safe_ompl.scene import Scenario, ToolConstraint
 
 _Number = TypeVar("_Number", int, float)
 
@@ -225,7 +225,7 @@ def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
 
 def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = (), *, goal: bool = False) -> Scenario:
     """Load a scenario, perhaps one with a `goal`; the planners that it gives parameters to must exist, too."""
-    scenario = Scenario.load(find_scenario(name_or_file))
+    scenario = Scenario.load(name_or_file)
     if goal and scenario.goal is None:
         raise InputError("missing: it has a program, which `safe-ompl plan` plans", f"{scenario.file}: goal")
     for planner in scenario.planners:

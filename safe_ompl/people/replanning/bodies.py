@@ -41,12 +41,12 @@ class RobotBodies:
             middles,
             np.array(extents),
         )
-        self._first_axis = robot.kinematics.frames(robot.coupling.values(np.zeros((1, robot.n))))[2][0, 0]
+        self._first_axis = robot.joint_frames(np.zeros((1, robot.n)))[2][0, 0]
         self.speeds = BodySpeeds(robot)  # of all bodies and the tip
 
     def frames(self, Q: FloatArray, travel: FloatArray = _NOWHERE) -> CellFrames:
         """Return the frames of the joints at `Q: (B, n)`, and how far (B, G) the bodies get from there [m]."""
-        return CellFrames(*self.robot.kinematics.frames(self.robot.coupling.values(Q))[:2], travel)
+        return CellFrames(*self.robot.joint_frames(Q)[:2], travel)
 
     def vertices(self, body: int, frames: CellFrames) -> FloatArray:
         """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""

@@ -18,32 +18,28 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits and the constraints, whose robot touches neither an obstacle nor itself.
 
     The coordinates of the space must be the robot's joints (`joint_space`), but their limits are the robot's, however
-    wide the space. An UnknownNameError if the scene has no obstacle of a name in the constraints.
+    wide the space. `check` is the check of configurations (n,) that states undergo. An UnknownNameError if the scene
+    has no obstacle of a name in the constraints.
     """
 
     def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:
         super().__init__(si)
-        self._check = ConfigurationCheck(checker, constraints or Constraints())
+        self.check = ConfigurationCheck(checker, constraints or Constraints())
         self._space = si.getStateSpace()
         self.bridge = StateBridge(self._space)
 
     @property
     def checker(self) -> CollisionChecker:
         """Robot and scene."""
-        return self._check.checker
-
-    @property
-    def check(self) -> ConfigurationCheck:
-        """The check of configurations (n,) that states undergo."""
-        return self._check
+        return self.check.checker
 
     def getConstraints(self) -> Constraints:
         """Return what states must keep to besides joint limits and collision."""
-        return self._check.constraints
+        return self.check.constraints
 
     def setConstraints(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
         """Set what states must keep to; with a checker also another scene of the same robot; errors as the class."""
-        self._check = ConfigurationCheck(checker or self.checker, constraints)
+        self.check = ConfigurationCheck(checker or self.checker, constraints)
 
     @property
     def settings(self) -> tuple[Any, ...] | None:
@@ -59,7 +55,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         # OMPL's bounds let NaN pass, and a space may be wider than the robot's limits.
         if not self._space.satisfiesBounds(state):
             return False
-        return self._check.allows(self.bridge.view(state), state)
+        return self.check.allows(self.bridge.view(state), state)
 
     def clearance(self, state: Any) -> float:
         """Return the distance [m] between the robot and the nearest obstacle."""
@@ -79,7 +75,8 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     Any OMPL planner that asks `si.checkMotion` plans certified paths with it. The coordinates of the space must be the
     robot's joints (see `joint_space`). An edge with less clearance than about `safe_ompl.collision.FLOOR` stays
     undecided, and counts as blocked. The state validity checker should have the same constraints: the user's checker
-    among them is asked about what is proven free, and kept alive by `CollisionFreeValidity` only.
+    among them is asked about what is proven free, and kept alive by `CollisionFreeValidity` only. `motion` is what
+    proves motions; `setConstraints` puts another one in its place.
     """
 
     def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:
@@ -91,12 +88,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     @property
     def checker(self) -> CollisionChecker:
         """Robot and scene."""
-        return self._motion.checker
-
-    @property
-    def motion(self) -> MotionProver:
-        """What proves motions now; `setConstraints` puts another one in its place."""
-        return self._motion
+        return self.motion.checker
 
     def getConstraints(self) -> Constraints:
         """Return what motions must keep to besides joint limits and collision."""
@@ -106,7 +98,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         """Set what motions must keep to; with a checker also another scene of the same robot; errors as the class."""
         borrowed = constraints.borrowed()
         separation, limits = borrowed.separation, borrowed.limits
-        self._motion = MotionProver(checker or self.checker, separation=separation, limits=limits)
+        self.motion = MotionProver(checker or self.checker, separation=separation, limits=limits)
         self._constraints = borrowed
 
     def checkMotion(self, start: Any, end: Any) -> bool:
@@ -116,7 +108,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         q_start, q_end = self._bridge.read(start), self._bridge.read(end)
         if not isfinite(q_start.dot(q_end)):  # OMPL's bounds let NaN pass
             return False
-        return self._motion.is_free(q_start, q_end)
+        return self.motion.is_free(q_start, q_end)
 
 
 RESOLUTION = 0.01  # [rad] between two samples of a motion

@@ -19,7 +19,7 @@ import numpy as np
 from ompl import base as ob, geometric as og
 
 from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, flag, number, warn_once, whole_number
-from safe_ompl.planning.planners.problem import PlanningProblem
+from safe_ompl.planning.planners.problem import DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.roadmap import Roadmap
 from safe_ompl.planning.planners.tree import PlannerGraph, Trees, TwoTrees
 
@@ -180,6 +180,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     plans_to: ClassVar[Any] = ob.GoalSampleableRegion
     _declared: ClassVar[dict[str, Parameter[Any]]]
+    _danger: DangerWeight
+    _structure: TwoTrees[Any] | Roadmap  # what has been built so far
 
     range = Parameter(
         0.0,
@@ -246,7 +248,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         ob.Planner.setup(self)
         if self.getProblemDefinition() is not None:
             self._read_objective()
-        self._prepare()
+        if hasattr(self, "_danger"):  # planners as printed have none
+            self._danger.prepare()
 
     def clear(self) -> None:
         """Forget everything but the parameters. Random numbers go on: the runs of a benchmark must differ."""
@@ -288,21 +291,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def _make_parts(self) -> None:
         """Make the parts that keep values of parameters, before these are set."""
 
-    def _prepare(self) -> None:
-        """Measure what planning will need, so that it need not be measured while planning."""
-
-    @property
-    def _structure(self) -> TwoTrees[Any] | Roadmap:
-        """What has been built so far."""
-        return self._trees
-
     def _forget(self) -> None:
         """Drop what has been built, and begin anew without starts and goals."""
-        self.__dict__.pop("_trees", None)
-
-    @cached_property
-    def _trees(self) -> Trees:
-        return Trees(self._bridge, self._problem.cost, self.counts)
+        self._structure = self._trees = Trees(self._bridge, self._problem.cost, self.counts)
 
     # ------------------------------------------------------------------------------------- starts and goals
 

@@ -102,8 +102,7 @@ class BubblePlanner(SafePlanner):
     @property
     def _checker(self) -> CollisionChecker:
         """Robot and scene, as they are now."""
-        checker: CollisionChecker = self._validity.checker
-        return checker
+        return self._validity.checker
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
@@ -202,16 +201,9 @@ class BubblePlanner(SafePlanner):
 
     # -------------------------------------------------------------------------------------------- the trees
 
-    @property
-    def _structure(self) -> TwoTrees[VolumeTree]:
-        return self._volumes
-
-    def _prepare(self) -> None:
-        self._danger.prepare()
-
     def _forget(self) -> None:
         self._metric = JointMetric(self._bridge, self._checker.robot.bounds.arm_rates, taxicab=False)
-        self._volumes = volume_trees(self._bridge, self._metric, diverse=False)
+        self._structure = self._volumes = volume_trees(self._bridge, self._metric, diverse=False)
         self._turns = self._places = 0
         self._decay.reset()
         self._margin.reset()

@@ -164,11 +164,8 @@ class SafeJTRRT(SafePlanner):
             self._step.aim(goal.place)
         self._trees.take(goal)
 
-    def _prepare(self) -> None:
-        self._danger.prepare()
-
     def _forget(self) -> None:
-        self._trees = Approach(self._bridge, self._problem.cost, self.counts, self._goal)
+        self._structure = self._trees = Approach(self._bridge, self._problem.cost, self.counts, self._goal)
         self._growth.reset()
         self._margin.reset()
         self._decay.reset()

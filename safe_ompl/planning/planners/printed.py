@@ -18,7 +18,7 @@ from safe_ompl.planning.planners.extend import Extension, steered
 from safe_ompl.planning.planners.jt_rrt import STALLED, Approach
 from safe_ompl.planning.planners.problem import PlanningProblem
 from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph
-from safe_ompl.planning.planners.tree import Tree, Trees, TwoTrees
+from safe_ompl.planning.planners.tree import Tree, Trees
 
 
 def straight_extension(
@@ -139,12 +139,8 @@ class PaperSafePRM(SafePlanner):
         """Return the distances (N,) in the 1-norm between all milestones and one of them."""
         return np.asarray(np.abs(self._roadmap.ways_to(milestone)).sum(axis=1))
 
-    @property
-    def _structure(self) -> Roadmap:
-        return self._roadmap
-
     def _forget(self) -> None:
-        self._roadmap = Roadmap(self._problem)
+        self._structure = self._roadmap = Roadmap(self._problem)
 
 
 class PaperSafeJTRRT(SafePlanner):
@@ -252,7 +248,7 @@ class PaperSafeJTRRT(SafePlanner):
         self._trees.take(self._goal)
 
     def _forget(self) -> None:
-        self._trees = Approach(self._bridge, self._problem.cost, self.counts, self._goal)
+        self._structure = self._trees = Approach(self._bridge, self._problem.cost, self.counts, self._goal)
 
 
 class PaperSafeBubble(SafePlanner):
@@ -320,10 +316,6 @@ class PaperSafeBubble(SafePlanner):
         points = bridge.inside(bubble.vertices(bridge.lower, bridge.upper, bridge.circular))
         return points[self._metric.separations(bubble.q, points) > 1e-9]
 
-    @property
-    def _structure(self) -> TwoTrees[VolumeTree]:
-        return self._volumes
-
     def _forget(self) -> None:
         self._metric = JointMetric(self._bridge, np.ones(self._bridge.n), taxicab=True)
-        self._volumes = volume_trees(self._bridge, self._metric, diverse=self.beta > 0)
+        self._structure = self._volumes = volume_trees(self._bridge, self._metric, diverse=self.beta > 0)

@@ -240,15 +240,8 @@ class SafePRM(SafePlanner):
         """Return the lengths (N,) of the straight motions between all milestones and one of them."""
         return np.sqrt(squares(self._roadmap.ways_to(milestone)))
 
-    @property
-    def _structure(self) -> Roadmap:
-        return self._roadmap
-
-    def _prepare(self) -> None:
-        self._danger.prepare()
-
     def _forget(self) -> None:
-        self._roadmap = Roadmap(self._problem)
+        self._structure = self._roadmap = Roadmap(self._problem)
         self._detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
         self._margin.reset()
 

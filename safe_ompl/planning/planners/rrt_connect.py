@@ -108,9 +108,6 @@ class SafeRRTConnect(SafePlanner):
                 return trees.path(*growth.met(trees))  # RETURN_PATH
         return None
 
-    def _prepare(self) -> None:
-        self._danger.prepare()
-
     def _forget(self) -> None:
         super()._forget()
         self._growth.reset()

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from safe_ompl.apps.exchange.policy import PolicyGuard, PolicyOptions
 from safe_ompl.common import InputError
-from safe_ompl.scene import Scenario, find_scenario
+from safe_ompl.scene import Scenario
 
 try:
     import draccus
@@ -75,7 +75,7 @@ class SafeOmplRobot(Robot):  # type: ignore[misc]
 
     def connect(self, calibrate: bool = True) -> None:
         """Make the guard, which takes up to a minute the first time, and connect to the robot."""
-        scenario = Scenario.load(find_scenario(self.config.scenario))
+        scenario = Scenario.load(self.config.scenario)
         self.guard = PolicyGuard(scenario, tuple(self.action_features), self.config, self.clock)
         self.inner.connect(calibrate)
         type(self).connected = self
