@@ -3,54 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-
-import coal
-import pinocchio as pin
 
 from safe_ompl.common import InputError
-from safe_ompl.geometry import Cells, Obstacle, Part
+from safe_ompl.geometry import Obstacle, Part
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-
-
-@dataclass(eq=False, repr=False)
-class ObstaclePart:
-    """One part of an obstacle where it is now: its index among the bodies, its places in the obstacle and the world."""
-
-    index: int
-    geometry: coal.CollisionGeometry
-    local: pin.SE3
-    placement: pin.SE3
-    cells: Cells | None
-    parentJoint: int = 0
 
 
 class SceneGeometry:
     """The bodies of a robot and, after them, the parts of the obstacles of a scene, of which some may move.
 
-    `names` has the link or obstacle of each of the G bodies, `parts` those of all obstacles, and `touched_by` the links
-    that may touch an obstacle. Obstacles are no part of a model of Pinocchio: that has a table of all pairs of bodies,
-    and makes it anew for each body that is added. Raises InputError if the scene has no movable obstacle of a name, or
-    the names are no list.
+    `names` has the link or obstacle of each of the G bodies, `parts` those of all obstacles, where they are now in the
+    world, and `touched_by` the links that may touch an obstacle. Obstacles are no part of a model of Pinocchio: that
+    has a table of all pairs of bodies, and makes it anew for each body that is added. Raises InputError if the scene
+    has no movable obstacle of a name, or the names are no list.
     """
 
     def __init__(self, robot: Robot, scene: Scene, movable: Sequence[str]) -> None:
         if isinstance(movable, str) or not isinstance(movable, Iterable):
             raise InputError(f"movable must be a list of names of obstacles, got {movable!r}")
         self.movable = frozenset(scene[name].name for name in movable)
-        self.names = list(robot.shared.body_links)
-        self._of: list[list[ObstaclePart]] = []  # each obstacle
         self.touched_by = {obstacle.name: obstacle.touched_by for obstacle in scene if obstacle.touched_by}
+        self.names, self.parts = list(robot.shared.body_links), list[Part]()
+        self._own: list[list[Part]] = []  # of each obstacle, in its frame
+        self._first: list[int] = []  # of these in `parts`
         for obstacle in scene.obstacles:
-            pose, parts = obstacle.pose.se3, []
-            for part in obstacle.shape.parts():
-                parts.append(
-                    ObstaclePart(len(self.names), part.geometry, part.placement, pose * part.placement, part.cells)
-                )
-                self.names.append(obstacle.name)
-            self._of.append(parts)
-        self.parts = [part for parts in self._of for part in parts]
+            own = obstacle.shape.parts()
+            self._own.append(own)
+            self._first.append(len(self.parts))
+            self.names += [obstacle.name] * len(own)
+            self.parts += _placed(own, obstacle)
         self._scene = scene
 
     def move(self, scene: Scene) -> bool:
@@ -60,11 +42,8 @@ class SceneGeometry:
         """
         moves = self._moves(scene)
         for k, obstacle, shapes in moves:
-            pose = obstacle.pose.se3
-            for part, shape in zip(self._of[k], shapes, strict=False):
-                part.geometry, part.local, part.cells = shape.geometry, shape.placement, shape.cells
-            for part in self._of[k]:
-                part.placement = pose * part.local
+            self._own[k] = own = shapes or self._own[k]
+            self.parts[self._first[k] : self._first[k] + len(own)] = _placed(own, obstacle)
         self._scene = scene
         return bool(moves)
 
@@ -85,7 +64,7 @@ class SceneGeometry:
 
     def _measured_anew(self, k: int, obstacle: Obstacle) -> list[Part]:
         parts = obstacle.shape.parts()
-        before = [type(part.geometry).__name__ for part in self._of[k]]
+        before = [type(part.geometry).__name__ for part in self._own[k]]
         after = [type(part.geometry).__name__ for part in parts]
         if before != after:
             raise InputError(
@@ -93,3 +72,9 @@ class SceneGeometry:
                 f"{len(before)} × {before[0]}: make a new checker"
             )
         return parts
+
+
+def _placed(own: list[Part], obstacle: Obstacle) -> list[Part]:
+    """Return the parts of an obstacle where they are in the world."""
+    pose = obstacle.pose.se3
+    return [part._replace(placement=pose * part.placement) for part in own]

@@ -37,12 +37,13 @@ class PairTable:
     def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
         self.robot, self.geometry = robot, geometry
         own, parts, reaches = robot.shared.body_pairs, geometry.parts, robot.bounds.body_reaches
-        with_parts = np.empty((len(parts), len(reaches), 2), dtype=np.intp)
+        numbers = range(len(geometry.names) - len(parts), len(geometry.names))
+        names, with_parts = geometry.names[numbers.start :], np.empty((len(parts), len(reaches), 2), dtype=np.intp)
         with_parts[..., 0] = list(reaches)
-        with_parts[..., 1] = np.reshape([part.index for part in parts], (-1, 1))
+        with_parts[..., 1] = np.reshape(numbers, (-1, 1))
         checked = np.ones(with_parts.shape[:2], dtype=bool)
-        for k, part in enumerate(parts if geometry.touched_by else ()):
-            if allowed := geometry.touched_by.get(geometry.names[part.index]):
+        for k, name in enumerate(names if geometry.touched_by else ()):
+            if allowed := geometry.touched_by.get(name):
                 checked[k] = [geometry.names[body] not in allowed for body in reaches]
         self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
         self._measure()
@@ -53,7 +54,7 @@ class PairTable:
         self._lower = np.full(checked.shape, -np.inf)
         self._upper = np.full(checked.shape, np.inf)
         if geometry.movable:
-            self._upper[[geometry.names[part.index] in geometry.movable for part in parts]] = -np.inf
+            self._upper[[name in geometry.movable for name in names]] = -np.inf
 
     @cached_property
     def convex_bodies(self) -> ConvexBodies:

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import sqrt
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -222,14 +222,6 @@ def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
     return np.concatenate([high + low, high - low], dtype=np.float64) / 2
 
 
-class Placed(Protocol):
-    """A body as Pinocchio has it, a `pin.GeometryObject`, or any with these attributes; it may have `cells`, too."""
-
-    geometry: coal.CollisionGeometry
-    placement: pin.SE3
-    parentJoint: int
-
-
 _EXACT = 2e-6  # [m], rounding of coal's trees up to which cells are as exact as coal
 _NO_NODES = np.zeros(0, NODE)
 
@@ -259,8 +251,8 @@ class ConvexBodies:
         return Shapes(self.bodies, self.starts, self.vertices, self.nodes)
 
     @classmethod
-    def of(cls, parts: Sequence[Placed]) -> ConvexBodies:
-        """Return the bodies of a geometry model, or others with a placement in the frame of a joint."""
+    def of(cls, parts: Sequence[Any]) -> ConvexBodies:
+        """Return the bodies of a geometry model, each a `pin.GeometryObject`, or parts of shapes (`Part`)."""
         bodies, known = np.zeros(len(parts), BODY), [_summands(part.geometry) for part in parts]
         if parts:
             bodies["joint"] = [part.parentJoint for part in parts]

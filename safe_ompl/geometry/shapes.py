@@ -55,6 +55,7 @@ class Part(NamedTuple):
     geometry: coal.CollisionGeometry
     placement: pin.SE3
     cells: Cells | None = None
+    parentJoint: int = 0  # the world, as bodies of Pinocchio have it
 
 
 @dataclass(frozen=True)

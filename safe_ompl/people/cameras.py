@@ -12,64 +12,55 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import InputError, documents as document, files, number, whole_number
+from safe_ompl.common import InputError, Section, documents as document, files, key
 from safe_ompl.geometry import Pose
 
 _PLACE = ("position", "quaternion_xyzw", "rpy", "yaw", "at")
 
 
 @dataclass(frozen=True)
-class DepthCamera:
+class DepthCamera(Section):
     """A pinhole camera that measures depths along its axis; raises InputError if a value is out of its range."""
 
-    width: int
-    height: int
-    focal: tuple[float, float]  # fx and fy of the rectified image [px]
-    middle: tuple[float, float]  # cx and cy, its principal point [px]
+    width: int = key(document.whole_number, at_least=1)
+    height: int = key(document.whole_number, at_least=1)
+    focal: tuple[float, float] = key(document.numbers, count=2)  # fx and fy of the rectified image [px]
+    middle: tuple[float, float] = key(document.numbers, count=2, at_least=0.0)  # cx and cy, its principal point [px]
     pose: Pose = field(default_factory=Pose)  # Of its optical frame in the world: x right, y down, z forward
-    near: float = 0.2  # Depths that are less say nothing [m]
-    far: float = 6.0  # Larger depths count as this [m]
+    near: float = key(document.number, default=0.2, above=0.0)  # Depths that are less say nothing [m]
+    far: float = key(document.number, default=6.0)  # Larger depths count as this [m]
     # A depth z is wrong by at most noise[0] + noise[1] · z² [m]; default: 4 σ of a Kinect (Nguyen, Izadi & Lovell 2012)
-    noise: tuple[float, float] = (0.005, 0.0076)
-    error: float = 0.005  # How far points may be off because of the pose, besides [m]
-    block: int = 4  # Pixels on a side of the blocks that are looked at
-    rate: float = 30.0  # Images a second, in simulations
+    noise: tuple[float, float] = key(document.numbers, default=(0.005, 0.0076), count=2, at_least=0.0)
+    # How far points may be off because of the pose, besides [m]
+    error: float = key(document.number, default=0.005, at_least=0.0)
+    block: int = key(document.whole_number, default=4, at_least=1)  # Pixels on a side of the blocks that are looked at
+    rate: float = key(document.number, default=30.0, above=0.0)  # Images a second, in simulations
 
-    def __post_init__(self) -> None:
-        for key in ("width", "height", "block"):
-            whole_number(key, getattr(self, key), at_least=1)
-        for key in ("focal", "middle", "noise"):
-            for value in document.numbers(key, getattr(self, key), 2):
-                number(key, value, at_least=0.0)
-        number("focal", min(self.focal), above=0.0)
+    def check(self) -> None:
+        document.number("focal", min(self.focal), above=0.0)
         if not (self.middle[0] < self.width and self.middle[1] < self.height):
             size = f"{self.width} × {self.height} pixels"
             raise InputError(f"{list(self.middle)} lies outside of the image of {size}", "middle")
-        number("near", self.near, above=0.0)
-        number("far", self.far, above=self.near)
-        number("error", self.error, at_least=0.0)
-        number("rate", self.rate, above=0.0)
+        document.number("far", self.far, above=self.near)
 
     @classmethod
-    def from_mapping(cls, data: Mapping[str, Any]) -> DepthCamera:
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> DepthCamera:
         """Read a camera: ``size`` and ``focal``, its ``position`` with ``at``, a point it looks at, or with a turn.
 
         All else has defaults, ``middle`` is the middle of the image. Errors as of the class; they start with the key.
         """
         own = ("near", "far", "noise", "error", "block", "rate")
         document.check_keys(data, ("size", "focal", "middle", *own, *_PLACE))
-        width, height = document.each("size", document.require(data, "size"), whole_number, count=2, at_least=1)
-        fx, fy = document.numbers("focal", document.require(data, "focal"), 2)
-        cx, cy = document.numbers("middle", data.get("middle", ((width - 1) / 2, (height - 1) / 2)), 2)
+        size = document.require(data, "size")
+        width, height = document.each("size", size, document.whole_number, count=2, at_least=1)
+        middle = data.get("middle", ((width - 1) / 2, (height - 1) / 2))
         position = document.numbers("position", document.require(data, "position"), 3)
         if "at" in data:
             pose = looking(position, document.numbers("at", data["at"], 3))
         else:
             pose = Pose.from_mapping({key: data[key] for key in _PLACE if key in data})
         more = {key: data[key] for key in own if key in data}
-        if "noise" in more:
-            more["noise"] = document.numbers("noise", more["noise"], 2)
-        return cls(width, height, (fx, fy), (cx, cy), pose, **more)
+        return cls(width, height, document.require(data, "focal"), middle, pose, **more)
 
 
 def read_cameras(file: str | Path) -> dict[str, DepthCamera]:

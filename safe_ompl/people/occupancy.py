@@ -26,7 +26,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array, number
+from safe_ompl.common import (
+    BoolArray,
+    FloatArray,
+    InputError,
+    IntArray,
+    Section,
+    finite_array,
+    key,
+    number,
+    whole_number,
+)
 from safe_ompl.geometry import ConvexBodies, Obstacle, Pose, Sphere
 from safe_ompl.geometry.kernels import POSE
 from safe_ompl.people.cameras import DepthCamera, DepthFrame
@@ -60,28 +70,25 @@ _FEW = 5  # blocks that show something where nothing could be: fewer are noise
 
 
 @dataclass(frozen=True)
-class OccupancyOptions:
+class OccupancyOptions(Section):
     """How an `OccupancyGrid` works; raises InputError if a number is out of its range."""
 
-    speed: float = 1.6  # Of all that moves, at most [m/s]
+    speed: float = key(number, default=1.6, at_least=0.0)  # Of all that moves, at most [m/s]
     unseen: str = "occupied"  # What no camera sees within the grid; or "free"
     # How near to the robot or to what stands still points are taken for it, besides noise [m]: errors of joints, of
     # control and of models
-    margin: float = 0.02
-    min_points: int = 3  # Of a block that must show something [px]; fewer are noise
+    margin: float = key(number, default=0.02, at_least=0.0)
+    # Of a block that must show something [px]; fewer are noise
+    min_points: int = key(whole_number, default=3, at_least=1)
     # You have looked: what no camera sees within this distance of the robot is free when the first image comes [m]
-    clear: float = 0.2
-    edge: float = 0.05  # Of a cell [m]
-    reach: float = 1.6  # Half the side of the grid [m]; beyond, all is unseen
+    clear: float = key(number, default=0.2, at_least=0.0)
+    edge: float = key(number, default=0.05, above=0.0)  # Of a cell [m]
+    # Half the side of the grid [m]; beyond, all is unseen
+    reach: float = key(number, default=1.6, above=0.0)
 
-    def __post_init__(self) -> None:
-        for key in ("speed", "margin", "clear"):
-            number(key, getattr(self, key), at_least=0.0)
+    def check(self) -> None:
         if self.unseen not in ("occupied", "free"):
             raise InputError(f"must be 'occupied' or 'free', got {self.unseen!r}", "unseen")
-        number("min_points", self.min_points, at_least=1)
-        number("edge", self.edge, above=0.0)
-        number("reach", self.reach, above=0.0)
         if 2 * self.reach / self.edge > _MOST_CELLS:
             least = 2 * self.reach / _MOST_CELLS
             raise InputError(f"must be at least {least:.3g} for a reach of {self.reach:g} m, got {self.edge:g}", "edge")

@@ -17,10 +17,11 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     IntArray,
+    Section,
     UnknownNameError,
     documents as document,
     float_array,
-    number,
+    key,
 )
 from safe_ompl.geometry import STANDING, Pose, placed
 from safe_ompl.people.cameras import DepthFrame
@@ -39,20 +40,15 @@ _WATCHED, _OFTEN, _FEW = 200, 2.0, 4
 
 
 @dataclass(frozen=True)
-class Tracker:
+class Tracker(Section):
     """How a person is tracked."""
 
     skeleton: Skeleton  # The key points that the sensor gives
     body: TrackedBody = field(default_factory=TrackedBody)  # The person's size, and which limbs there are
     place: Pose = field(default_factory=Pose)  # The sensor's frame, turned to x forward, y left, z up, in the world
-    noise: float = 0.0  # Bound of the errors of key points [m]
+    noise: float = key(document.number, default=0.0, at_least=0.0)  # Bound of the errors of key points [m]
     # A key point that would have moved faster since it was last seen is not seen [m/s]; see `Gate`. None: all are
-    gate: float | None = None
-
-    def __post_init__(self) -> None:
-        number("noise", self.noise, at_least=0.0)
-        if self.gate is not None:
-            number("gate", self.gate, above=0.0)
+    gate: float | None = key(document.number, default=None, above=0.0)
 
 
 class Gate:
@@ -327,7 +323,7 @@ class Surroundings:
         depth: Mapping[str, DepthFrame] | None = None,
     ) -> list[ReachViolation]:
         """Take what sensors saw; see `Guard.update`."""
-        number("time", time)
+        document.number("time", time)
         frames = depth or {}
         cameras = {} if self.depth is None else self.depth.cameras
         if time < self.time:

@@ -41,7 +41,7 @@ from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario,
 from safe_ompl.tasks import Corridor, ToolPath, configurations_at
 from safe_ompl.trajectories import BlendedCurve, PathTimer, Trajectory
 
-TIME = 20.0  # [s]
+PROGRAM_TIME = 20.0  # [s]
 _STEP_DONE = 2.0  # [s] that a planned step counts less
 _REFUSED = 1.0  # [s] that what was chosen counts more for each step after it that failed
 _BRANCHES = 6  # of the inverse kinematics that a move may end in
@@ -50,7 +50,7 @@ _STILL = 1e-6  # [rad or m] a motion that is shorter is none
 _RATE = 25.0  # [Hz] of the points of a move
 
 
-def plan_program(scenario: Scenario | str | Path, *, time: float = TIME, seed: int = 0) -> ProgramResult:
+def plan_program(scenario: Scenario | str | Path, *, time: float = PROGRAM_TIME, seed: int = 0) -> ProgramResult:
     """Plan the program of a scenario: one motion in time through all of its steps, proven throughout.
 
     Parameters

@@ -51,7 +51,7 @@ from safe_ompl.people.simulation import (
     World,
     part_solids,
 )
-from safe_ompl.planning import ProgramResult, SafeSetup, plan_program, program_robot, setup_scenario
+from safe_ompl.planning import PROGRAM_TIME, ProgramResult, SafeSetup, plan_program, program_robot, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Move, People, Scenario, Scene
 from safe_ompl.trajectories import PathTimer, RateLimits, Trajectory, time_path
@@ -207,8 +207,7 @@ def _drive_program(
     scenario: Scenario, people: People, actors: Actors, faults: Faults, options: argparse.Namespace
 ) -> int:
     """Plan the program of a scenario among what stands still, and drive it once."""
-    given = {} if options.time is None else {"time": options.time}
-    result = plan_program(scenario, seed=options.seed, **given)
+    result = plan_program(scenario, time=options.time or PROGRAM_TIME, seed=options.seed)
     if not result:
         output.error_console().print(f"safe-ompl: no motion: {result.why}")
         return 1

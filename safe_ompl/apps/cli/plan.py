@@ -21,7 +21,7 @@ from safe_ompl.common import InputError, files
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
 from safe_ompl.motions import Motion
-from safe_ompl.planning import PlanResult, SafeSetup, plan_program, program_robot, setup_scenario
+from safe_ompl.planning import PROGRAM_TIME, PlanResult, SafeSetup, plan_program, program_robot, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
@@ -248,7 +248,7 @@ def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callabl
 
 
 def _plan_program(options: argparse.Namespace, scenario: Scenario) -> int:
-    result = plan_program(scenario, seed=options.seed, **({} if options.time is None else {"time": options.time}))
+    result = plan_program(scenario, time=options.time or PROGRAM_TIME, seed=options.seed)
     said = result.as_dict()
     if options.json:
         output.write_json(options.json, marked("motion", said))

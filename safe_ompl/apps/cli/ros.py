@@ -41,7 +41,7 @@ from safe_ompl.people import (
 )
 from safe_ompl.people.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
-from safe_ompl.planning import plan_program, program_robot, setup_scenario
+from safe_ompl.planning import PROGRAM_TIME, plan_program, program_robot, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene
 from safe_ompl.trajectories import RateLimits
@@ -240,8 +240,7 @@ def legs_of(
     for name in here.keys() - set(arm.joint_names):
         if abs(here[name] - arm.held_joints[name]) > control.tolerance:
             raise PlanningError(f"{name!r} is at {here[name]:g}, and the program begins at {arm.held_joints[name]:g}")
-    given = {} if options.time is None else {"time": options.time}
-    result = plan_program(asked, seed=options.seed, **given)
+    result = plan_program(asked, time=options.time or PROGRAM_TIME, seed=options.seed)
     if not result:
         raise PlanningError(result.why)
     return Legs(program_legs(result, around, control.replanning))

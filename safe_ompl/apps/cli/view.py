@@ -13,7 +13,7 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.certificates import PROGRAM_FORMAT
 from safe_ompl.common import InputError, files
 from safe_ompl.io import TimedMotion, built_robot, load, read_ticks, schema
-from safe_ompl.planning import PlanResult, plan_program, setup_scenario
+from safe_ompl.planning import PROGRAM_TIME, PlanResult, plan_program, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.view import (
     ANIMATION_ENDINGS,
@@ -119,8 +119,7 @@ def _show(content: ViewerContent, options: argparse.Namespace) -> int:
 
 def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     if scenario.program is not None and options.planners != _NONE:
-        given = {} if options.time is None else {"time": options.time}
-        found = plan_program(scenario, seed=options.seed, **given)
+        found = plan_program(scenario, time=options.time or PROGRAM_TIME, seed=options.seed)
         if not found:
             output.error_console().print(f"safe-ompl: {found.why}")
         return ViewerContent.of_program(found)

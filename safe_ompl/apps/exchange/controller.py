@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.apps.exchange.messages import by_name, goal_of
 from safe_ompl.apps.exchange.sightings import CloudView, DepthEyes, Joints, Sightings, astray, told_at
-from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, Section, UnknownNameError, key, number
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
 from safe_ompl.people import DepthFrame, Tracker
@@ -62,21 +62,19 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class ControlOptions:
+class ControlOptions(Section):
     """When a robot is told what, and when it is stopped; raises InputError if a value is out of its range."""
 
     replanning: ReplanningOptions = field(default_factory=ReplanningOptions)
     latency: float = 0.05  # From a tick until its command holds, at most a tick [s]
-    clock_error: float = 0.01  # By which clocks of sensors may differ from the robot's [s]
+    # By which clocks of sensors may differ from the robot's [s]
+    clock_error: float = key(number, default=0.01, at_least=0.0)
     # How far a joint may be from where it should be [rad or m]; where proofs have a tube, that counts instead
-    tolerance: float = 0.05
-    cloud_radius: float = 0.02  # Of the ball about each point of a cloud [m]
+    tolerance: float = key(number, default=0.05, above=0.0)
+    cloud_radius: float = key(number, default=0.02, above=0.0)  # Of the ball about each point of a cloud [m]
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
         number("latency", self.latency, at_least=0.0, at_most=self.replanning.tick)
-        number("clock_error", self.clock_error, at_least=0.0)
-        for key in ("tolerance", "cloud_radius"):
-            number(key, getattr(self, key), above=0.0)
 
 
 class LiveController:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import FloatArray, InputError, number
+from safe_ompl.common import FloatArray, InputError, Section, key, number
 from safe_ompl.io import ticks_header
 from safe_ompl.people import DepthFrame, ReachViolation, Surroundings
 from safe_ompl.people.replanning.bodies import RobotBodies
@@ -118,12 +118,15 @@ def stop_as_dict(times: FloatArray, states: Sequence[State]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class ReplanningOptions:
+class ReplanningOptions(Section):
     """How a `Replanner` or a `Shield` works; raises InputError if a number is out of its range."""
 
-    tick: float = 0.05  # Time between two commands [s]
-    lost_after: float = 0.5  # A person or object that is not seen for so long is lost: the robot stops [s]
-    lag: float = 0.0  # The robot is where it is told to be by so much later at the latest, and may still move then [s]
+    # Time between two commands [s]
+    tick: float = key(number, default=0.05, above=0.0, kind="number of seconds")
+    # A person or object that is not seen for so long is lost: the robot stops [s]
+    lost_after: float = key(number, default=0.5, above=0.0)
+    # The robot is where it is told to be by so much later at the latest, and may still move then [s]
+    lag: float = key(number, default=0.0, at_least=0.0)
     # Of joints, tool and links, for a `Shield`; default: those of the robot's joints. A `Replanner` keeps the limits
     # of its trajectories.
     limits: PathLimits | None = None
@@ -132,11 +135,6 @@ class ReplanningOptions:
     detours: bool = True
     retreats: bool = True
     joints: tuple[str, ...] | None = None  # that these may move, such as all but those of a gripper; default: all
-
-    def __post_init__(self) -> None:
-        number("tick", self.tick, above=0.0, kind="number of seconds")
-        number("lost_after", self.lost_after, above=0.0)
-        number("lag", self.lag, at_least=0.0)
 
 
 class Guard:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import fresh_data
-from safe_ompl.common import FloatArray, fraction, number
+from safe_ompl.common import FloatArray, Section, fraction, key, number
 from safe_ompl.people import ReachSets, ReachViolation, Surroundings
 from safe_ompl.people.replanning import Command, Doing, Replanner
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
@@ -134,11 +134,11 @@ class ContactMonitor:
         if nearest.distance > 0:
             self.touching.clear()
             return nearest
-        key = str(nearest.who), str(nearest.limb)
-        if key not in self.touching:
-            self.touching = {key: Contact(time, str(nearest.link), *key, moving, obeyed)}
-            self.contacts.append(self.touching[key])
-        contact = self.touching[key]
+        whom = str(nearest.who), str(nearest.limb)
+        if whom not in self.touching:
+            self.touching = {whom: Contact(time, str(nearest.link), *whom, moving, obeyed)}
+            self.contacts.append(self.touching[whom])
+        contact = self.touching[whom]
         if moving and not contact.moving:
             contact.moving, contact.obeyed = True, obeyed
         if qd is not None:
@@ -148,23 +148,17 @@ class ContactMonitor:
 
 
 @dataclass(frozen=True)
-class Faults:
+class Faults(Section):
     """Delay and faults between the world and the replanner; raises InputError if a value is out of its range."""
 
     # Errors of measured key points and places of objects: uniform in a ball of this radius [m]
-    noise: float = 0.0
-    drops: float = 0.0  # Share of the measurements in which nobody is seen
+    noise: float = key(number, default=0.0, at_least=0.0)
+    drops: float = key(fraction, default=0.0)  # Share of the measurements in which nobody is seen
     # Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop
-    late: float = 0.0
+    late: float = key(fraction, default=0.0)
     seed: int = 0  # Seed of the generator that draws them
     # From a measurement until the command that answers it holds [s], at most a tick: the time that the replanner has
-    latency: float = 0.02
-
-    def __post_init__(self) -> None:
-        number("noise", self.noise, at_least=0.0)
-        fraction("drops", self.drops)
-        fraction("late", self.late)
-        number("latency", self.latency, at_least=0.0)
+    latency: float = key(number, default=0.02, at_least=0.0)
 
 
 @dataclass
