@@ -13,11 +13,11 @@ from safe_ompl.geometry.kernels import (
     POSE,
     Records,
     Shapes,
-    are_apart,
     begin_axis,
     distance_bounds,
     from_box,
     nearest_in_simplex,
+    outer_bound,
     place_bodies,
 )
 from safe_ompl.robot.kernels import place_joints
@@ -67,7 +67,7 @@ def near_pairs(
             p = np.uintp(some[k])
             A, B, enough = pairs[p, 0], pairs[p, 1], margins[p] + spare
             if bodies[A].reach < inf and bodies[B].reach < inf:
-                if are_apart(bodies, poses, A, B, enough, axis):
+                if outer_bound(bodies, poses, A, B, enough, axis) >= enough:
                     continue
                 lower, upper, _ = distance_bounds(shapes, poses, A, B, axis, simplex, enough, margins[p])
                 if lower >= enough:
@@ -86,33 +86,23 @@ def pair_bounds(
 ) -> None:
     """Write lower bounds (B, K) of the distances of pairs (K, 2) [m] at `values: (B, m)` of the joints.
 
-    The bound of the balls about both bodies comes first, then that of the box about one and the ball about the other,
-    then that along an axis (`geometry.kernels`), which is kept for the next configuration. What is `enough` [m]
-    is not improved any more. The `joints: (m,)` are a table (`safe_ompl.robot.kernels`).
+    The bounds of the balls and boxes about both bodies come first, then that along an axis (`geometry.kernels`). What
+    is `enough` [m] is not improved any more. The `joints: (m,)` are a table (`safe_ompl.robot.kernels`).
     """
     m, bodies = values.shape[1], shapes.bodies
-    poses, simplex = np.empty(len(bodies), POSE), np.empty((4, 3))
-    axes, known = np.empty((len(pairs), 3)), np.zeros(len(pairs), np.bool_)
+    poses, simplex, axis = np.empty(len(bodies), POSE), np.empty((4, 3)), np.empty(3)
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     for row in range(len(values)):
         place_joints(joints, values[row], rotations, origins, joint_axes)
         if row == 0:
             place_bodies(bodies, poses, rotations, origins, False)
         place_bodies(bodies, poses, rotations, origins, True)
-        for p in range(len(pairs)):  # as `distance_bound`, but most pairs need no call
+        for p in range(len(pairs)):
             A, B = pairs[p, 0], pairs[p, 1]
-            a, b = poses[A].centre, poses[B].centre
-            x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-            lower = sqrt(x * x + y * y + z * z) - bodies[A].reach - bodies[B].reach
+            lower = outer_bound(bodies, poses, A, B, enough, axis)
             if lower < enough:
-                u, v, w = from_box(bodies[B], poses[B], a)
-                lower = max(lower, sqrt(u * u + v * v + w * w) - bodies[A].reach)
-                if lower < enough:
-                    if not known[p]:
-                        begin_axis(axes[p], u, v, w, x, y, z)
-                        known[p] = True
-                    found, _, _ = distance_bounds(shapes, poses, A, B, axes[p], simplex, enough, enough)
-                    lower = max(lower, found)
+                found, _, _ = distance_bounds(shapes, poses, A, B, axis, simplex, enough, enough)
+                lower = max(lower, found)
             bounds[row, p] = lower if lower == lower else -inf
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined, part
+from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined
 from safe_ompl.geometry.kernels import BODY, NODE, POSE, Records, Shapes
 from safe_ompl.robot.kernels import JOINT
 
@@ -90,7 +90,7 @@ class EdgeTables(NamedTuple):
 LANES = 8  # balls that are looked at together
 
 
-@part
+@inlined
 def is_far(centre: FloatArray, radius: float, body: Records, pose: Records, enough: float) -> bool:
     """Return whether a ball is at least `enough` [m] away from that about a body."""
     at, apart = pose.centre, enough + body.reach + radius

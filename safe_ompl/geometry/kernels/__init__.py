@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray, compiled, inlined, part
 from safe_ompl.geometry.kernels.simplex import nearest_in_simplex
 from safe_ompl.geometry.kernels.vertices import cell_of, extreme_vertices
 
@@ -26,7 +26,7 @@ __all__ = [
     "POSE",
     "Records",
     "Shapes",
-    "are_apart",
+    "Vector",
     "begin_axis",
     "distance_bound",
     "distance_bounds",
@@ -34,6 +34,7 @@ __all__ = [
     "farthest_from_axes",
     "from_box",
     "nearest_in_simplex",
+    "outer_bound",
     "place_bodies",
     "place_still",
 ]
@@ -166,17 +167,21 @@ def support(
     )
 
 
-@part
-def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
-    """Return the way, in the world, from the box that holds a body to a point (3,)."""
+@inlined
+def _past_box(body: Records, pose: Records, point: FloatArray) -> Vector:
+    """Return the way, in the frame of a body, from the box that holds it to a point (3,) of the world."""
     R, o, half = pose.rotation, pose.centre, body.extent
     x, y, z = point[0] - o[0], point[1] - o[1], point[2] - o[2]
     a = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
     b = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
     c = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
-    a -= min(max(a, -half[0]), half[0])
-    b -= min(max(b, -half[1]), half[1])
-    c -= min(max(c, -half[2]), half[2])
+    return (a - min(max(a, -half[0]), half[0]), b - min(max(b, -half[1]), half[1]), c - min(max(c, -half[2]), half[2]))
+
+
+@part
+def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
+    """Return the way, in the world, from the box that holds a body to a point (3,)."""
+    R, (a, b, c) = pose.rotation, _past_box(body, pose, point)
     return (
         R[0, 0] * a + R[0, 1] * b + R[0, 2] * c,
         R[1, 0] * a + R[1, 1] * b + R[1, 2] * c,
@@ -192,23 +197,32 @@ def begin_axis(axis: FloatArray, u: float, v: float, w: float, x: float, y: floa
     axis[0], axis[1], axis[2] = u, v, w
 
 
-@part
-def are_apart(bodies: Records, poses: Records, a: int, b: int, enough: float, axis: FloatArray) -> bool:
-    """Return whether the balls and boxes about two bodies are `enough` [m] apart; else write a first `axis: (3,)`."""
-    p, q, far = poses[a].centre, poses[b].centre, enough + bodies[a].reach + bodies[b].reach
-    x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+@inlined
+def outer_bound(bodies: Records, poses: Records, a: int, b: int, enough: float, axis: FloatArray) -> float:
+    """Return a lower bound of the distance [m] of two bodies by balls and boxes about them; `enough` if it is that.
+
+    Else the way from the box about one to the centre of the other is written as first separating `axis: (3,)`.
+    """
+    p, q, r, s = poses[a].centre, poses[b].centre, bodies[a].reach, bodies[b].reach
+    x, y, z, far = p[0] - q[0], p[1] - q[1], p[2] - q[2], enough + r + s
     if x * x + y * y + z * z >= far * far:
-        return True
-    u, v, w = from_box(bodies[b], poses[b], p)
-    far = enough + bodies[a].reach
-    if u * u + v * v + w * w >= far * far:
-        return True
-    i, j, k = from_box(bodies[a], poses[a], q)
-    far = enough + bodies[b].reach
-    if i * i + j * j + k * k >= far * far:
-        return True
+        return enough
+    (u, v, w), far = _past_box(bodies[b], poses[b], p), enough + r
+    first = u * u + v * v + w * w
+    if first >= far * far:
+        return enough
+    (u, v, w), far = _past_box(bodies[a], poses[a], q), enough + s
+    second = u * u + v * v + w * w
+    if second >= far * far:
+        return enough
+    lower: float = sqrt(first) - r
+    if lower >= sqrt(second) - s:
+        u, v, w = from_box(bodies[b], poses[b], p)
+    else:
+        lower, (u, v, w) = sqrt(second) - s, from_box(bodies[a], poses[a], q)
+        u, v, w = -u, -v, -w
     begin_axis(axis, u, v, w, x, y, z)
-    return False
+    return lower
 
 
 @part
