@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         compile_together as compile_together,
         compiled as compiled,
         ctrl_c_as_such as ctrl_c_as_such,
+        expanded as expanded,
         inlined as inlined,
         maker as maker,
         origin as origin,
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
         PerThread as PerThread,
         notebook_html as notebook_html,
     )
+    from safe_ompl.common.stack import stack_array as stack_array
     from safe_ompl.common.workers import in_order as in_order
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -50,7 +50,7 @@ _ROOT = Path(__file__).parents[__name__.count(".") - 1]
 _MACHINE_CODE = _ROOT / "machine_code"  # of a wheel that holds it: folders for some Python and Numba each, named so:
 PLATFORM = f"{sys.implementation.cache_tag}-numba-{numba.__version__}-llvmlite-{llvmlite.__version__}"
 _BEGINNING = 8000  # bytes of a file that hold its imports
-_WORDS = b"compiled", b"part", b"caller", b"maker", b"inlined"
+_WORDS = b"compiled", b"part", b"caller", b"maker", b"inlined", b"expanded"
 _IMPORTED = re.compile(
     rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:{b'|'.join(_WORDS).decode()})\b".encode(), re.MULTILINE
 )
@@ -128,6 +128,11 @@ def inlined(function: _Function) -> _Function:
 def maker(function: _Function) -> _Function:
     """Return a part of kernels that makes arrays."""
     return _lazily(_part, function, {})
+
+
+def expanded(function: _Function) -> _Function:
+    """Return a part that Numba copies into the kernel that calls it: its arrays on the stack last as long as that."""
+    return _lazily(_part, function, {"inline": "always"})
 
 
 def _part(function: Any, options: dict[str, bool]) -> Any:
@@ -379,9 +384,9 @@ def sources(package: Path) -> list[Path]:
 
 @cache
 def _digest(package: Path) -> str:
-    """Return a digest of the files with kernels, and of this one: of what stands in them, wherever they are."""
+    """Return a digest of the files with kernels, and of what compiles them: of their contents, wherever they are."""
     found = blake2b()
-    for path in (Path(__file__), *sources(package)):
+    for path in (Path(__file__), Path(__file__).with_name("stack.py"), *sources(package)):
         found.update(str(path.relative_to(package)).encode() + path.read_bytes())
     return found.hexdigest()
 

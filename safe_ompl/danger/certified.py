@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, IntArray, finite_array, motion_ends, number
 from safe_ompl.danger.field import DangerField
-from safe_ompl.danger.kernels.danger import Ends, chords
+from safe_ompl.danger.kernels.field import Ends, chords
 from safe_ompl.danger.link_field import segment_bounds
 from safe_ompl.robot import Robot
 
@@ -43,7 +43,7 @@ class CertifiedDanger:
     """Proves how dangerous straight joint motions are, by a field: until upper ≤ 1.05·lower.
 
     Samples give a lower bound of the peak. Between two of them speed and acceleration of the key points are known at
-    the ends, and `KeypointRates` bounds how far they can grow; from that `danger.kernels.danger.chords` bounds the
+    the ends, and `KeypointRates` bounds how far they can grow; from that `danger.kernels.field.chords` bounds the
     field of every link at every danger point from above. Aggregates are monotone and convex in the fields, so that they
     inherit the bounds. The interval with the highest bound is halved until both agree within the tolerance, or the
     robot moves less than 0.1 mm in it.

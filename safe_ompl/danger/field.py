@@ -128,7 +128,7 @@ class DangerField:
         self.revision = 0
         self.links: IntArray = np.array(robot.segments, dtype=np.intp, order="C")
         tree = robot.kinematics
-        self.tables = kernel.Tables(tree.joints, tree.keypoints, self.links, self.weighting == "length")
+        self.tables = kernel.Tables(tree.joints, *tree.skeleton, self.weighting == "length")
         self._measure = kernel.Aggregate(AGGREGATES.index(self.aggregate), self.sharpness)
         self._no_gradients = np.empty((0, len(tree.joints)))
         self._scene: tuple[Scene, float | None] | None = None
@@ -330,7 +330,9 @@ class DangerField:
         if not len(points) or self.aggregate != "max":
             return np.ones(len(points), dtype=bool)
         self.count(len(Q), len(points))
-        return kernel.high_points(self.tables, plain(self.robot.coupling.values(Q)), points.prepared, share)
+        high, values = np.zeros(len(points)), plain(self.robot.coupling.values(Q))
+        kernel.highest(self.tables, values, points.prepared, self._no_gradients, share, 0.0, high)
+        return high > 0.0
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""

@@ -102,10 +102,11 @@ class KinetostaticField:
 
     def _highest(self, field: DangerField, Q: FloatArray, Qd: FloatArray) -> tuple[Any, ...]:
         """Return the largest danger (B,) of all points, of which one, and places and velocities (B, K, 3)."""
-        coupling = field.robot.coupling
+        coupling, tree = field.robot.coupling, field.robot.kinematics
         field.count(len(Q), len(field.points))
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
-        return peak_kernel.highest(field.tables, *joints, field.groups, self.lead, self.lead * self.gamma)
+        tables = field.tables._replace(keys=tree.keypoints, links=field.links)
+        return peak_kernel.highest(tables, *joints, field.groups, self.lead, self.lead * self.gamma)
 
     def _fields(self, field: DangerField, places: FloatArray, velocities: FloatArray) -> FloatArray:
         """Return KDF(p_m), (B, M)."""

@@ -13,8 +13,8 @@ of which one form never does. With unit vectors e₁ = u/‖u‖, e₂ = v/‖v�
     ∂φ/∂p = −k₁c (e₁ + e₂),  ∂φ/∂a = k₁ (c e₁ − κ (b − a)),  ∂φ/∂b = k₁ (c e₂ + κ (b − a)),
     c = 2/(S² − ℓ²),   κ = (cS − θ/ℓ)/ℓ².
 
-The loops are in `kernels/field.py` and, together with a robot's kinematics, in `kernels/danger.py`. Here k₁ = 1, key
-points are (B, K, 3) [m], `links: (L, 2)` are pairs of them, and points (M, 3) [m].
+The loops are in `kernels/field.py` and, together with a robot's kinematics, in `kernels/danger.py` and `lanes.py`. Here
+k₁ = 1, key points are (B, K, 3) [m], `links: (L, 2)` are pairs of them, and points (M, 3) [m].
 """
 
 from __future__ import annotations

@@ -195,7 +195,7 @@ def _retreated(densities: Densities, Q: FloatArray, reference: float) -> tuple[f
     if near[0] == 0.0 or not 0.0 < reference < inf:
         levels, slopes = levels[:0], slopes[:0]
     elif aggregate.kind == MAXIMUM:
-        levels, slopes = high_levels(tables, values[0], points, _ONSET * reference)
+        levels, slopes = high_levels(tables, values, points, _ONSET * reference)
     cost, gradient, rises = near[0], joint_values(pushes, columns, none)[0], joint_values(slopes, columns, none)
     for c in range(len(levels)):
         excess = max(0.0, levels[c] / reference - _ONSET)

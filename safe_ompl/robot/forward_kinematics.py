@@ -36,9 +36,13 @@ _SHORTEST = 1e-9  # interval of a motion in which joints that may leave their li
 
 
 class KinematicTree:
-    """The m joints of a robot, and K key points at `offsets` [m] in frames of `carriers`, as tables for kernels."""
+    """The m joints of a robot, and K key points at `offsets` [m] in frames of `carriers`, as tables for kernels.
 
-    def __init__(self, chain: JointChain, carriers: IntArray, offsets: FloatArray) -> None:
+    `skeleton` are the key points that links (L, 2) have, as a table, and the links between these. Those that are always
+    at the same place, as the origins of the joints of a wrist are, are one there.
+    """
+
+    def __init__(self, chain: JointChain, carriers: IntArray, offsets: FloatArray, links: IntArray) -> None:
         self.joints = np.zeros(len(chain.parents), kernel.JOINT)
         self.joints["rotation"] = [placement.rotation for placement in chain.placements]
         self.joints["translation"] = [placement.translation for placement in chain.placements]
@@ -48,6 +52,13 @@ class KinematicTree:
         self.keypoints = np.zeros(len(carriers), kernel.KEYPOINT)
         self.keypoints["offset"] = offsets
         self.keypoints["joint"] = carriers
+        ends, rows = self.keypoints[links.ravel()], dict[bytes, int]()
+        for key in ends:
+            while key["joint"] and not key["offset"].any() and not self.joints[key["joint"] - 1]["slides"]:
+                joint = self.joints[key["joint"] - 1]
+                key["offset"], key["joint"] = joint["translation"], joint["parent"]
+        order = np.array([rows.setdefault(key.tobytes(), len(rows)) for key in ends], dtype=np.intp)
+        self.skeleton = ends[np.unique(order, return_index=True)[1]], order.reshape(links.shape)
 
 
 def plain(array: Any) -> FloatArray:
@@ -141,7 +152,7 @@ class ForwardKinematics:
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
         self.skeleton = skeleton
-        self.kinematics = KinematicTree(self._chain, skeleton.joints, skeleton.offsets)
+        self.kinematics = KinematicTree(self._chain, skeleton.joints, skeleton.offsets, skeleton.segments)
         self._tables = self.kinematics.joints, self.kinematics.keypoints
         self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
         self._scratch = PerThread(model.createData)

@@ -20,7 +20,7 @@ from numba.core import event
 
 import safe_ompl
 from safe_ompl import DangerField
-from safe_ompl.common import compilation as compiled
+from safe_ompl.common import compilation as compiled, stack
 from safe_ompl.danger.kernels import danger, field
 from safe_ompl.robot import kernels as joints
 
@@ -71,20 +71,21 @@ def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
             one.high_points(Q, 0.5)
         fields[0].link_fields(robot.keypoints_batch(Q))
         fields[0].field(Q[0], points.T[:, :3])
-    used = (field.link_fields, field.link_distances, danger.dangers, danger.high_points, joints.keypoints)
+    used = (field.link_fields, field.link_distances, danger.dangers, danger.highest, joints.keypoints)
     assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
 
 
 def test_no_part_calls_one_that_returns_new_arrays():
     """They would never be freed: a part does not count who holds which array."""
-    functions = {"maker": [], "part": []}
+    functions = {"maker": [], "expanded": [], "part": []}
     for file in compiled.sources(Path(compiled.__file__).parents[1]):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             for decorator in getattr(node, "decorator_list", ()):
                 functions.setdefault(ast.unparse(decorator), []).append(node)
     numbers = ("None", "float", "int", "tuple[float, int]")
-    returning = {node.name for node in functions["maker"] if ast.unparse(node.returns) not in numbers}
-    assert {"new_block", "_room"} <= returning
+    makers = functions["maker"] + functions["expanded"]
+    returning = {node.name for node in makers if ast.unparse(node.returns) not in numbers}
+    assert {"new_block", "new_frames"} <= returning
     for node in functions["part"]:
         called = {call.func.id for call in ast.walk(node) if hasattr(getattr(call, "func", None), "id")}
         assert not called & returning, node.name
@@ -96,7 +97,7 @@ def test_no_kernel_multiplies_matrices_by_blas():
     for file in compiled.sources(Path(compiled.__file__).parents[1]):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             decorators = {ast.unparse(decorator) for decorator in getattr(node, "decorator_list", ())}
-            if decorators & {"caller", "compiled", "maker", "part"}:
+            if decorators & {"caller", "compiled", "expanded", "inlined", "maker", "part"}:
                 found = [line for line in ast.unparse(node.body).splitlines() if wanting.search(line)]
                 assert not found, f"{file}: {node.name}: {found}"
 
@@ -293,14 +294,14 @@ def test_kernels_call_and_use_nothing_of_files_that_are_not_watched():
     files = compiled.sources(package)
     assert Path(danger.__file__) in files
     names = [".".join(("safe_ompl", *file.relative_to(package).with_suffix("").parts)) for file in files]
-    watched = {name.removesuffix(".__init__") for name in names}
+    watched = {name.removesuffix(".__init__") for name in names} | {compiled.__name__, stack.__name__}
     for module in watched & set(sys.modules):
         names = vars(sys.modules[module])
         kernels = [value.py_func for value in names.values() if hasattr(value, "py_func")]
         used = {name for kernel in kernels for name in kernel.__code__.co_names if name in names}
         for name in used:
             home = getattr(names[name], "__module__", None) or getattr(names[name], "__name__", "")
-            if home.startswith("safe_ompl") and home != compiled.__name__:
+            if home.startswith("safe_ompl"):
                 assert home in watched, f"{module} uses {name} of {home}"
 
 

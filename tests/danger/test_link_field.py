@@ -10,8 +10,8 @@ from hypothesis import example, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 
-from safe_ompl.common import FloatArray, IntArray, compiled
-from safe_ompl.danger.kernels import field as kernel
+from safe_ompl.common import compiled
+from safe_ompl.danger.kernels import field as kernel, lanes
 from safe_ompl.danger.link_field import (
     WEIGHTINGS,
     columns,
@@ -21,6 +21,7 @@ from safe_ompl.danger.link_field import (
     segment_fields,
     vectors,
 )
+from safe_ompl.robot.kernels import JOINT, KEYPOINT
 
 ONE = np.array([[0, 1]])
 ARM = np.array([[1, 2], [2, 3], [5, 6], [3, 5], [3, 7]])  # a branch, and key points 0 and 4 on no segment
@@ -32,18 +33,40 @@ places = arrays(np.float64, (3,), elements=coordinates)
 skeletons = arrays(np.float64, (1, K, 3), elements=coordinates)
 
 
+def standing(places):
+    """Return tables of no joints, and of key points that stand at places (K, 3)."""
+    keys = np.zeros(len(places), KEYPOINT)
+    keys["offset"] = places
+    return np.zeros(0, JOINT), keys
+
+
 @compiled
-def _pulls(keys: FloatArray, links: IntArray, points: FloatArray, weights: FloatArray, by_length: bool) -> FloatArray:
-    out, block = np.zeros(keys.shape), kernel.new_block(keys.shape[1])
-    for b in range(len(keys)):
-        for m in range(points.shape[1]):
-            kernel.add_pull(kernel.Skeleton(keys[b], links, by_length, block), points, m, weights[b, m], out[b])
+def _pulls(joints, keys, links, points, weights, by_length):
+    count, K, L = points.shape[1], len(keys), len(links)
+    frames, sights, pulls = lanes.new_frames(0, K, L), lanes.new_sights(K, L), lanes.new_pulls(0, K)
+    lanes.place_lanes(joints, keys, links, np.zeros((1, 0)), frames)
+    out, some = np.zeros((K, 3)), np.zeros(lanes.LANES)
+    for m in range(count):
+        sights.seen_from[m], sights.which[m], some[m] = 0, m, weights[m]
+    used = lanes.see(frames, points, count, sights)
+    lanes.write_pulls(links, by_length, some, used, sights, pulls)
+    for k in range(K):
+        for x in range(3):
+            for m in range(count):
+                out[k, x] += pulls.forces[k, x, m]
     return out
 
 
 def keypoint_gradient(keypoints, links, points, weights, weighting="unit"):
     """Return the gradient (B, K, 3) of Σ_m w_m CDF(p_m) by the key points."""
-    return _pulls(keypoints, links, columns(points), weights, weighting == "length")
+    each = [
+        sum(
+            _pulls(*standing(places), links, columns(points[k : k + lanes.LANES]), some[k : k + lanes.LANES], by)
+            for k in range(0, len(points), lanes.LANES)
+        )
+        for places, some, by in zip(keypoints, weights, [weighting == "length"] * len(keypoints), strict=True)
+    ]
+    return np.array(each)
 
 
 def space_gradient(keypoints, links, points, weighting="unit"):
@@ -249,10 +272,11 @@ def test_segment_distances_against_dense_samples(rng):
 
 
 @compiled
-def bounds_of(places, links, points, by_length, reach):
-    out, distances = (np.empty(points.shape[1], np.float32), np.empty((len(places), points.shape[1]), np.float32))
-    skeleton = kernel.Skeleton(places, links, by_length, kernel.new_block(len(places)))
-    kernel.ceilings(skeleton, points, reach, distances, out)
+def bounds_of(joints, keys, links, points, by_length, reach):
+    frames = lanes.new_frames(0, len(keys), len(links))
+    lanes.place_lanes(joints, keys, links, np.zeros((1, 0)), frames)
+    out, distances = (np.empty(points.shape[1], np.float32), np.empty((len(keys), points.shape[1]), np.float32))
+    lanes.ceilings(frames, 0, links, by_length, points, reach, distances, out)
     return out
 
 
@@ -274,7 +298,7 @@ def test_no_field_exceeds_its_bound_in_single_precision(seed, scale, away, weigh
     points = np.vstack([scale * rng.normal(size=(50, 3)) + away, on, beside.reshape(-1, 3)])
     exact = field(places[None], links, points, weighting)[0]
     reach = max(np.abs(points).max(), np.abs(places).max())
-    bounds = bounds_of(places, links, points.T.astype(np.float32), weighting == "length", reach)
+    bounds = bounds_of(*standing(places), links, points.T.astype(np.float32), weighting == "length", reach)
     assert (bounds >= exact).all()
     far = exact < 0.2 / scale * (scale if weighting == "length" else 1.0)
     assert away or (bounds[far] <= 1.05 * exact[far] + 1e-6).all()

@@ -10,9 +10,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, maker, part
-from safe_ompl.danger.kernels.field import Block, Skeleton, add_pull, ceilings, new_block, potential, potentials
-from safe_ompl.robot.kernels import JOINT, KEYPOINT, place_joints, place_keypoints, pull
+from safe_ompl.common import FloatArray, IntArray, caller, compiled, expanded, inlined, part, stack_array
+from safe_ompl.danger.kernels.field import Skeleton, link_fields, new_block, potentials
+from safe_ompl.danger.kernels.lanes import (
+    LANES,
+    Frames,
+    Sights,
+    ceilings,
+    new_frames,
+    new_pulls,
+    new_sights,
+    place_lanes,
+    pull_back_lanes,
+    see,
+    write_fields,
+    write_pulls,
+)
+from safe_ompl.robot.kernels import JOINT, KEYPOINT, keypoints
 
 MAXIMUM, MEAN, SOFTMAX = 0, 1, 2
 
@@ -118,130 +132,191 @@ def _shares(levels: FloatArray, kind: int, sharpness: float, out: FloatArray) ->
         out[m] /= total
 
 
-class _Work(NamedTuple):
-    """Room for the danger of one configuration: of joints, of key points, and of points."""
+class _Peaks(NamedTuple):
+    """Room for the highest levels at configurations side by side.
 
-    rotation: FloatArray
-    origin: FloatArray
-    axis: FloatArray
-    wrench: FloatArray
-    places: FloatArray
-    forces: FloatArray
-    levels: FloatArray
-    share: FloatArray
+    Points and distances from key points in single precision, upper bounds of levels (W, ·), and the highest of each
+    chunk of these; of each configuration the best point so far, its level, and what level counts, (W,).
+    """
+
     short: Any
-    far: Any
+    distances: Any
     bounds: Any
     tops: Any
-    alone: FloatArray
-    block: Block
+    best: IntArray
+    peak: FloatArray
+    least: FloatArray
 
 
-@maker
-def _room(tables: Tables, points: Points) -> _Work:
-    """Return room, with a copy of the short columns: of arrays made here LLVM knows that none is part of another.
+_CHUNK = 8  # points of which the highest bound is known
+
+
+@expanded
+def _new_peaks(keypoints: int, points: Points, rows: int) -> _Peaks:
+    """Return room for so many configurations, and the points.
 
     The last column is repeated up to whole chunks: what is left after these would take as long as many of them.
     """
-    m, K, M = len(tables.joints), len(tables.keys), len(points.charges)
-    chunks = (M + _CHUNK - 1) // _CHUNK
-    short = np.empty((3, _CHUNK * chunks), np.float32)
+    M = len(points.charges)
+    padded = (M + _CHUNK - 1) // _CHUNK * _CHUNK
+    short = np.empty((3, padded), np.float32)
     for x in range(3):
-        for k in range(_CHUNK * chunks):
-            short[x, k] = points.short[x, min(k, M - 1)]
-    return _Work(
-        np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6)), np.empty((K, 3)), np.empty((K, 3)),
-        np.empty(M), np.empty(M), short, np.empty((K, _CHUNK * chunks), np.float32),
-        np.zeros(_CHUNK * chunks, np.float32), np.empty(chunks, np.uint32), np.empty((4, len(tables.links))),
-        new_block(K),
+        for k in range(M):
+            short[x, k] = points.short[x, k]
+        for k in range(M, padded):
+            short[x, k] = short[x, M - 1]
+    rows = min(LANES, rows)
+    return _Peaks(
+        short, np.empty((keypoints, padded), np.float32), np.empty((rows, padded), np.float32),
+        np.empty((rows, padded // _CHUNK), np.uint32), stack_array((LANES,)).view(np.intp), stack_array((LANES,)),
+        stack_array((LANES,)),
     )  # fmt: skip
 
 
-_CHUNK = 32  # points of which the highest bound is known
-
-
-@part
-def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[float, int]:
-    """Return the largest level, and where the first of these is; exact.
-
-    Levels are computed where a bound in single precision does not tell that they are lower.
-    """
-    columns, charges, bounds = points.columns, points.charges, work.bounds
-    M = len(charges)
-    reach = points.reach
-    for k in range(len(skeleton.places)):
-        for x in range(3):
-            reach = max(reach, abs(skeleton.places[k, x]))
-    ceilings(skeleton, work.short, reach, work.far, bounds)
+@inlined
+def _bound(tables: Tables, frames: Frames, points: Points, lane: int, peaks: _Peaks) -> None:
+    """Write upper bounds of all levels at the configuration in a lane; the point with the highest one is best."""
+    bounds, M = peaks.bounds[lane], len(points.charges)
+    ceilings(frames, lane, tables.links, tables.by_length, peaks.short, points.reach, peaks.distances, bounds)
     for k in range(M):
-        bounds[k] *= np.float32(charges[k])
+        bounds[k] *= np.float32(points.charges[k])
     for k in range(M, len(bounds)):
         bounds[k] = np.float32(0.0)
     # As integers numbers that are not negative have the same order, and what is no number is above all others.
-    bits, tops = bounds.view(np.uint32), work.tops
-    likely = 0
+    bits, tops, likely = bounds.view(np.uint32), peaks.tops[lane], 0
     for c in range(len(tops)):
         chunk, top = bits[_CHUNK * c : _CHUNK * (c + 1)], np.uint32(0)
         for k in range(_CHUNK):
             top = max(top, chunk[k])
         tops[c] = top
-        likely = c if tops[c] > tops[likely] else likely
+        likely = c if top > tops[likely] else likely
     best = _CHUNK * likely
     while bits[best] != tops[likely]:
         best += 1
-    peak = potential(skeleton, columns, best, work.alone) * charges[best]
-    enough, highs, likely = np.float32(peak * (1.0 - 1e-7)), tops.view(np.float32), best
-    for c in range(len(tops)):
-        if not highs[c] < enough:
-            for k in range(_CHUNK * c, min(_CHUNK * (c + 1), M)):
-                if not bounds[k] < enough and k != likely:
-                    level = potential(skeleton, columns, k, work.alone) * charges[k]
-                    if level > peak or (level == peak and k < best):
-                        best, peak = k, level
-    return peak, best
+    peaks.best[lane], peaks.peak[lane], peaks.least[lane] = best, -inf, -inf
 
 
-@part
-def _whole(skeleton: Skeleton, points: Points, aggregate: Aggregate, sloped: bool, work: _Work) -> float:
-    """Return the mean or the softmax of all levels; the gradient by the key points is added to the forces."""
-    columns, charges, kind = points.columns, points.charges, aggregate.kind
-    levels, share, M = work.levels, work.share, len(points.charges)
-    potentials(skeleton, columns, 0, M, levels.reshape(1, M))
-    for k in range(M):
-        levels[k] *= charges[k]
-    if sloped:
-        _shares(levels, kind, aggregate.sharpness, share)
-        for k in range(M):
-            if share[k] != 0.0:
-                add_pull(skeleton, columns, k, charges[k] * share[k], work.forces)
-    return _aggregate(levels, kind, aggregate.sharpness)
+@inlined
+def _candidates(
+    count: int, lane: int, chunk: int, high: FloatArray, peaks: _Peaks, sights: Sights
+) -> tuple[int, int, int]:
+    """Write which points, from a chunk in a lane on, may have a level that counts; return how many, and where next.
 
-
-@part
-def _danger(
-    tables: Tables, values: FloatArray, points: Points, aggregate: Aggregate, gradient: FloatArray, work: _Work
-) -> float:
-    """Return the danger at `values: (m,)` of the joints, and write its gradient (m or 0,)."""
-    kind, sloped = aggregate.kind, len(gradient) > 0
-    place_joints(tables.joints, values, work.rotation, work.origin, work.axis)
-    place_keypoints(tables.keys, work.rotation, work.origin, work.places)
-    skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
-    columns, charges = points.columns, points.charges
-    forces = work.forces
-    forces[:] = 0.0
-    if kind == MAXIMUM:
-        out, best = _highest_level(skeleton, points, work)
-        if sloped:
-            add_pull(skeleton, columns, best, charges[best], forces)
-    else:
-        out = _whole(skeleton, points, aggregate, sloped, work)
-    if sloped:
-        frames = work.origin, work.axis, work.wrench
-        pull(tables.joints, tables.keys, frames, work.places, forces, gradient)
-    return float(out)
+    The best points, and those that are high, (M or 0,), are known already.
+    """
+    number, chunks = 0, peaks.tops.shape[1]
+    while lane < count:
+        bounds, best, enough = peaks.bounds[lane], peaks.best[lane], np.float32(peaks.least[lane] * (1.0 - 1e-7))
+        tops = peaks.tops[lane].view(np.float32)
+        while chunk < chunks:
+            if not tops[chunk] < enough:
+                if number > LANES - _CHUNK:
+                    return number, lane, chunk
+                for k in range(_CHUNK * chunk, _CHUNK * (chunk + 1)):
+                    if not (bounds[k] < enough or k == best or (k < len(high) and high[k] > 0.0)):
+                        sights.seen_from[number], sights.which[number] = lane, k
+                        number += 1
+            chunk += 1
+        lane, chunk = lane + 1, 0
+    return number, lane, chunk
 
 
 @compiled
+def highest(
+    tables: Tables, values: FloatArray, points: Points, gradients: FloatArray, share: float, least: float,
+    high: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Return the highest level (B,) at `values: (B, m)`; exact. Write its gradients (B or 0, m) where there is room.
+
+    Levels are computed where a bound in single precision does not tell that they are lower. Where there is room the
+    levels of points are written that are a share of the highest one at some configuration, and `least`: (M or 0,).
+    """
+    B, m, K, L = len(values), len(tables.joints), len(tables.keys), len(tables.links)
+    frames, sights, pulls, some = new_frames(m, K, L), new_sights(K, L), new_pulls(m, K), stack_array((LANES,))
+    peaks, out, block, places = _new_peaks(K, points, B), np.empty(B), new_block(K), stack_array((K, 3))
+    columns, nobody = points.columns, high[:0]
+    for first in range(0, B, LANES):
+        count, at, chunk, counting = min(LANES, B - first), 0, 0, False
+        number, filled = (
+            count,
+            place_lanes(tables.joints, tables.keys, tables.links, values[first : first + count], frames),
+        )
+        for lane in range(count):
+            _bound(tables, frames, points, lane, peaks)
+            sights.seen_from[lane], sights.which[lane] = lane, peaks.best[lane]
+        while number > 0:
+            lanes = see(frames, columns, number, sights)
+            if not write_fields(tables.links, tables.by_length, lanes, sights):
+                for b in range(number):
+                    for k in range(K):
+                        for x in range(3):
+                            places[k, x] = sights.places[k, x, b]
+                    skeleton, point = Skeleton(places, tables.links, tables.by_length, block), sights.which[b]
+                    potentials(skeleton, columns, point, point + 1, sights.field[b : b + 1].reshape(1, 1))
+            for b in range(number):
+                lane, point = sights.seen_from[b], sights.which[b]
+                level, peak = sights.field[b] * points.charges[point], peaks.peak[lane]
+                if counting:
+                    high[point] = max(high[point], level) if level >= peaks.least[lane] else high[point]
+                elif level > peak or (level == peak and point < peaks.best[lane]) or peak == -inf:
+                    peaks.peak[lane], peaks.best[lane], peaks.least[lane] = level, point, level
+            number, at, chunk = _candidates(count, at, chunk, high if counting else nobody, peaks, sights)
+            if number == 0 and not counting and len(high) > 0:
+                counting, at, chunk = True, 0, 0
+                for lane in range(count):
+                    peaks.least[lane] = max(share * peaks.peak[lane], least)
+                    if peaks.peak[lane] >= peaks.least[lane]:
+                        high[peaks.best[lane]] = max(high[peaks.best[lane]], peaks.peak[lane])
+                number, at, chunk = _candidates(count, at, chunk, high, peaks, sights)
+        for lane in range(filled):
+            out[first + min(lane, count - 1)] = peaks.peak[min(lane, count - 1)]
+            sights.seen_from[lane], sights.which[lane] = lane, peaks.best[min(lane, count - 1)]
+            some[lane] = points.charges[sights.which[lane]]
+        if len(gradients) > 0:
+            see(frames, columns, filled, sights)
+            write_pulls(tables.links, tables.by_length, some, filled, sights, pulls)
+            pull_back_lanes(tables.joints, tables.keys, filled, frames, pulls.forces, pulls)
+            for lane in range(count):
+                for i in range(m):
+                    gradients[first + lane, i] = pulls.gradient[i, lane]
+    return out
+
+
+@compiled
+def slopes(
+    tables: Tables, values: FloatArray, points: Points, chosen: IntArray, weights: FloatArray, gradients: FloatArray
+) -> None:
+    """Write the gradients (B, m) of weighted sums of the fields at chosen points at `values: (B, m)`.
+
+    Points and their weights are (B, J). Points on a link have no gradient.
+    """
+    (B, J), K, L, m = chosen.shape, len(tables.keys), len(tables.links), len(tables.joints)
+    frames, sights, pulls = new_frames(m, K, L), new_sights(K, L), new_pulls(m, K)
+    some, forces = stack_array((LANES,)), stack_array((K, 3, LANES))
+    for first in range(0, B, LANES):
+        count = min(LANES, B - first)
+        lanes = place_lanes(tables.joints, tables.keys, tables.links, values[first : first + count], frames)
+        forces[:] = 0.0
+        for begin in range(0, count * J, LANES):
+            number = min(LANES, count * J - begin)
+            for b in range(number):
+                lane, j = (begin + b) // J, (begin + b) % J
+                sights.seen_from[b], sights.which[b], some[b] = lane, chosen[first + lane, j], weights[first + lane, j]
+            seen = see(frames, points.columns, number, sights)
+            for b in range(number, seen):
+                some[b] = 0.0
+            write_pulls(tables.links, tables.by_length, some, seen, sights, pulls)
+            for k in range(K):
+                for x in range(3):
+                    for b in range(number):
+                        forces[k, x, sights.seen_from[b]] += pulls.forces[k, x, b]
+        pull_back_lanes(tables.joints, tables.keys, lanes, frames, forces, pulls)
+        for b in range(count):
+            for i in range(m):
+                gradients[first + b, i] = pulls.gradient[i, b]
+
+
+@caller
 def dangers(
     tables: Tables, values: FloatArray, points: Points, aggregate: Aggregate, gradients: FloatArray
 ) -> FloatArray:
@@ -249,70 +324,46 @@ def dangers(
 
     Gradients are not written where there is no room; points on a link have none.
     """
-    out = np.empty(len(values))
-    _each_danger(tables, values, points, aggregate, gradients, out, _room(tables, points))
-    return out
+    B, M, charges = len(values), len(points.charges), points.charges
+    if aggregate.kind == MAXIMUM:
+        return highest(tables, values, points, gradients, 0.0, 0.0, charges[:0])
+    places = keypoints(tables.joints, tables.keys, values)
+    levels = link_fields(places, tables.links, points.columns, tables.by_length, True).reshape(B, M)
+    chosen = np.empty((B, M), np.intp)
+    for b in range(B):
+        for k in range(M):
+            chosen[b, k], levels[b, k] = k, levels[b, k] * charges[k]
+    if len(gradients) > 0:
+        weights = all_shares(levels, aggregate.kind, aggregate.sharpness)
+        for b in range(B):
+            for k in range(M):
+                weights[b, k] *= charges[k]
+        slopes(tables, values, points, chosen, weights, gradients)
+    return aggregates(levels, aggregate.kind, aggregate.sharpness)
 
 
-@part
-def _each_danger(
-    tables: Tables,
-    values: FloatArray,
-    points: Points,
-    aggregate: Aggregate,
-    gradients: FloatArray,
-    out: FloatArray,
-    work: _Work,
-) -> None:
-    """Write what `dangers` returns: within a part Numba does not count who holds an array, once for each row."""
-    for b in range(len(values)):
-        gradient = gradients[b] if len(gradients) > 0 else work.share[:0]
-        out[b] = _danger(tables, values[b], points, aggregate, gradient, work)
-
-
-@compiled
+@caller
 def high_levels(tables: Tables, values: FloatArray, points: Points, least: float) -> tuple[FloatArray, FloatArray]:
-    """Return the levels (C,) of points at `values: (m,)` that are at least `least`, and their gradients (C, m)."""
-    columns, charges, C = points.columns, points.charges, 0
-    levels, gradients = np.empty(len(charges)), np.empty((len(charges), len(values)))
-    work = _room(tables, points)
-    skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
-    place_joints(tables.joints, values, work.rotation, work.origin, work.axis)
-    place_keypoints(tables.keys, work.rotation, work.origin, work.places)
-    _highest_level(skeleton, points, work)
-    for k in range(len(charges)):
-        if not work.bounds[k] < np.float32(least * (1.0 - 1e-7)):
-            level = potential(skeleton, columns, k, work.alone) * charges[k]
-            if level >= least:
-                levels[C], work.forces[:] = level, 0.0
-                add_pull(skeleton, columns, k, charges[k], work.forces)
-                frames = work.origin, work.axis, work.wrench
-                pull(tables.joints, tables.keys, frames, work.places, work.forces, gradients[C])
-                C += 1
-    return levels[:C].copy(), gradients[:C].copy()
-
-
-@compiled
-def high_points(tables: Tables, values: FloatArray, points: Points, share: float) -> BoolArray:
-    """Return which of the points (M,) have a level at any of `values: (B, m)` that is a share of its highest."""
-    columns, charges, high = points.columns, points.charges, np.zeros(len(points.charges), np.bool_)
-    work = _room(tables, points)
-    skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
-    for b in range(len(values)):
-        place_joints(tables.joints, values[b], work.rotation, work.origin, work.axis)
-        place_keypoints(tables.keys, work.rotation, work.origin, work.places)
-        lowest = share * _highest_level(skeleton, points, work)[0]
-        enough = np.float32(lowest * (1.0 - 1e-7))
-        for k in range(len(charges)):
-            if not (high[k] or work.bounds[k] < enough):
-                high[k] = potential(skeleton, columns, k, work.alone) * charges[k] >= lowest
-    return high
+    """Return the levels (C,) of points at `values: (1, m)` that are at least `least`, and their gradients (C, m)."""
+    high, C = np.zeros(len(points.charges)), 0
+    highest(tables, values, points, values[:0], 0.0, least, high)
+    for k in range(len(high)):
+        C += high[k] > 0.0
+    levels, chosen, weights = np.empty(C), np.empty((C, 1), np.intp), np.empty((C, 1))
+    alike, gradients = np.empty((C, values.shape[1])), np.empty((C, values.shape[1]))
+    C = 0
+    for k in range(len(high)):
+        if high[k] > 0.0:
+            levels[C], chosen[C, 0], weights[C, 0], alike[C] = high[k], k, points.charges[k], values[0]
+            C += 1
+    slopes(tables, alike, points, chosen, weights, gradients)
+    return levels, gradients
 
 
 _HALVINGS = 6  # of a panel at most
 
 
-@compiled
+@caller
 def mean_danger(
     tables: Tables, ends: FloatArray, points: Points, aggregate: Aggregate, panels: int, tolerance: float
 ) -> tuple[float, int]:
@@ -321,48 +372,40 @@ def mean_danger(
     By Simpson's rule. Of a panel, at first one of `panels`, the trapezoidal rule with the same three values differs by
     |f₀ − 2f₁ + f₂|/12 from it. The panel is halved where that is more than the relative tolerance times the mean.
     """
-    work, nothing = _room(tables, points), np.empty(0)
-    q, first, evaluations = np.empty(ends.shape[1]), np.empty(2 * panels + 1), 2 * panels + 1
-    mean = 0.0
-    for k in range(evaluations):
-        _between(ends, k / (2 * panels), q)
-        first[k] = _danger(tables, q, points, aggregate, nothing, work)
-        mean += first[k] * (4.0 if k % 2 else 1.0 if k in (0, 2 * panels) else 2.0) / (6 * panels)
+    nothing = np.empty((0, ends.shape[1]))
+    first = dangers(tables, _between(ends, np.arange(2 * panels + 1) / (2 * panels)), points, aggregate, nothing)
+    mean, total, evaluations = 0.0, 0.0, len(first)
+    rest = np.empty((panels, 5))  # panels: where they begin, how long they are, and three values
+    for k in range(panels):
+        rest[k, 0], rest[k, 1], rest[k, 2:] = k / panels, 1.0 / panels, first[2 * k : 2 * k + 3]
+        mean += (first[2 * k] + 4.0 * first[2 * k + 1] + first[2 * k + 2]) / (6 * panels)
     if not mean < inf:
         return mean, evaluations
-    total, enough = 0.0, 12.0 * tolerance * mean
-    pending = np.empty((_HALVINGS + 1, 5))  # panels: where they begin, how long they are, and three values
-    for k in range(panels):
-        depth = 0
-        _put(pending[0], k / panels, 1.0 / panels, (first[2 * k], first[2 * k + 1], first[2 * k + 2]))
-        while depth >= 0:
-            begin, length = pending[depth, 0], pending[depth, 1]
-            f0, f1, f2 = pending[depth, 2], pending[depth, 3], pending[depth, 4]
-            if abs(f0 - 2.0 * f1 + f2) <= enough or length * panels < 1.5 / 2**_HALVINGS:
+    while len(rest) > 0:
+        rough, number, middles = np.empty((2 * len(rest), 5)), 0, np.empty(2 * len(rest))
+        for begin, length, f0, f1, f2 in rest:
+            if abs(f0 - 2.0 * f1 + f2) <= 12.0 * tolerance * mean or length * panels < 1.5 / 2**_HALVINGS:
                 total += length * (f0 + 4.0 * f1 + f2) / 6.0
-                depth -= 1
                 continue
-            _between(ends, begin + 0.25 * length, q)
-            left = _danger(tables, q, points, aggregate, nothing, work)
-            _between(ends, begin + 0.75 * length, q)
-            right = _danger(tables, q, points, aggregate, nothing, work)
-            evaluations += 2
-            _put(pending[depth], begin + 0.5 * length, 0.5 * length, (f1, right, f2))
-            depth += 1
-            _put(pending[depth], begin, 0.5 * length, (f0, left, f1))
+            for half in range(2):
+                panel, middles[number] = rough[number], begin + (0.25 + 0.5 * half) * length
+                panel[0], panel[1], panel[2], panel[4] = begin + 0.5 * half * length, 0.5 * length, f0, f1
+                f0, f1, number = f1, f2, number + 1
+        rest, evaluations = rough[:number], evaluations + number
+        found = dangers(tables, _between(ends, middles[:number]), points, aggregate, nothing)
+        for k in range(number):
+            rest[k, 3] = found[k]
     return total, evaluations
 
 
-@part
-def _put(panel: FloatArray, begin: float, length: float, values: tuple[float, float, float]) -> None:
-    panel[0], panel[1] = begin, length
-    panel[2], panel[3], panel[4] = values
-
-
-@part
-def _between(ends: FloatArray, t: float, out: FloatArray) -> None:
-    for i in range(len(out)):
-        out[i] = ends[0, i] + t * (ends[1, i] - ends[0, i])
+@compiled
+def _between(ends: FloatArray, shares: FloatArray) -> FloatArray:
+    """Return configurations (B, m) at shares (B,) of the way between two `ends: (2, m)`."""
+    out = np.empty((len(shares), ends.shape[1]))
+    for b in range(len(shares)):
+        for i in range(ends.shape[1]):
+            out[b, i] = ends[0, i] + shares[b] * (ends[1, i] - ends[0, i])
+    return out
 
 
 @compiled
@@ -380,48 +423,4 @@ def all_shares(levels: FloatArray, kind: int, sharpness: float) -> FloatArray:
     out = np.empty(levels.shape)
     for b in range(len(levels)):
         _shares(levels[b], kind, sharpness, out[b])
-    return out
-
-
-class Ends(NamedTuple):
-    """What is known of segments at one end of an interval: fields and distances, (L, M)."""
-
-    fields: FloatArray
-    distances: FloatArray
-
-
-@compiled
-def chords(
-    first: Ends, last: Ends, h: float, speed: FloatArray, acceleration: FloatArray, lengths: FloatArray
-) -> FloatArray:
-    """Return the ends (2, M) of straight lines that lie above Σ_l length_l·u_l(t) throughout an interval.
-
-    Segments l whose points move smoothly for a time h, none faster than V (L,) or with more acceleration than A (L,),
-    have the unit-weighted fields u = ∫₀¹ dτ/ρ_τ at a point p. They are multiplied by 1, or at least by their lengths
-    (L,). Of two bounds of each u the lower one is taken. Seen from the nearer end no point moves farther than δ = Vh/2,
-    so u ≤ U = max u·D/(D − δ) over both ends (`segment_bounds`): a level line. And along a curve 1/ρ has the second
-    derivative vᵀ∇²(1/ρ)v + ∇(1/ρ)·a ≥ −v²/ρ³ − a/ρ², for ∇²(1/ρ) has the eigenvalues 2/ρ³ and −1/ρ³. As ρ never falls
-    below D̲ = (D₁ + D₂ − Vh)/2, u'' ≥ −U(V²/D̲² + A/D̲), and u stays below the chord from u₁ to u₂ raised by
-
-        U (V²/D̲² + A/D̲) h²/8.
-
-    The first bound is linear in h, the second quadratic: near a smooth peak it needs a fifth of the intervals. The
-    lines are infinite where a segment may reach the point.
-    """
-    L, M = first.fields.shape
-    out = np.zeros((2, M))
-    for k in range(L):
-        half, weight = speed[k] * h / 2, lengths[k]
-        for m in range(M):
-            u1, u2, d1, d2 = (first.fields[k, m], last.fields[k, m], first.distances[k, m], last.distances[k, m])
-            left, right = d1 - half, d2 - half
-            if left > 0 and right > 0:
-                level = max(u1 * (d1 / left), u2 * (d2 / right))
-                nearest = (left + right) / 2
-                rise = level * ((speed[k] / nearest) ** 2 + acceleration[k] / nearest) * (h * h / 8)
-                bent = max(u1, u2) + rise < level
-                out[0, m] += weight * (u1 + rise if bent else level)
-                out[1, m] += weight * (u2 + rise if bent else level)
-            else:
-                out[0, m] = out[1, m] = inf
     return out

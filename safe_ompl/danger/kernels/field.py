@@ -7,15 +7,15 @@ to its length ℓ.
 from __future__ import annotations
 
 from math import inf, nan, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
 
 ZERO = 1e-30  # [m] stands for a length of zero
-_ROUNDING = 8 * float(np.finfo(np.float64).eps)  # relative size of what is as good as zero
-_SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
+ROUNDING = 8 * float(np.finfo(np.float64).eps)  # relative size of what is as good as zero
+SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
 _LN2 = 0.6931471805599453
 
 
@@ -82,13 +82,13 @@ def cross_norm(u: FloatArray, v: FloatArray) -> float:
 @part
 def half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
     """Return (S² − ℓ²)/2 = ‖u‖‖v‖ + u·v = ‖u × v‖²/(‖u‖‖v‖ − u·v), without cancellation; zero on the segment."""
-    if min(d1, d2) <= _ROUNDING * max(d1, d2):
+    if min(d1, d2) <= ROUNDING * max(d1, d2):
         return 0.0
     along, product = dot(u, v), d1 * d2
     if not along < 0:
         return product + along
     area = cross_norm(u, v)
-    if area <= _ROUNDING * product:
+    if area <= ROUNDING * product:
         return 0.0
     return area * area / (product - along)
 
@@ -99,7 +99,7 @@ def slopes(length: float, S: float, half: float) -> tuple[float, float, float]:
     c = 1.0 / half
     phi = np.log1p(length * (S + length) * c) / length
     y = (length / S) ** 2
-    if y > _SERIES:
+    if y > SERIES:
         return phi, c, (c * S - phi) / (length * length)
     total, power = 0.0, 1.0
     for k in range(1, 10):
@@ -117,7 +117,7 @@ def ray(skeleton: Skeleton, points: FloatArray, m: int, key: int, out: FloatArra
 
 
 _LANES = 16  # numbers that a processor works on at once, times what the compiler unrolls
-_NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many digits
+NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many digits
 
 
 @part
@@ -174,16 +174,16 @@ def _angles(places: FloatArray, start: int, end: int, length: float, block: Bloc
     for j in range(number):
         ratio = 2.0 * length / (distances[start, j] + distances[end, j] - length)
         theta[j] = ratio
-        near += 0 if 0.0 <= ratio <= _NEAR else 1
+        near += 0 if 0.0 <= ratio <= NEAR else 1
     if near:
         _restore_digits(places, start, end, length, block, number)
-    _log1p_each(theta, block.mantissa, block.bits, block.power, number)
+    log1p_each(theta, block.mantissa, block.bits, block.power, number)
     if near:
         _mark_contacts(start, end, block, number)
 
 
 @part
-def _log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: FloatArray, number: int) -> None:
+def log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: FloatArray, number: int) -> None:
     """Replace so many of `x: (N,)`, 0 ≤ x < ∞, by log(1 + x), in loops that processors run by lanes.
 
     With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f) it is k log 2 + 2 atanh s, for which a polynomial in s²
@@ -212,7 +212,7 @@ def _restore_digits(places: FloatArray, start: int, end: int, length: float, blo
     ratios, points = block.theta, block.points
     u, v = block.mantissa[:3], block.power[:3]
     for j in range(number):
-        if not 0.0 <= ratios[j] <= _NEAR:
+        if not 0.0 <= ratios[j] <= NEAR:
             d1, d2 = block.distances[start, j], block.distances[end, j]
             for x in range(3):
                 u[x], v[x] = points[x, j] - places[start, x], points[x, j] - places[end, x]
@@ -232,103 +232,12 @@ def _mark_contacts(start: int, end: int, block: Block, number: int) -> None:
 
 
 @part
-def potential(skeleton: Skeleton, points: FloatArray, m: int, room: FloatArray) -> float:
-    """Return the field at p_m, in all digits what `potentials` writes; `room: (4, L)` is for the work."""
-    places, links, theta, mantissa = skeleton.places, skeleton.links, room[0], room[1]
-    x, y, z = points[0, m], points[1, m], points[2, m]
-    for link in range(len(links)):
-        a, b = links[link, 0], links[link, 1]
-        dx, dy, dz = x - places[a, 0], y - places[a, 1], z - places[a, 2]
-        first = sqrt(dx * dx + dy * dy + dz * dz)
-        dx, dy, dz = x - places[b, 0], y - places[b, 1], z - places[b, 2]
-        length = link_length(places, a, b)
-        theta[link] = 2.0 * length / (first + sqrt(dx * dx + dy * dy + dz * dz) - length)
-        room[3, link] = 1.0 if skeleton.by_length else 1.0 / length
-        if not 0.0 <= theta[link] <= _NEAR:
-            potentials(skeleton, points, m, m + 1, room[3:])
-            return float(room[3, 0])
-    _log1p_each(theta, mantissa, mantissa.view(np.int64), room[2], len(links))
-    total = 0.0
-    for link in range(len(links)):
-        total += room[3, link] * theta[link]
-    return total
-
-
-_FINE = 2.0**-24  # half a unit in the last place of float32
-
-
-@part
-def ceilings(skeleton: Skeleton, points: FloatArray, reach: float, distances: Any, out: FloatArray) -> None:
-    """Write upper bounds (M,) of CDF(p) at points (3, M) in single precision, an eighth of the work of `potentials`.
-
-    As log(1 + r) ≤ r (6 + r)/(6 + 4r), and r = 2ℓ/g with the gap g = S − ℓ, the field of a link is no larger than
-    2 (3g + ℓ)/(g (3g + 4ℓ)); it falls with g. No coordinate of a point or key point is larger than `reach`. So each
-    difference of two coordinates is off by 3u reach at most, u = 2⁻²⁴, the distance of two points by
-    √3·3u reach + 4u·√12 reach < 20u reach, and S − ℓ by less than 64u reach, by which the gap is taken too small. What
-    comes after that has relative errors of less than 16u, and u more for each link. The `distances: (K, M)` are room.
-    """
-    places, links, M, single = skeleton.places, skeleton.links, points.shape[1], np.float32
-    for k in range(len(places)):
-        x, y, z = single(places[k, 0]), single(places[k, 1]), single(places[k, 2])
-        for m in range(M):
-            dx, dy, dz = points[0, m] - x, points[1, m] - y, points[2, m] - z
-            distances[k, m] = np.sqrt(dx * dx + dy * dy + dz * dz)
-    for m in range(M):
-        out[m] = single(0.0)
-    two, three = single(2.0 * (1.0 + (32.0 + len(links)) * _FINE)), single(3.0)
-    least, infinite = single(1e-18), single(inf)
-    error = single(64.0 * _FINE * reach)
-    for link in range(len(links)):
-        a, b = links[link, 0], links[link, 1]
-        length = single(link_length(places, a, b))
-        taken = length + error
-        weight = two * (length if skeleton.by_length else single(1.0))
-        for m in range(M):
-            gap = distances[a, m] + distances[b, m] - taken
-            wide = three * gap + length
-            bound = weight * wide / (gap * (wide + three * length))
-            out[m] += bound if gap > least else infinite
-
-
-@part
 def link_length(places: FloatArray, start: int, end: int) -> float:
     """Return ℓ > 0."""
     x = places[end, 0] - places[start, 0]
     y = places[end, 1] - places[start, 1]
     z = places[end, 2] - places[start, 2]
     return max(sqrt(x * x + y * y + z * z), ZERO)
-
-
-# ------------------------------------------------------------------------------------------------- gradients
-
-
-@part
-def add_pull(skeleton: Skeleton, points: FloatArray, m: int, weight: float, forces: FloatArray) -> None:
-    """Add the gradient of weight·CDF(p_m) by the key points to `forces: (K, 3)`; nothing where p_m is on a segment.
-
-    ∂φ/∂a = c e₁ − κ (b − a),  ∂φ/∂b = c e₂ + κ (b − a); by arc length ℓ times that, and ∓φ (b − a)/ℓ.
-    """
-    places, links = skeleton.places, skeleton.links
-    pulls, u, v = skeleton.block.distances, skeleton.block.mantissa[:3], skeleton.block.power[:3]
-    for k in range(len(links)):
-        start, end = links[k, 0], links[k, 1]
-        d1, d2 = ray(skeleton, points, m, start, u), ray(skeleton, points, m, end, v)
-        length, half = link_length(places, start, end), half_gap(u, v, d1, d2)
-        if half <= 0.0:
-            return
-        phi, c, kappa = slopes(length, d1 + d2, half)
-        scale = weight
-        if skeleton.by_length:
-            scale *= length
-            kappa += phi / (length * length)
-        for x in range(3):
-            stretch = kappa * (places[end, x] - places[start, x])
-            pulls[k, x] = scale * (c * u[x] / d1 - stretch)
-            pulls[k, 3 + x] = scale * (c * v[x] / d2 + stretch)
-    for k in range(len(links)):
-        for x in range(3):
-            forces[links[k, 0], x] += pulls[k, x]
-            forces[links[k, 1], x] += pulls[k, 3 + x]
 
 
 @maker
@@ -388,4 +297,48 @@ def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_
         skeleton = Skeleton(places[b], links, by_length, block)
         for m in range(points.shape[1]):
             _space_slope(skeleton, points, m, out[b, m])
+    return out
+
+
+class Ends(NamedTuple):
+    """What is known of segments at one end of an interval: fields and distances, (L, M)."""
+
+    fields: FloatArray
+    distances: FloatArray
+
+
+@compiled
+def chords(
+    first: Ends, last: Ends, h: float, speed: FloatArray, acceleration: FloatArray, lengths: FloatArray
+) -> FloatArray:
+    """Return the ends (2, M) of straight lines that lie above Σ_l length_l·u_l(t) throughout an interval.
+
+    Segments l whose points move smoothly for a time h, none faster than V (L,) or with more acceleration than A (L,),
+    have the unit-weighted fields u = ∫₀¹ dτ/ρ_τ at a point p. They are multiplied by 1, or at least by their lengths
+    (L,). Of two bounds of each u the lower one is taken. Seen from the nearer end no point moves farther than δ = Vh/2,
+    so u ≤ U = max u·D/(D − δ) over both ends (`segment_bounds`): a level line. And along a curve 1/ρ has the second
+    derivative vᵀ∇²(1/ρ)v + ∇(1/ρ)·a ≥ −v²/ρ³ − a/ρ², for ∇²(1/ρ) has the eigenvalues 2/ρ³ and −1/ρ³. As ρ never falls
+    below D̲ = (D₁ + D₂ − Vh)/2, u'' ≥ −U(V²/D̲² + A/D̲), and u stays below the chord from u₁ to u₂ raised by
+
+        U (V²/D̲² + A/D̲) h²/8.
+
+    The first bound is linear in h, the second quadratic: near a smooth peak it needs a fifth of the intervals. The
+    lines are infinite where a segment may reach the point.
+    """
+    L, M = first.fields.shape
+    out = np.zeros((2, M))
+    for k in range(L):
+        half, weight = speed[k] * h / 2, lengths[k]
+        for m in range(M):
+            u1, u2, d1, d2 = (first.fields[k, m], last.fields[k, m], first.distances[k, m], last.distances[k, m])
+            left, right = d1 - half, d2 - half
+            if left > 0 and right > 0:
+                level = max(u1 * (d1 / left), u2 * (d2 / right))
+                nearest = (left + right) / 2
+                rise = level * ((speed[k] / nearest) ** 2 + acceleration[k] / nearest) * (h * h / 8)
+                bent = max(u1, u2) + rise < level
+                out[0, m] += weight * (u1 + rise if bent else level)
+                out[1, m] += weight * (u2 + rise if bent else level)
+            else:
+                out[0, m] = out[1, m] = inf
     return out

@@ -95,8 +95,8 @@ def place_keypoints(keys: Any, rotation: FloatArray, origin: FloatArray, places:
                 places[k, x] = key.offset[x]
             else:
                 frame = rotation[carrier]
-                along = frame[x, 0] * key.offset[0] + frame[x, 1] * key.offset[1] + frame[x, 2] * key.offset[2]
-                places[k, x] = origin[carrier, x] + along
+                place = origin[carrier, x] + frame[x, 0] * key.offset[0] + frame[x, 1] * key.offset[1]
+                places[k, x] = place + frame[x, 2] * key.offset[2]
 
 
 @part
