@@ -101,8 +101,12 @@ class Section:
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return what `from_mapping` reads: what is not the default."""
         with _in_folder(folder):
-            given = ((item, getattr(self, item.name)) for item in keys_of(type(self)))
-            return {item.name: _written(value) for item, value in given if not _same(value, _default(item))}
+            given = ((item.name, getattr(self, item.name), _default(item)) for item in keys_of(type(self)))
+            return {
+                name: _written(value)
+                for name, value, usual in given
+                if value is not usual and (isinstance(value, np.ndarray) or value != usual)
+            }
 
 
 def keys_of(cls: type[Any]) -> list[Field[Any]]:
@@ -112,10 +116,6 @@ def keys_of(cls: type[Any]) -> list[Field[Any]]:
 
 def _default(item: Field[Any]) -> Any:
     return item.default if item.default_factory is MISSING else item.default_factory()
-
-
-def _same(value: Any, default: Any) -> bool:
-    return value is default if isinstance(value, np.ndarray) else bool(value == default)
 
 
 def _written(value: Any) -> Any:

@@ -55,7 +55,10 @@ def number(
         return value  # as nearly all are; the rest takes five times as long
     plain = _scalar(value)
     if isinstance(plain, Real) and not isinstance(plain, bool):
-        result = _float(plain)
+        try:
+            result = float(plain)
+        except OverflowError:  # a whole number that no float holds
+            result = math.inf
         if (
             math.isfinite(result)
             and (above is None or result > above)
@@ -177,13 +180,6 @@ def listed(names: Iterable[object]) -> str:
 def _scalar(value: Any) -> Any:
     """Return an array without dimensions as the number in it."""
     return value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
-
-
-def _float(value: Real) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf
 
 
 def _bounded(sort: str, kind: str, above: float | None, at_least: float | None, at_most: float | None) -> str:

@@ -184,8 +184,9 @@ class PointCloud(Shape):
 
     def triangles(self, resolution: int) -> Triangles:
         """Return coarse balls, in a large cloud one for each cell of a radius."""
-        few = len(self.centres) <= _MOST_BALLS
-        centres = self.centres if few else one_per_cell(self.centres, self.radius)
+        centres = self.centres
+        if len(centres) > _MOST_BALLS:  # the first in each cell
+            centres = centres[np.sort(np.unique(_cells_of(centres, self.radius)[0], return_index=True)[1])]
         corners, faces = Sphere(self.radius).triangles(_CORNERS)
         first = len(corners) * np.arange(len(centres), dtype=np.intp)
         vertices = (centres[:, None] + corners).reshape(-1, 3)
@@ -286,11 +287,6 @@ def cell_tree(cells: IntArray, edge: float) -> Part:
     tree = coal.makeOctree((cells - middle + 0.5) * edge, edge)
     tree.computeLocalAABB()
     return Part("", tree, pin.SE3(np.eye(3), middle * edge), Cells(cells - middle, edge))
-
-
-def one_per_cell(points: FloatArray, edge: float) -> FloatArray:
-    """Return the first of the points, shape (N, 3), in each cell of a grid; the order is kept."""
-    return points[np.sort(np.unique(_cells_of(points, edge)[0], return_index=True)[1])]
 
 
 def _count_cells(points: FloatArray, edge: float) -> int:

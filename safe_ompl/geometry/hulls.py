@@ -255,7 +255,7 @@ class ConvexBodies:
         """Return the bodies of a geometry model, each a `pin.GeometryObject`, or parts of shapes (`Part`)."""
         bodies, known = np.zeros(len(parts), BODY), [_summands(part.geometry) for part in parts]
         if parts:
-            bodies["joint"] = [part.parentJoint for part in parts]
+            bodies["joint"] = [getattr(part, "parentJoint", 0) for part in parts]  # parts of shapes are in the world
             bodies["rotation"] = [part.placement.rotation for part in parts]
             bodies["translation"] = [part.placement.translation for part in parts]
             box, disc, ball, span = (

@@ -17,7 +17,7 @@ from safe_ompl.common import InputError, documents as document, shown
 from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.person import Person, with_own_keypoints
 from safe_ompl.geometry.pose import Pose, placed
-from safe_ompl.geometry.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from safe_ompl.geometry.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from safe_ompl.geometry.surfaces import Triangles
 
 SHAPES: dict[str, type[Shape]] = {
@@ -93,7 +93,8 @@ class Obstacle:
             `PointCloud`. Key points that are not given follow from those that are, as `Person` has it. Else InputError.
         """
         shape, pose = self.shape, self.pose
-        if _is_pose(place):
+        rows = place if isinstance(place, (np.ndarray, list, tuple)) else ()
+        if isinstance(place, (Pose, pin.SE3)) or (len(rows) == 4 and np.shape(rows[0]) == (4,)):
             pose = Pose.of(place)
         else:
             shape = shape.measured_anew(place, pose)
@@ -146,12 +147,8 @@ class Obstacle:
 
     def geometries(self) -> list[tuple[str, coal.CollisionGeometry, pin.SE3]]:
         """Return name, geometry and world placement of every part, for collision."""
-        world = self.pose.se3
-        return [(self.part_name(part), part.geometry, world * part.placement) for part in self.shape.parts()]
-
-    def part_name(self, part: Part) -> str:
-        """Return the name of the obstacle, followed by "/" and that of one of its parts where there are several."""
-        return f"{self.name}/{part.name}" if part.name else self.name
+        named = [(f"{self.name}/{part.name}" if part.name else self.name, part) for part in self.shape.parts()]
+        return [(name, part.geometry, self.pose.se3 * part.placement) for name, part in named]
 
     def triangles(self, resolution: int = 24) -> Triangles:
         """Return the surface in the world frame for drawing, with `resolution` corners on every circle.
@@ -160,11 +157,6 @@ class Obstacle:
         """
         vertices, faces = self.shape.triangles(resolution)
         return placed(self.pose.se3, vertices), faces
-
-
-def _is_pose(place: Any) -> bool:
-    rows = place if isinstance(place, (np.ndarray, list, tuple)) else ()
-    return isinstance(place, (Pose, pin.SE3)) or (len(rows) == 4 and np.shape(rows[0]) == (4,))
 
 
 def check_number(most: float, spacing: float, what: str) -> None:

@@ -55,7 +55,6 @@ class Part(NamedTuple):
     geometry: coal.CollisionGeometry
     placement: pin.SE3
     cells: Cells | None = None
-    parentJoint: int = 0  # the world, as bodies of Pinocchio have it
 
 
 @dataclass(frozen=True)
@@ -279,7 +278,11 @@ class Mesh(Shape):
         """Vertices, shape (V, 3) [m], and triangles, shape (F, 3), of the obstacle: of its hull if convex."""
         vertices, faces = _load(self.file, self.scale)
         _check_volume(self.file, vertices)
-        return _hull_triangles(vertices, faces, self.file.name) if self.convex else (vertices, faces)
+        if not self.convex:
+            return vertices, faces
+        convex = convex_hull(triangle_tree(vertices, faces), self.file.name)
+        polygons = [convex.polygons(k) for k in range(convex.num_polygons)]
+        return np.array(convex.points()), np.array([[p[0], p[1], p[2]] for p in polygons], dtype=np.intp)
 
     def parts(self) -> list[Part]:
         tree = triangle_tree(*self.surface)
@@ -339,9 +342,3 @@ def _check_volume(file: Path, vertices: FloatArray) -> None:
     thinnest = np.linalg.eigh(centred.T @ centred)[1][:, 0]
     if len(vertices) < 4 or np.ptp(vertices @ thinnest) < _FLAT:
         raise InputError(f"{file} is flat: a mesh obstacle needs a volume", "file")
-
-
-def _hull_triangles(vertices: FloatArray, faces: IntArray, name: str) -> Triangles:
-    convex = convex_hull(triangle_tree(vertices, faces), name)
-    polygons = [convex.polygons(k) for k in range(convex.num_polygons)]
-    return np.array(convex.points()), np.array([[p[0], p[1], p[2]] for p in polygons], dtype=np.intp)

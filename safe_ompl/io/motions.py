@@ -252,13 +252,17 @@ class TimedMotion:
         """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
         about = Problem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
-        bounds = document.mapping("bounds", document.require(data, "bounds"))
+        given = document.mapping("bounds", document.require(data, "bounds"))
+        bounds = {name: document.sequence(f"bounds.{name}", values) for name, values in given.items()}
         return cls(
             about.robot,
             about.scene,
             *_points(points, about.robot.n),
             np.array(document.numbers("speeds", document.require(data, "speeds"))),
-            {name: _with_infinity(f"bounds.{name}", values) for name, values in bounds.items()},
+            {  # null is +inf in a file
+                name: np.array([np.inf if v is None else document.number(f"bounds.{name}", v) for v in values])
+                for name, values in bounds.items()
+            },
             tuple(document.sequence("binding", document.require(data, "binding"))),
             about.danger,
             str(data.get("planner") or ""),
@@ -274,8 +278,3 @@ def _points(points: Sequence[Any], n: int) -> tuple[FloatArray, FloatArray]:
             times.append(document.number("time_from_start", document.require(held, "time_from_start")))
             configurations.append(document.numbers("positions", document.require(held, "positions"), n))
     return np.array(times), np.array(configurations).reshape(-1, n)
-
-
-def _with_infinity(key: str, values: Any) -> FloatArray:
-    """Return numbers (T,), +inf where a file has null."""
-    return np.array([np.inf if v is None else document.number(key, v) for v in document.sequence(key, values)])

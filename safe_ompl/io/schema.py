@@ -151,12 +151,9 @@ def unpack(files: Mapping[str, str], folder: Path) -> None:
         room -= len(content)
         if room < 0 or not unpacking.eof:
             raise InputError(f"is cut, or all files are larger than {_MOST_BYTES} bytes", name)
-        (folder / name).write_bytes(_self_contained(content) if name.lower().endswith(".obj") else content)
-
-
-def _self_contained(obj: bytes) -> bytes:
-    """Return an OBJ file without the names of other files, which would be read."""
-    return re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", obj))
+        if name.lower().endswith(".obj"):  # without the names of other files, which would be read
+            content = re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", content))
+        (folder / name).write_bytes(content)
 
 
 # ------------------------------------------------------------------------------------------------ meshes of URDFs

@@ -15,7 +15,7 @@ from functools import cached_property, partial
 from itertools import pairwise
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,8 +119,7 @@ def limb_lines(limbs: Sequence[str], people: People, reach: CalibratedReach | No
     return np.stack([{**speeds, **known}[limb] for limb in limbs], axis=1)
 
 
-def _states(key: str, value: Any) -> tuple[tuple[float, ...], ...]:
-    return document.each(key, value, read=partial(document.numbers, above=0.0))
+_STATES = partial(document.each, read=partial(document.numbers, above=0.0))
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ class CalibratedReach(Section):
     # the last state
     speeds: tuple[float, ...] = key(document.numbers, above=0.0)
     # By limb and state how far its ends are from there at the most at each of the horizons, never falling [m]
-    growth: Mapping[str, tuple[tuple[float, ...], ...]] = key(document.by_name, read=_states, known=LIMBS, least="limb")
+    growth: Mapping[str, tuple[tuple[float, ...], ...]] = key(document.by_name, read=_STATES, known=LIMBS, least="limb")
     # Recordings that the shapes come from, and those that the factor comes from
     shaped_with: tuple[str, ...] = key(document.each, read=document.text)
     calibrated_with: tuple[str, ...] = key(document.each, read=document.text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -178,8 +179,7 @@ def read_step(key: str, value: Any) -> Step:
     return found
 
 
-def _poses(key: str, value: Any) -> tuple[Pose, ...]:
-    return document.each(key, value, document.section, kind=Pose, least="pose")
+_POSES = partial(document.each, read=document.section, kind=Pose, least="pose")
 
 
 @dataclass(frozen=True)
@@ -197,8 +197,8 @@ class Program(Section):
     """
 
     steps: tuple[Step, ...] = key(document.each, read=read_step, least="step")
-    grasps: Mapping[str, tuple[Pose, ...]] = key(document.by_name, factory=dict, read=_poses)
-    places: Mapping[str, tuple[Pose, ...]] = key(document.by_name, factory=dict, read=_poses)
+    grasps: Mapping[str, tuple[Pose, ...]] = key(document.by_name, factory=dict, read=_POSES)
+    places: Mapping[str, tuple[Pose, ...]] = key(document.by_name, factory=dict, read=_POSES)
 
     @property
     def gripper_joints(self) -> tuple[str, ...]:

@@ -58,7 +58,7 @@ class Costs:
     """Costs of nodes by the length of the curve [rad per curve]: danger in its typical size, clearance below 50 mm."""
 
     def __init__(self, checker: CollisionChecker, field: DangerField | None) -> None:
-        self._checker, self._field = checker, field
+        self._checker, self.field = checker, field
         self._scale: float | None = None
         obstacles = {obstacle for _, obstacle in checker.distance_names}
         self._margins = np.array([_CLEAR if obstacles & {*names} else 0.0 for names in checker.pair_names])
@@ -67,8 +67,8 @@ class Costs:
     def of(self, Q: FloatArray) -> FloatArray:
         """Return the costs (B,) of configurations (B, n), infinite in contact."""
         costs = np.zeros(len(Q))
-        if self._field is not None and len(Q):
-            dangers = self._field.values(Q)
+        if self.field is not None and len(Q):
+            dangers = self.field.values(Q)
             if self._scale is None:  # at the first nodes that it is asked of
                 self._scale = float(np.median(dangers)) or 1.0
             costs += self.weight * dangers
@@ -85,16 +85,11 @@ class Costs:
         """What a unit of danger costs along the whole curve."""
         return _DANGER / (self._scale or 1.0)
 
-    @property
-    def descends(self) -> bool:
-        """Whether there is danger to leave."""
-        return self._field is not None
-
     def downhill(self, Q: FloatArray) -> FloatArray:
         """Return −∇danger/‖∇danger‖ (B, n), 0 where there is none."""
-        if self._field is None:
+        if self.field is None:
             return np.zeros_like(Q)
-        gradients = self._field.gradients(Q)
+        gradients = self.field.gradients(Q)
         size = np.linalg.norm(gradients, axis=1, keepdims=True)
         return np.where(size > 0, -gradients / np.maximum(size, 1e-300), 0.0)
 
@@ -193,7 +188,7 @@ class Ladder:
 
     def _descended(self, Q: FloatArray, rung: int) -> FloatArray:
         """Return configurations (B, n) at a rung moved in the null space of the task, each to less danger if it can."""
-        if not self._costs.descends:
+        if self._costs.field is None:
             return Q
         frames, costs = self._at(rung, len(Q)), self._costs.of(Q)
         for _ in range(_DESCENTS):

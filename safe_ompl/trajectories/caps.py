@@ -94,8 +94,10 @@ def people_caps(
         speeds = bodies.bounds(curve, cells)
         left = distances.along(curve, cells, speeds, _SOON * float(caps.max() / brakes.min()))
         harmless, clamps = harmless_rates(curve, cells, speeds, distances)
-        first, times = _first_of_each(left.times, distances.alike)
-        harmless = harmless[:, first[0]]
+        # Of each of K groups of limbs (M,) which one comes first in each cell (N, K), and when
+        rows = [np.flatnonzero(distances.alike == group) for group in range(int(distances.alike.max()) + 1)]
+        first = np.stack([row[left.times[:, row].argmin(axis=1)] for row in rows], axis=1)
+        times, harmless = np.take_along_axis(left.times, first, axis=1), harmless[:, first[0]]
         if limits.jerk is not None:
             window = window or best_window(cells, limits, caps, times)
             smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)
@@ -119,13 +121,6 @@ def people_caps(
     rules = (SEPARATION, CONTACT, CLAMPING) if people.contact else (SEPARATION,)
     found = [SpeedCap(r, np.where((allowed < most) & (caused == r), allowed, np.inf)) for r in rules]
     return cells, brakes, window, [SpeedCap("bends beside people", bending), *found]
-
-
-def _first_of_each(times: FloatArray, groups: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return which limb of each of K groups (M,) comes first in each cell (N, K), and when, of `times: (N, M)`."""
-    rows = [np.flatnonzero(groups == group) for group in range(int(groups.max()) + 1)]
-    first: IntArray = np.stack([row[times[:, row].argmin(axis=1)] for row in rows], axis=1)
-    return first, np.take_along_axis(times, first, axis=1)
 
 
 def next_stops(cells: Cells) -> IntArray:

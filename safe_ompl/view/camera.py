@@ -32,7 +32,9 @@ class Camera:
         """
         if min(size) < 1:
             raise InputError(f"a picture needs at least 1 pixel; got {size[0]} by {size[1]}")
-        back, right, up = _camera_axes(azimuth, elevation)
+        ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+        back, right = np.array([ce * ca, ce * sa, se]), np.array([-sa, ca, 0.0])  # to the camera, and in the picture
+        up = np.cross(back, right)
         x, y, z = points @ right, points @ up, points @ back
         half_height = np.tan(field_of_view / 2) * (1.0 - 2.0 * _MARGIN)
         eye_x, far_x = _fit(x, z, half_height * size[0] / size[1])
@@ -53,14 +55,6 @@ class Camera:
         left = np.cross(back, (0.0, 0.0, 1.0))
         key = 0.6 * back + 0.8 * left + (0.0, 0.0, 1.3)
         return np.asarray(key / np.linalg.norm(key))
-
-
-def _camera_axes(azimuth: float, elevation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return unit vectors towards the camera, to the right of the picture and up in it."""
-    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-    back = np.array([ce * ca, ce * sa, se])
-    right = np.array([-sa, ca, 0.0])
-    return back, right, np.cross(back, right)
 
 
 def _fit(across: FloatArray, depth: FloatArray, slope: float) -> tuple[float, float]:

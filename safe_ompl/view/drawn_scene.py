@@ -77,17 +77,14 @@ class DrawnScene:
         self.floor = lowest = min([float(self._actors[:, 2].min()), *lows])  # [m]
         self.groups: dict[str, list[ColouredSurface]] = {}  # what is drawn of each obstacle but the ground
         for name, group in drawn.items():
-            if _lowest(group[0]) == lowest and self._is_slab(group[0]):
+            extent = np.ptp(group[0].surface.vertices, axis=0)
+            is_slab = (extent[:2] > _GROUND * self.size).all() and extent[2] < 0.1 * self.size
+            if _lowest(group[0]) == lowest and is_slab:
                 self.floor = float(group[0].surface.vertices[:, 2].max())
             else:
                 self.groups[name] = group
         self.pedestal: list[ColouredSurface] = []
         self.pedestal = self._pedestal()
-
-    def _is_slab(self, thing: ColouredSurface) -> bool:
-        """Whether a thing is level, thin, and wider than the robot's motion."""
-        extent = np.ptp(thing.surface.vertices, axis=0)
-        return bool((extent[:2] > _GROUND * self.size).all() and extent[2] < 0.1 * self.size)
 
     def _pedestal(self) -> list[ColouredSurface]:
         """Return a column under a robot whose base neither stands on the floor nor on an obstacle."""

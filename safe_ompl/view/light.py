@@ -63,7 +63,10 @@ class Light(NamedTuple):
             points = np.column_stack([texels - heights[:, None] * slant, heights])
             draw_triangles(points, coarse.faces, 0, there, owner)
         shaded = _blurred(np.tensordot(self.lights[:, 2], np.isfinite(maps), axes=1))
-        return self._replace(maps=maps, on_floor=1.0 - shaded * _fading(_MAP))
+        rank = np.arange(_MAP)  # at the edges, beyond which shadows are not known, they go down to 0
+        across = np.clip(np.minimum(rank, rank[::-1]) / (_FADING * _MAP), 0.0, 1.0)
+        across = across * across * (3.0 - 2.0 * across)
+        return self._replace(maps=maps, on_floor=1.0 - shaded * np.minimum.outer(across, across))
 
 
 def _sky() -> FloatArray:
@@ -81,13 +84,6 @@ def _cone(axis: FloatArray) -> FloatArray:
     across /= np.linalg.norm(across)
     offset = np.outer(np.cos(turn), across) + np.outer(np.sin(turn), np.cross(axis, across))
     return np.asarray(np.cos(tilt)[:, None] * axis + np.sin(tilt)[:, None] * offset)
-
-
-def _fading(size: int) -> FloatArray:
-    """Return weights (size, size) that go down to 0 at the edges, beyond which shadows are not known."""
-    across = np.clip(np.minimum(np.arange(size), np.arange(size)[::-1]) / (_FADING * size), 0.0, 1.0)
-    across = across * across * (3.0 - 2.0 * across)
-    return np.asarray(np.minimum.outer(across, across))
 
 
 def _blurred(image: FloatArray) -> FloatArray:

@@ -82,17 +82,12 @@ class Renderer:
     def _layer(self, hidden: FloatArray, surface: Surface, values: FloatArray) -> FloatArray:
         """Return the values (V, C) of a body's vertices where it is nearer than what hides it: (height, width, C)."""
         nearness, faces = self._nearest(surface)
-        pixels = np.flatnonzero(nearness.ravel() > hidden)
-        rays, seen = viewing_rays(self.camera, self._fine, pixels), surface.faces[faces.ravel()[pixels]]
+        there = np.flatnonzero(nearness.ravel() > hidden)
+        rays, seen = viewing_rays(self.camera, self._fine, there), surface.faces[faces.ravel()[there]]
         image = np.zeros((nearness.size, values.shape[1]), dtype=np.float32)
-        image[pixels] = interpolated(surface.vertices, seen, values, self.camera.eye, rays)
-        return np.clip(_averaged(image.reshape(self._fine[1], self._fine[0], -1)), 0.0, 1.0)
-
-
-def _averaged(fine: NDArray[np.float32]) -> FloatArray:
-    """Return the means (height, width, C) of all pixels from their subpixels."""
-    parts = [fine[i::SUBPIXELS, j::SUBPIXELS] for i in range(SUBPIXELS) for j in range(SUBPIXELS)]
-    return np.asarray(sum(parts) / len(parts), dtype=float)
+        image[there] = interpolated(surface.vertices, seen, values, self.camera.eye, rays)
+        pixels = image.reshape(self.size[1], SUBPIXELS, self.size[0], SUBPIXELS, -1)
+        return np.asarray(np.clip(pixels.mean(axis=(1, 3), dtype=float), 0.0, 1.0))
 
 
 def linear(srgb: FloatArray) -> FloatArray:

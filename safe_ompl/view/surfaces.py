@@ -270,19 +270,14 @@ def obstacle_surfaces(obstacle: Obstacle, marked: bool = True) -> list[ColouredS
     """
     own = None if obstacle.color is None else (obstacle.color[0], obstacle.color[1], obstacle.color[2])
     if isinstance(obstacle.shape, Person):
-        return _person_surfaces(obstacle.shape, obstacle.pose.se3, own or SHIRT)
+        limbs = [(obstacle.pose.se3 * limb.placement, limb) for limb in obstacle.shape.limbs()]
+        return [
+            ColouredSurface(piece.surface.moved(place.rotation, place.translation), piece.colour)
+            for place, limb in limbs
+            for piece in limb_surfaces(limb, own or SHIRT)
+        ]
     colour = own or (_DANGEROUS_SURFACE if marked and obstacle.weight > 0 else _HARMLESS_SURFACE)
     return [ColouredSurface(Surface.from_triangles(*obstacle.triangles(_CIRCLE_CORNERS)), colour)]
-
-
-def _person_surfaces(person: Person, world: pin.SE3, shirt: Colour) -> list[ColouredSurface]:
-    things = []
-    for limb in person.limbs():
-        place = world * limb.placement
-        for piece in limb_surfaces(limb, shirt):
-            surface = piece.surface.moved(place.rotation, place.translation)
-            things.append(ColouredSurface(surface, piece.colour))
-    return things
 
 
 def limb_surfaces(limb: Limb, shirt: Colour = SHIRT) -> list[ColouredSurface]:
@@ -292,24 +287,18 @@ def limb_surfaces(limb: Limb, shirt: Colour = SHIRT) -> list[ColouredSurface]:
     heights = surface.vertices[surface.faces, 2].mean(axis=1)
     covered = heights > (0.25 * limb.radius if kind == "head" else limb.length / 2)
     turn = _HAIRLINE.rotation if kind == "head" else np.eye(3)
-    colours = _clothes(shirt).get(kind, (_SKIN, _SKIN))
-    return [
-        ColouredSurface(surface.part(faces).moved(turn, np.zeros(3)), colour)
-        for colour, faces in zip(colours, (~covered, covered), strict=True)
-        if faces.any()
-    ]
-
-
-def _clothes(shirt: Colour) -> dict[str, tuple[Colour, Colour]]:
-    """Return two colours for each limb that is not bare: face and hair, or its length and its far end."""
-    return {
+    # Of each limb that is not bare face and hair, or its length and its far end
+    clothes = {
         "head": (_SKIN, _HAIR),
         "shoulders": (shirt, shirt),
         "torso": (shirt, _TROUSERS),
         "flank": (shirt, _TROUSERS),
         "upper_arm": (shirt, _SKIN),
-        "hips": (_TROUSERS, _TROUSERS),
-        "thigh": (_TROUSERS, _TROUSERS),
-        "shank": (_TROUSERS, _TROUSERS),
         "foot": (_SHOES, _SHOES),
+        **dict.fromkeys(("hips", "thigh", "shank"), (_TROUSERS, _TROUSERS)),
     }
+    return [
+        ColouredSurface(surface.part(faces).moved(turn, np.zeros(3)), colour)
+        for colour, faces in zip(clothes.get(kind, (_SKIN, _SKIN)), (~covered, covered), strict=True)
+        if faces.any()
+    ]

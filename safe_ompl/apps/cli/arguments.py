@@ -237,11 +237,6 @@ def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = (), *, goal:
         return dataclasses.replace(scenario, robot=scenario.robot.with_package_dirs(package_dirs))
 
 
-def is_bag(file: str) -> bool:
-    """Return whether this names a recording of ROS 2: an MCAP file, or a folder or database of rosbag2."""
-    return Path(file).suffix.lower() in (".mcap", ".db3") or Path(file).is_dir()
-
-
 # ------------------------------------------------------------------------------------------------- values
 
 

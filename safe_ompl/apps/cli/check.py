@@ -359,7 +359,7 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
 def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
     """Return the commanded and the measured motion of a log, whatever its form."""
     topics = options.commanded_topic, options.measured_topic
-    if arguments.is_bag(log):
+    if Path(log).suffix.lower() in (".mcap", ".db3") or Path(log).is_dir():  # recordings of ROS 2
         output.need_extra("mcap", log)
         from safe_ompl.apps.exchange import read_joint_log  # needs the extra
 

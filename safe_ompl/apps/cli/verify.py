@@ -59,9 +59,11 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         return partial(_verify, options.file, carried, " and scene are the file's own, compared with no scenario")
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
     robot = program_robot(scenario) if is_program else scenario.build_robot()
+    motion = content.get("motion")
+    timed = content.get("trajectory") is not None or (isinstance(motion, Mapping) and "velocity" in motion)
 
     def against_scenario() -> Verified:
-        return check(robot, scenario.scene, terms=terms_of(scenario, robot, timed=is_program or _is_timed(content)))
+        return check(robot, scenario.scene, terms=terms_of(scenario, robot, timed=is_program or timed))
 
     about = " and its scenes" if is_program else f" and scene of {scenario.file}"
     return partial(_verify, options.file, against_scenario, about)
@@ -88,12 +90,6 @@ def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
     for line in lines:
         output.say(f"{file}: {line}")
     return 0
-
-
-def _is_timed(content: Mapping[str, Any]) -> bool:
-    """Return whether it claims rates of joints."""
-    motion = content.get("motion")
-    return content.get("trajectory") is not None or (isinstance(motion, Mapping) and "velocity" in motion)
 
 
 def _read_certificate(file: str) -> Mapping[str, Any]:

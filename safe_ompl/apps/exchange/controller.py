@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.apps.exchange.messages import by_name, goal_of
-from safe_ompl.apps.exchange.sightings import CloudView, DepthEyes, Joints, Sightings, astray, told_at
+from safe_ompl.apps.exchange.sightings import CloudView, DepthEyes, Joints, Sightings
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, Section, UnknownNameError, key, number
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
@@ -41,6 +41,7 @@ _HISTORY = 100  # commands that are kept, to compare measured joints with
 _JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
 _JOINTS_APART = 0.1  # [s] joint states before and after an image must be nearer
 _RESTING = 0.01  # [rad/s] joints that are slower stand still
+_LAGS = 5  # times within a lag at which a robot is compared with what it was told
 _ARRIVED = "at the goal"
 _SAME = 1e-6  # [rad or m] a goal that is nearer is reached
 
@@ -273,12 +274,18 @@ class LiveController:
 
     def _astray(self, away: FloatArray, where: str) -> str:
         """Say which joint is farther away (n,) from a place than it may be; empty if none is."""
-        return astray(self.cell.robot.joint_names, away, self._allowed(), where)
+        allowed, names = self._allowed(), self.cell.robot.joint_names
+        joint = int((away - allowed).argmax())
+        if away[joint] <= allowed[joint]:
+            return ""
+        return f"{names[joint]!r} is {away[joint]:.3f} from where {where}, and {allowed[joint]:.3g} is allowed"
 
     def _expected(self) -> list[State]:
         """Return what the robot may have done when joints were measured last: what it should, or did a lag before."""
-        now = -np.inf if self.joints is None else self.joints.time
-        return told_at(self._commands, now, self.options.replanning.lag)
+        now, lag = -np.inf if self.joints is None else self.joints.time, self.options.replanning.lag
+        times = (now - lag * np.linspace(0.0, 1.0, _LAGS if lag else 1)).tolist()
+        told = [(time, [one for one in self._commands if one.time <= time]) for time in times]
+        return [before[-1].at(time) for time, before in told if before]
 
     def errors(self) -> tuple[FloatArray, FloatArray]:
         """Return how far joints and velocities (n,), as measured last, were from what was commanded within the lag."""

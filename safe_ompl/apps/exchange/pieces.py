@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, files, finite_array, number
+from safe_ompl.apps.exchange.moveit import written_mesh
+from safe_ompl.common import FloatArray, InputError, finite_array, number
 from safe_ompl.geometry import Mesh, hull_planes
 
 _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
@@ -57,13 +58,11 @@ def proven_pieces(
     meshes = []
     for k, piece in enumerate(pieces):
         corners = finite_array(piece, (None, 3), f"pieces[{k}]") * factors
-        rows = [f"v {x!r} {y!r} {z!r}" for x, y, z in (corners[:, None] + grown).reshape(-1, 3).tolist()]
-        rows += [f"f {i} {i + 1} {i + 2}" for i in range(1, len(rows) - 1)]  # the hull is taken of all corners
-        name = place / f"{source.file.stem}_{k}.obj"
-        files.write(name, "\n".join([*rows, ""]))
-        meshes.append(Mesh(name))
-    vertices, faces = source.surface
-    missed = _uncovered(vertices[faces], meshes, _FINEST * margin)
+        points = (corners[:, None] + grown).reshape(-1, 3).tolist()
+        faces = [(i, i + 1, i + 2) for i in range(len(points) - 2)]  # the hull is taken of all corners
+        meshes.append(written_mesh(place / f"{source.file.stem}_{k}.obj", points, faces))
+    vertices, triangles = source.surface
+    missed = _uncovered(vertices[triangles], meshes, _FINEST * margin)
     if missed is not None:
         x, y, z = missed
         words = f"not in the pieces at ({x:.4f}, {y:.4f}, {z:.4f}) m: take a larger margin, finer pieces, or the hull"

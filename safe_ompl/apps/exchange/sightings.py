@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,11 +11,8 @@ from safe_ompl.collision import robot_points
 from safe_ompl.common import FloatArray, InputError
 from safe_ompl.geometry import Obstacle, PointCloud
 from safe_ompl.people import DepthCamera, OccupancyGrid, Surroundings
-from safe_ompl.people.replanning import Command
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import State
 
-_LAGS = 5  # times within a lag at which a robot is compared with what it was told
 _CLOUD = "cloud"
 _NEAR_PEOPLE = 0.15  # [m] points that are nearer to a tracked limb are the person's
 _NEW = 3.0  # radii: points that are farther from all points of the cloud before are new
@@ -136,18 +133,3 @@ def _from_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> Flo
     way = end - start
     share = np.clip((points - start) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
     return np.asarray(np.linalg.norm(points - start - share[:, None] * way, axis=1))
-
-
-def told_at(commands: Iterable[Command], time: float, lag: float) -> list[State]:
-    """Return what a robot was told to do by commands in their order, at a time and within the lag before it [s]."""
-    times = (time - lag * np.linspace(0.0, 1.0, _LAGS if lag else 1)).tolist()
-    told = [(time, [one for one in commands if one.time <= time]) for time in times]
-    return [before[-1].at(time) for time, before in told if before]
-
-
-def astray(names: Sequence[str], away: FloatArray, allowed: FloatArray, where: str) -> str:
-    """Say which joint is farther away (n,) from a place than is allowed (n,) [rad or m]; empty if none is."""
-    joint = int((away - allowed).argmax())
-    if away[joint] <= allowed[joint]:
-        return ""
-    return f"{names[joint]!r} is {away[joint]:.3f} from where {where}, and {allowed[joint]:.3g} is allowed"

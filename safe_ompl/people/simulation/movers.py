@@ -180,7 +180,9 @@ class Walker:
             raise InputError("must have the skeleton ALL_KEYPOINTS in the world's frame", "tracker")
         self._people, self._centre, self._speed = people, centre, speed
         self._rng = np.random.default_rng(whole_number("seed", seed, at_least=0))
-        self._bounds = _keypoint_speeds(self.tracker.body, people)
+        # How fast each key point (17,) may be: as the slowest of the limbs whose ends depend on it [m/s]
+        body, speeds = self.tracker.body, np.array([people.speed_of(limb) for limb in self.tracker.body.limbs])
+        self._bounds = np.where((body.weights > 0).any(axis=1), speeds[:, None], np.inf).min(axis=0)
         away = np.asarray(start, dtype=float) - centre[:2]
         self._home = float(np.arctan2(away[1], away[0]))
         first = np.array([np.clip(np.linalg.norm(away), _NEAR, _FAR), self._home])
@@ -242,13 +244,6 @@ class Walker:
         walked = min(1.0, self._pace * self._people.speed * STEP / max(far, 1e-9))
         most = np.repeat([_TURN * STEP, self._pace * _SWING * STEP], [1, 6])
         return np.asarray(self._stance + np.append(walked * way[:2], np.clip(way[2:], -most, most)))
-
-
-def _keypoint_speeds(body: TrackedBody, people: People) -> FloatArray:
-    """Return how fast each key point (17,) may be: as the slowest of the limbs whose ends depend on it [m/s]."""
-    used = (body.weights > 0).any(axis=1)  # (M, 17)
-    speeds = np.array([people.speed_of(limb) for limb in body.limbs])
-    return np.asarray(np.where(used, speeds[:, None], np.inf).min(axis=0))
 
 
 def _posture(arms: FloatArray) -> FloatArray:
