@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision.motion import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array, float_array, motion_ends, number
-from safe_ompl.geometry import Hull
 from safe_ompl.robot import Robot
 
 _FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
@@ -149,10 +148,7 @@ class TipBounds(ToolLimit):
             raise InputError(
                 f"the lower corner must be below the upper one, got {self.lower.tolist()} and {self.upper.tolist()}"
             )
-        frame = robot.shared.model.frames[robot.tip_frame]
-        tip = Hull(np.array(frame.placement.translation)[None], 0.0)
-        radii = robot.shared.chain.radii(robot.shared.chain.regions(int(frame.parentJoint), tip))
-        super().__init__(robot, robot.coupling.radii(radii))
+        super().__init__(robot, robot.coupling.radii(robot.bounds.tip_radii))
 
     def __repr__(self) -> str:
         return f"TipBounds({self.lower.tolist()}, {self.upper.tolist()})"
@@ -184,11 +180,11 @@ def _turning_rates(robot: Robot, axis: FloatArray) -> FloatArray:
     turns about the joint above on a cone, and the angle to the joint below differs by up to the cone's from that
     between the two joints.
     """
-    chain, frame = robot.shared.chain, robot.shared.model.frames[robot.tip_frame]
+    chain = robot.shared.chain
     rates = np.zeros(len(chain.parents))
-    tool: FloatArray = frame.placement.rotation @ axis  # in the frame of the joint that carries the tip
+    tool: FloatArray = robot.tip_placement.rotation @ axis  # in the frame of the joint that carries the tip
     low = high = 0.0  # angles that the tool can have with `tool`
-    for i in chain.path_to_root(int(frame.parentJoint)):
+    for i in chain.path_to_root(robot.tip_joint):
         if not chain.prismatic[i]:
             between = _angle(tool, chain.axes[i])
             low, high = (max(0.0, low - between, between - high), min(np.pi, between + high, 2 * np.pi - between - low))

@@ -31,6 +31,14 @@ def _bernstein_from_power(degree: int) -> FloatArray:
     return np.array([[comb(i, k) / comb(degree, k) for k in sizes] for i in sizes])
 
 
+def values(coefficients: FloatArray, u: FloatArray) -> FloatArray:
+    """Return the values (K, n) of polynomials, each at its `u: (K, 1)`."""
+    found = coefficients[:, -1].copy()
+    for k in range(coefficients.shape[1] - 2, -1, -1):
+        found = found * u + coefficients[:, k]
+    return found
+
+
 def bernstein(coefficients: FloatArray) -> FloatArray:
     """Return the Bernstein coefficients of polynomials; their rounding is at most (d + 3) ε Σ_k |c_k|."""
     return _bernstein_from_power(coefficients.shape[1] - 1) @ coefficients

@@ -51,10 +51,13 @@ def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> c
         raise InputError(f"mesh of {name!r} has vertices that are not finite")
     if not len(vertices):
         raise InputError(f"mesh of {name!r} has no vertices")
-    if _thin_directions(vertices).any():
+    thin = _thin_directions(vertices)
+    if thin.any():
         if not thickness:
             raise InputError(f"mesh of {name!r} is flat (no volume); collision meshes must be solid")
-        mesh = _thickened(vertices, thickness)
+        for half in thickness / 2 * thin[thin.any(axis=1)]:
+            vertices = np.vstack([vertices - half, vertices + half])
+        mesh = _points(vertices)
         vertices = np.asarray(mesh.vertices(), dtype=np.float64)
         _log.info("mesh of %s is flat: its hull is %g mm thick", name, 1e3 * thickness)
     try:
@@ -71,14 +74,6 @@ def _thin_directions(vertices: FloatArray) -> FloatArray:
     spread = np.vstack([vertices - vertices.mean(axis=0), np.zeros((3, 3))])
     _, extents, directions = np.linalg.svd(spread, full_matrices=False)
     return np.where((extents < _IN_PLANE)[:, None], directions, 0.0)
-
-
-def _thickened(vertices: FloatArray, thickness: float) -> coal.BVHModelBase:
-    """Return points whose hull holds flat `vertices` in the middle of its `thickness` [m]."""
-    for direction in _thin_directions(vertices):
-        half = thickness / 2 * direction
-        vertices = np.vstack([vertices - half, vertices + half]) if half.any() else vertices
-    return _points(vertices)
 
 
 def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:

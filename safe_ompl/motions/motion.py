@@ -159,10 +159,7 @@ class Motion:
         piece = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.pieces - 1)
         spans = np.diff(self.times)
         u = np.clip((t - self.times[piece]) / spans[piece], 0.0, 1.0)[:, None]
-        held = self.derivative_coefficients(order)[piece]
-        values = held[:, -1].copy()
-        for k in range(held.shape[1] - 2, -1, -1):
-            values = values * u + held[:, k]
+        values = polynomials.values(self.derivative_coefficients(order)[piece], u)
         if order:
             values[(t < self.times[0]) | (t > self.times[-1])] = 0.0
         return values if given.ndim else values[0]

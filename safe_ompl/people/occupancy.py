@@ -326,7 +326,7 @@ class OccupancyGrid:
             if min(i, j) < 0 or i >= len(depths) or j >= depths.shape[1]:
                 continue
             if depths[i, j] - (noise[0] + noise[1] * depths[i, j] ** 2) > z:
-                link = self.robot.shared.collision_model.geometryObjects[g].name.rsplit("_", 1)[0]
+                link = self.robot.shared.body_links[g]
                 return f"{name!r} sees through {link}: its pose or lens, or the joints are not as given"
         return ""
 

@@ -205,6 +205,12 @@ class DisplacementBounds:
         return _frozen(np.array(radii).reshape(-1, self._robot.shared.model.nv))
 
     @cached_property
+    def tip_radii(self) -> FloatArray:
+        """The radii R̄ (m,) of the tip by the joints of Pinocchio's model."""
+        tip = Hull(self._robot.tip_placement.translation[None], 0.0)
+        return _frozen(self._chain.radii(self._chain.regions(self._robot.tip_joint, tip)))
+
+    @cached_property
     def body_reaches(self) -> dict[int, ReachCylinder]:
         """For each body that moves, by its index, a cylinder in the world that it never leaves."""
         return {k: self._chain.reach(regions) for k, regions in enumerate(self._regions) if regions}
@@ -216,11 +222,14 @@ class DisplacementBounds:
         return bodies, ConvexBodies.of(bodies)
 
     @cached_property
+    def body_hulls(self) -> list[Hull]:
+        """A hull about each body, in the frame of the joint that carries it."""
+        return [bounding_hull(part.geometry).moved(part.placement) for part in self._bodies]
+
+    @cached_property
     def _regions(self) -> list[Regions]:
-        return [
-            self._chain.regions(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
-            for part in self._bodies
-        ]
+        joints = (part.parentJoint for part in self._bodies)
+        return [self._chain.regions(*carried) for carried in zip(joints, self.body_hulls, strict=True)]
 
     @cached_property
     def convex_bodies(self) -> ConvexBodies:
@@ -257,7 +266,7 @@ class DisplacementBounds:
     def joint_radii_at(self, q: FloatArray) -> FloatArray:
         """Return the radii R (G, m) at `q: (n,)` by the joints of Pinocchio's model."""
         rotation, origins, axes = (frames[0] for frames in self._robot.joint_frames(q[None]))
-        joints, corners, pads, support = self._body_corners
+        joints, corners, pads, support = self.body_corners
         fixed = (joints == 0)[:, None, None]  # to the base: no joint moves them
         carried = np.einsum("gij,gpj->gpi", rotation[joints - 1], corners) + origins[joints - 1][:, None]
         world = np.where(fixed, corners, carried)
@@ -275,7 +284,8 @@ class DisplacementBounds:
         return _frozen(np.mean([self.displacement_radii_at(q).max(axis=0) for q in spread], axis=0))
 
     @cached_property
-    def _body_corners(self) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
+    def body_corners(self) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
+        """Pinocchio's joint of each body (G,), corners in its frame (G, 8, 3), what is added, which joints move it."""
         parts = self._bodies
         hulls = [bounding_hull(part.geometry, coarse=True).moved(part.placement) for part in parts]
         corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls]).reshape(-1, 8, 3)

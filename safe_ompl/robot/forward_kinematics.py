@@ -118,7 +118,8 @@ class ForwardKinematics:
     """Joints of a robot and where they bring its key points and its tip.
 
     The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n.
-    `joint_prismatic: (m,)` says which of these slide, `joint_keypoint_support: (K, m)` which move each key point.
+    `joint_prismatic: (m,)` says which of these slide, `joint_keypoint_support: (K, m)` which move each key point. The
+    `tip_joint` carries the tip, at `tip_placement` in its frame.
     """
 
     def __init__(self, parts: RobotParts) -> None:
@@ -148,6 +149,8 @@ class ForwardKinematics:
 
         self.tip: str = parts.tips[0]
         self.tip_frame: int = frame_index(model, self.tip)
+        frame = model.frames[self.tip_frame]
+        self.tip_joint, self.tip_placement = int(frame.parentJoint), pin.SE3(frame.placement)
         skeleton = Skeleton.from_model(model, parts.link_ends, parts.tips)
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names

@@ -209,12 +209,11 @@ def tip_reach(robot: Robot) -> tuple[FloatArray, float]:
     turns, and those along the axis of the first one that does, move the centre; every other one counts with its length,
     and a prismatic joint with half its range. The triangle inequality does the rest.
     """
-    chain, frame = robot.shared.chain, robot.shared.model.frames[robot.tip_frame]
-    centre, radius, rotation = np.zeros(3), 0.0, np.eye(3)
+    chain, centre, radius, rotation = robot.shared.chain, np.zeros(3), 0.0, np.eye(3)
     # How many of the frames so far a joint turns, and the axis of the first one that does.
     turned, first = 0, np.zeros(3)
-    for i in (*reversed(chain.path_to_root(int(frame.parentJoint))), None):
-        placement = frame.placement if i is None else chain.placements[i]
+    for i in (*reversed(chain.path_to_root(robot.tip_joint)), None):
+        placement = robot.tip_placement if i is None else chain.placements[i]
         offset = placement.translation.copy()
         if i is not None and chain.prismatic[i]:
             offset += placement.rotation @ chain.axes[i] * (chain.lower[i] + chain.upper[i]) / 2

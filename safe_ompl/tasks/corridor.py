@@ -110,7 +110,7 @@ class _Proof:
         self._motion, self._tip, self._path, self._corridor = motion, tip, path, corridor
         order, robot = tip.order, tip.robot
         self._order, self._robot = order, robot
-        radii, slides = tip.radii()[order], robot.joint_prismatic[order]
+        radii, slides = robot.bounds.tip_radii[order], robot.joint_prismatic[order]
         distal = np.maximum(np.arange(len(order))[:, None], np.arange(len(order)))
         proximal = np.minimum(np.arange(len(order))[:, None], np.arange(len(order)))
         self._radii, self._turns = radii, ~slides
@@ -161,7 +161,7 @@ class _Proof:
         inside = (last - first) * 1e-9  # derivatives of the curve are those of its segment within
         for k, s in enumerate((first, last)):
             u = ((s - times[piece]) / spans[piece])[:, None]
-            Q, Qd = _horner(self._motion.coefficients[piece], u), _horner(self._derivatives[0][piece], u)
+            Q, Qd = (polynomials.values(held[piece], u) for held in (self._motion.coefficients, self._derivatives[0]))
             state = self._tip.at(Q)
             frames = self._path.at(s + inside if k == 0 else s - inside)
             errors = self._tip.errors(state, frames)
@@ -201,10 +201,3 @@ class _Proof:
             change += turning * (turning + spin)
         turned = (ends[1] + h / 2 * rates).max(axis=0) + change * h**2 / 8
         return apart, turned
-
-
-def _horner(coefficients: FloatArray, u: FloatArray) -> FloatArray:
-    values = coefficients[:, -1].copy()
-    for k in range(coefficients.shape[1] - 2, -1, -1):
-        values = values * u + coefficients[:, k]
-    return values

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.geometry import Hull
 from safe_ompl.robot import METRES_PER_RADIAN, Robot
 from safe_ompl.tasks.tool_path import Frames, rotation_vectors
 
@@ -39,11 +38,10 @@ class Tip:
     def at(self, Q: FloatArray) -> TipState:
         """Return the tip at configurations (B, n)."""
         robot = self.robot
-        frame = robot.shared.model.frames[robot.tip_frame]
         rotations, origins, axes = robot.joint_frames(Q)
-        carrier = int(frame.parentJoint) - 1
+        carrier = robot.tip_joint - 1
         turned = rotations[:, carrier]
-        positions = origins[:, carrier] + turned @ frame.placement.translation
+        positions = origins[:, carrier] + turned @ robot.tip_placement.translation
         moving = self.order
         slides = robot.joint_prismatic[moving]
         own = axes[:, moving]
@@ -51,7 +49,7 @@ class Tip:
         lever = np.where(slides[:, None], own, _cross(own, positions[:, None] - origins[:, moving]))
         jacobians[:, :3, moving] = np.swapaxes(lever, 1, 2)
         jacobians[:, 3:, moving] = np.swapaxes(np.where(slides[:, None], 0.0, own), 1, 2)
-        return TipState(positions, turned @ frame.placement.rotation, robot.coupling.columns(jacobians))
+        return TipState(positions, turned @ robot.tip_placement.rotation, robot.coupling.columns(jacobians))
 
     def errors(self, state: TipState, frames: Frames) -> FloatArray:
         """Return the errors (B, 6): [m] from the tip to the frames, and rotation vectors [rad], in world axes."""
@@ -119,17 +117,10 @@ class Tip:
         missing = np.hstack([frames.velocities, spins]) - np.einsum("bxn,bn->bx", jacobians, wanted)
         return wanted + _least_squares(jacobians, missing, np.zeros(len(wanted)))
 
-    def radii(self) -> FloatArray:
-        """Return how far (m,) each joint of Pinocchio's model moves the tip at most, per radian; proven."""
-        chain, frame = self.robot.shared.chain, self.robot.shared.model.frames[self.robot.tip_frame]
-        tip = Hull(np.array(frame.placement.translation)[None], 0.0)
-        return chain.radii(chain.regions(int(frame.parentJoint), tip))
-
     @cached_property
     def order(self) -> list[int]:
         """The joints of Pinocchio's model (from 0) that move the tip, from the base on."""
-        frame = self.robot.shared.model.frames[self.robot.tip_frame]
-        return self.robot.shared.chain.path_to_root(int(frame.parentJoint))[::-1]
+        return self.robot.shared.chain.path_to_root(self.robot.tip_joint)[::-1]
 
 
 def configurations_at(robot: Robot, pose: pin.SE3, near: FloatArray, rng: np.random.Generator) -> FloatArray:

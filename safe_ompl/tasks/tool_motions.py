@@ -18,6 +18,7 @@ from safe_ompl.common import (
     finite_array,
     instance,
     number,
+    polynomials,
     seed as checked_seed,
     whole_number,
 )
@@ -270,8 +271,10 @@ class _Search:
             made = replace(made, proof=proof)
             if proof.proven:
                 break
-            s, nodes, fine = self._doubled(motion, s)
-            if not fine:
+            s = np.sort(np.concatenate([s, (s[:-1] + s[1:]) / 2]))
+            nodes, arrived = self._tip.solved(motion.at(s), self.path.at(s), PRECISION, 6)
+            nodes[::2] = motion.knots
+            if not arrived.all():
                 break
         if not proof.proven:
             at = 1e3 * float(proof.at or 0.0)
@@ -345,13 +348,6 @@ class _Search:
         powers = np.diff(s)[:, None, None] ** np.arange(4)[:, None]
         return Motion(s, coefficients * powers, self._robot.joint_names, timed=False)
 
-    def _doubled(self, motion: Motion, s: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-        """Return twice as many parameters, the nodes there, and whether all of them are on the curve."""
-        fine = np.sort(np.concatenate([s, (s[:-1] + s[1:]) / 2]))
-        nodes, arrived = self._tip.solved(motion.at(fine), self.path.at(fine), PRECISION, 6)
-        nodes[::2] = motion.knots
-        return fine, nodes, bool(arrived.all())
-
 
 def _where(made: ToolMotion) -> float:
     """Return where along the curve [m] a motion was refused."""
@@ -408,7 +404,7 @@ def _composed(along: Motion, first: float, last: float, v: float, ramp: float) -
         for a, b in pairwise(cuts):
             middle = begin + np.polynomial.polynomial.polyval((a + b) / 2, law)
             j = int(np.clip(np.searchsorted(along.times, middle) - 1, 0, along.pieces - 1))
-            local = _restricted(law, a, b)  # s − begin on [a, b], by powers of u
+            local = polynomials.restricted(law[:, None], a, b)[:, 0]  # s − begin on [a, b], by powers of u
             local[0] += begin - along.times[j]
             local /= along.times[j + 1] - along.times[j]
             power, piece = np.ones(1), np.zeros((3 * (len(local) - 1) + 1, along.n))
@@ -416,14 +412,6 @@ def _composed(along: Motion, first: float, last: float, v: float, ramp: float) -
                 piece[: len(power)] += power[:, None] * c
                 power = np.convolve(power, local)
             yield (b - a) * duration, piece
-
-
-def _restricted(law: FloatArray, a: float, b: float) -> FloatArray:
-    inner, power, out = np.array([a, b - a]), np.ones(1), np.zeros(len(law))
-    for c in law:
-        out[: len(power)] += c * power
-        power = np.convolve(power, inner)
-    return out
 
 
 def _time_of(law: FloatArray, s: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -27,24 +27,6 @@ class Frames(NamedTuple):
     rotations: FloatArray  # (S, 3, 3)
     velocities: FloatArray  # (S, 3) dc/ds
     spins: FloatArray  # (S, 3) angular velocity by s, in world axes [rad/m]
-
-
-class Segment(Protocol):
-    """A smooth stretch of a curve, s from 0 to `length`."""
-
-    @property
-    def length(self) -> float:
-        """How far its parameter goes [m]."""
-
-    @property
-    def knots(self) -> FloatArray:
-        """Parameters between which all derivatives are smooth, both ends included."""
-
-    def at(self, s: FloatArray) -> Frames:
-        """Return the frames at parameters (S,)."""
-
-    def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of ‖c″‖ [1/m] and ‖dω/ds‖ [rad/m²] on intervals (I,) that hold no knot within."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +135,10 @@ class PoseSpline:
         return bend * (1 + 1e-6), twist * (1 + 1e-6)
 
 
+Segment: TypeAlias = Arc | PoseSpline
+"""A smooth stretch of a curve, s [m] from 0 to `length`; between its `knots`, ends included, all derivatives are."""
+
+
 @dataclass(frozen=True)
 class ToolPath:
     """A curve of poses of the tip in the world frame; its parameter s is the length of the tip's path [m].
@@ -210,7 +196,7 @@ class ToolPath:
         return out
 
     def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of ‖c″‖ and ‖dω/ds‖ on intervals (I,) that hold no knot within."""
+        """Return bounds of ‖c″‖ [1/m] and ‖dω/ds‖ [rad/m²] on intervals (I,) that hold no knot within."""
         begins, bend, twist = self.begins, np.empty(len(first)), np.empty(len(first))
         which = np.clip(np.searchsorted(begins, (first + last) / 2) - 1, 0, len(self.segments) - 1)
         for k in np.unique(which):

@@ -15,7 +15,6 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver, Verdict
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, compiled
-from safe_ompl.geometry import Hull, bounding_hull
 from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import move_joints, place_joints
 from safe_ompl.trajectories.kernels import Boxes
@@ -380,20 +379,12 @@ class BodySpeeds:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        frame = robot.shared.model.frames[robot.tip_frame]
-        tip = Hull(np.array(frame.placement.translation, dtype=np.float64)[None], 0.0)
-        parts = list(robot.shared.collision_model.geometryObjects)
-        hulls = [bounding_hull(part.geometry, coarse=True).moved(part.placement) for part in parts] + [tip]
-        carriers: IntArray = np.array([*(part.parentJoint for part in parts), frame.parentJoint], dtype=np.intp)
-        corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls])
-        self._boxes = _Boxes(carriers, corners, np.array([hull.radius for hull in hulls]))
-        chain = robot.shared.chain
-        tip_radii = chain.radii(chain.regions(int(frame.parentJoint), tip))[None]
-        self._radii: FloatArray = np.vstack([robot.bounds.joint_radii, tip_radii])
-        self._turned: BoolArray = np.zeros(self._radii.shape, dtype=bool)
-        for row, joint in enumerate(carriers.tolist()):
-            self._turned[row, chain.path_to_root(joint)] = True
-        self._turned &= ~chain.prismatic
+        joints, corners, pads, _ = robot.bounds.body_corners
+        carriers = np.append(joints, robot.tip_joint)
+        tip = np.tile(robot.tip_placement.translation, (1, 8, 1))
+        self._boxes = _Boxes(carriers, np.concatenate([corners, tip]), np.append(pads, 0.0))
+        self._radii: FloatArray = np.vstack([robot.bounds.joint_radii, robot.bounds.tip_radii])
+        self._turned = robot.supporting_joints(carriers) & ~robot.joint_prismatic
 
     def bounds(self, curve: Curve, cells: Cells) -> FloatArray:
         """Return the bounds (N, G + 1) [m/rad]: of the G bodies of `collision_model`, and of the tip."""

@@ -140,10 +140,8 @@ class PeopleDistances:
 
     def __init__(self, robot: Robot, scene: Scene, people: People) -> None:
         self.robot, self.people = robot, people
-        bodies = robot.shared.collision_model.geometryObjects
-        self.links = tuple(body.name.rsplit("_", 1)[0] for body in bodies)
-        moving = [k for k, body in enumerate(bodies) if body.parentJoint != 0]
-        self.moving: IntArray = np.array(moving, dtype=np.intp)
+        self.links = robot.shared.body_links
+        self.moving: IntArray = np.flatnonzero(robot.bounds.body_corners[0])
         names = people.names(scene)
         found = [(name, *part) for name in names for part in scene[name].geometries()]
         self.limbs = tuple((name, part[len(name) + 1 :]) for name, part, _, _ in found)

@@ -29,7 +29,7 @@ from safe_ompl.view.drawn_scene import DrawnScene, best_view, resampled
 from safe_ompl.view.page import plot_kind
 from safe_ompl.view.plots import plot_check, plot_motion, plot_plan, plot_program
 from safe_ompl.view.renderer import Renderer, tone_mapped
-from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
+from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, mixed, planner_styles
 from safe_ompl.view.surfaces import ColouredSurface, Surface, obstacle_surfaces, tube
 
 if TYPE_CHECKING:
@@ -263,8 +263,10 @@ def save_picture(image: Image, file: str | Path) -> None:
 
 def _panels(images: Sequence[Image], titles: Sequence[str], subtitles: Sequence[str], caption: str = "") -> Any:
     """Return one picture of Pillow: equal panels with a title and a subtitle above each, and a line below all."""
-    columns, (height, width) = grid_columns(len(images)), images[0].shape[:2]
-    rows = -(-len(images) // columns)
+    count, (height, width) = len(images), images[0].shape[:2]
+    # From five on three or four, whichever fills the lines
+    columns = count if count <= 3 else 2 if count == 4 else min((4, 3), key=lambda columns: -count % columns)
+    rows = -(-count // columns)
     foot = _FOOT if caption else 0
     size = columns * (width + _GUTTER) + _GUTTER, rows * (height + _HEADING) + foot
     try:

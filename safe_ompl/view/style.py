@@ -119,11 +119,6 @@ def shades(count: int) -> list[Colour]:
     return list(zip(red, green, blue, strict=True))
 
 
-def grid_columns(count: int) -> int:
-    """Return in how many columns to set so many pictures: three or four from five on, whichever fills the lines."""
-    return count if count <= 3 else 2 if count == 4 else min((4, 3), key=lambda columns: -count % columns)
-
-
 Bytes = NDArray[np.uint8]
 
 NEUTRAL: Colour = (0.82, 0.83, 0.85)

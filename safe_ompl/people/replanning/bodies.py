@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray
-from safe_ompl.geometry import bounding_hull
 from safe_ompl.people.kernels import CellFrames, Hulls
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import BodySpeeds
@@ -24,11 +23,11 @@ class RobotBodies:
 
     def __init__(self, robot: Robot, tube: Sequence[float] = ()) -> None:
         self.robot = robot
-        parts = list(robot.shared.collision_model.geometryObjects)
-        self.moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
-        hulls = [bounding_hull(parts[k].geometry).moved(parts[k].placement) for k in self.moving]
-        self.links = tuple(parts[k].name.rsplit("_", 1)[0] for k in self.moving)
-        carriers: IntArray = np.array([parts[k].parentJoint - 1 for k in self.moving], dtype=np.intp)
+        joints, links = robot.bounds.body_corners[0], robot.shared.body_links
+        self.moving = np.flatnonzero(joints).tolist()
+        hulls = [robot.bounds.body_hulls[k] for k in self.moving]
+        self.links = tuple(links[k] for k in self.moving)
+        carriers = joints[self.moving] - 1
         first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
         middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
         extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]

@@ -202,8 +202,7 @@ def _protective(header: Mapping[str, Any], tick: Mapping[str, Any], nearest: Nea
     """Return what the nearest link and limb of a tick must keep, see `DriveReport`."""
     if nearest.link is None or not np.abs(tick["qd"]).max() > _STILL:
         return np.nan
-    bodies = robot.shared.collision_model.geometryObjects
-    of_link = [k for k, part in enumerate(bodies) if part.name.rsplit("_", 1)[0] == nearest.link]
+    of_link = [k for k, link in enumerate(robot.shared.body_links) if link == nearest.link]
     way = np.abs(np.diff(np.array(tick["stop"]["q"]), axis=0)).sum(axis=0)
     goes = float((robot.bounds.displacement_radii[of_link] @ way).max())
     until = tick["stop"]["times"][-1] - tick["measured"]

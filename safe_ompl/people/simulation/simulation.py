@@ -73,7 +73,7 @@ class ContactMonitor:
         self._kinematics = self._model.createData()
         self._data = fresh_data(self._bodies)
         self._moving = [k for k, part in enumerate(self._bodies.geometryObjects) if part.parentJoint != 0]
-        self._links = [part.name.rsplit("_", 1)[0] for part in self._bodies.geometryObjects]
+        self._links = robot.shared.body_links
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self.touching: dict[tuple[str, str], Contact] = {}  # by whom it touches now, and the limb
         self.contacts: list[Contact] = []

@@ -131,7 +131,9 @@ class BubblePlanner(SafePlanner):
             bubble = Bubble.around(x.q, self._checker, 0.0 if x.parent == ROOT else _LEAST_CLEARANCE)
             if bubble is None:
                 return None
-            if not x.penalty and x.parent != ROOT and self._is_narrow(bubble):
+            margin, obstacles = self._margin.in_force, self._checker.pairs.meets_obstacle
+            narrow = margin > 0 and (bubble.distances < margin)[obstacles].any()
+            if narrow and not x.penalty and x.parent != ROOT:
                 tree.open.extend(1, **x._replace(penalty=_PENALTY)._asdict())  # and back
                 self._margin.refuse()
                 continue
@@ -180,12 +182,6 @@ class BubblePlanner(SafePlanner):
         """Whether this turn, of start and goal tree one after the other, is one of those that ignore danger."""
         turn = self._turns // 2
         return int((turn + 1) * self.nearest_fraction) > int(turn * self.nearest_fraction)
-
-    def _is_narrow(self, bubble: Bubble) -> bool:
-        """Whether obstacles are nearer to the centre of a bubble than the margin."""
-        margin = self._margin.in_force
-        obstacles = self._checker.pairs.meets_obstacle
-        return margin > 0 and bool((bubble.distances < margin)[obstacles].any())
 
     def _danger_term(self, points: FloatArray) -> FloatArray:
         """Return the danger (K,) of points as lengths [m], by its usual slope and on a logarithmic scale."""
