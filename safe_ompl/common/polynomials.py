@@ -110,6 +110,33 @@ def spline(knots: FloatArray, held: FloatArray, degree: int) -> tuple[FloatArray
     return np.append(knots[at], knots[at[-1] + 1]), coefficients, rounding
 
 
+def cubic_spline(
+    knots: FloatArray, values: FloatArray, first: FloatArray | None = None, last: FloatArray | None = None
+) -> FloatArray:
+    """Return the pieces (K, 4, n) of the C² cubic spline through `values: (K + 1, n)`, powers of s from each knot.
+
+    `first` and `last`, (n,), are its derivatives at the ends; where one is not given its second derivative is zero.
+    """
+    spans, count = np.diff(knots), len(knots)
+    chords = np.diff(values, axis=0) / spans[:, None]
+    matrix, right = np.eye(count), np.zeros_like(values)
+    inner = np.arange(1, count - 1)
+    matrix[inner, inner - 1], matrix[inner, inner + 1] = spans[:-1], spans[1:]
+    matrix[inner, inner] = 2 * (spans[:-1] + spans[1:])
+    right[inner] = 6 * np.diff(chords, axis=0)
+    if first is not None:
+        matrix[0, :2] = 2 * spans[0], spans[0]
+        right[0] = 6 * (chords[0] - first)
+    if last is not None:
+        matrix[-1, -2:] = spans[-1], 2 * spans[-1]
+        right[-1] = 6 * (last - chords[-1])
+    bends = np.linalg.solve(matrix, right)
+    slopes = chords - spans[:, None] * (2 * bends[:-1] + bends[1:]) / 6
+    if first is not None:
+        slopes[0] = first  # exactly
+    return np.stack([values[:-1], slopes, bends[:-1] / 2, np.diff(bends, axis=0) / (6 * spans[:, None])], axis=1)
+
+
 def restricted(coefficients: FloatArray, first: float | FloatArray, last: float | FloatArray) -> FloatArray:
     """Return the coefficients (…, d + 1, n) on [first, last] ⊂ [0, 1]; their errors add up to 4 (d + 1) ε Σ_k |c_k|.
 

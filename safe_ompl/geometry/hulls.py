@@ -111,16 +111,11 @@ def _choices(points: FloatArray) -> Iterator[FloatArray]:
 def _extreme(points: FloatArray, count: int) -> FloatArray:
     """Return the points that are farthest in `count` directions, evenly spread once the body is as wide as long."""
     round_points = points @ np.linalg.inv(np.linalg.cholesky(points.T @ points / len(points))).T
-    farthest = {int((round_points @ direction).argmax()) for direction in _directions(count)}
-    return points[sorted(farthest)]
-
-
-def _directions(count: int) -> FloatArray:
-    """Return unit vectors (`count`, 3) spread evenly (Halton's points, carried to the sphere)."""
-    uv = np.array([halton_point(k + 1, 2) for k in range(count)])
+    uv = np.array([halton_point(k + 1, 2) for k in range(count)])  # carried to the sphere
     height, angle = 2 * uv[:, 0] - 1, 2 * np.pi * uv[:, 1]
     radius = np.sqrt(1 - height**2)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    directions = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    return points[sorted({int((round_points @ direction).argmax()) for direction in directions})]
 
 
 def _points(points: FloatArray) -> coal.BVHModelBase:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, float_array, listed, shown
 from safe_ompl.io.problems import Problem
+from safe_ompl.paths import unrolled
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -219,9 +220,8 @@ class TimedMotion:
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at times (S,) [s]; at rest before and after."""
-        steps = self.robot.difference(self.configurations[:-1], self.configurations[1:])
-        unrolled = self.configurations[0] + np.vstack([np.zeros(self.robot.n), np.cumsum(steps, axis=0)])
-        return np.stack([np.interp(times, self.times, column) for column in unrolled.T], axis=1)
+        columns = unrolled(self.robot, self.configurations).T
+        return np.stack([np.interp(times, self.times, column) for column in columns], axis=1)
 
     def sample(self, time: float) -> int:
         """Return the number of the sample at a time [s], or before it."""

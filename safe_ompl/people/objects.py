@@ -18,11 +18,12 @@ _MOST_BALLS = 256  # of the reach sets of a cloud
 class ObjectTrack:
     """An object that moves: the hulls of its parts, none of whose points is faster than a bound [m/s].
 
-    At the first pose it counts as unseen.
+    At the first pose it counts as unseen. Raises InputError if the bound is none.
     """
 
     def __init__(self, obstacle: Obstacle, speed: float) -> None:
-        self.name, self.speed, self.obstacle = obstacle.name, speed, obstacle
+        self.name, self.obstacle = obstacle.name, obstacle
+        self.speed = number(f"objects.{obstacle.name}", speed, at_least=0.0)
         self.time, self.seen = -np.inf, -np.inf
         hulls = [(bounding_hull(part.geometry), part.placement) for part in obstacle.shape.parts()]
         self._hulls = [hull.moved(placement) for hull, placement in hulls]
@@ -99,9 +100,3 @@ class CloudTrack(ObjectTrack):
         count = len(centres)
         growth = np.tile([[[self.speed * self.age, self.speed]]], (count, 1, 1))
         return ReachSets.of(((self.name, ""),) * count, centres[:, None], np.full(count, radius), growth)
-
-
-def track_of(obstacle: Obstacle, speed: float) -> ObjectTrack:
-    """Return the track of an obstacle that is no faster than a speed [m/s]; raise InputError if that is none."""
-    limit = number(f"objects.{obstacle.name}", speed, at_least=0.0)
-    return (CloudTrack if isinstance(obstacle.shape, PointCloud) else ObjectTrack)(obstacle, limit)

@@ -23,9 +23,9 @@ from safe_ompl.common import (
     float_array,
     key,
 )
-from safe_ompl.geometry import STANDING, Pose, placed
+from safe_ompl.geometry import STANDING, PointCloud, Pose, placed
 from safe_ompl.people.cameras import DepthFrame
-from safe_ompl.people.objects import CloudTrack, ObjectTrack, track_of
+from safe_ompl.people.objects import CloudTrack, ObjectTrack
 from safe_ompl.people.occupancy import OccupancyGrid
 from safe_ompl.people.reach import CalibratedReach, ReachSets, ReachViolation, limb_lines
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
@@ -261,8 +261,11 @@ class Surroundings:
                 raise InputError(f"{name!r} is a person and an object: give one of both", "objects")
         self.reach = None if self.rules.reach is None else CalibratedReach.load(self.rules.reach)
         self.people = {name: PersonTrack(name, how, self.rules, self.reach) for name, how in trackers.items()}
-        self.objects = {name: track_of(scene[name], speed) for name, speed in objects.items()}
         self.shapes = {name: scene[name].shape for name in objects}
+        kinds = {
+            name: CloudTrack if isinstance(shape, PointCloud) else ObjectTrack for name, shape in self.shapes.items()
+        }
+        self.objects = {name: kinds[name](scene[name], speed) for name, speed in objects.items()}
         # Their sets come last: how many they are, and which, changes
         self.clouds = tuple(name for name, track in self.objects.items() if isinstance(track, CloudTrack))
         self.scene = scene.without(*(name for name in scene.names if name in trackers))

@@ -24,12 +24,13 @@ from safe_ompl.common import (
 )
 from safe_ompl.danger import DangerField
 from safe_ompl.motions import Motion, MotionCheck, check_with, rate_violations
+from safe_ompl.paths import unrolled
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.tasks.corridor import Corridor, CorridorProof, prove_corridor
 from safe_ompl.tasks.ladder import PRECISION, Costs, Ladder
 from safe_ompl.tasks.tip import Tip
-from safe_ompl.tasks.tool_path import ToolPath, cubic_spline
+from safe_ompl.tasks.tool_path import ToolPath
 from safe_ompl.trajectories import RateLimits
 
 _STEP, _TURN = 0.03, 0.15  # [m] and [rad] between rungs at most
@@ -255,7 +256,7 @@ class _Search:
     def _proven(self, nodes: FloatArray, rungs: FloatArray, start: FloatArray | None) -> ToolMotion:
         """Return the motion through the nodes, refined if that can be proven, or why none of both can."""
         made = ToolMotion(None, self.path, self._corridor)
-        nodes = np.vstack([nodes[:1], nodes[0] + np.cumsum(self._robot.difference(nodes[:-1], nodes[1:]), axis=0)])
+        nodes = unrolled(self._robot, nodes)
         refined = self._refined(nodes, rungs, fixed=start is not None)
         for candidate in (refined, nodes) if refined is not nodes else (nodes,):
             made = self._made(candidate, rungs)
@@ -343,7 +344,7 @@ class _Search:
             _, jacobians = self._tip.task(state, frames)
             along = np.array([(own[1] - own[0]) / (at[1] - at[0]), (own[-1] - own[-2]) / (at[-1] - at[-2])])
             ends = self._tip.following(state, frames, jacobians, along)
-            pieces.append(cubic_spline(at, own, ends))
+            pieces.append(polynomials.cubic_spline(at, own, *ends))
         coefficients = np.concatenate(pieces)
         powers = np.diff(s)[:, None, None] ** np.arange(4)[:, None]
         return Motion(s, coefficients * powers, self._robot.joint_names, timed=False)

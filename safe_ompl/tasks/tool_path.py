@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, finite_array, number, shown
+from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials, shown
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import METRES_PER_RADIAN
 
@@ -95,7 +95,7 @@ class PoseSpline:
         steps = [pose_distance(one, other) for one, other in pairwise(poses)]
         knots = np.concatenate([[0.0], np.cumsum(steps)])
         values = np.hstack([[pose.translation for pose in poses], turns])
-        return cls(knots, cubic_spline(knots, values))
+        return cls(knots, polynomials.cubic_spline(knots, values))
 
     @property
     def length(self) -> float:
@@ -282,30 +282,6 @@ def rotation_vectors(matrices: FloatArray) -> FloatArray:
     sine = np.linalg.norm(vectors, axis=1)
     angle = np.arctan2(sine, 0.5 * (np.trace(matrices, axis1=1, axis2=2) - 1))
     return vectors * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[:, None]
-
-
-def cubic_spline(knots: FloatArray, values: FloatArray, ends: FloatArray | None = None) -> FloatArray:
-    """Return the pieces (K, 4, n) of the C² cubic spline through `values: (K + 1, n)`, powers of s from each knot.
-
-    `ends: (2, n)` are its derivatives there; without them its second derivatives are zero.
-    """
-    spans, count = np.diff(knots)[:, None], len(knots)
-    slopes = np.diff(values, axis=0) / spans
-    matrix, right = np.zeros((count, count)), np.zeros_like(values)
-    inner, step = np.arange(1, count - 1), spans[:, 0]
-    matrix[inner, inner - 1], matrix[inner, inner + 1] = step[1:], step[:-1]
-    matrix[inner, inner] = 2 * (step[:-1] + step[1:])
-    right[1:-1] = 3 * (spans[1:] * slopes[:-1] + spans[:-1] * slopes[1:])
-    if ends is None:
-        matrix[0, :2], matrix[-1, -2:] = (2, 1), (1, 2)
-        right[0], right[-1] = 3 * slopes[0], 3 * slopes[-1]
-    else:
-        matrix[0, 0] = matrix[-1, -1] = 1.0
-        right[0], right[-1] = ends
-    rates = np.linalg.solve(matrix, right)
-    second = (3 * slopes - 2 * rates[:-1] - rates[1:]) / spans
-    third = (rates[:-1] + rates[1:] - 2 * slopes) / spans**2
-    return np.stack([values[:-1], rates[:-1], second, third], axis=1)
 
 
 def _poses(given: Any, least: int = 1) -> list[pin.SE3]:

@@ -75,6 +75,24 @@ def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
     assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
 
 
+@pytest.mark.parametrize("ask", [lambda kernel: kernel(3), lambda kernel: kernel.doubled])
+def test_a_kernel_is_made_when_it_is_first_asked_for_and_then_kept(ask):
+    def twice(x):
+        return 2 * x
+
+    def make(function, options):
+        made.append(options)
+        function.doubled = function(3)
+        return function
+
+    made = []
+    kernel = compiled._lazily(make, twice, {"fastmath": False})
+    assert not made
+    assert kernel.__name__ == "twice"
+    assert [ask(kernel), ask(kernel)] == [6, 6]
+    assert made == [{"fastmath": False}]
+
+
 def test_no_part_calls_one_that_returns_new_arrays():
     """They would never be freed: a part does not count who holds which array."""
     functions = {"maker": [], "expanded": [], "part": []}

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, finite_array, number
+from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials
 from safe_ompl.motions import Motion
 from safe_ompl.people.replanning.stop_motion import BENDS, averaging_window
 from safe_ompl.robot import Robot
@@ -213,25 +213,9 @@ def _can_begin(piece: Piece, pace: float, limits: RateLimits) -> bool:
 
 def _spline(q: FloatArray, slope: FloatArray | None, times: FloatArray, points: FloatArray) -> list[Piece]:
     """Return the cubic spline from `q` at 0 through points (K, n) at times (K,); q″ is 0 at ends without a slope."""
-    spans = np.diff(times, prepend=0.0)
-    knots = np.vstack([q, points])
-    chords = np.diff(knots, axis=0) / spans[:, None]
-    count = len(knots)
-    matrix, right = np.eye(count), np.zeros_like(knots)
-    inner = np.arange(1, count - 1)
-    matrix[inner, inner - 1], matrix[inner, inner + 1] = spans[:-1], spans[1:]
-    matrix[inner, inner] = 2 * (spans[:-1] + spans[1:])
-    right[inner] = 6 * np.diff(chords, axis=0)
-    if slope is not None:
-        matrix[0, :2] = 2 * spans[0], spans[0]
-        right[0] = 6 * (chords[0] - slope)
-    bends = np.linalg.solve(matrix, right)
-    slopes = chords - spans[:, None] * (2 * bends[:-1] + bends[1:]) / 6
-    if slope is not None:
-        slopes[0] = slope  # exactly
-    swings = np.diff(bends, axis=0) / spans[:, None]
-    parts = zip(knots[:-1], slopes, bends[:-1], swings, spans.tolist(), strict=True)
-    return [Piece(*part) for part in parts]
+    knots = np.append(0.0, times)
+    powers = polynomials.cubic_spline(knots, np.vstack([q, points]), slope) * np.array([1.0, 1.0, 2.0, 6.0])[:, None]
+    return [Piece(*row) for row in zip(*np.swapaxes(powers, 0, 1), np.diff(knots).tolist(), strict=True)]
 
 
 @dataclass(frozen=True)

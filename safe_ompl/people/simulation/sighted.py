@@ -53,7 +53,9 @@ class SightedSimulation(Simulation):
         first = ways.places[0] if isinstance(ways, Tour) else ways[0].at(0.0).q
         q = first if command is None else command.at(now).q
         late = self._rng.random() < self.faults.drops
-        names = [] if late else [name for name, one in around.depth.cameras.items() if self._is_due(now, one.rate)]
+        before, after = now - self.replanner.tick + _ROUNDING, now + _ROUNDING
+        due = [name for name, one in around.depth.cameras.items() if after * one.rate // 1 > before * one.rate // 1]
+        names = [] if late else due  # cameras that have a new image since the last tick
         seen = self._look(q, world.solids(world.keypoints(now), now), names)
         begin = self.clock()
         frames = {name: DepthFrame(depths, now, q) for name, depths in seen.items()}
@@ -62,8 +64,3 @@ class SightedSimulation(Simulation):
         took = self.clock() - begin
         self._promise(now, self._truth, violations)
         return took
-
-    def _is_due(self, now: float, rate: float) -> bool:
-        """Return whether a camera of so many images a second has a new one since the last tick [s]."""
-        before, after = ((time + _ROUNDING) * rate // 1 for time in (now - self.replanner.tick, now))
-        return after > before

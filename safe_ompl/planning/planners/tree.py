@@ -213,18 +213,13 @@ class PlannerGraph(NamedTuple):
         states: list[Any] = []
         numbers = []
         for k, q in enumerate(self.configurations):
-            vertex = ob.PlannerDataVertex(_new_state(data, bridge, states))
+            states.append(bridge.space.allocState())
+            # It knows states by their addresses, and does not forget those that were freed when it was cleared
+            while data.vertexExists(vertex := ob.PlannerDataVertex(states[-1])):
+                states.append(bridge.space.allocState())
             bridge.write(q, states[-1])
             add = data.addStartVertex if k in starts else data.addGoalVertex if k in goals else data.addVertex
             numbers.append(add(vertex))
         for start, end in self.edges.tolist():
             data.addEdge(numbers[start], numbers[end])
         data.decoupleFromPlanner()  # it holds pointers to our states until then
-
-
-def _new_state(data: Any, bridge: StateBridge, states: list[Any]) -> Any:
-    """Append to `states`, and return, a state that `data` does not take for one it knows."""
-    while True:  # it knows states by their addresses, and does not forget those that were freed when it was cleared
-        states.append(bridge.space.allocState())
-        if not data.vertexExists(ob.PlannerDataVertex(states[-1])):
-            return states[-1]

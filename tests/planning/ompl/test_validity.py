@@ -20,7 +20,7 @@ from safe_ompl.collision import Separation
 from safe_ompl.common import Counts, UnknownNameError
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.paths import ConfigurationCheck
-from safe_ompl.planning.ompl import SampledValidity, ScratchState, StateBridge, joint_space
+from safe_ompl.planning.ompl import SampledValidity, ScratchState, StateBridge, bridge_of, joint_space
 
 DOWN = (0.0, 0.0, -1.0)
 
@@ -108,6 +108,18 @@ def test_what_is_not_finite_or_outside_the_limits_is_refused_without_a_query(set
     assert setting.checker.counts == Counts()
 
 
+def test_the_checkers_bridge_is_taken_while_the_bounds_of_the_space_are_the_same(beside_ball):
+    si, bridge = beside_ball.si, beside_ball.validity.bridge
+    assert bridge_of(si) is bridge
+    bounds = ob.RealVectorBounds(bridge.n)
+    bounds.setLow(-1.0)
+    bounds.setHigh(1.0)
+    si.getStateSpace().setBounds(bounds)
+    changed = bridge_of(si)
+    assert changed is not bridge
+    np.testing.assert_array_equal([changed.lower, changed.upper], [[-1.0] * bridge.n, [1.0] * bridge.n])
+
+
 def test_clearance_is_the_distance_to_the_obstacles(setting, rng):
     q = setting.free(rng)
     expected = setting.checker.clearance(q).distance
@@ -147,6 +159,16 @@ def test_quickly_and_in_words_the_answer_is_the_same(beside_ball, rng, words):
             assert setting.validator.motion.check(q, q).verdict is not Verdict.FREE
     assert None in said
     assert any(objection in words for words in said if words)
+
+
+def test_of_many_at_once_the_same_are_allowed_as_one_by_one(beside_ball, rng):
+    robot = beside_ball.robot
+    Q = np.vstack([beside_ball.drawn(rng, 150), robot.upper + 1e-3, np.full(robot.n, np.nan)])
+    for constraints in beside_ball.constraints().values():
+        check = ConfigurationCheck(beside_ball.checker, constraints)
+        expected = [q for q in Q if check.allows(q)]
+        assert 0 < len(expected) < 150
+        np.testing.assert_array_equal(list(check.allowed(Q)), expected)
 
 
 def test_constraints_about_what_there_is_not_are_refused_and_change_nothing(beside_ball):
