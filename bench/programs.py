@@ -23,7 +23,6 @@ from safe_ompl.common import FloatArray
 from safe_ompl.motions import FACTOR, Motion
 from safe_ompl.robot import Attachment
 from safe_ompl.scene import Attach, Detach, Scenario, list_scenarios
-from safe_ompl.tasks.tip import Tip
 
 CLAIM = "programs of 8 to 15 steps are planned in 2 s in the median, and only what may touch does in physics"
 HEADER = ("program", "steps", "solved", "median [s]", "worst [s]", "duration [s]", "stretches")
@@ -71,7 +70,7 @@ def physics(scenario: Scenario) -> tuple[object, ...]:
     program, driven = scenario.program, Replay(plan_program(scenario)).run()
     assert program is not None
     robot, tube = driven.robot, np.zeros(driven.robot.n)
-    radii = Tip(robot).radii()
+    radii = robot.bounds.tip_radii
     grippers = [robot.joint_names.index(name) for name in program.gripper_joints]
     for _ in range(WIDER):
         tube = np.maximum(tube, FACTOR * driven.errors)
