@@ -90,6 +90,17 @@ def test_infinite_at_contact(panda, rng, aggregate):
     assert aggregate != "softmax" or near.value(Q[0]) == pytest.approx(levels(near, Q[0]).max(), rel=1e-9)
 
 
+def test_a_danger_below_single_precision_is_that_of_its_own_points(panda, rng):
+    """Bounds are zero there, as are those of the places that fill up a row of points: what lies there is not read."""
+    Q, small = some(panda, rng, 5), 1e-60
+    known, none = DangerField(panda, POINTS).for_kernels(), np.empty((0, panda.n))
+    columns, charges = np.zeros(64), np.full(64, 1e9)
+    columns[:27], charges[:9] = known.points.columns.ravel(), small
+    faint = known.points._replace(columns=columns[:27].reshape(3, 9), charges=charges[:9])
+    expected = small * dangers(known.tables, Q, known.points, known.aggregate, none)
+    np.testing.assert_allclose(dangers(known.tables, Q, faint, known.aggregate, none), expected, rtol=1e-12, atol=0.0)
+
+
 @pytest.mark.parametrize("weights", [None, WEIGHTS])
 def test_high_levels_are_the_fields_of_single_points(panda, rng, weights):
     danger, Q = DangerField(panda, POINTS, weights), some(panda, rng, 6)

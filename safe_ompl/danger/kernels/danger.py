@@ -198,9 +198,9 @@ def _bound(tables: Tables, frames: Frames, points: Points, lane: int, peaks: _Pe
 
 @inlined
 def _candidates(
-    count: int, lane: int, chunk: int, high: FloatArray, peaks: _Peaks, sights: Sights
+    M: int, count: int, lane: int, chunk: int, high: FloatArray, peaks: _Peaks, sights: Sights
 ) -> tuple[int, int, int]:
-    """Write which points, from a chunk in a lane on, may have a level that counts; return how many, and where next.
+    """Write which of M points, from a chunk in a lane on, may have a level that counts; say how many, and where next.
 
     The best points, and those that are high, (M or 0,), are known already.
     """
@@ -212,7 +212,7 @@ def _candidates(
             if not tops[chunk] < enough:
                 if number > LANES - _CHUNK:
                     return number, lane, chunk
-                for k in range(_CHUNK * chunk, _CHUNK * (chunk + 1)):
+                for k in range(_CHUNK * chunk, min(_CHUNK * (chunk + 1), M)):
                     if not (bounds[k] < enough or k == best or (k < len(high) and high[k] > 0.0)):
                         sights.seen_from[number], sights.which[number] = lane, k
                         number += 1
@@ -234,16 +234,14 @@ def highest(
     B, m, K, L = len(values), len(tables.joints), len(tables.keys), len(tables.links)
     frames, sights, pulls, some = new_frames(m, K, L), new_sights(K, L), new_pulls(m, K), stack_array((LANES,))
     peaks, out, block, places = _new_peaks(K, points, B), np.empty(B), new_block(K), stack_array((K, 3))
-    columns, nobody = points.columns, high[:0]
+    columns, nobody, M = points.columns, high[:0], len(points.charges)
     for first in range(0, B, LANES):
         count, at, chunk, counting = min(LANES, B - first), 0, 0, False
-        number, filled = (
-            count,
-            place_lanes(tables.joints, tables.keys, tables.links, values[first : first + count], frames),
-        )
+        filled = place_lanes(tables.joints, tables.keys, tables.links, values[first : first + count], frames)
         for lane in range(count):
             _bound(tables, frames, points, lane, peaks)
             sights.seen_from[lane], sights.which[lane] = lane, peaks.best[lane]
+        number = count
         while number > 0:
             lanes = see(frames, columns, number, sights)
             if not write_fields(tables.links, tables.by_length, lanes, sights):
@@ -260,14 +258,14 @@ def highest(
                     high[point] = max(high[point], level) if level >= peaks.least[lane] else high[point]
                 elif level > peak or (level == peak and point < peaks.best[lane]) or peak == -inf:
                     peaks.peak[lane], peaks.best[lane], peaks.least[lane] = level, point, level
-            number, at, chunk = _candidates(count, at, chunk, high if counting else nobody, peaks, sights)
+            number, at, chunk = _candidates(M, count, at, chunk, high if counting else nobody, peaks, sights)
             if number == 0 and not counting and len(high) > 0:
                 counting, at, chunk = True, 0, 0
                 for lane in range(count):
                     peaks.least[lane] = max(share * peaks.peak[lane], least)
                     if peaks.peak[lane] >= peaks.least[lane]:
                         high[peaks.best[lane]] = max(high[peaks.best[lane]], peaks.peak[lane])
-                number, at, chunk = _candidates(count, at, chunk, high, peaks, sights)
+                number, at, chunk = _candidates(M, count, at, chunk, high, peaks, sights)
         for lane in range(filled):
             out[first + min(lane, count - 1)] = peaks.peak[min(lane, count - 1)]
             sights.seen_from[lane], sights.which[lane] = lane, peaks.best[min(lane, count - 1)]
@@ -329,15 +327,14 @@ def dangers(
         return highest(tables, values, points, gradients, 0.0, 0.0, charges[:0])
     places = keypoints(tables.joints, tables.keys, values)
     levels = link_fields(places, tables.links, points.columns, tables.by_length, True).reshape(B, M)
-    chosen = np.empty((B, M), np.intp)
     for b in range(B):
         for k in range(M):
-            chosen[b, k], levels[b, k] = k, levels[b, k] * charges[k]
+            levels[b, k] *= charges[k]
     if len(gradients) > 0:
-        weights = all_shares(levels, aggregate.kind, aggregate.sharpness)
+        chosen, weights = np.empty((B, M), np.intp), all_shares(levels, aggregate.kind, aggregate.sharpness)
         for b in range(B):
             for k in range(M):
-                weights[b, k] *= charges[k]
+                chosen[b, k], weights[b, k] = k, weights[b, k] * charges[k]
         slopes(tables, values, points, chosen, weights, gradients)
     return aggregates(levels, aggregate.kind, aggregate.sharpness)
 
