@@ -68,7 +68,6 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "robot/test_srdf_writer.py",
     "tasks/test_tool_motion.py::test_a_limit_of_danger",
     "test_examples.py",
-    "test_notebooks.py",
     "test_package.py",
     "test_physics.py",
     "test_scripts.py",

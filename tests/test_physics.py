@@ -84,5 +84,5 @@ def test_a_program_that_is_driven_meets_only_what_is_put_in_its_way():
     robot, scenario = found.stretches[0].robot, found.scenario
     place = robot.tip_pose(found.stretches[0].motion.at(0.9 * found.stretches[0].motion.duration)).translation
     scene = scenario.scene.with_obstacles(Obstacle("ball", Sphere(0.03), Pose(tuple(place))))
-    hit = Replay(replace(found, scenario=replace(scenario, scene=scene))).run()
+    hit = Replay(replace(found, scenario=replace(scenario, scene=scene), stretches=found.stretches[:1])).run()
     assert (1, "ball", "link7") in hit.contacts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from importlib import import_module
 from pathlib import Path
@@ -88,23 +89,32 @@ def imports(module):
                     yield Import(module, node.lineno, alias.name, "", node in for_types)
 
 
-ALL = [found for module in FILES for found in imports(module)]
 DOORS = {module: getattr(import_module(module), "__all__", None) for module in sorted(PACKAGES)}
-BETWEEN_ROOMS = [
-    found
-    for found in ALL
-    if found.importer != "safe_ompl"
-    and (found.source, found.name) != ("safe_ompl", "")  # what is public, whatever room it comes from
-    and room_of(found.importer) != room_of(found.source)
-    and found.source not in EVERYWHERE
-]
+
+
+@cache
+def all_imports():
+    """Return all imports; not where tests are collected, which each process does."""
+    return [found for module in FILES for found in imports(module)]
+
+
+def between_rooms():
+    """Return the imports of one room by another."""
+    return [
+        found
+        for found in all_imports()
+        if found.importer != "safe_ompl"
+        and (found.source, found.name) != ("safe_ompl", "")  # what is public, whatever room it comes from
+        and room_of(found.importer) != room_of(found.source)
+        and found.source not in EVERYWHERE
+    ]
 
 
 def test_rooms_import_names_of_doors_only():
     """Or a whole door, behind which nothing is imported before one of its names is used."""
     past = [
         found
-        for found in BETWEEN_ROOMS
+        for found in between_rooms()
         if found.name not in (DOORS.get(found.source) or ()) and not (not found.name and DOORS.get(found.source))
     ]
     assert not past, "\n".join(map(str, past))
@@ -114,7 +124,7 @@ def test_rooms_import_from_lower_floors_only():
     def floor(module):
         return FLOORS.index(room_of(module)) if room_of(module) else len(FLOORS)
 
-    upwards = [found for found in BETWEEN_ROOMS if floor(found.source) > floor(found.importer)]
+    upwards = [found for found in between_rooms() if floor(found.source) > floor(found.importer)]
     programs = ("safe_ompl.__main__",)
     upwards = [found for found in upwards if found.importer not in programs]
     assert not upwards, "\n".join(map(str, upwards))
@@ -122,13 +132,14 @@ def test_rooms_import_from_lower_floors_only():
 
 def test_no_module_needs_itself_to_be_imported():
     sources: dict[str, set[str]] = {}
-    for found in ALL:
+    homes = {(found.importer, found.name): found.source for found in all_imports()}
+    for found in all_imports():
         if found.for_types_only or found.importer in PACKAGES:
             continue
         inner = f"{found.source}.{found.name}"
         target = inner if inner in FILES else found.source
         if target in PACKAGES:
-            target = next((i.source for i in imports(target) if i.name == found.name), target)
+            target = homes.get((target, found.name), target)
         sources.setdefault(found.importer, set()).add(target)
     tuple(TopologicalSorter(sources).static_order())  # raises CycleError, which names the circle
 

@@ -55,7 +55,8 @@ class Runner:
 
     def __init__(self, system: System, robot: Path, folder: Path) -> None:
         python = python_of(system, folder)
-        environment = {name: os.environ[name] for name in ("HOME", "PATH", "LANG") if name in os.environ}
+        kept = ("HOME", "PATH", "LANG", "NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")  # where kernels are
+        environment = {name: os.environ[name] for name in kept if name in os.environ}
         environment |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
         if not system.environment:
             environment["PYTHONPATH"] = str(Path(__file__).parents[2])

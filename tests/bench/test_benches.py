@@ -1,6 +1,7 @@
 """Each bench runs in miniature, prints what it found and writes it as JSON."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 
 from bench import _harness, worth
 from bench._harness import Report, bench, in_turn, markdown_table, names, run
+from safe_ompl import plan_program
 from safe_ompl.people import find_skeleton
+from safe_ompl.scene.constraints import CONTACT_TABLE
 
 POLE = {"name": "pole", "radius": 0.05, "length": 1.0, "position": [0.5, 0.0, 0.5]}
 POLE |= {"orientation_quat_xyzw": [0, 0, 0, 1]}
@@ -69,9 +72,15 @@ def test_all_benches_are_here():
     assert all(all(_harness.about(name)) for name in names())
 
 
+def begun(scenario):
+    """Return a scenario with the first two steps of its program; tests/test_physics.py drives all."""
+    return replace(scenario, program=replace(scenario.program, steps=scenario.program.steps[:2]))
+
+
 SHRUNK = {  # what has no option
     "motions": {"LENGTHS": (0.05, 0.2)},
-    "physics": {"ROBOTS": {"ur5": [4.0] * 6}, "FIRST": 1},
+    "physics": {"ROBOTS": {"ur5": [4.0] * 6}, "FIRST": 1, "CONTACT_TABLE": {"chest": CONTACT_TABLE["chest"]}},
+    "programs": {"plan_program": lambda scenario, **more: plan_program(begun(scenario), **more)},
     "stops": {"CASES": bench("stops").CASES[3:5], "FASTER": (1.1,), "STOPS_OF_EACH": 2},
     "timing": {"ROBOTS": ("panda", "ur5")},
     "worth": {"METHODS": ("ours", "RRTConnect", "bound")},

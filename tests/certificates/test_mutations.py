@@ -12,7 +12,7 @@ from safe_ompl import CertificateError, verify
 from safe_ompl.certificates.claims import Certificate
 from safe_ompl.robot import robot_hash
 
-NUMBER = 40
+NUMBER = 24
 
 
 @pytest.fixture
