@@ -46,4 +46,4 @@ def test_a_threshold_does_not_close_a_dangerous_passage():
     """Start and goal are harmless; the only gap lies in the middle of the hot spot."""
     for seed in range(4):
         gap = {"threshold_rise": 0.01, "danger_decay": 0}
-        assert Problem(lambda x, y: abs(x) < 0.1 and abs(y) > 0.1, SlopedHotSpot, seed=seed, **gap).solve() == EXACT
+        assert Problem(lambda x, y: abs(x) < 0.1 and abs(y) > 0.1, SlopedHotSpot, seed=seed, **gap).solve(60.0) == EXACT
