@@ -10,9 +10,9 @@ if TYPE_CHECKING:
         certificate as certificate,
         clearance_claim as clearance_claim,
         motion_certificate as motion_certificate,
+        program_certificate as program_certificate,
         terms_of as terms_of,
     )
-    from safe_ompl.certificates.program import program_certificate as program_certificate
     from safe_ompl.certificates.verifier.program import (
         PROGRAM_FORMAT as PROGRAM_FORMAT,
         verify_program as verify_program,

@@ -7,7 +7,7 @@ a file has changed; it is no signature, for whoever changes a file can compute i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Tool
+from safe_ompl.certificates.verifier.program import PROGRAM_FORMAT, VERSION, verify_program
 from safe_ompl.certificates.verifier.verify import Terms, verify
 from safe_ompl.collision import (
     CollisionChecker,
@@ -34,6 +35,7 @@ from safe_ompl.common import (
     documents as document,
     finite_array,
     key,
+    within,
 )
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
 from safe_ompl.io import carried_robot, carried_scene, schema
@@ -47,6 +49,7 @@ _KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
 _IN_MOTION = ("k2", "gamma")  # what that of a motion in time has besides
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
 _OF_MOTION = ("times", "coefficients", "timed", "slack", "rounding")
+_SHARED = ("robot", "scene")  # by the stretches of a program
 
 
 def _widths(key: str, value: Any) -> FloatArray | None:
@@ -341,6 +344,52 @@ def _limits(proof: MotionProver, spacing: float) -> dict[str, Any]:
             name = getattr(limit, "name", type(limit).__name__)
             raise InputError(f"no certificate has a claim of {name!r}, or of a second one of its kind", "limits")
     return {**found, **({"tool": tool} if tool else {})}
+
+
+# -------------------------------------------------------------------------------------------------- programs
+
+
+def program_certificate(
+    stretches: Iterable[tuple[float, MotionCheck]],
+    source: Mapping[str, Any] | None = None,
+    steps: Sequence[str] | None = None,
+) -> dict[str, Any]:
+    """Return the certificate of a program, as plain numbers, lists and strings, verified.
+
+    Parameters
+    ----------
+    stretches : iterable of (float, MotionCheck)
+        When each begins [s], and what is proven of it, as `ProgramResult.stretches` has them.
+    source : mapping, optional
+        Where robot and scene come from: kept as it is.
+    steps : sequence of str, optional
+        What each stretch is for, in words: kept as it is.
+
+    Raises
+    ------
+    PlanningError
+        If a stretch is not proven, or they do not follow each other.
+    InputError
+        As `motion_certificate`, which see.
+    """
+    shared: dict[str, list[Any]] = {name: [] for name in _SHARED}
+    said = []
+    for k, (begin, check) in enumerate(stretches):
+        with within(f"stretch {k}", ": "):
+            whole = motion_certificate(check, source=source)
+        for name in _SHARED:
+            if whole[name] not in shared[name]:
+                shared[name].append(whole[name])
+            whole[name] = shared[name].index(whole[name])
+        said.append({"begin": float(begin), "certificate": whole} | ({"step": steps[k]} if steps else {}))
+    content = {"format": PROGRAM_FORMAT, "version": VERSION, "robots": shared["robot"], "scenes": shared["scene"]}
+    content["stretches"] = said
+    content["digest"] = schema.digest(content)
+    try:
+        verify_program(content, joints_only=True)
+    except CertificateError as error:
+        raise PlanningError(f"the stretches are proven, but not one program: {error}") from None
+    return content
 
 
 # ------------------------------------------------------------------------------------------- what is asked for

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob, tools as ot
 
-from safe_ompl.apps.benchmark.campaign import Value, run_measures
-from safe_ompl.apps.benchmark.runs import Run, lost, rounds, run_planner
+from safe_ompl.apps.benchmark.campaign import Run, Value, lost, rounds, run_measures, run_planner
 from safe_ompl.common import InputError, files, in_order
 from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.planning.planners import check_usable, make_planner

@@ -47,8 +47,12 @@ if TYPE_CHECKING:
         PolicyOptions as PolicyOptions,
         limits_of_still as limits_of_still,
     )
-    from safe_ompl.apps.exchange.ros_action import trajectory_action as trajectory_action
-    from safe_ompl.apps.exchange.ros_node import RosNode as RosNode, lookup_of as lookup_of, ros_context as ros_context
+    from safe_ompl.apps.exchange.ros_node import (
+        RosNode as RosNode,
+        lookup_of as lookup_of,
+        ros_context as ros_context,
+        trajectory_action as trajectory_action,
+    )
     from safe_ompl.apps.exchange.sightings import DepthEyes as DepthEyes
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -1,5 +1,7 @@
 """A thin node of ROS 2 around `LiveController`: it decodes messages, and publishes commands, diagnostics and markers.
 
+In front of a controller it serves the action `control_msgs/action/FollowJointTrajectory`, around a `TrajectoryGuard`.
+
 ROS (rclpy, and the packages of the messages) is imported when a node is started. Messages pass as bytes, which
 `messages` makes and reads, so that a message that cannot be read is an error of that message only.
 """
@@ -20,18 +22,7 @@ import pinocchio as pin
 
 from safe_ompl.apps.exchange import messages
 from safe_ompl.apps.exchange.controller import LiveController
-from safe_ompl.apps.exchange.execution import ACTION, TrajectoryGuard
-from safe_ompl.apps.exchange.messages import (
-    Frames,
-    camera_of,
-    cloud_of,
-    depths_of,
-    people_of_markers,
-    pose_of,
-    proposal_of,
-    stamp_of,
-)
-from safe_ompl.apps.exchange.ros_action import TrajectoryServer
+from safe_ompl.apps.exchange.execution import ACTION, Execution, GoalError, Outcome, TrajectoryGuard
 from safe_ompl.common import InputError
 from safe_ompl.geometry import Pose
 from safe_ompl.io import TickLog
@@ -115,7 +106,7 @@ class RosNode:
         self,
         node: Any,
         controller: LiveController,
-        frames: Frames,
+        frames: messages.Frames,
         scene: Scene,
         log: TickLog | None = None,
         *,
@@ -192,20 +183,20 @@ class RosNode:
         cloud_radius = controller.options.cloud_radius
 
         def joints(message: Any) -> None:
-            controller.see_joints(stamp_of(message.header), message.name, message.position, message.velocity)
+            controller.see_joints(messages.stamp_of(message.header), message.name, message.position, message.velocity)
 
         def people(message: Any) -> None:
             if not cell.trackers:
                 raise InputError("nobody is tracked: give --people", "people")
             skeleton = next(iter(cell.trackers.values())).skeleton
-            controller.see_people(*people_of_markers(message, skeleton, frames))
+            controller.see_people(*messages.people_of_markers(message, skeleton, frames))
 
         def thing(name: str, message: Any) -> None:
-            time, pose = pose_of(message, frames)
+            time, pose = messages.pose_of(message, frames)
             controller.see_object(time, name, pose)
 
         def cloud(message: Any) -> None:
-            controller.see_cloud(*cloud_of(message, cloud_radius, frames))
+            controller.see_cloud(*messages.cloud_of(message, cloud_radius, frames))
 
         self._subscribe(messages.JOINT_STATE, "joint_states", joints)
         self._subscribe(messages.MARKERS, "people", people)
@@ -220,7 +211,7 @@ class RosNode:
             self._subscribe(CLOUD, "cloud", cloud)
         if cell.shielded:
             proposal = messages.JOINT_TRAJECTORY, "proposal"
-            self._subscribe(*proposal, lambda message: controller.propose(*proposal_of(message, self._robot)))
+            self._subscribe(*proposal, lambda message: controller.propose(*messages.proposal_of(message, self._robot)))
         elif self._server is None:
             goal = messages.JOINT_STATE, "goal"
             go_to = controller.go_to
@@ -233,9 +224,11 @@ class RosNode:
         assert eyes is not None
 
         def seen(message: Any) -> None:
-            controller.see_depth(name, *depths_of(message, frames))
+            controller.see_depth(name, *messages.depths_of(message, frames))
 
-        self._subscribe(messages.CAMERA_INFO, f"{name}/camera_info", lambda info: eyes.introduce(name, camera_of(info)))
+        self._subscribe(
+            messages.CAMERA_INFO, f"{name}/camera_info", lambda info: eyes.introduce(name, messages.camera_of(info))
+        )
         self._subscribe(messages.IMAGE, f"{name}/image", seen)
         self._subscribe(CLOUD, f"{name}/points", seen)
 
@@ -279,3 +272,82 @@ class RosNode:
         topic = self._node.resolve_topic_name(self._topic)
         count = self._node.count_publishers(topic)
         self._controller.blocked = f"{count} nodes publish {topic}" if count > 1 else ""
+
+
+# --------------------------------------------------------------------------------------------------- the action
+
+
+def trajectory_action() -> Any:
+    """Return the class of the action; raise InputError where there is none."""
+    try:
+        return import_module("control_msgs.action").FollowJointTrajectory
+    except ImportError as error:
+        what = f"needs control_msgs of ROS 2 ({error}): source yours, with ros-DISTRO-control-msgs"
+        raise InputError(what) from None
+
+
+class TrajectoryServer:
+    """Serves the action under a name: goals go to the guard, what it reports becomes their result."""
+
+    def __init__(self, node: Any, guard: TrajectoryGuard, name: str) -> None:
+        self._node, self._guard, self._kind = node, guard, trajectory_action()
+        self._handle: Any = None  # of the goal that is driven
+        action = import_module("rclpy.action")
+        self._future = import_module("rclpy.task").Future
+        self.server = action.ActionServer(
+            node,
+            self._kind,
+            name,
+            self._execute,
+            cancel_callback=lambda handle: self._cancel(handle, action.CancelResponse),
+        )
+
+    async def _execute(self, handle: Any) -> Any:
+        """Let the guard drive a goal, and return its result; ticks go on meanwhile."""
+        robot, options = self._guard.controller.cell.robot, self._guard.controller.options
+        finished = self._future()
+        try:
+            execution = Execution.of(handle.request, robot, options.tolerance)
+            execution.report = finished.set_result
+            self._handle = handle
+            self._guard.take(execution)
+            outcome = await finished
+        except GoalError as error:
+            outcome = Outcome(error.code, str(error))
+        if self._handle is handle:
+            self._handle = None
+        if outcome.cancelled and handle.is_cancel_requested:
+            handle.canceled()
+        elif outcome.code == 0:
+            handle.succeed()
+        else:
+            self._node.get_logger().warning(f"aborted: {outcome.reason}")
+            handle.abort()
+        return self._kind.Result(error_code=int(outcome.code), error_string=outcome.reason)
+
+    def _cancel(self, handle: Any, response: Any) -> Any:
+        if handle is self._handle or (self._handle and handle.goal_id == self._handle.goal_id):
+            self._guard.cancel()
+        return response.ACCEPT
+
+    def tell(self, time: float) -> None:
+        """Publish where the robot should be and where it is, at a time [s]."""
+        place, joints = self._guard.progress(), self._guard.controller.joints
+        if self._handle is None or not self._handle.is_active or place is None or joints is None:
+            return
+        robot = self._guard.controller.cell.robot
+        feedback = self._kind.Feedback(joint_names=list(robot.joint_names))
+        _set(feedback.header.stamp, time)
+        after, q, qd = place
+        rows = ((q, qd), (joints.q, joints.qd), (robot.difference(joints.q, q), qd - joints.qd))
+        parts = (feedback.desired, feedback.actual, feedback.error)
+        for part, (positions, velocities) in zip(parts, rows, strict=True):
+            part.positions, part.velocities = positions.tolist(), np.nan_to_num(velocities).tolist()
+            _set(part.time_from_start, max(after, 0.0))
+        self._handle.publish_feedback(feedback)
+
+
+def _set(message: Any, time: float) -> None:
+    """Let a Time or Duration be a number of seconds."""
+    for field, value in messages.stamp(messages.nanoseconds(time)).items():
+        setattr(message, field, value)

@@ -14,11 +14,14 @@ nearer than its place on the axis less r‖u⊥‖. It recedes from all who are 
 
 What does not recede must be kept from as ever. A body that must recede is no faster than
 `RETREAT_SPEED`. People who run after it may touch it, as they may touch one that stands.
+
+A program is driven in legs: one replanner for each stretch, which takes over where the one before rests.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -32,6 +35,8 @@ from safe_ompl.people.replanning.detours import Detours
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, line
 from safe_ompl.people.replanning.stop_motion import StopMotion
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
 from safe_ompl.trajectories import SEPARATION, Trajectory
 
 _PUSHES = (1.0, 0.2, 0.0, -1.0)  # accelerations that are tried in retreats, from full acceleration to full braking
@@ -296,3 +301,56 @@ def _away_from_all(rates: FloatArray) -> FloatArray:
             best, most = unit, float(rates[worst] @ unit)
         way = way + units[worst]
     return np.asarray(best)
+
+
+# ---------------------------------------------------------------------------------------------- legs of a program
+
+
+@dataclass(frozen=True)
+class Leg:
+    """What is driven without a change of robot or scene; then the robot rests for a pause [s].
+
+    Without a trajectory it only rests, and the replanner is the one of the leg before. A leg that must stay on its
+    curve has a replanner without detours and retreats.
+    """
+
+    replanner: Replanner
+    trajectory: Trajectory | None
+    robot: Robot  # with what it holds
+    scene: Scene  # the obstacles, and which links may touch them
+    step: int = 0  # of the program
+    pause: float = 0.0
+
+
+class Legs:
+    """Legs in their order, each driven once; raises InputError if there is none, or a trajectory is not free."""
+
+    def __init__(self, legs: Sequence[Leg]) -> None:
+        if not legs or legs[0].trajectory is None:
+            raise InputError("there is nothing to drive", "legs")
+        self.legs, self.done = tuple(legs), 0
+        self._rests_since: float | None = None
+        for leg in self.legs:
+            if leg.trajectory is not None:
+                leg.replanner.start(leg.trajectory)
+
+    @property
+    def current(self) -> Leg:
+        """The leg that is driven now, or was last."""
+        return self.legs[min(self.done, len(self.legs) - 1)]
+
+    @property
+    def finished(self) -> bool:
+        """Whether all are done."""
+        return self.done == len(self.legs)
+
+    def go_on(self, now: float) -> None:
+        """Begin the next leg, if the robot, which stands at the end of this one, has rested as long as it must."""
+        leg = self.current
+        self._rests_since = now if self._rests_since is None else self._rests_since
+        if self.finished or now < self._rests_since + leg.pause:
+            return
+        self.done += 1
+        self._rests_since = None
+        if self.current.replanner is not leg.replanner:
+            self.current.replanner.surroundings.take_over(leg.replanner.surroundings)

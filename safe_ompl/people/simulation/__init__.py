@@ -17,8 +17,6 @@ if TYPE_CHECKING:
         limb_solids as limb_solids,
         part_solids as part_solids,
     )
-    from safe_ompl.people.simulation.program import ProgramSimulation as ProgramSimulation
-    from safe_ompl.people.simulation.sighted import SightedSimulation as SightedSimulation
     from safe_ompl.people.simulation.simulation import (
         Contact as Contact,
         ContactMonitor as ContactMonitor,
@@ -28,5 +26,9 @@ if TYPE_CHECKING:
         Summary as Summary,
     )
     from safe_ompl.people.simulation.tour import Tour as Tour
+    from safe_ompl.people.simulation.variants import (
+        ProgramSimulation as ProgramSimulation,
+        SightedSimulation as SightedSimulation,
+    )
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -1,22 +1,60 @@
-"""A simulation in which the robot is driven by what depth cameras see, and knows nobody but whom it tracks."""
+"""Simulations of a robot that drives a program, and of one that knows of people only what depth cameras see."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from contextlib import closing
 from typing import Any
 
 from safe_ompl.common import FloatArray
 from safe_ompl.io import ticks_header
 from safe_ompl.people import DepthFrame
-from safe_ompl.people.replanning import Command, Replanner
-from safe_ompl.people.simulation.movers import Solid, World
-from safe_ompl.people.simulation.simulation import Faults, Simulation
+from safe_ompl.people.replanning import Command, Leg, Legs, Replanner
+from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
+from safe_ompl.people.simulation.simulation import ContactMonitor, Faults, Simulation
 from safe_ompl.people.simulation.tour import Tour
 from safe_ompl.trajectories import Trajectory
 
 # Renders what cameras of these names see of a robot at q (n,) and of solids: depths (H, W) [m].
 Look = Callable[[FloatArray, list[Solid], Collection[str]], Mapping[str, FloatArray]]
 _ROUNDING = 1e-6  # [s]
+
+
+class ProgramSimulation(Simulation):
+    """Drives `legs` one after the other, each once; the robot stops for people, and goes on from where it stands.
+
+    Then it rests. The summary counts legs as tasks. Raises InputError as `Legs`.
+    """
+
+    def __init__(
+        self,
+        legs: Sequence[Leg],
+        people: Mapping[str, PersonMover],
+        objects: Mapping[str, Drifting] | None = None,
+        *,
+        faults: Faults | None = None,
+    ) -> None:
+        self.legs = Legs(legs)
+        super().__init__(self.legs.current.replanner, [], people, objects, faults=faults)
+
+    def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
+        """Run for a time [s] or until all legs are driven, and yield ticks as `Simulation.ticks`."""
+        with closing(super().ticks(seconds)) as ticks:
+            for tick in ticks:
+                yield tick
+                if self.legs.finished:
+                    return
+
+    def _go_on(self, now: float, q: FloatArray) -> None:
+        self.legs.go_on(now)
+        self.summary.tasks = self.legs.done
+        leg = self.legs.current
+        if leg.replanner is self.replanner:
+            return
+        self.replanner = leg.replanner
+        if self.monitor is not None:
+            contacts, self.monitor = self.monitor.contacts, ContactMonitor(leg.robot)
+            self.monitor.contacts = contacts
 
 
 class SightedSimulation(Simulation):
