@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +17,6 @@ from safe_ompl.geometry import LIMBS, STANDING
 KEYPOINTS: tuple[str, ...] = (*STANDING, "pelvis")  # of the body of the package, and the middle of its hips
 
 _Z_UP = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_Y_UP = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # x to the left, y up, z forward
-_CAMERA = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))  # x to the right, y down, z forward
 
 
 @dataclass(frozen=True)
@@ -63,78 +62,17 @@ class Skeleton:
         return [(np.array([k for k, _ in group]), np.array([of for _, of in group])) for group in same]
 
 
-def _both(**parts: str) -> dict[str, tuple[str, ...]]:
-    """Return sources for left and right; ``{side}`` stands for either."""
-    return {
-        f"{side}_{ours}": (theirs.format(side=side),) for ours, theirs in parts.items() for side in ("left", "right")
-    }
+def _read(name: str, said: Mapping[str, Any]) -> Skeleton:
+    """Return a skeleton as `skeletons.yaml` has it; ``{side}`` stands for left and right."""
+    sources = {ours: tuple(theirs) for ours, theirs in said["sources"].items()}
+    for ours, theirs in said["both_sides"].items():
+        sources |= {f"{side}_{ours}": (theirs.format(side=side),) for side in ("left", "right")}
+    axes = tuple(map(tuple, said.get("axes", _Z_UP)))
+    return Skeleton(name, tuple(said["points"].split()), sources, said.get("scale", 1.0), axes)
 
 
-_COCO = (
-    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow",
-    "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle",
-    "right_ankle",
-)  # fmt: skip
-_BODY_25 = (
-    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
-    "mid_hip", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "right_eye",
-    "left_eye", "right_ear", "left_ear", "left_big_toe", "left_small_toe", "left_heel", "right_big_toe",
-    "right_small_toe", "right_heel",
-)  # fmt: skip
-_MEDIAPIPE = (
-    "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer",
-    "left_ear", "right_ear", "mouth_left", "mouth_right", "left_shoulder", "right_shoulder", "left_elbow",
-    "right_elbow", "left_wrist", "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index",
-    "left_thumb", "right_thumb", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
-    "left_heel", "right_heel", "left_foot_index", "right_foot_index",
-)  # fmt: skip
-_KINECT = (
-    "pelvis", "spine_navel", "spine_chest", "neck", "left_clavicle", "left_shoulder", "left_elbow", "left_wrist",
-    "left_hand", "left_handtip", "left_thumb", "right_clavicle", "right_shoulder", "right_elbow", "right_wrist",
-    "right_hand", "right_handtip", "right_thumb", "left_hip", "left_knee", "left_ankle", "left_foot", "right_hip",
-    "right_knee", "right_ankle", "right_foot", "head", "nose", "left_eye", "left_ear", "right_eye", "right_ear",
-)  # fmt: skip
-_SMPL = (
-    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
-    "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
-    "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hand", "right_hand",
-)  # fmt: skip
-_RECORDING = (
-    "hip", "torso", "neck", "head", "left_collar", "left_upper_arm", "left_forearm", "left_hand", "right_collar",
-    "right_upper_arm", "right_forearm", "right_hand",
-)  # fmt: skip
-
-_LIMBS = _both(shoulder="{side}_shoulder", elbow="{side}_elbow", wrist="{side}_wrist")
-_LEGS = _both(hip="{side}_hip", knee="{side}_knee", ankle="{side}_ankle")
-_EARS = ("left_ear", "right_ear")
-
-
-def _sources(*head: str, **ends: str) -> dict[str, tuple[str, ...]]:
-    """Return where head, arms and legs come from, and hands or toes if a tracker has them."""
-    return {"head": head, **_LIMBS, **_LEGS, **_both(**ends)}
-
-
-# Indices and names after the documentation of COCO, OpenPose, MediaPipe, Azure Kinect's body tracking and SMPL. A head
-# is where the ears are, if there are any: the nose is in front of it.
-_KNOWN = (
-    Skeleton("coco17", _COCO, _sources(*_EARS)),
-    Skeleton("body25", _BODY_25, _sources(*_EARS, toe="{side}_big_toe")),
-    Skeleton("mediapipe33", _MEDIAPIPE, _sources(*_EARS, hand="{side}_index", toe="{side}_foot_index"), axes=_CAMERA),
-    Skeleton(
-        "azure_kinect32", _KINECT, _sources(*_EARS, hand="{side}_handtip", toe="{side}_foot"), scale=1e-3, axes=_CAMERA
-    ),
-    Skeleton("smpl24", _SMPL, _sources("head", hand="{side}_hand", toe="{side}_foot"), axes=_Y_UP),
-    Skeleton(  # bones, each named after where it begins: the upper arm at the shoulder, the hand at the wrist
-        "recording12",
-        _RECORDING,
-        {
-            "head": ("head",),
-            **_both(shoulder="{side}_upper_arm", elbow="{side}_forearm", wrist="{side}_hand"),
-            "pelvis": ("hip",),
-        },
-    ),
-)
-SKELETONS: dict[str, Skeleton] = {skeleton.name: skeleton for skeleton in _KNOWN}
+with files.reading(Path(__file__).with_suffix(".yaml")) as _known:
+    SKELETONS: dict[str, Skeleton] = {name: _read(name, said) for name, said in _known["skeletons"].items()}
 
 
 def find_skeleton(name: str) -> Skeleton:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, files, finite_array
@@ -15,23 +14,7 @@ DANGER = "danger"
 GREY = "0.45"
 ALARM = "#c8452b"
 DPI = 150
-_STYLE: dict[str, Any] = {
-    "font.size": 11,
-    "axes.titlesize": 12,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": GREY,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "0.90",
-    "xtick.color": "0.25",
-    "ytick.color": "0.25",
-    "legend.frameon": False,
-    "svg.hashsalt": "safe_ompl",
-}
-
+_STYLE = Path(__file__).with_suffix(".mplstyle")
 
 PLOT_ENDINGS = (".png", ".svg", ".pdf", ".webp")
 
@@ -63,8 +46,8 @@ class Page:
             raise SafeOmplError("plots need Matplotlib: pip install 'safe-ompl[plots]'") from missing
         self._file = None if file is None else Path(file)
         self._kind = None if file is None else plot_kind(file)
-        self._style = matplotlib.rc_context(_STYLE)
-        with matplotlib.rc_context(_STYLE):
+        self._style = matplotlib.rc_context(fname=_STYLE)
+        with matplotlib.rc_context(fname=_STYLE):
             # The margin keeps what ends at the edge of the axes, such as a tick's label, from being cut.
             layout = ConstrainedLayoutEngine(rect=(0.008, 0.0, 0.98, 0.992)) if arranged else None
             self.figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
@@ -88,11 +71,6 @@ class Page:
                     self.figure.savefig(stream, format=self._kind)
         finally:
             self._style.__exit__(kind, error, trace)
-
-
-def natural(count: int) -> FloatArray:
-    """Return the natural parameter in [0, 1] at `count` equal steps of a path."""
-    return np.linspace(0.0, 1.0, count)
 
 
 def curve(values: ArrayLike, kind: str) -> FloatArray:

@@ -23,7 +23,7 @@ from safe_ompl.paths import forced_danger
 from safe_ompl.people.simulation import DriveReport
 from safe_ompl.planning import ProgramResult, Tradeoff
 from safe_ompl.trajectories import MotionDanger, Trajectory
-from safe_ompl.view.page import ALARM, ALONG, DANGER, DPI, GREY, Page, add_legend_above, curve, draw_limit, natural
+from safe_ompl.view.page import ALARM, ALONG, DANGER, DPI, GREY, Page, add_legend_above, curve, draw_limit
 from safe_ompl.view.style import Colour, cap_colours, planner_styles, shades
 
 _LINE = 0.08  # of the height of the axes: what a line of words needs
@@ -65,7 +65,7 @@ def plot_plan(
 
 
 def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
-    at, forced = natural(len(values)), forced_danger(values)
+    at, forced = np.linspace(0.0, 1.0, len(values)), forced_danger(values)
     shade = {"color": ALARM, "alpha": 0.25, "lw": 0}
     axes.fill_between(at, forced, values, where=values > forced, interpolate=True, **shade)
     axes.plot(at, values, color=colour, linewidth=2.4)
@@ -83,12 +83,12 @@ def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
 def _draw_clearance(axes: Any, gaps: Mapping[str, FloatArray]) -> None:
     axes.axhspan(0.0, _NEAR, color=ALARM, alpha=0.12, linewidth=0)
     for k, (to, values) in enumerate(gaps.items()):
-        at, colour = natural(len(values)), _CLEARANCES[k % len(_CLEARANCES)]
+        at, colour = np.linspace(0.0, 1.0, len(values)), _CLEARANCES[k % len(_CLEARANCES)]
         axes.plot(at, values, color=colour, linewidth=2.4 if k == 0 else 1.6, label=f"to {to}")
     closest = min(gaps, key=lambda to: float(gaps[to].min()))
     values = gaps[closest]
     least = int(np.argmin(values))
-    axes.plot(natural(len(values))[least], values[least], "o", color=ALARM, markersize=7, clip_on=False)
+    axes.plot(np.linspace(0.0, 1.0, len(values))[least], values[least], "o", color=ALARM, markersize=7, clip_on=False)
     note = f"closest: {values[least]:.0f} mm to {closest}"
     axes.set_title(note, loc="right", color=ALARM, fontsize=11, weight="normal")
     if len(gaps) > 1:
@@ -350,7 +350,7 @@ def plot_profiles(
             runs = profiles[name]
             line = runs.mean(axis=0) if len(runs) else []
             axes.plot(
-                natural(len(line)),
+                np.linspace(0.0, 1.0, len(line)),
                 line,
                 label=name if len(runs) else f"{name} (no runs)",
                 color=style.colour,
@@ -388,7 +388,7 @@ def plot_tradeoff(front: Tradeoff, file: str | Path | None, *, title: str = "Wha
         left.margins(0.10, 0.12)
         left.set_title("Each path, with its weight of danger", fontsize=11, weight="normal")
         for (report, danger), colour in zip(measured, colours, strict=True):
-            along = report.length * natural(len(danger.profile))
+            along = report.length * np.linspace(0.0, 1.0, len(danger.profile))
             right.plot(along, danger.profile, color=colour, linewidth=2.0, marker="o", markevery=[-1], clip_on=False)
         right.set(xlabel="along the path, from its start [rad]", ylabel=DANGER, xlim=(0.0, 1.03 * lengths[-1]))
         right.set_ylim(bottom=0.0)

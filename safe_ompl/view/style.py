@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -48,15 +49,14 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     printed ("Paper…") the same colours with dots, and all others slate greys in their order.
     """
     styles: dict[str, PlannerStyle] = {}
-    others = 0
+    others = cycle(zip(_OTHERS, _OTHER_DASHES, strict=True))
     for name in names:
         family = next((key for key in _FAMILIES if name.endswith((key, f"{key}Planner"))), None)
         kind = next((kind for kind in _KINDS if name.startswith(kind)), None)
         if kind is None and family is not None and name.startswith(f"{family}Planner"):
             kind = "Safe"
         if family is None or kind is None:
-            colour, dashes, strong = _OTHERS[others % 4], _OTHER_DASHES[others % 4], False
-            others += 1
+            (colour, dashes), strong = next(others), False
         else:
             dashes, strong = _KINDS[kind]
             colour = _FAMILIES[family][0 if strong else 1]
@@ -93,14 +93,10 @@ _OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
 
 def cap_colours(names: Iterable[str]) -> dict[str, Colour]:
     """Return the colours of what bounds the speed of a motion, by name; that of accelerations among them."""
-    others = 0
+    others = cycle(_OTHER_CAPS)
     colours = {ACCELERATION: _from_hex(_CAPS[ACCELERATION])}
     for name in dict.fromkeys(names):
-        code = _CAPS.get(name)
-        if code is None:
-            code = _OTHER_CAPS[others % len(_OTHER_CAPS)]
-            others += 1
-        colours[name] = _from_hex(code)
+        colours[name] = _from_hex(_CAPS.get(name) or next(others))
     return colours
 
 
