@@ -338,9 +338,6 @@ class PolynomialMotion(Section):
         return [name for name in _RATES if self.timed and getattr(self, name) is None]
 
 
-# -------------------------------------------------------------------------------------------------- certificates
-
-
 @dataclass(frozen=True, kw_only=True)
 class Certificate(Section):
     """All that a certificate says."""

@@ -216,9 +216,6 @@ def _kind(field: DangerField, spacing: float, *more: str) -> dict[str, Any]:
     return {"spacing": spacing, **{name: getattr(field, name) for name in (*_KIND, *more)}}
 
 
-# ------------------------------------------------------------------------------------------------ motions in time
-
-
 def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
     """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
     curve, law, jerk = trajectory.curve, trajectory.law, trajectory.limits.jerk
@@ -275,9 +272,6 @@ def moving_danger_claim(
     if not np.isfinite(bound):
         return None
     return {"bound": bound, **_kind(field.field, spacing), "k2": field.k2, "gamma": field.gamma}
-
-
-# ------------------------------------------------------------------------------------------ motions of polynomials
 
 
 def motion_certificate(
@@ -346,9 +340,6 @@ def _limits(proof: MotionProver, spacing: float) -> dict[str, Any]:
     return {**found, **({"tool": tool} if tool else {})}
 
 
-# -------------------------------------------------------------------------------------------------- programs
-
-
 def program_certificate(
     stretches: Iterable[tuple[float, MotionCheck]],
     source: Mapping[str, Any] | None = None,
@@ -390,9 +381,6 @@ def program_certificate(
     except CertificateError as error:
         raise PlanningError(f"the stretches are proven, but not one program: {error}") from None
     return content
-
-
-# ------------------------------------------------------------------------------------------- what is asked for
 
 
 def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:

@@ -316,11 +316,9 @@ def _from_own(content: Mapping[str, Any], kind: str) -> Motion:
     """Return what is in a file of our own form."""
     if kind == "motion":
         return Motion.from_mapping(content)
-    if kind == "path":
-        return Motion.of(JointPath.from_mapping(dict(content)))
     if kind == "trajectory":
         return _from_message(content)
-    if kind == "result" and content.get("path") is not None:
+    if kind == "path" or (kind == "result" and content.get("path") is not None):
         return Motion.of(JointPath.from_mapping(dict(content)))
     reason = f"no path was found ({listed([content.get('status')])})" if kind == "result" else f"it holds a {kind}"
     raise InputError(f"must hold a motion, but {reason}", "kind")

@@ -22,15 +22,6 @@ from typing import Any, NamedTuple
 
 from safe_ompl.common import CertificateError, InputError, Section, documents as document, files, key
 from safe_ompl.io import schema
-from safe_ompl.io.schema import (
-    carried_files,
-    carried_objects,
-    check_carried,
-    examples_folder,
-    packed,
-    place_meshes,
-    unpack,
-)
 from safe_ompl.robot import Robot, RobotSpec, UrdfFile, robot_hash, robots_folder
 from safe_ompl.scene import Scene
 
@@ -83,7 +74,7 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
             found["urdf"]["text"] = spec.urdf_file().text()
     if spec.attached:
         found["attached"] = said["attached"]
-        found["files"] = carried_objects(found["attached"])
+        found["files"] = schema.carried_objects(found["attached"])
         found["attached"] = schema.as_plain(found["attached"])
     return found
 
@@ -91,7 +82,7 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
 def _carried_text(path: Path | None) -> Any:
     if path is None:
         return None
-    examples = examples_folder()
+    examples = schema.examples_folder()
     if examples is not None and path.is_relative_to(examples):
         return {"example_robot_data": path.relative_to(examples).as_posix()}
     try:
@@ -114,7 +105,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
     content: dict[str, str] = {}
     for tag in ("collision", "visual"):
         added = {path for urdf, _ in sources for path in urdf.mesh_files(tag).values()} - names.keys()
-        more = {path: packed(path) for path in sorted(added)}
+        more = {path: schema.packed(path) for path in sorted(added)}
         if not meshes and sum(map(len, [*content.values(), *more.values()])) > SMALL:
             level = logging.WARNING if tag == "collision" else logging.INFO
             _log.log(level, "%s: its %s meshes are too large to be saved with it: --package-dir", robot.name, tag)
@@ -179,7 +170,7 @@ class RobotDocument(Section):
     hash: str = key(document.sha)
     links_without_collision: tuple[str, ...] = key(document.each, read=document.line)
     recipe: Mapping[str, Any] | None = key(document.mapping, default=None)
-    meshes: Mapping[str, str] = key(carried_files, factory=dict)
+    meshes: Mapping[str, str] = key(schema.carried_files, factory=dict)
 
 
 def built_robot(carried: Any, *, package_dirs: Sequence[Path] = ()) -> Robot:
@@ -199,7 +190,7 @@ def built_robot(carried: Any, *, package_dirs: Sequence[Path] = ()) -> Robot:
             if carried.meshes:
                 place = Path(folder) / _PACKAGE
                 place.mkdir()
-                unpack(carried.meshes, place)
+                schema.unpack(carried.meshes, place)
                 folders.append(Path(folder))
             numbers = (Path(folder) / str(k) for k in count(1))
             spec = _spec("recipe", carried.recipe, numbers, folders)
@@ -233,8 +224,8 @@ def _spec(key: str, recipe: Any, folders: Iterator[Path], package_dirs: Sequence
     folder = next(folders)
     folder.mkdir()
     with document.within(key):
-        unpack(carried_files("files", files := given.pop("files", {})), folder)
-        check_carried("attached", given.get("attached", ()), files)
+        schema.unpack(schema.carried_files("files", files := given.pop("files", {})), folder)
+        schema.check_carried("attached", given.get("attached", ()), files)
         if robots := document.mapping("robots", given.get("robots", {})):
             given["robots"] = {k: _spec(f"robots.{k}", part, folders, package_dirs) for k, part in robots.items()}
             return RobotSpec.from_mapping(given, folder)
@@ -243,8 +234,8 @@ def _spec(key: str, recipe: Any, folders: Iterator[Path], package_dirs: Sequence
             raise InputError("missing: give either urdf or robots", "urdf")
         given |= {file: _written(content, folder / f"carried.{file}") for file, content in own.items()}
         if own["urdf"].text is not None:
-            place_meshes(given["urdf"], package_dirs)
-        examples = examples_folder()
+            schema.place_meshes(given["urdf"], package_dirs)
+        examples = schema.examples_folder()
         given["package_dirs"] = [*package_dirs, *([] if examples is None else [examples.parents[1]])]
         return RobotSpec.from_mapping({**given, "xacro_args": None}, folder)
 
@@ -269,20 +260,21 @@ class SceneDocument(Section):
 
     hash: str = key(document.sha)
     content: Mapping[str, Any] = key(document.plain)
-    files: Mapping[str, str] = key(carried_files, factory=dict)
+    files: Mapping[str, str] = key(schema.carried_files, factory=dict)
 
     def check(self) -> None:
         content = document.mapping("content", self.content)
         with document.within("content"):
-            check_carried("obstacles", content.get("obstacles", ()), self.files)
+            schema.check_carried("obstacles", content.get("obstacles", ()), self.files)
 
 
 def carried_scene(scene: Scene) -> dict[str, Any]:
     """Return the scene as plain data; an InputError if a file of it is gone, or has changed since it was read."""
     content = scene.to_mapping()
-    carried = {"hash": scene.content_hash(), "content": content, "files": carried_objects(content.get("obstacles", []))}
+    files = schema.carried_objects(content.get("obstacles", []))
+    carried = {"hash": scene.content_hash(), "content": content, "files": files}
     try:
-        if carried["files"]:
+        if files:
             built_scene(carried)
     except CertificateError:
         raise InputError(
@@ -295,7 +287,7 @@ def built_scene(carried: Any) -> Scene:
     """Return the scene that a document carries; an InputError if it is none, a CertificateError if its hash differs."""
     carried = document.section("carried", carried, SceneDocument)
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
-        unpack(carried.files, Path(folder))
+        schema.unpack(carried.files, Path(folder))
         try:
             scene = Scene.from_mapping(carried.content, Path(folder))
         except InputError as error:

@@ -328,9 +328,6 @@ def _late(stops: Stops, people: People) -> Iterator[Violation]:
         yield Violation("separation", edges[j], edges[j + 1], edges[j], names, value, people.clearance, decided)
 
 
-# ---------------------------------------------------------------------------------------- way points, timed
-
-
 def retime(motion: Any, robot: Robot, scene: Scene, limits: RateLimits | None = None, **options: Any) -> Trajectory:
     """Return the fastest trajectory along way points that something else made; times that they have are thrown away.
 

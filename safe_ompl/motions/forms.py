@@ -36,7 +36,7 @@ def straight(times: ArrayLike | None, points: ArrayLike, name: str) -> Pieces:
         held = np.repeat(held, 2, axis=0)
     if len(held) < 2:
         raise InputError(f"must be two at least, got {len(held)}", name)
-    at = _times(times, len(held))
+    at = np.arange(float(len(held))) if times is None else _increasing(times, len(held), "times")
     ends = np.stack([held[:-1], held[1:]], axis=1)
     return at, *polynomials.hermite(np.diff(at), ends, None, None)
 
@@ -97,10 +97,6 @@ def unwound(coefficients: FloatArray, rounding: FloatArray | None, robot: Robot)
     found = coefficients - np.stack([before, turns], axis=1)
     error = 2 * polynomials.EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
     return found, error if rounding is None else rounding + error
-
-
-def _times(given: ArrayLike | None, count: int) -> FloatArray:
-    return np.arange(float(count)) if given is None else _increasing(given, count, "times")
 
 
 def _increasing(times: ArrayLike, count: int | None, name: str) -> FloatArray:

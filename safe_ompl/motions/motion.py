@@ -12,16 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import (
-    FloatArray,
-    InputError,
-    documents,
-    finite_array,
-    float_array,
-    polynomials,
-    shown,
-    whole_number,
-)
+from safe_ompl.common import FloatArray, InputError, documents, finite_array, float_array, polynomials, shown
 from safe_ompl.motions import forms
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import RATE_TOLERANCE, Trajectory
@@ -151,7 +142,7 @@ class Motion:
 
     def derivative(self, time: float | ArrayLike, order: int = 1) -> FloatArray:
         """Return the derivative by time of an order, as `at`; 0 before and after, at knots that of the later piece."""
-        order = whole_number("order", order, at_least=0)
+        order = documents.whole_number("order", order, at_least=0)
         given = float_array(time, (None,) if np.ndim(time) else (), "time")
         if np.isnan(given).any():
             raise InputError("time must be a number of seconds, got nan")

@@ -12,17 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_ompl.common import (
-    FloatArray,
-    InputError,
-    IntArray,
-    Section,
-    UnknownNameError,
-    documents as document,
-    files,
-    key,
-    shown,
-)
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, documents as document, files, shown
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number, placed
 
 CORE = " mm deep"  # the end of the names of what is so deep in an obstacle that may be touched
@@ -48,7 +38,7 @@ def _obstacle(key: str, given: Any) -> Obstacle:
 
 
 @dataclass(frozen=True)
-class Scene(Section):
+class Scene(document.Section):
     """Obstacles in the world frame, that is, in the frame of the robot's base.
 
     Parameters
@@ -64,8 +54,8 @@ class Scene(Section):
         If two obstacles have the same name, or the spacing is not positive.
     """
 
-    obstacles: tuple[Obstacle, ...] = key(_obstacles, default=())
-    spacing: float = key(document.number, default=_SPACING, above=0.0)
+    obstacles: tuple[Obstacle, ...] = document.key(_obstacles, default=())
+    spacing: float = document.key(document.number, default=_SPACING, above=0.0)
 
     if TYPE_CHECKING:  # what is given, which becomes what the fields say
 

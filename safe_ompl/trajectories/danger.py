@@ -96,9 +96,6 @@ def cell_danger(
     return CellDanger(moving, field.k1 * level, moving.k2 * push)
 
 
-# ------------------------------------------------------------------------------------------------- a cap of the speed
-
-
 def danger_cap(
     curve: BlendedCurve, cells: Cells, danger: KinetostaticField, limit: float, most: FloatArray
 ) -> tuple[Cells, IntArray, FloatArray]:
@@ -131,9 +128,6 @@ def danger_cap(
         speeds[divided] = capped(divided)
         exact[divided] = most[parents[divided]]
     return cells, parents, speeds
-
-
-# ------------------------------------------------------------------------------------------- the danger of a motion
 
 
 @dataclass(frozen=True)

@@ -252,9 +252,6 @@ class Trajectory:
         return json.dumps(self.as_dict(rate), allow_nan=False)
 
 
-# ------------------------------------------------------------------------------------- points between which limits hold
-
-
 def points_within(
     at: Callable[[FloatArray], tuple[FloatArray, ...]],
     knots: FloatArray,

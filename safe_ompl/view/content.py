@@ -328,9 +328,6 @@ def _of_stages(robot: Robot, stages: Sequence[_Stage], title: str, danger: Mappi
     return ViewerContent(robot, scene, danger=danger, motions={title: shown}, movers=movers, title=title)
 
 
-# -------------------------------------------------------------------------------------------------- recordings
-
-
 Ticks = tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]
 """Header and ticks."""
 

@@ -23,9 +23,8 @@ from safe_ompl.planning import PlanResult, ProgramResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import Trajectory
-from safe_ompl.view.camera import Camera
 from safe_ompl.view.content import ViewerContent
-from safe_ompl.view.drawn_scene import DrawnScene, best_view, resampled
+from safe_ompl.view.drawn_scene import Camera, DrawnScene, best_view, resampled
 from safe_ompl.view.page import plot_kind
 from safe_ompl.view.plots import plot_check, plot_motion, plot_plan, plot_program
 from safe_ompl.view.renderer import Renderer, tone_mapped

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from safe_ompl.common import FloatArray
-from safe_ompl.view.camera import Camera, in_picture, viewing_rays
+from safe_ompl.view.drawn_scene import Camera, in_picture, viewing_rays
 from safe_ompl.view.light import FLOOR_VALUE, SUBPIXELS, Light, Painted, View, shaded
 from safe_ompl.view.rasteriser import Numbers, draw_triangles, interpolated, nearest_triangles
 from safe_ompl.view.surfaces import ColouredSurface, Surface

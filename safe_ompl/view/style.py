@@ -64,30 +64,20 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     return styles
 
 
-_CAPS = {
-    ACCELERATION: "#8b96a1",
-    "joint velocity": "#0b62b4",
-    "bends beside people": "#3aa0c9",
-    "separation": "#c8452b",
-    "contact": "#d98a1f",
-    "clamping": "#a3562a",
-    "danger": "#7d2f91",
-    "tool speed": "#00876a",
-    "link speed": "#b87a00",
-    "moving": "#0b62b4",  # and the states of a robot that is driven beside people
-    "slowed": "#b87a00",
-    "braking": "#c8452b",
-    "standing": "#3a444f",
-    "retreating": "#7d2f91",
-    "done": "#8b96a1",
-    "proven": "#0b62b4",  # and what was found of a motion that something else made
-    "not proven": "#c8452b",
-    "move": "#0b62b4",  # and steps of programs
-    "line": "#00876a",
-    "seam": "#7d2f91",
-    "gripper": "#d98a1f",
-    "wait": "#3a444f",
+# What bounds speeds; states of a robot that is driven beside people; what was found of a motion; steps of programs.
+_BY_COLOUR = {
+    "#8b96a1": (ACCELERATION, "done"),
+    "#0b62b4": ("joint velocity", "moving", "proven", "move"),
+    "#3aa0c9": ("bends beside people",),
+    "#c8452b": ("separation", "braking", "not proven"),
+    "#d98a1f": ("contact", "gripper"),
+    "#a3562a": ("clamping",),
+    "#7d2f91": ("danger", "retreating", "seam"),
+    "#00876a": ("tool speed", "line"),
+    "#b87a00": ("link speed", "slowed"),
+    "#3a444f": ("standing", "wait"),
 }
+_CAPS = {name: code for code, names in _BY_COLOUR.items() for name in names}
 _OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
 
 

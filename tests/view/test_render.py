@@ -11,8 +11,7 @@ from matplotlib.image import imread
 from safe_ompl import Box, InputError, Obstacle, PlanResult, Pose, Robot, Scene, Sphere
 from safe_ompl.geometry import surfaces
 from safe_ompl.view import render_comparison, render_path
-from safe_ompl.view.camera import Camera, in_picture
-from safe_ompl.view.drawn_scene import DrawnScene, best_view
+from safe_ompl.view.drawn_scene import Camera, DrawnScene, best_view, in_picture
 from safe_ompl.view.rasteriser import nearest_triangles
 from safe_ompl.view.renderer import Renderer, tone_mapped
 from safe_ompl.view.surfaces import RobotBody, Surface, tessellate

@@ -124,9 +124,6 @@ def add_commands(commands: Any) -> None:
     arguments.add_package_dirs(parser)
 
 
-# ------------------------------------------------------------------------------------------------------- check
-
-
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the motion and the scenario, and return the job."""
     message = False
@@ -323,9 +320,6 @@ def _described(repair: Repair, written: MotionCheck, file: str) -> str:
         f"at most, at {repair.at:.4g} {unit}; changed: {stretches} {unit}".replace("  ", " ").rstrip()
         + f"; {slower}" * bool(slower)
     )
-
-
-# -------------------------------------------------------------------------------------------------------- tube
 
 
 def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:

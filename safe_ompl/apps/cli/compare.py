@@ -101,8 +101,11 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
     if advice:
         console.print(f"safe-ompl: no pictures: {advice}")
     else:
+        typical = {summary.planner: summary.typical for summary in summaries if summary.typical}
         with console.status("drawing"):
-            draw_comparison(setup, summaries, folder)
+            plots.plot_profiles({summary.planner: summary.profiles for summary in summaries}, folder / "profiles.png")
+            if typical:
+                render_comparison(setup.robot, setup.scene, typical, folder / "paths.png")
     console.print(f"report{'' if advice else ' and pictures'} in {folder}")
     console.print(f"see them move: safe-ompl view {campaign.scenario.file or name}")
     return status or int(not all(summary.solved for summary in summaries))
@@ -131,15 +134,6 @@ def _trade_off(title: str, setup: SafeSetup, options: argparse.Namespace) -> int
     if options.plot and front:
         plots.plot_tradeoff(front, options.plot, title=title)
     return 0 if front else 1
-
-
-def draw_comparison(setup: SafeSetup, summaries: Sequence[Summary], folder: Path) -> None:
-    """Draw what a campaign found: danger profiles, and the robot on typical paths."""
-    profiles = {summary.planner: summary.profiles for summary in summaries}
-    plots.plot_profiles(profiles, folder / "profiles.png")
-    typical = {summary.planner: summary.typical for summary in summaries if summary.typical}
-    if typical:
-        render_comparison(setup.robot, setup.scene, typical, folder / "paths.png")
 
 
 _BEST = "*"
@@ -197,8 +191,6 @@ def summary_table(name: str, summaries: Sequence[Summary], title: str | None = N
         table.add_row(summary.planner, *cells)
     return table
 
-
-# ------------------------------------------------------------------------------------------------ mbm
 
 USUAL_TIME = 5.0  # [s]
 _Solved: TypeAlias = tuple[str, int, dict[str, Any], PlanResult]  # family, index, limits that were widened, result

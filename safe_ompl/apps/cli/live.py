@@ -35,7 +35,7 @@ from safe_ompl.people import (
     facing,
     read_cameras,
 )
-from safe_ompl.people.replanning import Leg, Replanner, ReplanningOptions
+from safe_ompl.people.replanning import Leg, Replanner, ReplanningOptions, Tour
 from safe_ompl.people.simulation import (
     ALL_KEYPOINTS,
     ContactMonitor,
@@ -46,7 +46,6 @@ from safe_ompl.people.simulation import (
     ProgramSimulation,
     SightedSimulation,
     Simulation,
-    Tour,
     Walker,
     World,
     part_solids,
@@ -58,7 +57,6 @@ from safe_ompl.trajectories import PathTimer, RateLimits, Trajectory, time_path
 from safe_ompl.view import DepthRenderer, read_recording, save_page
 
 _log = logging.getLogger(__name__)
-_PLANNER = "SafeRRTConnect"
 RANDOM = "random"
 _NO_PLACE = "the scenario has no person whose place could be taken: say where"
 CLIP = "clip_0"
@@ -174,9 +172,9 @@ def _drive(
     if options.any_order:
         return _simulate(world(_tour(scenario, setup, options)), options)
     robot, prover = setup.robot, setup.motion_prover
-    result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
+    result = setup.plan(arguments.PLANNER, **arguments.run_options(options, scenario, arguments.PLANNER))
     if result.path is None:
-        output.error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
+        output.error_console().print(f"safe-ompl: {arguments.PLANNER} found no path: {result.status}")
         return 1
     if driver is not None:
         scenario = scenario_within(driver, scenario, robot, result.path)
@@ -193,9 +191,9 @@ def _tour(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) -> 
 
     def to_and_fro(start: FloatArray, goal: FloatArray) -> list[Trajectory]:
         setup.setConfigurations(start, goal)
-        result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
+        result = setup.plan(arguments.PLANNER, **arguments.run_options(options, scenario, arguments.PLANNER))
         if result.path is None:
-            raise SafeOmplError(f"{_PLANNER} found no path to {goal.round(3).tolist()}: {result.status}")
+            raise SafeOmplError(f"{arguments.PLANNER} found no path to {goal.round(3).tolist()}: {result.status}")
         ways = result.path, result.path[::-1]
         return [timed_way(way, setup.robot, setup.motion_prover, scenario) for way in ways]
 
@@ -428,9 +426,6 @@ def _add_balls(found: Actors, robot: Robot, start: FloatArray, base: FloatArray,
         room = np.array([base - _AROUND, base + _AROUND])
         found.objects[name] = Drifting(pin.SE3(np.eye(3), place), velocity, room)
         found.speeds[name] = options.mover_speed
-
-
-# ---------------------------------------------------------------------------------------------------- limits
 
 
 def people_who_move(scenario: Scenario, options: argparse.Namespace) -> People:

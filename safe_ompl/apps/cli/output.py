@@ -68,16 +68,9 @@ def _width(is_terminal: bool) -> int | None:
 
 def progress_bar(console: Console, *, hidden: bool = False) -> Progress:
     """Return a progress bar that shows only on a terminal, and leaves nothing behind."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        redirect_stdout=False,
-        disable=hidden or not console.is_terminal,
-    )
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    hidden = hidden or not console.is_terminal
+    return Progress(*columns, console=console, transient=True, redirect_stdout=False, disable=hidden)
 
 
 # ---------------------------------------------------------------------------------------------------- logs

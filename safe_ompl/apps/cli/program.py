@@ -140,9 +140,6 @@ def robots_table() -> Table:
     return table
 
 
-# ------------------------------------------------------------------------------------------------ people
-
-
 def _add_people(commands: Any) -> None:
     summary = "how far people go: reach models from recordings"
     inner = commands.add_parser("people", help=summary, description=f"{summary}.".capitalize()).add_subparsers(

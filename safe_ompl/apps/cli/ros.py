@@ -46,7 +46,6 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene
 from safe_ompl.trajectories import RateLimits
 
-_PLANNER = "SafeRRTConnect"
 _NOBODY, _SOMEBODY = "none", "somebody"
 _REHEARSED = 12  # ticks
 
@@ -216,7 +215,7 @@ def cell_of(
             else:
                 shield.start(start)
             return shield
-        result = setup.plan(_PLANNER, **arguments.run_options(options, scenario, _PLANNER))
+        result = setup.plan(arguments.PLANNER, **arguments.run_options(options, scenario, arguments.PLANNER))
         if result.path is None:
             raise PlanningError(result.status)
         replanner = Replanner(robot, around, options=control.replanning, prover=setup.motion_prover)

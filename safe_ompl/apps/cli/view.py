@@ -140,14 +140,13 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
 
 def _loaded(given: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
     with files.reading_json(given[0]) as content:
-        if isinstance(content, dict) and content.get("format") == schema.FORMAT:
-            if len(given) > 1:
-                raise InputError(f"one certificate at a time, not {', '.join(given)}")
+        form = content.get("format") if isinstance(content, dict) else None
+        if form in (schema.FORMAT, PROGRAM_FORMAT) and len(given) > 1:
+            raise InputError(f"one certificate at a time, not {', '.join(given)}")
+        if form == schema.FORMAT:
             schema.check_form(content)
             return ViewerContent.of_certificate(content, built_robot(content["robot"], package_dirs=package_dirs))
-        if isinstance(content, dict) and content.get("format") == PROGRAM_FORMAT:
-            if len(given) > 1:
-                raise InputError(f"one certificate at a time, not {', '.join(given)}")
+        if form == PROGRAM_FORMAT:
             return ViewerContent.of_program_certificate(content, Path(given[0]).stem, package_dirs)
     loaded = [load(file, package_dirs=package_dirs) for file in given]
     title = Path(given[0]).stem

@@ -274,9 +274,6 @@ class RosNode:
         self._controller.blocked = f"{count} nodes publish {topic}" if count > 1 else ""
 
 
-# --------------------------------------------------------------------------------------------------- the action
-
-
 def trajectory_action() -> Any:
     """Return the class of the action; raise InputError where there is none."""
     try:

@@ -18,16 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.verifier.verify import TIME, Terms, Verified, malformed_refused, verify
-from safe_ompl.common import (
-    CertificateError,
-    FloatArray,
-    InputError,
-    Section,
-    clock,
-    documents as document,
-    key,
-    number,
-)
+from safe_ompl.common import CertificateError, FloatArray, InputError, Section, clock, documents as document, key
 from safe_ompl.geometry import Obstacle
 from safe_ompl.io import built_robot, built_scene, schema
 from safe_ompl.robot import Robot, robot_hash
@@ -129,7 +120,7 @@ def verify_program(
     InputError
         As `verify`.
     """
-    end = clock() + number("time", time, above=0.0, kind="number of seconds")
+    end = clock() + document.number("time", time, above=0.0, kind="number of seconds")
     with malformed_refused():
         schema.check_form(content, PROGRAM_FORMAT, VERSION)
         program: _Program = document.section("certificate", content, _Program)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
         stop_as_dict as stop_as_dict,
     )
     from safe_ompl.people.replanning.guarded_path import PathLimits as PathLimits
-    from safe_ompl.people.replanning.replanner import Leg as Leg, Legs as Legs, Replanner as Replanner
+    from safe_ompl.people.replanning.replanner import Leg as Leg, Legs as Legs, Replanner as Replanner, Tour as Tour
     from safe_ompl.people.replanning.shield import Shield as Shield, ShieldCommand as ShieldCommand
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

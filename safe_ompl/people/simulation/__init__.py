@@ -25,7 +25,6 @@ if TYPE_CHECKING:
         Simulation as Simulation,
         Summary as Summary,
     )
-    from safe_ompl.people.simulation.tour import Tour as Tour
     from safe_ompl.people.simulation.variants import (
         ProgramSimulation as ProgramSimulation,
         SightedSimulation as SightedSimulation,

@@ -152,9 +152,6 @@ class World:
         return who_is_where(self.keypoints(time), {name: mover.at(time) for name, mover in self.objects.items()})
 
 
-# -------------------------------------------------------------------------------------------------------- walkers
-
-
 class Walker:
     """A person who walks about at random, turns, and reaches out with both arms.
 

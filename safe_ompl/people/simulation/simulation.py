@@ -15,9 +15,8 @@ import pinocchio as pin
 from safe_ompl.collision import fresh_data
 from safe_ompl.common import FloatArray, Section, fraction, key, number
 from safe_ompl.people import ReachSets, ReachViolation, Surroundings
-from safe_ompl.people.replanning import Command, Doing, Replanner
+from safe_ompl.people.replanning import Command, Doing, Replanner, Tour
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
-from safe_ompl.people.simulation.tour import Tour
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
 

@@ -9,10 +9,9 @@ from typing import Any
 from safe_ompl.common import FloatArray
 from safe_ompl.io import ticks_header
 from safe_ompl.people import DepthFrame
-from safe_ompl.people.replanning import Command, Leg, Legs, Replanner
+from safe_ompl.people.replanning import Command, Leg, Legs, Replanner, Tour
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.people.simulation.simulation import ContactMonitor, Faults, Simulation
-from safe_ompl.people.simulation.tour import Tour
 from safe_ompl.trajectories import Trajectory
 
 # Renders what cameras of these names see of a robot at q (n,) and of solids: depths (H, W) [m].

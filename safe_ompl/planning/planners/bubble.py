@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import INSIDE, Bubble, CollisionChecker, bubbles
+from safe_ompl.collision import INSIDE, Bubble, bubbles
 from safe_ompl.common import FloatArray, InputError, IntArray, halton_point
 from safe_ompl.planning.ompl import CollisionFreeValidity, StateBridge
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
@@ -99,11 +99,6 @@ class BubblePlanner(SafePlanner):
         self._margin = Margin(self._problem, self._danger, WORTHWHILE)
         self._band = ElasticBand(self._problem, self._danger, self._descent)
 
-    @property
-    def _checker(self) -> CollisionChecker:
-        """Robot and scene, as they are now."""
-        return self._validity.checker
-
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
@@ -128,10 +123,10 @@ class BubblePlanner(SafePlanner):
         left, best = None, 0.0
         while len(tree.open) and not ptc():
             x = tree.take(int(self._f(tree, goal).argmin()))
-            bubble = Bubble.around(x.q, self._checker, 0.0 if x.parent == ROOT else _LEAST_CLEARANCE)
+            bubble = Bubble.around(x.q, self._validity.checker, 0.0 if x.parent == ROOT else _LEAST_CLEARANCE)
             if bubble is None:
                 return None
-            margin, obstacles = self._margin.in_force, self._checker.pairs.meets_obstacle
+            margin, obstacles = self._margin.in_force, self._validity.checker.pairs.meets_obstacle
             narrow = margin > 0 and (bubble.distances < margin)[obstacles].any()
             if narrow and not x.penalty and x.parent != ROOT:
                 tree.open.extend(1, **x._replace(penalty=_PENALTY)._asdict())  # and back
@@ -191,14 +186,14 @@ class BubblePlanner(SafePlanner):
         values, usual, slope = cost.values(points), cost.usual_value, self._danger.slope
         if not (usual > 0 and slope > 0):
             return np.zeros(len(points))
-        rates = self._checker.robot.bounds.arm_rates
+        rates = self._validity.checker.robot.bounds.arm_rates
         metres = float(np.sqrt(np.mean(rates**2))) / slope
         return metres * usual * np.log1p(values / usual)
 
     # -------------------------------------------------------------------------------------------- the trees
 
     def _forget(self) -> None:
-        self._metric = JointMetric(self._bridge, self._checker.robot.bounds.arm_rates, taxicab=False)
+        self._metric = JointMetric(self._bridge, self._validity.checker.robot.bounds.arm_rates, taxicab=False)
         self._structure = self._volumes = volume_trees(self._bridge, self._metric, diverse=False)
         self._turns = self._places = 0
         self._decay.reset()
