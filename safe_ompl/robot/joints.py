@@ -258,11 +258,8 @@ def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) 
 
 def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: str) -> None:
     """Narrow the limits of joints that others mimic, so that these keep to theirs."""
-    limits: dict[str, tuple[float, float]] = {}
-    for name in list(model.names)[1:]:
-        ends = limits_of(model, name)
-        if ends is not None:  # it is not continuous
-            limits[name] = ends
+    known = {name: limits_of(model, name) for name in list(model.names)[1:]}
+    limits = {name: ends for name, ends in known.items() if ends is not None}  # of those that are not continuous
     for name, mimic in mimics.items():
         if mimic.primary not in limits:
             raise InputError(f"joint {name!r} mimics {mimic.primary!r}, which is continuous: lock one of them", source)

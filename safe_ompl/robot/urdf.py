@@ -321,14 +321,12 @@ class UrdfFile:
 
     def mimics(self) -> Mapping[str, Mimic]:
         """Return the mimic joints by name."""
-        found = {}
-        for joint in self._root.iter("joint"):
-            tag = joint.find("mimic")
-            if tag is not None:
-                found[joint.get("name", "")] = Mimic(
-                    tag.get("joint", ""), float(tag.get("multiplier", 1.0)), float(tag.get("offset", 0.0))
-                )
-        return found
+        tags = {joint.get("name", ""): joint.find("mimic") for joint in self._root.iter("joint")}
+        return {
+            name: Mimic(tag.get("joint", ""), float(tag.get("multiplier", 1.0)), float(tag.get("offset", 0.0)))
+            for name, tag in tags.items()
+            if tag is not None
+        }
 
     @cached_property
     def _readable_text(self) -> str:

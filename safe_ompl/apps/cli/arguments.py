@@ -71,7 +71,7 @@ def option(
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
-    """Add the permission to replace files; every command that writes some has it."""
+    """Add the permission to replace files; every command that writes some gets it, see `command_line`."""
     option(parser, "--force", "replace files that exist")
 
 
@@ -100,7 +100,6 @@ def add_reach(parser: argparse.ArgumentParser) -> None:
 def add_mcap(parser: argparse.ArgumentParser) -> None:
     """Add the log that Foxglove opens."""
     option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)", output.LOG)
-    add_force(parser)
 
 
 def add_clear(parser: argparse.ArgumentParser) -> None:
@@ -174,7 +173,7 @@ def add_collision_option(parser: argparse._ActionsContainer) -> None:
 
 
 def add_package_dirs(parser: argparse._ActionsContainer) -> None:
-    """Add folders of packages that URDFs name; every command that loads a robot or a saved file has the option."""
+    """Add folders of packages that URDFs name; every command that loads a robot or a saved file gets it."""
     option(parser, "--package-dir DIR", "holds packages that a URDF names (repeatable)", _folder, [])
 
 
@@ -218,9 +217,6 @@ def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
     if options.keep_upright:
         given["tool"] = ToolConstraint(options.keep_upright)
     return dataclasses.replace(scenario, limits=dataclasses.replace(scenario.limits, **given))
-
-
-# ----------------------------------------------------------------------------------------------- scenarios
 
 
 def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = (), *, goal: bool = False) -> Scenario:

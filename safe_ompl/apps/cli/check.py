@@ -94,11 +94,9 @@ def add_commands(commands: Any) -> None:
     option(parser, "--plot FILE", "draw joints, limits and distances (.png, …)", output.PICTURE)
     words = "leave out times and rates, and drive the way points as fast as limits and people allow, in straight lines"
     add_timed_options(parser, "--retime", words)
-    arguments.add_force(parser)
     words = "write one file that shows it in three dimensions and opens offline, with a play bar (.html)"
     option(parser, "--html FILE", words, output.PAGE)
     arguments.add_limit_options(parser)
-    arguments.add_package_dirs(parser)
     parser = arguments.add_parser(
         commands,
         "tube",
@@ -121,7 +119,6 @@ def add_commands(commands: Any) -> None:
     option(parser, "--factor F", "tube over largest error, >= 1", arguments.limit, FACTOR)
     option(parser, "--degrees", "joints that turn are in degrees; needs the robot")
     option(parser, "--scenario SCENARIO", "with its robot: whole turns are no error")
-    arguments.add_package_dirs(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:

@@ -50,8 +50,6 @@ def add_commands(commands: Any) -> None:
     )
     arguments.add_workers(parser, "runs")
     option(parser, "--out DIR", "folder for report and pictures (default: compare-SCENARIO)", Path)
-    arguments.add_force(parser)
-    arguments.add_package_dirs(parser)
     words = "what safety costs: paths between the shortest and the least dangerous one"
     parser = arguments.add_parser(commands, "tradeoff", prepare_tradeoff, words)
     arguments.add_scenario(parser)
@@ -60,9 +58,7 @@ def add_commands(commands: Any) -> None:
     option(parser, "--seed N", "random seed (default: 0)", arguments.random_seed, 0)
     option(parser, "--json FILE", "write weights and paths as JSON; -: print it, and no table", output.JSON_FILE)
     option(parser, "--plot FILE", "draw length and danger of the paths (.png, …)", output.PICTURE)
-    arguments.add_force(parser)
     arguments.add_limit_options(parser)
-    arguments.add_package_dirs(parser)
     _add_mbm(commands)
 
 
@@ -210,9 +206,7 @@ def _add_mbm(commands: Any) -> None:
     read = output.output_file(".jsonl", ".json", output.STANDARD_OUTPUT)
     option(parser, "--json FILE", "a line for each; default: standard output", read, output.STANDARD_OUTPUT)
     arguments.add_workers(parser, "problems")
-    arguments.add_force(parser)
     option(parser, "--robot ROBOT", "an example robot, or a scenario with the robot; default: the file's")
-    arguments.add_package_dirs(parser)
 
 
 def prepare_mbm(options: argparse.Namespace) -> Callable[[], int]:

@@ -51,9 +51,7 @@ def add_commands(commands: Any) -> None:
         "write what was commanded and measured, for `safe-ompl tube` (.csv, .npz)",
         output.output_file(".csv", ".npz"),
     )
-    arguments.add_force(parser)
     arguments.add_planner_options(parser, usual_time="the scenario's")
-    arguments.add_package_dirs(parser)
 
 
 def add_robot(parser: argparse.ArgumentParser, *, required: bool = False) -> None:

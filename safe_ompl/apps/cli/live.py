@@ -103,7 +103,6 @@ def add_commands(commands: Any) -> None:
     words = "reach each of the goal's configurations, and the start, in whichever order is soonest"
     option(parser, "--any-order", words)
     arguments.add_run_options(parser, usual_time="the scenario's")
-    arguments.add_package_dirs(parser)
     group = parser.add_argument_group("faults")
     option(group, "--noise M", "largest error of key points, known to the tracker [m]", arguments.noise, 0.0)
     option(group, "--drops SHARE", "share of the frames that are lost", arguments.share, 0.0)
@@ -122,10 +121,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         driver, scenario = robot_driver(options, scenario, robot)
     people = people_who_move(scenario, options)
     found = choose_actors(scenario, robot, people, options)
-    if people.reach is not None:
-        gate = CalibratedReach.load(people.reach).gate
-        for mover in found.people.values():
-            mover.tracker = replace(mover.tracker, gate=gate)
+    gate = gate_of(people)
+    for mover in found.people.values():
+        mover.tracker = replace(mover.tracker, gate=gate)
     still = limits_of_still(scenario, found.still, beside_people=bool(found.people))
     output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
@@ -437,3 +435,8 @@ def people_who_move(scenario: Scenario, options: argparse.Namespace) -> People:
     clearance = max(people.clearance, scenario.limits.min_clearance)
     with document.within("--", separator=""):
         return replace(people, who=None, clearance=clearance, reach=options.reach or people.reach)
+
+
+def gate_of(people: People) -> float | None:
+    """Return the gate with which the reach of people was calibrated [m/s]; None where they have none."""
+    return None if people.reach is None else CalibratedReach.load(people.reach).gate

@@ -68,13 +68,11 @@ def add_commands(commands: Any) -> None:
     option(parser, "urdf URDF", "the robot's URDF")
     read = output.output_file(".yaml", ".yml")
     option(parser, "-o, --output FILE", "where the scenario goes (.yaml)", read, required=True)
-    arguments.add_force(parser)
     words = "write a program for an arm with a gripper: it takes a cube from a table and puts it elsewhere"
     option(parser, "--pick-and-place", words)
     option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
     option(parser, "--tip FRAME", "frame at the end of the arm")
     option(parser, "--group NAME", "group of the SRDF whose joints move; the others are held")
-    arguments.add_package_dirs(parser)
     arguments.add_xacro_args(parser)
     arguments.add_collision_option(parser)
     parser = arguments.add_parser(
@@ -88,8 +86,6 @@ def add_commands(commands: Any) -> None:
     option(parser, "urdf URDF", "the robot's URDF")
     read = output.output_file(".srdf", ".xml", output.STANDARD_OUTPUT)
     option(parser, "-o, --output FILE", "default: standard output", read, output.STANDARD_OUTPUT)
-    arguments.add_force(parser)
-    arguments.add_package_dirs(parser)
     arguments.add_xacro_args(parser)
     arguments.add_collision_option(parser)
 

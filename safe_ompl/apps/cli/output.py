@@ -8,7 +8,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from errno import EISDIR
 from importlib.util import find_spec
 from logging.handlers import MemoryHandler
@@ -250,15 +250,9 @@ def make_folder(folder: Path, option: str, names: Iterable[str], *, force: bool)
             )
 
 
-@contextmanager
-def opened(file: str) -> Iterator[IO[str]]:
+def opened(file: str) -> AbstractContextManager[IO[str]]:
     """Open a file to write lines to, of which those that are finished are kept; ``-`` is standard output."""
-    if file == STANDARD_OUTPUT:
-        yield sys.stdout
-        sys.stdout.flush()
-    else:
-        with Path(file).open("w", encoding="utf-8") as stream:
-            yield stream
+    return nullcontext(sys.stdout) if file == STANDARD_OUTPUT else Path(file).open("w", encoding="utf-8")
 
 
 def write_json(file: str, content: Any) -> None:

@@ -46,9 +46,7 @@ def add_commands(commands: Any) -> None:
     words = "write the path with its proof, for `safe-ompl verify` (.json)"
     option(parser, "--certificate FILE", words, output.JSON_FILE)
     add_timed_options(parser)
-    arguments.add_force(parser)
     arguments.add_limit_options(parser)
-    arguments.add_package_dirs(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -231,8 +229,6 @@ def describe_timing(trajectory: Trajectory) -> str:
     bounds = ", ".join(f"{name} {100 * span / trajectory.duration:.0f} %" for name, span in shown)
     return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"
 
-
-# ---------------------------------------------------------------------------------------------------- programs
 
 _NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "starts", "workers", "timed", "rate", "timed_plot")
 

@@ -24,6 +24,9 @@ from safe_ompl.version import __version__
 
 BAD_INPUT, BROKEN_PIPE = 2, 141
 _SHOWN = 0.3  # [s] of what a reach says
+# Commands that write no file of their own, and those that load neither a robot nor a saved file.
+_WITHOUT_FILES = ("people", "scenarios", "robots", "doctor", "verify", "tube")
+_WITHOUT_ROBOT = ("people", "scenarios", "robots", "doctor", "report")
 
 _FIRST = (
     "to begin with: plan, view, check. First steps: safe-ompl view panda_shelf; for your own robot: "
@@ -50,9 +53,10 @@ def main(words: Sequence[str] | None = None) -> int:
             job = options.prepare(options)
             show()
             return int(job())
+    except BrokenPipeError:  # a pipe's end: no message, and none of Python's own when it closes stdout
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
     except (SafeOmplError, OSError) as error:
-        if isinstance(error, BrokenPipeError):
-            return _broken_pipe()
         said = str(error)
         if isinstance(error, OSError) and error.filename is not None:
             said = f"{error.filename}: {error.strerror}"
@@ -80,16 +84,14 @@ def command_line() -> argparse.ArgumentParser:
     for command in (plan, view, check, new, verify, compare, live, drive, report, ros):
         command.add_commands(commands)
     add_commands(commands)
-    for own in commands.choices.values():
+    for name, own in commands.choices.items():
+        if name not in _WITHOUT_FILES:
+            arguments.add_force(own)
+        if name not in _WITHOUT_ROBOT:
+            arguments.add_package_dirs(own)
         option(own, "-v, --verbose", "show what is being done")
         own.epilog = _EPILOG
     return parser
-
-
-def _broken_pipe() -> int:
-    """End without a message, as programs in a pipe do; Python would else report an error when it closes stdout."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return BROKEN_PIPE
 
 
 def add_commands(commands: Any) -> None:

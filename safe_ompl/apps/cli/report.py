@@ -47,7 +47,6 @@ def add_commands(commands: object) -> None:
     option(parser, "log LOG", f"ticks (.jsonl), a log (.mcap), or a folder with {TICKS}")
     option(parser, "--json FILE", "write all figures, over time too", output.JSON_FILE)
     option(parser, "--html FILE", "write a page with a picture (.html)", output.output_file(".html", extra="plots"))
-    arguments.add_force(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:

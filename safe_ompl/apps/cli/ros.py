@@ -14,7 +14,7 @@ import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import people_who_move, program_legs, timed_way
+from safe_ompl.apps.cli.live import gate_of, people_who_move, program_legs, timed_way
 from safe_ompl.apps.exchange import (
     ACTION,
     Cell,
@@ -30,15 +30,7 @@ from safe_ompl.apps.exchange import (
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
-from safe_ompl.people import (
-    CalibratedReach,
-    OccupancyGrid,
-    OccupancyOptions,
-    Surroundings,
-    TrackedBody,
-    Tracker,
-    find_skeleton,
-)
+from safe_ompl.people import OccupancyGrid, OccupancyOptions, Surroundings, TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.planning import PROGRAM_TIME, plan_program, program_robot, setup_scenario
@@ -100,7 +92,6 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         option(parser, f"--{name} X", what, arguments.limit, usual)
     arguments.add_mcap(parser)
     arguments.add_run_options(parser, usual_time="the scenario's")
-    arguments.add_package_dirs(parser)
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,
@@ -118,9 +109,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=bool(options.controller))
     if scenario.program is not None:
         arguments.refuse(options, ("shield", "simplify", "depth"), "is for paths to goals; the scenario has a program")
-    reach = people_who_move(scenario, options).reach
-    gate = None if reach is None else CalibratedReach.load(reach).gate
-    trackers = trackers_of(scenario, options, gate)
+    trackers = trackers_of(scenario, options, gate_of(people_who_move(scenario, options)))
     control = ControlOptions(
         ReplanningOptions(tick=options.tick, lost_after=options.lost_after),
         latency=min(options.latency, options.tick),

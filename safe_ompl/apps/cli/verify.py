@@ -46,7 +46,6 @@ def add_commands(commands: Any) -> None:
     option(parser, "file FILE", "the certificate")
     option(parser, "scenario SCENARIO", "what it must be about; default: what the file carries", nargs="?")
     option(parser, "--time SECONDS", "leave undecided what is not verified by then", arguments.seconds, TIME)
-    arguments.add_package_dirs(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:

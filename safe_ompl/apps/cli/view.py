@@ -54,13 +54,11 @@ def add_commands(commands: Any) -> None:
         _PLANNERS,
     )
     arguments.add_run_options(parser, usual_time="the scenario's")
-    arguments.add_package_dirs(parser)
     option(parser, "--html FILE", "write one file that opens offline, with a play bar (.html)", output.PAGE)
     words = "write the motions side by side as one moving picture (.webp or .gif)"
     option(parser, "--animation FILE", words, output.output_file(*ANIMATION_ENDINGS, extra="plots"))
     option(parser, "--port N", "port; the next free one if it is taken", arguments.port, 8080)
     option(parser, "--no-browser", "do not open the browser, only say the address")
-    arguments.add_force(parser)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:

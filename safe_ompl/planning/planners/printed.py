@@ -173,11 +173,9 @@ class PaperSafeJTRRT(SafePlanner):
     danger_threshold = Parameter(
         0.0, "CDF_Threshold: danger from which on a step towards the goal is refused; 0 for none."
     )
-    _trees: Approach
     transpose = Parameter(False, "Whether the step is k₂JᵀΔx, as in the classical JT-RRT.")
-
-    def _make_parts(self) -> None:
-        self._goal: Any = None
+    _trees: Approach
+    _goal: Any = None
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_JT-RRT."""
