@@ -36,7 +36,7 @@ CPU = {  # name and instructions, as LLVM calls them; elsewhere the instructions
 def all_kernels() -> Iterator[Any]:
     """Yield all kernels of the package that are kept: not parts of them."""
     import safe_ompl
-    from safe_ompl.common.compilation import sources
+    from safe_ompl.common.machine_code import sources
 
     package = Path(safe_ompl.__file__).parent
     for path in sources(package):
@@ -49,7 +49,7 @@ def all_kernels() -> Iterator[Any]:
 
 def copy_kept(kernels: Iterable[Any], package: Path) -> None:
     """Copy what is kept of kernels to where a package would hold it."""
-    from safe_ompl.common.compilation import PLATFORM, shipped_files
+    from safe_ompl.common.machine_code import PLATFORM, shipped_files
 
     folder = package / "machine_code" / PLATFORM
     folder.mkdir(parents=True)

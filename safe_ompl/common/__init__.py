@@ -15,7 +15,6 @@ if TYPE_CHECKING:
         expanded as expanded,
         inlined as inlined,
         maker as maker,
-        origin as origin,
         part as part,
         until_ctrl_c as until_ctrl_c,
     )
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
         shown as shown,
         whole_number as whole_number,
     )
+    from safe_ompl.common.machine_code import origin as origin
     from safe_ompl.common.models import (
         Changes as Changes,
         Counts as Counts,

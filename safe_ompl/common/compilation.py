@@ -14,15 +14,12 @@ from __future__ import annotations
 import gc
 import logging
 import os
-import pickle
-import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property, lru_cache, partial, update_wrapper
-from hashlib import blake2b
+from functools import cached_property, lru_cache, partial, update_wrapper
 from pathlib import Path
 from pkgutil import resolve_name
 from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
@@ -30,31 +27,19 @@ from time import perf_counter
 from types import FrameType
 from typing import Any, TypeVar
 
-import llvmlite
-import numba
 from numba import njit
 from numba.core import event, serialize
-from numba.core.caching import IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.typed_passes import NativeLowering
 from numba.core.types.misc import unliteral
 
 from safe_ompl.common.errors import warn_once
+from safe_ompl.common.machine_code import PACKAGE, ROOT, digest, kept, load_whole
 
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_PACKAGE = __name__.partition(".")[0] + "."
-_ROOT = Path(__file__).parents[__name__.count(".") - 1]
-_MACHINE_CODE = _ROOT / "machine_code"  # of a wheel that holds it: folders for some Python and Numba each, named so:
-PLATFORM = f"{sys.implementation.cache_tag}-numba-{numba.__version__}-llvmlite-{llvmlite.__version__}"
-_BEGINNING = 8000  # bytes of a file that hold its imports
-_WORDS = b"compiled", b"part", b"caller", b"maker", b"inlined", b"expanded"
-_IMPORTED = re.compile(
-    rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:{b'|'.join(_WORDS).decode()})\b".encode(), re.MULTILINE
-)
-
 # Of parts, too: Numba compiles its own functions, such as np.empty, once for each set of options.
 _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": True}
 _NOT_KEPT = "each time, as no folder to keep them in can be written to; name one with NUMBA_CACHE_DIR"
@@ -106,8 +91,8 @@ def _kernel(function: Any, options: dict[str, Any]) -> Any:
         _compilation.kept = _NOT_KEPT
     else:  # Numba looks at the kernel's own file only, although what other kernels do is compiled into it
         files = kernel._cache._cache_file
-        files._source_stamp = files._source_stamp, _digest(_ROOT)
-    _load_whole(kernel)
+        files._source_stamp = files._source_stamp, digest(ROOT)
+    load_whole(kernel)
     return _without_literals(kernel)
 
 
@@ -226,9 +211,9 @@ def compile_together(kernels: Sequence[Any], jobs: Sequence[str]) -> None:
     `kernels`, which the jobs call, are on disk already, or nothing can be kept, or within a job. Whatever becomes of
     the other process, only time is lost: what it has not kept is compiled where it is called.
     """
-    kept = [_kept(kernel) for kernel in kernels]
+    found = [kept(kernel) for kernel in kernels]
     python = Path(sys.executable or "").name.startswith("python")  # and not a program that Python is part of
-    if _compilation.shared or None in kept or all(kept) or os.cpu_count() == 1 or not python:
+    if _compilation.shared or None in found or all(found) or os.cpu_count() == 1 or not python:
         return
     queue, end = os.pipe()
     os.write(end, bytes(range(len(jobs))))
@@ -279,80 +264,6 @@ def until_ctrl_c() -> Iterator[None]:
         yield
 
 
-def shipped_files(kernel: Any, folder: Path | None = None) -> IndexDataCacheFile:
-    """Return the files of a kernel's machine code in a folder: that of the wheel for this Python and Numba if None."""
-    name = f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}"
-    return IndexDataCacheFile(str(folder or _MACHINE_CODE / PLATFORM), name, _digest(_ROOT))
-
-
-def origin(kernel: Any) -> str:
-    """Say in a line where the machine code of kernels comes from, by one of them: the wheel, or this machine."""
-    if _shipped(kernel):
-        return "machine code of the wheel"
-    held = ", ".join(sorted(path.name for path in _MACHINE_CODE.glob("*")))
-    return f"compiled here: the wheel's are for {held}, or other instructions" if held else "compiled here"
-
-
-def _shipped(kernel: Any) -> dict[Any, Path]:
-    """Return by signature the files with a kernel's machine code that the wheel holds and this processor can run.
-
-    It was compiled from the same sources for some instructions, all of which this process may use.
-    """
-    files = shipped_files(kernel)
-    triple, _, features = kernel.targetctx.codegen().magic_tuple()
-    return {
-        signature: Path(files._data_path(name))
-        for (signature, (known, _, needed), _), name in files._load_index().items()
-        if known == triple and set(needed.split(",")) <= {"", *features.split(",")}
-    }
-
-
-def _load_whole(kernel: Any) -> None:
-    """Let a kernel be loaded as a whole or not at all: anew where its files are damaged, and Ctrl-C waits.
-
-    The loader calls Python back from C, where an exception cannot pass: with half a kernel the process crashes. Numba
-    itself stays broken where Ctrl-C comes while it prepares for the first one.
-    """
-    cache = kernel._cache
-    load = cache.load_overload
-
-    def loaded(signature: Any, context: Any) -> Any:
-        with _ctrl_c_waits():
-            try:
-                found = load(signature, context)
-                if found is None and (path := _shipped(kernel).get(signature)):
-                    found = CompileResult._rebuild(context, *pickle.loads(path.read_bytes()))
-                return found
-            except Exception as error:  # of any kind: what is damaged may say anything
-                _log.warning("%s: a kernel that was kept is damaged (%s), and compiled anew", cache.cache_path, error)
-                cache.flush()
-                return None
-
-    cache.load_overload = loaded
-
-
-@contextmanager
-def _ctrl_c_waits() -> Iterator[None]:
-    """Have a Ctrl-C handled after a block; only the main thread is told of it."""
-    handler, told = signal.getsignal(signal.SIGINT), list[Any]()
-    if not callable(handler) or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    signal.signal(signal.SIGINT, lambda *arguments: told.append(arguments))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
-        if told:
-            handler(*told[0])
-
-
-def _kept(kernel: Any) -> dict[Any, Any] | None:
-    """Return what is on disk of a kernel by its signatures, or None where nothing can be kept."""
-    index = getattr(getattr(getattr(kernel, "_cache", None), "_cache_file", None), "_load_index", None)
-    return None if index is None else index() or _shipped(kernel)
-
-
 def do_jobs(queue: int, jobs: Sequence[str]) -> None:
     """Do the jobs whose numbers come from a pipe, a byte each, until there are none."""
     collects, _compilation.shared = gc.isenabled(), True
@@ -364,31 +275,6 @@ def do_jobs(queue: int, jobs: Sequence[str]) -> None:
         _compilation.shared = False
         if collects:
             gc.enable()
-
-
-def sources(package: Path) -> list[Path]:
-    """Return the files below a package's folder that may hold kernels: those that import a decorator of this file.
-
-    Their beginnings are read for that, which takes some 10 ms: less than importing a few of them.
-    """
-    found = []
-    for folder, _, names in os.walk(package):
-        for name in names:
-            if name.endswith(".py"):
-                with open(os.path.join(folder, name), "rb", buffering=0) as file:
-                    beginning = file.read(_BEGINNING)
-                if any(word in beginning for word in _WORDS) and _IMPORTED.search(beginning):
-                    found.append(Path(folder, name))
-    return sorted(found)
-
-
-@cache
-def _digest(package: Path) -> str:
-    """Return a digest of the files with kernels, and of what compiles them: of their contents, wherever they are."""
-    found = blake2b()
-    for path in (Path(__file__), Path(__file__).with_name("stack.py"), *sources(package)):
-        found.update(str(path.relative_to(package)).encode() + path.read_bytes())
-    return found.hexdigest()
 
 
 class _Compilation(event.Listener):  # type: ignore[misc]
@@ -410,7 +296,7 @@ class _Compilation(event.Listener):  # type: ignore[misc]
         self._handler: Any = None
 
     def on_start(self, event: Any) -> None:
-        if not event.data["dispatcher"].__module__.startswith(_PACKAGE):
+        if not event.data["dispatcher"].__module__.startswith(PACKAGE):
             return
         warn_once(_log, f"compiling kernels for this machine, which takes 10 s to a minute: {self.kept}")
         if not self._depth:
@@ -422,7 +308,7 @@ class _Compilation(event.Listener):  # type: ignore[misc]
         self._raise_again()
 
     def on_end(self, event: Any) -> None:
-        if not event.data["dispatcher"].__module__.startswith(_PACKAGE):
+        if not event.data["dispatcher"].__module__.startswith(PACKAGE):
             return
         self._depth -= 1
         if not self._depth:

@@ -20,7 +20,7 @@ from numba.core import event
 
 import safe_ompl
 from safe_ompl import DangerField
-from safe_ompl.common import compilation as compiled, stack
+from safe_ompl.common import compilation as compiled, machine_code, stack
 from safe_ompl.danger.kernels import danger, field
 from safe_ompl.robot import kernels as joints
 
@@ -96,7 +96,7 @@ def test_a_kernel_is_made_when_it_is_first_asked_for_and_then_kept(ask):
 def test_no_part_calls_one_that_returns_new_arrays():
     """They would never be freed: a part does not count who holds which array."""
     functions = {"maker": [], "expanded": [], "part": []}
-    for file in compiled.sources(Path(compiled.__file__).parents[1]):
+    for file in machine_code.sources(Path(compiled.__file__).parents[1]):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             for decorator in getattr(node, "decorator_list", ()):
                 functions.setdefault(ast.unparse(decorator), []).append(node)
@@ -112,7 +112,7 @@ def test_no_part_calls_one_that_returns_new_arrays():
 def test_no_kernel_multiplies_matrices_by_blas():
     """For that Numba wants SciPy, which is no requirement; loops of three are faster, too."""
     wanting = re.compile(r" @ |\bnp\.(dot|vdot|linalg|inner|cov|corrcoef|convolve|correlate)\b|\.dot\(")
-    for file in compiled.sources(Path(compiled.__file__).parents[1]):
+    for file in machine_code.sources(Path(compiled.__file__).parents[1]):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             decorators = {ast.unparse(decorator) for decorator in getattr(node, "decorator_list", ())}
             if decorators & {"caller", "compiled", "expanded", "inlined", "maker", "part"}:
@@ -231,6 +231,15 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_in_another_folder_changes(
     assert answer() == ["20.0", "1"], "a file without kernels leaves them as they are"
 
 
+def test_a_kernel_from_the_disk_is_compiled_into_one_that_calls_it(tmp_path):
+    """Its bitcode is read only then: to load kernels took ten times as long when it was always read."""
+    _package(tmp_path, "caller", "compiled")
+    first = "from safe_ompl.third.callee import one; print(one(1.0), sum(one.stats.cache_hits.values()))"
+    second = "; from safe_ompl.other.caller import two; print(two(1.0), sum(two.stats.cache_hits.values()))"
+    assert _answer(tmp_path, [first])[0] == ["1.0", "0"]
+    assert _answer(tmp_path, [first + second])[0] == ["1.0", "1", "2.0", "0"]
+
+
 SHIP = """
 import runpy, sys
 from pathlib import Path
@@ -309,7 +318,7 @@ def test_machine_code_of_the_wheel_is_loaded_where_it_fits(wheel, tmp_path, chan
 def test_kernels_call_and_use_nothing_of_files_that_are_not_watched():
     """Constants of other modules are compiled into kernels, too."""
     package = Path(safe_ompl.__file__).parent
-    files = compiled.sources(package)
+    files = machine_code.sources(package)
     assert Path(danger.__file__) in files
     names = [".".join(("safe_ompl", *file.relative_to(package).with_suffix("").parts)) for file in files]
     watched = {name.removesuffix(".__init__") for name in names} | {compiled.__name__, stack.__name__}
@@ -499,7 +508,7 @@ os.cpu_count = lambda: 2
 from types import SimpleNamespace
 from safe_ompl.common import compilation
 kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=SimpleNamespace(_load_index=lambda: {})))
-compilation._shipped = lambda kernel: {}
+compilation.kept = lambda kernel: {}
 compilation.compile_together([kernel], ["jobs:dies", "jobs:dies"])
 """
 
