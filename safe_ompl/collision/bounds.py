@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -51,6 +51,13 @@ class BoundsProof(NamedTuple):
     def covers(self, low: float, high: float) -> bool:
         """Return whether the motion is proven from one fraction to another."""
         return not any(first < high and last > low for first, last in self.left)
+
+
+class SomePairs(NamedTuple):
+    """The bodies (K, 2) of some pairs, and whether both are known exactly, (K,)."""
+
+    bodies: Any
+    exact: BoolArray
 
 
 _UNKNOWN = BoundsProof(False, -1.0, [[0.0, 1.0]])
@@ -106,19 +113,22 @@ class DistanceBounds:
         number, surely = near_pairs(*tables, values, plain(margins), largest, ALLOWANCE, near, self._memory.own[3])
         return near[:number], surely
 
-    def near(self, Q: FloatArray, pairs: IntArray, within: float, *, least: bool = False) -> FloatArray:
-        """Return which of some pairs, (K,), are nearer than `within` [m] at `Q: (B, n)`, (C, 10), row by row.
+    def near(self, Q: FloatArray, some: SomePairs, within: float, *, least: bool = False) -> FloatArray:
+        """Return which of `some` pairs are nearer than a distance [m] at `Q: (B, n)`, (C, 10), row by row.
 
         It is what `kernels.distances.pairs_within` returns, with the error of coal's distances.
         """
         if not self._bounded:
-            found = np.full((len(Q) * len(pairs), 10), -np.inf)
-            found[:, :2] = np.indices((len(Q), len(pairs))).reshape(2, -1).T
+            found = np.full((len(Q) * len(some.exact), 10), -np.inf)
+            found[:, :2] = np.indices((len(Q), len(some.exact))).reshape(2, -1).T
             return found
         self._counts.bound_queries += len(Q) if within < np.inf else 0  # else distances are asked for
-        (joints, shapes, known), values = self._data, plain(self._coupling.values(Q))
-        exact = self.exact[pairs]
-        return pairs_within(joints, shapes, known.bodies[pairs], exact, values, within, DISTANCE_ERROR, least)
+        (joints, shapes, _), values = self._data, plain(self._coupling.values(Q))
+        return pairs_within(joints, shapes, *some, values, within, DISTANCE_ERROR, least)
+
+    def some(self, pairs: IntArray) -> SomePairs:
+        """Return some pairs, (K,), to ask for what is near among them."""
+        return SomePairs(self._data[2].bodies[pairs], self.exact[pairs])
 
     def prove(self, curve: Curve, required: Required, floor: float) -> BoundsProof:
         """Try to prove a motion.

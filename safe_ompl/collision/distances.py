@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from safe_ompl.collision.bounds import DistanceBounds, SomePairs
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.kernels.distances import hinge_costs
 from safe_ompl.common import FloatArray, IntArray
@@ -63,6 +64,7 @@ class PairDistances:
         self._set = checker.pairs_within(reach)
         self._indices: IntArray = np.flatnonzero(self._set.meets_obstacle)
         self.joints: IntArray = self._set.carriers[self._indices, 0]
+        self._known: tuple[DistanceBounds, SomePairs] | None = None
 
     def __len__(self) -> int:
         return len(self._indices)
@@ -70,9 +72,17 @@ class PairDistances:
     def __repr__(self) -> str:
         return f"PairDistances({self._robot.name!r}, {len(self)} pairs)"
 
+    def _bounds(self) -> tuple[DistanceBounds, SomePairs]:
+        """Return the bounds in the scene as it is, and the pairs as these know them."""
+        bounds = self._set.bounds
+        if self._known is None or self._known[0] is not bounds:
+            self._known = bounds, bounds.some(self._indices)
+        return self._known
+
     def near(self, Q: FloatArray, within: float) -> NearPairs:
         """Return the pairs that are nearer than a distance [m] at `Q: (B, n)`, row by row."""
-        table, exact = self._set.bounds.near(Q, self._indices, within), self._set.bounds.exact[self._indices]
+        bounds, some = self._bounds()
+        table, exact = bounds.near(Q, some, within), some.exact
         if not exact.all():
             rows, pairs = table[:, :2].T.astype(np.intp)
             others = np.flatnonzero(~exact[pairs])
@@ -82,9 +92,10 @@ class PairDistances:
 
     def least(self, Q: FloatArray, within: float) -> float:
         """Return the least distance [m] at any of `Q: (B, n)`, or `within` where that is less."""
-        known = self._set.bounds.near(Q, self._indices, within, least=True)
+        bounds, some = self._bounds()
+        known = bounds.near(Q, some, within, least=True)
         rows, pairs = known[:, :2].T.astype(np.intp)
-        distances, exact = known[:, 2], self._set.bounds.exact[self._indices[pairs]]
+        distances, exact = known[:, 2], some.exact[pairs]
         within, others = float(distances[exact].min(initial=within)), np.flatnonzero(~exact)
         for k in others[np.argsort(distances[others], kind="stable")].tolist():
             if distances[k] >= within:

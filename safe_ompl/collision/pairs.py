@@ -264,7 +264,8 @@ class PairSet:
         exact = self.bounds.exact[pairs]
         found = np.full((len(Q), len(pairs)), -np.inf)
         with self.changes.none():
-            found[:, exact] = self.bounds.near(Q, pairs[exact], np.inf)[:, 2].reshape(len(Q), np.count_nonzero(exact))
+            near = self.bounds.near(Q, self.bounds.some(pairs[exact]), np.inf)
+            found[:, exact] = near[:, 2].reshape(len(Q), np.count_nonzero(exact))
             own = self._coal.own
             for row, q in zip(found, Q, strict=True):
                 left = np.flatnonzero(row == -np.inf)  # those in contact, too

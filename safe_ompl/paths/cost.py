@@ -351,7 +351,10 @@ def integrated(
             stretch = mean / max(lengths[k], _TINY) * (path[k + 1, i] - path[k, i])
             gradient[k, i] += _SECOND * slope[0, i] + _FIRST * slope[1, i] - stretch
             gradient[k + 1, i] += _FIRST * slope[0, i] + _SECOND * slope[1, i] + stretch
-    whole = max(lengths.sum(), _TINY)
+    whole = 0.0
+    for k in range(N - 1):
+        whole += lengths[k]
+    whole = max(whole, _TINY)
     for k in range(len(beside)):
         stiffness = total / whole / max(lengths[k], _SHORT * whole / (N - 1))
         for i in range(n):

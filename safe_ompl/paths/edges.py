@@ -39,6 +39,7 @@ class EdgeProofs:
         self._stop = stop
         self._proven: set[bytes] = set()
         self._inherited: set[bytes] = set()
+        self._known: tuple[object, EdgeTables | None] = None, None
 
     def check(self, path: FloatArray) -> None:
         """Accept the edges of a path (N, n) without a margin; raise InputError if one is not proven free."""
@@ -59,7 +60,7 @@ class EdgeProofs:
         """From here on ask for a clearance [m] of all edges that are not accepted yet."""
         separation = self._free.separation
         wider = replace(separation, margin=max(margin, separation.margin))
-        self._clear = replace(self._free, separation=wider)
+        self._clear, self._known = replace(self._free, separation=wider), (None, None)
 
     def refused(self, path: FloatArray) -> list[int]:
         """Return the edges of a path (N, n) that are not proven."""
@@ -82,12 +83,19 @@ class EdgeProofs:
         if motion.limits or not motion.required.pairs.bounds.exact.all():
             return motion.are_free(starts, ends)
         with motion.checker.changes.none():
-            tables = motion.edge_tables()
+            tables = self._tables()
             if tables is None:
                 return np.zeros(len(starts), dtype=bool)
             free, places = _proven(plain(starts), plain(ends), tables)
         motion.checker.counts.bound_queries += places
         return free
+
+    def _tables(self) -> EdgeTables | None:
+        """Return what kernels need to prove that edges keep the margin in the scene as it is."""
+        bounds = self._clear.required.pairs.bounds
+        if self._known[0] is not bounds:
+            self._known = bounds, self._clear.edge_tables()
+        return self._known[1]
 
     def chained(self, path: FloatArray, costs: FloatArray, most: float, known: IntArray) -> IntArray:
         """Return what comes before each way point of `path: (N, n)` on the cheapest way to it, by the costs (N, N).
@@ -97,14 +105,14 @@ class EdgeProofs:
         """
         motion = self._clear
         with motion.checker.changes.none():
-            tables = motion.edge_tables()
+            tables = self._tables()
             if tables is None:
                 return chained(costs)
             before, places = _weeded(costs, known, most, plain(path), tables)
         motion.checker.counts.bound_queries += places
         if not motion.limits:
-            first, last = np.nonzero(known == _PROVEN)
-            self._proven.update(_keys_of(path[first], path[last]))
+            for edge in np.argwhere(known == _PROVEN):
+                self._proven.update(_keys(path[edge]))
         known[known == _PROVEN] = _LOOKED_AT
         return before
 
@@ -133,13 +141,8 @@ class EdgeProofs:
 
 
 def _keys(path: FloatArray) -> list[bytes]:
-    return _keys_of(path[:-1], path[1:])
-
-
-def _keys_of(starts: FloatArray, ends: FloatArray) -> list[bytes]:
-    edges = np.concatenate([starts, ends], axis=1)
-    keys: list[bytes] = edges.view(f"V{edges.itemsize * edges.shape[1]}").ravel().tolist()
-    return keys
+    data, row = path.tobytes(), path.itemsize * path.shape[1]
+    return [data[k : k + 2 * row] for k in range(0, len(data) - row, row)]
 
 
 RETREAT_STEP = 0.04  # [rad]
@@ -236,7 +239,10 @@ def _step(gradient: FloatArray, bends: FloatArray) -> FloatArray:
             for k in range(i + 1, n):
                 step[i] -= L[k, i] * step[k]
             step[i] /= L[i, i]
-        length, square = sqrt((step * step).sum()), 0.0
+        length, square = 0.0, 0.0
+        for i in range(n):
+            length += step[i] * step[i]
+        length = sqrt(length)
         if length <= (1.0 + _PRECISION) * RETREAT_STEP:
             break
         for i in range(n):
