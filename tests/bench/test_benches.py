@@ -60,7 +60,7 @@ SMALL = {
     "setup": "--rounds 1",
     "shield": "{files} --sample 1 --seconds 0.3 --filters shield,none",
     "simplify": "{files}/problems.json",
-    "stops": "--stops 16 --motions 4",
+    "stops": "--stops 8 --motions 2",
     "timing": "--paths 2 --curves 2",
     "tools": "--lines 4 --seams 1",
     "worth": "--scenes 1 --seconds 0.5",
@@ -72,15 +72,14 @@ def test_all_benches_are_here():
     assert all(all(_harness.about(name)) for name in names())
 
 
-def begun(scenario):
-    """Return a scenario with the first two steps of its program; tests/test_physics.py drives all."""
-    return replace(scenario, program=replace(scenario.program, steps=scenario.program.steps[:2]))
-
-
 SHRUNK = {  # what has no option
-    "motions": {"LENGTHS": (0.05, 0.2)},
+    "motions": {"LENGTHS": (0.05, 0.2), "STEP": 0.002},
     "physics": {"ROBOTS": {"ur5": [4.0] * 6}, "FIRST": 1, "CONTACT_TABLE": {"chest": CONTACT_TABLE["chest"]}},
-    "programs": {"plan_program": lambda scenario, **more: plan_program(begun(scenario), **more)},
+    "programs": {  # the first two steps; tests/test_physics.py drives all
+        "plan_program": lambda one, **more: plan_program(
+            replace(one, program=replace(one.program, steps=one.program.steps[:2])), **more
+        )
+    },
     "stops": {"CASES": bench("stops").CASES[3:5], "FASTER": (1.1,), "STOPS_OF_EACH": 2},
     "timing": {"ROBOTS": ("panda", "ur5")},
     "worth": {"METHODS": ("ours", "RRTConnect", "bound")},
