@@ -321,10 +321,10 @@ class UrdfFile:
 
     def mimics(self) -> Mapping[str, Mimic]:
         """Return the mimic joints by name."""
-        tags = {joint.get("name", ""): joint.find("mimic") for joint in self._root.iter("joint")}
+        tags = ((joint.get("name", ""), joint.find("mimic")) for joint in self._root.iter("joint"))
         return {
             name: Mimic(tag.get("joint", ""), float(tag.get("multiplier", 1.0)), float(tag.get("offset", 0.0)))
-            for name, tag in tags.items()
+            for name, tag in tags
             if tag is not None
         }
 

@@ -36,6 +36,12 @@ def test_mimics_of_nothing_and_in_a_circle(edited, primary, message):
         Robot.from_urdf(edited("gripper_arm.urdf", '<mimic joint="grip"', f'<mimic joint="{primary}"'))
 
 
+def test_a_transmission_that_names_a_joint_does_not_hide_what_it_mimics(edited):
+    named = '<transmission name="t"><joint name="grip_mirror"/></transmission></robot>'
+    robot = Robot.from_urdf(edited("gripper_arm.urdf", "</robot>", named))
+    assert robot.joint_names == ("turn", "elbow", "grip")
+
+
 def test_a_chain_of_mimics_follows(edited):
     text = '<mimic joint="grip_mirror" multiplier="2"/>'
     third = (
