@@ -40,7 +40,8 @@ from safe_ompl.geometry.kernels import Records, Shapes, Vector, distance_bounds,
 from safe_ompl.robot.kernels import lay_edge, move_joints, place_joints
 
 _FIRST_REACH = 0.45  # [m] by which bodies move at most in half of a first interval: less takes more of them,
-_MOST_FIRST = 8  # intervals, and more makes more pairs near
+_MOST_FIRST = 8  # intervals, and more makes more pairs near,
+_CROWD = 25_000  # of which there are too many then, if there are more pairs in all: intervals are shorter
 _ROUNDING = 1e-12  # of the length of an interval, and of how far bodies move
 _JOINT, _SPEED, _VELOCITY, _FASTEST, _BEND, _TAYLOR = range(6)  # rows of how joints move
 _LARGEST = 1e100  # of what joints do: nothing overflows
@@ -345,7 +346,8 @@ def prove_curve(
     )  # fmt: skip
     _curve_at(curve, 0.5, 0.5, moves)
     widest = _write_rates(proof)
-    number = int(max(1.0, min(ceil(0.5 * widest / _FIRST_REACH), _MOST_FIRST, len(left))))
+    crowd = max(1.0, P / _CROWD)
+    number = int(max(1.0, min(ceil(0.5 * crowd * widest / _FIRST_REACH), crowd * _MOST_FIRST, len(left) // 2)))
     counts, places, pair = np.full(len(left), -1), 0, -1  # of listed pairs; −1: none are listed yet
     for k in range(number):
         left[k, 0], left[k, 1] = k / number, (k + 1) / number

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined
-from safe_ompl.geometry.kernels import BODY, NODE, POSE, Records, Shapes
+from safe_ompl.geometry.kernels import BODY, NODE, POSE, Records, Shapes, from_box
 from safe_ompl.robot.kernels import JOINT
 
 GROUP = np.dtype(
@@ -88,6 +88,7 @@ class EdgeTables(NamedTuple):
 
 
 LANES = 8  # balls that are looked at together
+_FEW = 2 * LANES  # pairs of a group
 
 
 @inlined
@@ -114,6 +115,10 @@ def near_in_group(
         return int(count)
     if is_far(group.centre, group.radius, body, pose, enough):
         return 0
+    if count > _FEW:  # many small obstacles are within the ball about a long body, and few near it
+        (u, v, w), far = from_box(body, pose, group.centre), enough + group.radius
+        if u * u + v * v + w * w >= far * far:
+            return 0
     x, y, z, far = pose.centre[0], pose.centre[1], pose.centre[2], enough + body.reach
     number: Any = np.uintp(0)
     for first in range(0, count, LANES):
