@@ -112,8 +112,8 @@ def _ctrl_c_waits() -> Iterator[None]:
 class _LoadedLibrary(JITCodeLibrary):  # type: ignore[misc]
     """A kernel from the disk: its bitcode, of use where another kernel is compiled that calls it, is read only then."""
 
-    def __init__(self, codegen: Any, kept: tuple[str, str, tuple[bytes, bytes]]) -> None:
-        name, _, (machine_code, self._bitcode) = kept
+    def __init__(self, codegen: Any, found: tuple[str, str, tuple[bytes, bytes]]) -> None:
+        name, _, (machine_code, self._bitcode) = found
         super().__init__(codegen, name)
         self.enable_object_caching()
         self._set_compiled_object(machine_code)

@@ -34,7 +34,7 @@ from safe_ompl.common import (
 )
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
-from safe_ompl.planning.result import ProgramResult, Stretch
+from safe_ompl.planning.program_result import ProgramResult, Stretch
 from safe_ompl.planning.workcell import Driven, ImpossibleError, State, Workcell, named
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario, Seam, Wait, configuration_for

@@ -1,0 +1,134 @@
+"""What came of planning a program: stretches of one motion, each with its robot, its scene and its proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import InputError
+from safe_ompl.motions import Motion, MotionCheck
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scenario, Scene
+from safe_ompl.trajectories import BlendedCurve
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a program that is driven without a change of robot or scene, and the proof of it.
+
+    Attributes
+    ----------
+    step : int
+        Number of its step, from 0.
+    begin : float
+        When it begins [s].
+    check : MotionCheck
+        Its motion, from its own time 0 on, and what is proven of it: `check.proof.checker` has robot and scene.
+    curve : BlendedCurve or None
+        Where all joints go, for who drives it in another time; None where it waits.
+    joints : tuple of str
+        Those that the step may move: of its arm, or all.
+    """
+
+    step: int
+    begin: float
+    check: MotionCheck
+    curve: BlendedCurve | None = None
+    joints: tuple[str, ...] = ()
+
+    @property
+    def motion(self) -> Motion:
+        """Of all joints, from its own time 0 on."""
+        return self.check.motion
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with what it holds."""
+        return self.check.proof.checker.robot
+
+    @property
+    def scene(self) -> Scene:
+        """The obstacles, and which links may touch them."""
+        return self.check.proof.checker.scene
+
+
+@dataclass(frozen=True)
+class ProgramResult:
+    """What came of planning a program; true if all of it is planned and proven.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        What was asked.
+    stretches : tuple of Stretch
+        One after the other; where it is not solved, those of the beginning that came farthest.
+    choices : tuple of str
+        What was chosen, such as "grasp 2 of cube".
+    why : str
+        Empty, or which step cannot be done, and why.
+    planning_time : float
+        [s].
+    """
+
+    scenario: Scenario
+    stretches: tuple[Stretch, ...]
+    choices: tuple[str, ...] = ()
+    why: str = ""
+    planning_time: float = 0.0
+
+    def __bool__(self) -> bool:
+        return not self.why
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return sum(stretch.motion.duration for stretch in self.stretches)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """All stretches as one motion in time, the joints of grippers among its joints."""
+        if not self.stretches:
+            raise InputError("there is no motion: nothing was planned")
+        size = max(stretch.motion.degree for stretch in self.stretches) + 1
+        times, coefficients, allowance = [np.zeros(1)], [], []
+        for stretch in self.stretches:
+            motion = stretch.motion
+            filled = np.zeros((motion.pieces, size, motion.n))
+            filled[:, : motion.degree + 1] = motion.coefficients
+            times.append(stretch.begin + motion.times[1:] - motion.times[0])
+            coefficients.append(filled)
+            allowance.append(motion.allowance)
+        names = self.stretches[0].robot.joint_names
+        return Motion(np.concatenate(times), np.concatenate(coefficients), names, rounding=np.concatenate(allowance))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what came of it as plain data: its motion, if there is one, steps, choices and stretches."""
+        steps = () if self.scenario.program is None else self.scenario.program.steps
+        said = self.motion.to_mapping() if self.stretches else {}
+        said |= {"scenario": self.scenario.name, "solved": bool(self), "why": self.why, "duration": self.duration}
+        said |= {"planning_time": self.planning_time, "choices": list(self.choices), "steps": [str(k) for k in steps]}
+        said["stretches"] = [
+            {"step": s.step, "begin": s.begin, "duration": s.motion.duration, "claims": list(s.check.claims)}
+            for s in self.stretches
+        ]
+        return said
+
+    def __str__(self) -> str:
+        steps = () if self.scenario.program is None else self.scenario.program.steps
+        spans = dict.fromkeys(range(len(steps)), 0.0)
+        for stretch in self.stretches:
+            spans[stretch.step] += stretch.motion.duration
+        done = max((stretch.step for stretch in self.stretches), default=-1)
+        lines = [
+            f"{k + 1:3d}  {f'{spans[k]:6.2f} s' if k <= done or self else '       –'}  {step}"
+            for k, step in enumerate(steps)
+        ]
+        if self.why:
+            return "\n".join([*lines, f"not solved: {self.why}"])
+        claims = ", ".join(dict.fromkeys(claim for stretch in self.stretches for claim in stretch.check.claims))
+        chosen = [f"chosen: {', '.join(self.choices)}"] if self.choices else []
+        said = f"{self.duration:.2f} s in {len(self.stretches)} stretches, planned in {self.planning_time:.2f} s"
+        return "\n".join([*lines, *chosen, f"{said}; proven: {claims}"])
