@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeAlias
@@ -187,6 +186,8 @@ class DistanceBounds:
             if workers == 1 or len(parts) == 1:
                 self._counts.bound_queries += sum(map(prove, parts))
             else:
+                from concurrent.futures import ThreadPoolExecutor  # few need it
+
                 with ThreadPoolExecutor(workers) as pool:
                     self._counts.bound_queries += sum(pool.map(prove, parts))
         return found

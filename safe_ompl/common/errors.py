@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import logging
 import re
 from collections.abc import Iterable
@@ -48,6 +47,8 @@ class UnknownNameError(InputError):
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
     """Return a question about the known name that is most like a wrong one, whatever its case; empty if none is."""
+    import difflib  # only where a name is wrong
+
     folded = {other.casefold(): other for other in known}
     close = difflib.get_close_matches(str(name).casefold(), folded, n=1)
     return f"did you mean {folded[close[0]]!r}? " if close else ""

@@ -7,7 +7,6 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -19,6 +18,8 @@ def stack_array(context: Any, shape: Any) -> Any:
     array = types.Array(types.float64, shape.count, "C")
 
     def generate(target: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        from numba.np.arrayobj import populate_array  # which takes long to import, and only who compiles needs
+
         sizes, out = cgutils.unpack_tuple(builder, arguments[0], shape.count), target.make_array(array)(target, builder)
         width = step = ir.Constant(sizes[0].type, 8)
         strides: list[Any] = []

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from ompl import base as ob
 
+import safe_ompl.common as common
 import safe_ompl.paths as paths
-from safe_ompl.common import Counts, FloatArray, PlanningError, clock, in_order, number, until_ctrl_c
+from safe_ompl.common import Counts, FloatArray, PlanningError, clock, number, until_ctrl_c
 from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
 
@@ -226,7 +227,7 @@ def best_start(
         raise PlanningError(f"the start with seed {seed} was lost: {words}")
 
     with until_ctrl_c():
-        for result in in_order(plan, seeds, workers, lost):
+        for result in common.in_order(plan, seeds, workers, lost):
             results.append(result)
             if interrupts:
                 break
