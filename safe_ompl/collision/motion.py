@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
+from itertools import chain
 from math import ceil
 from typing import Any, Protocol, TypeAlias
 
@@ -209,11 +210,7 @@ class MotionProver:
             for i in np.flatnonzero(~robot.within_limits(q)):
                 return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
         found = self._collision((start, robot.difference(start, end)))
-        for limit in self.limits:
-            if found.verdict is not Verdict.FREE:
-                break
-            found = self._keeps(limit, start, end)
-        return found
+        return _first_refusal(found, (self._keeps(limit, start, end) for limit in self.limits))
 
     def check_curve(self, coefficients: ArrayLike) -> MotionVerdict:
         """Check the motion q(t) = Σ_k c_k t^k, t in [0, 1], with coefficients (d + 1, n) [rad or m], d ≥ 1.
@@ -230,20 +227,14 @@ class MotionProver:
         if outside is not None:
             joint, at = outside
             return MotionVerdict(Verdict.BLOCKED, at, (self.checker.robot.joint_names[joint], "its limits"))
-        found = self._collision(curve)
-        for limit in self.limits:
-            if found.verdict is not Verdict.FREE:
-                break
-            found = self._curve_keeps(limit, curve)
-        return found
+        return _first_refusal(self._collision(curve), (self._curve_keeps(limit, curve) for limit in self.limits))
 
     def required_with(self, margin: float) -> RequiredDistances:
         """Return the required distances with a margin [m] from obstacles besides; those of the last call are kept."""
         if not margin:
             return self.required
-        known: tuple[float, RequiredDistances] | None = vars(self).get(
-            "_widened"
-        )  # another thread may put its own there
+        # Another thread may put its own there.
+        known: tuple[float, RequiredDistances] | None = vars(self).get("_widened")
         if known is None or known[0] != margin:
             pairs = self.required.pairs
             known = margin, RequiredDistances(pairs, np.maximum(self.required.least, pairs.margins(margin)))
@@ -383,6 +374,11 @@ class MotionProver:
                 count = ceil(widest / _FIRST_REACH)
                 found += [((2 * k + 1) * half / count, half / count) for k in range(count)]
         return _unknown(found, known)
+
+
+def _first_refusal(found: MotionVerdict, others: Iterable[MotionVerdict]) -> MotionVerdict:
+    """Return the first verdict that is not FREE; where all are, the first."""
+    return next((verdict for verdict in chain([found], others) if verdict.verdict is not Verdict.FREE), found)
 
 
 def place(curve: Curve, t: float) -> FloatArray:

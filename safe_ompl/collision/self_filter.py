@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, finite_array, number
-from safe_ompl.geometry import Obstacle, PointCloud, bounding_box, hull_planes, placed
+from safe_ompl.geometry import PointCloud, bounding_box, hull_planes, placed
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -50,8 +50,7 @@ def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Sc
             obstacles.append(obstacle)
         elif not own.all():
             kept = replace(obstacle.shape, points=points[~own], file=None)
-            more = obstacle.weight, obstacle.color, obstacle.touched_by
-            obstacles.append(Obstacle(obstacle.name, kept, obstacle.pose, *more))
+            obstacles.append(replace(obstacle, shape=kept))
     return Scene(tuple(obstacles), scene.spacing)
 
 

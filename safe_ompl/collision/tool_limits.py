@@ -110,9 +110,7 @@ class ToolOrientation(ToolLimit):
 
     def angle(self, q: ArrayLike) -> float:
         """Return the angle [rad] between axis and direction at `q: (n,)`."""
-        axis = self.robot.tip_pose(q).rotation @ self.axis
-        across = np.cross(axis, self.direction)
-        return atan2(sqrt(float(across @ across)), float(axis @ self.direction))
+        return _angle(self.robot.tip_pose(q).rotation @ self.axis, self.direction)
 
     def excess(self, q: ArrayLike) -> float:
         """Return the angle less its limit [rad] at `q: (n,)`."""
@@ -196,7 +194,8 @@ def _turning_rates(robot: Robot, axis: FloatArray) -> FloatArray:
 
 def _angle(a: FloatArray, b: FloatArray) -> float:
     """Return the angle [rad] between two unit vectors (3,)."""
-    return atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
+    across = np.cross(a, b)
+    return atan2(sqrt(float(across @ across)), float(a @ b))
 
 
 def _unit(value: ArrayLike, name: str) -> FloatArray:

@@ -42,7 +42,9 @@ _MESSAGE_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4",
 
 
 def _points(key: str, value: Any) -> FloatArray:
-    return _finite(_array(value), key)
+    if isinstance(value, Sized) and not len(value):
+        raise InputError("the point cloud is empty", key)
+    return _finite(float_array(value, (None, 3), key), key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +116,9 @@ class PointCloud(Shape):
     @cached_property
     def centres(self) -> FloatArray:
         """The points that are finite, shape (N, 3) [m]; read-only."""
-        return (
-            np.asarray(self.points)
-            if self.file is None
-            else _finite(_READERS[self.file.suffix.lower()](self.file), "file")
-        )
+        if self.file is None:
+            return np.asarray(self.points)
+        return _finite(_READERS[self.file.suffix.lower()](self.file), "file")
 
     def __repr__(self) -> str:
         source = f"points=<{len(self.centres)} points>" if self.file is None else f"file={str(self.file)!r}"
@@ -136,7 +136,7 @@ class PointCloud(Shape):
 
     def measured_anew(self, measured: Any, pose: Pose) -> PointCloud:
         """Return the cloud of other points (N, 3) [m], given in the world frame."""
-        points = _finite(_array(measured), "points")
+        points = _points("points", measured)
         own = placed(pose.se3.inverse(), points) if pose != Pose() else points
         return PointCloud(self.radius, points=own, resolution=self.resolution)
 
@@ -195,12 +195,6 @@ class PointCloud(Shape):
     def canonical(self) -> dict[str, Any]:
         resolution = {} if self.resolution is None else {"resolution": self.resolution}
         return {"radius": self.radius, "points": array_digest(self.centres), **resolution}
-
-
-def _array(points: ArrayLike) -> FloatArray:
-    if isinstance(points, Sized) and not len(points):
-        raise InputError("the point cloud is empty", "points")
-    return float_array(points, (None, 3), "points")
 
 
 def _finite(points: FloatArray, key: str) -> FloatArray:

@@ -86,11 +86,12 @@ def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:
         hull = _hull_or_none(corners)
         if hull is None:
             continue
-        factor = _needed_factor(hull, points)
-        if not np.isfinite(factor):
+        reach, offsets = _reaches(hull, points)
+        if offsets.min() <= 0:
             continue
+        factor = max(1.0, float((reach / offsets).max())) * (1 + _ROUNDING)
         grown = _hull_or_none(factor * np.array(hull.points()) + center)
-        if grown is not None and _outside(grown, vertices) <= 0.0:
+        if grown is not None and np.subtract(*_reaches(grown, vertices)).max() <= 0.0:
             growth = (factor - 1) * float(np.linalg.norm(points, axis=1).max())
             _log.info("hull of %s: %d corners, at most %.3g mm larger", name, grown.num_points, 1e3 * growth)
             return grown
@@ -147,21 +148,11 @@ def hull_planes(hull: coal.Convex) -> tuple[FloatArray, FloatArray]:
     return normals, offsets
 
 
-def _needed_factor(hull: coal.Convex, points: FloatArray) -> float:
+def _reaches(hull: coal.Convex, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far (F,) points reach along the outward normals of a hull's faces, and the offsets of these [m]."""
     normals, offsets = hull_planes(hull)
-    if offsets.min() <= 0:
-        return np.inf
-    reach = np.concatenate([(normals @ chunk.T).max(axis=1, keepdims=True) for chunk in _chunks(points)], axis=1)
-    return max(1.0, float((reach.max(axis=1) / offsets).max())) * (1 + _ROUNDING)
-
-
-def _outside(hull: coal.Convex, points: FloatArray) -> float:
-    normals, offsets = hull_planes(hull)
-    return max(float((normals @ chunk.T - offsets[:, None]).max()) for chunk in _chunks(points))
-
-
-def _chunks(points: FloatArray) -> list[FloatArray]:
-    return np.array_split(points, 1 + len(points) // 1000)
+    chunks = np.array_split(points, 1 + len(points) // 1000)
+    return np.max([(normals @ chunk.T).max(axis=1) for chunk in chunks], axis=0), offsets
 
 
 _FEW = 12  # vertices that are quicker looked at one by one

@@ -20,7 +20,6 @@ from safe_ompl.geometry.surfaces import Triangles
 
 # Key points of a standing body, arms down, as fractions of its height: x forward, y to the left, z up, the
 # origin on the floor between the feet. After the segment lengths of Drillis and Contini (1966).
-_MIDDLE = {"head": (0.01, 0.0, 0.935)}
 _LEFT = {
     "shoulder": (0.0, 0.110, 0.812),
     "elbow": (-0.01, 0.132, 0.628),
@@ -33,7 +32,7 @@ _LEFT = {
 }
 _SIDES = {"left": 1.0, "right": -1.0}
 STANDING: dict[str, FloatArray] = {
-    **{name: np.array(point) for name, point in _MIDDLE.items()},
+    "head": np.array([0.01, 0.0, 0.935]),
     **{
         f"{side}_{name}": np.array([x, y * sign, z])
         for side, sign in _SIDES.items()
@@ -43,13 +42,6 @@ STANDING: dict[str, FloatArray] = {
 _PARENT = {"elbow": "shoulder", "wrist": "elbow", "hand": "wrist", "knee": "hip", "ankle": "knee", "toe": "ankle"}
 
 # Capsules: from one key point to another, with a radius as a fraction of the height.
-_TRUNK_LIMBS = {
-    "head": ("head", "head", 0.062),
-    "neck": ("shoulders", "head", 0.036),
-    "shoulders": ("left_shoulder", "right_shoulder", 0.042),
-    "torso": ("chest", "pelvis", 0.074),
-    "hips": ("left_hip", "right_hip", 0.066),
-}
 _SIDE_LIMBS = {
     "flank": ("shoulder", "hip", 0.052),
     "upper_arm": ("shoulder", "elbow", 0.028),
@@ -60,7 +52,11 @@ _SIDE_LIMBS = {
     "foot": ("ankle", "toe", 0.022),
 }
 LIMBS: dict[str, tuple[str, str, float]] = {
-    **_TRUNK_LIMBS,
+    "head": ("head", "head", 0.062),
+    "neck": ("shoulders", "head", 0.036),
+    "shoulders": ("left_shoulder", "right_shoulder", 0.042),
+    "torso": ("chest", "pelvis", 0.074),
+    "hips": ("left_hip", "right_hip", 0.066),
     **{
         f"{side}_{name}": (f"{side}_{start}", f"{side}_{end}", radius)
         for side in _SIDES

@@ -78,7 +78,7 @@ class Shape(Section, ABC):
         if known is None or known[0] != spacing:
             known = spacing, self.danger_points(spacing)
             known[1].setflags(write=False)
-            self._set("_points", known)
+            object.__setattr__(self, "_points", known)
         return known[1]
 
     @abstractmethod
@@ -115,9 +115,6 @@ class Shape(Section, ABC):
     def __getstate__(self) -> dict[str, Any]:
         """Leave behind what is kept and can be made again, such as coal's trees, which do not pickle."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
-
-    def _set(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)

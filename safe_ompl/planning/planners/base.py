@@ -83,16 +83,7 @@ class Parameter(Generic[T]):
         return cast(T, planner.__dict__[self.name])
 
     def __set__(self, planner: object, value: T) -> None:
-        checked = self._checked(value)
-        if self.kept_in:
-            setattr(attrgetter(self._part)(planner), self._attribute, checked)
-        else:
-            planner.__dict__[self.name] = checked
-
-    def _checked(self, value: Any) -> T:
-        """Return a value as the parameter's type, or raise an InputError that says what would be right."""
-        kind = type(self.default)
-        checked: Any
+        kind, checked = type(self.default), cast(Any, value)
         if kind is bool:
             checked = flag(self.name, value)
         elif kind is int:
@@ -100,7 +91,10 @@ class Parameter(Generic[T]):
         else:
             least = self.at_least if self.above is None else None
             checked = number(self.name, value, above=self.above, at_least=least, at_most=self.at_most)
-        return cast(T, checked)
+        if self.kept_in:
+            setattr(attrgetter(self._part)(planner), self._attribute, checked)
+        else:
+            planner.__dict__[self.name] = checked
 
     @property
     def entry(self) -> str:

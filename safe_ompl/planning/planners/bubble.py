@@ -181,14 +181,11 @@ class BubblePlanner(SafePlanner):
     def _danger_term(self, points: FloatArray) -> FloatArray:
         """Return the danger (K,) of points as lengths [m], by its usual slope and on a logarithmic scale."""
         cost = self._problem.cost
-        if not self.alpha or cost.is_zero:
-            return np.zeros(len(points))
-        values, usual, slope = cost.values(points), cost.usual_value, self._danger.slope
-        if not (usual > 0 and slope > 0):
+        if not (self.alpha and cost.usual_value > 0 and self._danger.slope > 0):
             return np.zeros(len(points))
         rates = self._validity.checker.robot.bounds.arm_rates
-        metres = float(np.sqrt(np.mean(rates**2))) / slope
-        return metres * usual * np.log1p(values / usual)
+        metres = float(np.sqrt(np.mean(rates**2))) / self._danger.slope
+        return metres * cost.usual_value * np.log1p(cost.values(points) / cost.usual_value)
 
     # -------------------------------------------------------------------------------------------- the trees
 
@@ -354,9 +351,9 @@ def volume_trees(bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> 
 
 
 def intersect(problem: PlanningProblem, tree: VolumeTree, new: int, other: VolumeTree) -> FloatArray | None:
-    """INTERSECT: return the path (N, n) through a new bubble and the one of the other tree that it overlaps most.
+    """INTERSECT and PATH: return the path (N, n) through a new bubble and that of the other tree that it overlaps most.
 
-    The motion validator may know more than bubbles do: what it refuses is cut off the trees.
+    The motion validator may know more than bubbles do: what it refuses is cut off the trees, and there is no path.
     """
     if not len(other.closed):
         return None
@@ -371,15 +368,7 @@ def intersect(problem: PlanningProblem, tree: VolumeTree, new: int, other: Volum
     best = int(gaps.argmin())
     met = int(near[best])
     meeting = q + shares[best] * delta[met]
-    if tree.from_start:
-        return _path(problem, tree, new, meeting, other, met)
-    return _path(problem, other, met, meeting, tree, new)
-
-
-def _path(
-    problem: PlanningProblem, first: VolumeTree, there: int, meeting: FloatArray, second: VolumeTree, back: int
-) -> FloatArray | None:
-    """PATH: the two branches, from start to goal, joined at a point of both bubbles; None if a motion is refused."""
+    first, there, second, back = (tree, new, other, met) if tree.from_start else (other, met, tree, new)
     out, home = first.branch(there), second.branch(back)[::-1]
     path = np.vstack([first.closed["center"][out], meeting, second.closed["center"][home]])
     for k, (start, end) in enumerate(pairwise(problem.bridge.wrapped(path))):

@@ -61,13 +61,11 @@ class TangentialDescent:
         return self.share > 0 and self._danger.weight > 0 and self._danger.cost.has_gradients
 
     def moved(self, step: FloatArray, reach: float) -> FloatArray | None:
-        """Return the first row of `step: (2, n)` moved down the danger's gradient, at right angles to the second.
+        """Return, where it acts, the first row of `step: (2, n)` moved down the gradient, at right angles to the other.
 
         That is a unit vector, and written over. The motion is at most the share of the range `reach`, shorter where the
         danger hardly changes; None where it does not change.
         """
-        if not self.acts:
-            return None
         bridge, slope = self._bridge, self._danger.cost.value_and_gradient(step[0])[1] / self._danger.slope
         if not descend(step, slope, self.share * reach, bridge.lower, bridge.upper, bridge.circular):
             return None

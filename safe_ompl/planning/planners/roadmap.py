@@ -153,8 +153,7 @@ class Roadmap:
 
     def graph(self) -> PlannerGraph:
         """Return what was ever reached."""
-        kept = np.unique(np.concatenate([np.flatnonzero(self.connected), self.starts, self.goals]))
-        kept = kept.astype(np.intp)
+        kept = np.unique(np.concatenate([np.flatnonzero(self.connected), self.starts, self.goals])).astype(np.intp)
         free = [edge for edge, is_free in self.edges.items() if is_free]
         edges = np.array(free, dtype=np.intp).reshape(-1, 2)
         edges = edges[np.isin(edges, kept).all(axis=1)]
