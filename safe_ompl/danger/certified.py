@@ -283,7 +283,11 @@ class PeakSearch:
     def _evaluated(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return dangers (B,), fields and distances (B, L, M), and lengths (B, L) for key points (B, K, 3)."""
         fields, distances = self._field.link_fields(points)
-        lengths = self._link_lengths(points)
+        pairs, factors = self._field.links, self._field.factors
+        if factors is None:  # what each link's unit field is multiplied by
+            lengths: FloatArray = np.linalg.norm(points[:, pairs[:, 1]] - points[:, pairs[:, 0]], axis=2)
+        else:
+            lengths = np.broadcast_to(factors, (len(points), len(pairs)))
         return self._field.aggregated((lengths[..., None] * fields).sum(axis=1)), fields, distances, lengths
 
     def _samples(self, places: list[tuple[int, float]], *found: FloatArray) -> list[Sample]:
@@ -292,14 +296,6 @@ class PeakSearch:
             Sample(edge, t, float(danger), Ends(u, d), length, v, a)
             for (edge, t), v, a, danger, u, d, length in zip(places, *found, strict=True)
         ]
-
-    def _link_lengths(self, points: FloatArray) -> FloatArray:
-        """Return what each link's unit field is multiplied by, (B, L): 1, or its length [m]."""
-        pairs = self._field.links
-        if self._field.factors is not None:
-            return np.broadcast_to(self._field.factors, (len(points), len(pairs)))
-        lengths: FloatArray = np.linalg.norm(points[:, pairs[:, 1]] - points[:, pairs[:, 0]], axis=2)
-        return lengths
 
     def _push(self, pairs: Sequence[tuple[Sample, Sample]]) -> None:
         """Bound the danger between pairs of samples, and put the intervals that are not settled by it into the heap."""

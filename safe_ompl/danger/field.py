@@ -18,11 +18,12 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     IntArray,
-    UnknownNameError,
+    Section,
     configuration,
     configurations,
     documents,
     finite_array,
+    key,
     number,
 )
 from safe_ompl.danger import link_field
@@ -37,26 +38,15 @@ _LEAD = 0.25  # [s] k₂/k₁ of the authors' own code
 
 
 @dataclass(frozen=True)
-class DangerKind:
+class DangerKind(Section):
     """What kind of danger, as `DangerField` has it."""
 
-    aggregate: Aggregate = "max"
-    weighting: link_field.Weighting = "unit"
-    k1: float = 1.0
-    sharpness: float = 10.0
-    k2: float | None = None
-    gamma: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.aggregate not in AGGREGATES:
-            raise UnknownNameError("aggregate", self.aggregate, AGGREGATES)
-        if self.weighting not in link_field.WEIGHTINGS:
-            raise UnknownNameError("weighting", self.weighting, link_field.WEIGHTINGS)
-        number("k1", self.k1, above=0.0)
-        number("sharpness", self.sharpness, above=0.0)
-        if self.k2 is not None:
-            number("k2", self.k2, at_least=0.0)
-        number("gamma", self.gamma, at_least=0.0)
+    aggregate: Aggregate = key(documents.one_of, default="max", known=AGGREGATES)
+    weighting: link_field.Weighting = key(documents.one_of, default="unit", known=link_field.WEIGHTINGS)
+    k1: float = key(number, default=1.0, above=0.0)
+    sharpness: float = key(number, default=10.0, above=0.0)
+    k2: float | None = key(number, default=None, at_least=0.0)
+    gamma: float = key(number, default=1.0, at_least=0.0)
 
 
 class DangerField:
@@ -121,9 +111,9 @@ class DangerField:
         if not len(robot.segments):
             raise InputError(f"{robot.name!r} has no link of any length for a danger; give a tip beyond its joints")
         self.robot = robot
-        self.aggregate, self.weighting, self.sharpness = chosen.aggregate, chosen.weighting, float(chosen.sharpness)
-        self.k1, self.gamma = float(chosen.k1), float(chosen.gamma)
-        self.k2 = _LEAD * self.k1 if chosen.k2 is None else float(chosen.k2)
+        self.aggregate, self.weighting, self.sharpness = chosen.aggregate, chosen.weighting, chosen.sharpness
+        self.k1, self.gamma = chosen.k1, chosen.gamma
+        self.k2 = _LEAD * self.k1 if chosen.k2 is None else chosen.k2
         self.counts = Counts() if counts is None else counts
         self.revision = 0
         self.links: IntArray = np.array(robot.segments, dtype=np.intp, order="C")

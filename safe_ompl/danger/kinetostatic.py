@@ -39,6 +39,7 @@ class KinetostaticField:
 
     def __init__(self, field: DangerField) -> None:
         self.field, self.k2, self.gamma = field, field.k2, field.gamma
+        self._by_length = field.weighting == "length"
 
     def __repr__(self) -> str:
         return f"KinetostaticField({self.field!r}, k2={self.k2:g}, gamma={self.gamma:g})"
@@ -95,10 +96,6 @@ class KinetostaticField:
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
         by_q, by_qd = pull_back_motion(tree.joints, tree.keypoints, *joints, pulls)
         return dangers, coupling.columns(by_q), coupling.columns(by_qd)
-
-    @property
-    def _by_length(self) -> bool:
-        return self.field.weighting == "length"
 
     def _highest(self, field: DangerField, Q: FloatArray, Qd: FloatArray) -> tuple[Any, ...]:
         """Return the largest danger (B,) of all points, of which one, and places and velocities (B, K, 3)."""

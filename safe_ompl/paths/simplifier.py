@@ -208,7 +208,8 @@ class SimplificationRun:
         self._look_around()
         self._shorten()
         self._descend()
-        if not self._stop() and self._shorten_anew():
+        # Shortcuts between way points that have descended may lead out of a poor minimum.
+        if not self._stop() and self._shorten(_FEW, (1.0 - _WORTHWHILE) * self._cost.of(self.best)):
             self._descend()
 
     def _descend(self) -> None:
@@ -245,10 +246,6 @@ class SimplificationRun:
             return False
         self._best.confirm(cost)
         return True
-
-    def _shorten_anew(self) -> bool:
-        """Take shortcuts between way points that have descended, if they lead out of a poor minimum; return whether."""
-        return self._shorten(_FEW, (1.0 - _WORTHWHILE) * self._cost.of(self.best))
 
     def _descend_between_retreats(self, path: FloatArray) -> bool:
         """Leave ends that are near obstacles by retreats, and descend between; return whether that is the best."""

@@ -134,9 +134,7 @@ class JointChain:
         return radii
 
     def reach(self, regions: Regions) -> ReachCylinder:
-        """Return a cylinder in the world frame that a body never leaves, at any configuration within limits."""
-        if not regions:
-            raise ValueError("the body is fixed to the base")
+        """Return a cylinder in the world that a body that moves never leaves, at any configuration within limits."""
         i, region = regions[-1]
         return region.moved(self.placements[i])
 
@@ -261,11 +259,7 @@ class DisplacementBounds:
 
         Between `q` and q + Δ no point of body g moves more than Σ_i R_gi·|Δ_i| (`docs/mathematics.md` §3).
         """
-        return self._robot.coupling.radii(self.joint_radii_at(self._robot.configuration(q)))
-
-    def joint_radii_at(self, q: FloatArray) -> FloatArray:
-        """Return the radii R (G, m) at `q: (n,)` by the joints of Pinocchio's model."""
-        rotation, origins, axes = (frames[0] for frames in self._robot.joint_frames(q[None]))
+        rotation, origins, axes = (f[0] for f in self._robot.joint_frames(self._robot.configuration(q)[None]))
         joints, corners, pads, support = self.body_corners
         fixed = (joints == 0)[:, None, None]  # to the base: no joint moves them
         carried = np.einsum("gij,gpj->gpi", rotation[joints - 1], corners) + origins[joints - 1][:, None]
@@ -274,7 +268,7 @@ class DisplacementBounds:
         along = np.einsum("gipc,ic->gip", arms, axes)
         squared = np.einsum("gipc,gipc->gip", arms, arms) - along**2
         radii = np.sqrt(np.maximum(squared, 0).max(axis=2)) + pads[:, None]
-        return np.where(self._robot.joint_prismatic, 1.0, radii) * support
+        return self._robot.coupling.radii(np.where(self._robot.joint_prismatic, 1.0, radii) * support)
 
     @cached_property
     def arm_rates(self) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,6 @@ BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)
 _NO_LIMIT = np.full(1, np.inf)
 _COLOR = np.array([0.55, 0.62, 0.7, 1.0])  # of objects in the gripper
-
-
 _SHAPES = (Box, Sphere, Cylinder, Capsule, Mesh)
 _KEYS = ("link", "touch_links", "danger")
 
@@ -320,10 +319,9 @@ def _add_pairs_between(bodies: pin.GeometryModel, sizes: list[int]) -> None:
     """Check the bodies of each robot against those of the others, but for two that both stand still."""
     owners = np.repeat(np.arange(len(sizes)), sizes)
     joints = [part.parentJoint for part in bodies.geometryObjects]
-    for a in range(len(owners)):
-        for b in range(a + 1, len(owners)):
-            if owners[a] != owners[b] and (joints[a] or joints[b]):
-                bodies.addCollisionPair(pin.CollisionPair(a, b))
+    for a, b in combinations(range(len(owners)), 2):
+        if owners[a] != owners[b] and (joints[a] or joints[b]):
+            bodies.addCollisionPair(pin.CollisionPair(a, b))
 
 
 _BODIES = (
@@ -346,10 +344,8 @@ class Models:
     def copied(cls, model: Any, collision_model: Any, visual_model: Any, mimics: Mapping[str, Mimic]) -> Models:
         """Return copies; raise InputError if a model is none of Pinocchio's, or a shape is not supported."""
         _check_models(model, collision_model, visual_model)
-        bodies, drawn = (
-            None if geometry is None else independent(geometry) for geometry in (collision_model, visual_model)
-        )
-        return cls(model.copy(), bodies, drawn, dict(mimics))
+        drawn = None if visual_model is None else independent(visual_model)
+        return cls(model.copy(), independent(collision_model), drawn, dict(mimics))
 
 
 def _check_models(model: Any, collision: Any, visual: Any) -> None:

@@ -43,8 +43,9 @@ class _Contact(Step):
 
 @dataclass(frozen=True)
 class _Target(_Contact):
-    """A step to a place of the tip."""
+    """A step to a place of the tip; one of its `ways` says where."""
 
+    ways: ClassVar[tuple[str, ...]] = ("pose", "grasp", "place")
     # In the world; in a document `position` and `quaternion_xyzw`, `rpy` or `yaw`
     pose: Pose | None = key(document.section, default=None, kind=Pose)
     grasp: str | None = key(document.text, default=None)  # An object: the tip goes to one of its grasps
@@ -57,7 +58,7 @@ class _Target(_Contact):
     @property
     def targets(self) -> dict[str, Any]:
         """What says where to go, by key."""
-        return {name: value for name in ("pose", "grasp", "place") if (value := getattr(self, name)) is not None}
+        return {name: value for name in self.ways if (value := getattr(self, name)) is not None}
 
     def check(self) -> None:
         """Raise InputError unless one thing says where to go."""
@@ -84,14 +85,9 @@ class Move(_Target):
     """A planned motion, by whatever way is free: to a place or region of the tip, or a configuration of the arm."""
 
     kind: ClassVar[str] = "move"
+    ways = (*_Target.ways, "configuration", "region")
     configuration: Configuration | None = key(read_configuration, default=None)
     region: GoalRegion | None = key(document.section, default=None, kind=GoalRegion)
-
-    @property
-    def targets(self) -> dict[str, Any]:
-        """What says where to go, by key."""
-        own = {"configuration": self.configuration, "region": self.region}
-        return {**super().targets, **{name: value for name, value in own.items() if value is not None}}
 
 
 @dataclass(frozen=True)
@@ -109,13 +105,13 @@ class Line(_Corridor, _Target):
     """A straight motion of the tip, proven to stay in its corridor."""
 
     kind: ClassVar[str] = "line"
+    ways = (*_Target.ways, "by")
     by: tuple[float, ...] | None = key(document.numbers, default=None, count=3)  # in the world, instead of a place [m]
 
     @property
     def targets(self) -> dict[str, Any]:
         """What says where to go, by key; up and back alone do."""
-        found = super().targets if self.by is None else {**super().targets, "by": self.by}
-        return found or ({"by": (0.0, 0.0, 0.0)} if self.up or self.back else {})
+        return super().targets or ({"by": (0.0, 0.0, 0.0)} if self.up or self.back else {})
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.robot import METRES_PER_RADIAN, Robot
+from safe_ompl.robot import METRES_PER_RADIAN, Robot, motion_limits
 from safe_ompl.tasks.tool_path import Frames, rotation_vectors
 
 _DAMPING = 1e-8  # [m²/rad²]
@@ -100,8 +100,7 @@ class Tip:
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper limits (n,) of the joints, none for continuous ones [rad or m]."""
-        robot = self.robot
-        return np.where(robot.continuous, -np.inf, robot.lower), np.where(robot.continuous, np.inf, robot.upper)
+        return motion_limits(self.robot)
 
     def null_motion(self, jacobians: FloatArray, wanted: FloatArray) -> FloatArray:
         """Return the part (B, n) of wanted joint motions that leaves the task as it is; `jacobians` are of `task`."""

@@ -30,7 +30,7 @@ from safe_ompl.scene import Scene
 from safe_ompl.tasks.corridor import Corridor, CorridorProof, prove_corridor
 from safe_ompl.tasks.ladder import PRECISION, Costs, Ladder
 from safe_ompl.tasks.tip import Tip
-from safe_ompl.tasks.tool_path import ToolPath
+from safe_ompl.tasks.tool_path import Frames, ToolPath
 from safe_ompl.trajectories import RateLimits
 
 _STEP, _TURN = 0.03, 0.15  # [m] and [rad] between rungs at most
@@ -205,11 +205,9 @@ class _Search:
     def run(self, start: FloatArray | None, rng: np.random.Generator, effort: int) -> ToolMotion:
         """Grow the ladder, and prove the cheapest way along it, until one is proven or nothing new is found."""
         rungs = self._rungs()
-        frames = self.path.at(rungs)
+        ladder = Ladder(self._tip, self._prover.checker, self._costs, rungs, self.path.at(rungs))
         if start is not None:
-            start = self._at_start(start, frames)
-        ladder = Ladder(self._tip, self._prover.checker, self._costs, rungs, frames)
-        if start is not None:
+            self._check_start(start, ladder.frames)
             ladder.begin(start)
         refused: list[ToolMotion] = []
         tries = np.zeros(len(rungs), dtype=int)
@@ -242,27 +240,22 @@ class _Search:
             found.append(np.linspace(first, last, max(_FEWEST, int(np.ceil((last - first) / step)) + 1)))
         return np.unique(np.concatenate(found))
 
-    def _at_start(self, start: FloatArray, frames: Any) -> FloatArray:
-        """Return the start with its tip exactly at the beginning of the curve; InputError if it is not near it."""
-        first = type(frames)(*(part[:1] for part in frames))
+    def _check_start(self, start: FloatArray, frames: Frames) -> None:
+        """Raise InputError if the tip is not near the beginning of the curve at the start."""
+        first = Frames(*(part[:1] for part in frames))
         errors = self._tip.errors(self._tip.at(start[None]), first)[0]
         far, turned = np.linalg.norm(errors[:3]), np.linalg.norm(errors[3:])
         if far > self._corridor.position or turned > self._corridor.angle:
             raise InputError(
                 f"its tip is {1e3 * far:.3g} mm and {np.degrees(turned):.3g}° from the beginning of the curve", "start"
             )
-        return start
 
     def _proven(self, nodes: FloatArray, rungs: FloatArray, start: FloatArray | None) -> ToolMotion:
         """Return the motion through the nodes, refined if that can be proven, or why none of both can."""
-        made = ToolMotion(None, self.path, self._corridor)
         nodes = unrolled(self._robot, nodes)
         refined = self._refined(nodes, rungs, fixed=start is not None)
-        for candidate in (refined, nodes) if refined is not nodes else (nodes,):
-            made = self._made(candidate, rungs)
-            if made.along is not None:
-                break
-        return made
+        made = self._made(refined, rungs)
+        return made if made.along is not None or refined is nodes else self._made(nodes, rungs)
 
     def _made(self, nodes: FloatArray, s: FloatArray) -> ToolMotion:
         made = ToolMotion(None, self.path, self._corridor)
