@@ -13,7 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, documents as document, within
+from safe_ompl.common import FloatArray, InputError, IntArray, Section, UnknownNameError, documents as document, key
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_hull
 from safe_ompl.robot.collision import drop_fixed_pairs, links_lacking_shapes, warn_of_unchecked
 from safe_ompl.robot.displacement_bounds import JointChain
@@ -27,33 +27,34 @@ _SHAPES = (Box, Sphere, Cylinder, Capsule, Mesh)
 _KEYS = ("link", "touch_links", "danger")
 
 
+def read_pose(name: str, value: Any) -> Pose:
+    """Return a pose that is given in any of the forms of `Pose.of`."""
+    return Pose.of(value, name)
+
+
+def _shape(name: str, value: Any) -> Shape:
+    if not isinstance(value, _SHAPES):
+        kinds = ", ".join(kind.__name__ for kind in _SHAPES)
+        raise InputError(f"must be one of {kinds}, not {value!r}", f"attached {name}")
+    return value
+
+
 @dataclass(frozen=True)
-class Attachment:
+class Attachment(Section):
     """An object that a robot holds."""
 
-    name: str
-    shape: Shape
-    link: str
-    pose: Pose = field(default_factory=Pose)
-    touch_links: tuple[str, ...] = ()
-    danger: bool = False
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.shape, _SHAPES):
-            kinds = ", ".join(kind.__name__ for kind in _SHAPES)
-            raise InputError(f"must be one of {kinds}, not {self.shape!r}", "attached shape")
-        for key in ("name", "link"):
-            document.text(key, getattr(self, key))
-        document.flag("danger", self.danger)
-        object.__setattr__(self, "pose", Pose.of(self.pose))
-        names = document.sequence("touch_links", self.touch_links)
-        object.__setattr__(self, "touch_links", tuple(document.text("touch_links", name) for name in names))
+    name: str = key(document.text)
+    shape: Shape = key(_shape)
+    link: str = key(document.text)
+    pose: Pose = key(read_pose, factory=Pose)
+    touch_links: tuple[str, ...] = key(document.each, default=(), read=document.text)
+    danger: bool = key(document.flag, default=False)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> Attachment:
         """Read an object as an obstacle of a scene is written (shape and pose), with `link` and the other keys."""
-        link = document.text("link", document.require(data, "link"))
-        rest = {key: value for key, value in data.items() if key not in _KEYS}
+        link = document.require(data, "link")
+        rest = {name: value for name, value in data.items() if name not in _KEYS}
         body = Obstacle.from_mapping(rest, folder or document.folder_of_document())
         return cls(body.name, body.shape, link, body.pose, data.get("touch_links", ()), data.get("danger", False))
 
@@ -169,10 +170,10 @@ class RobotParts:
     def _far_end(self, item: Attachment, frame: int) -> FloatArray:
         """Return the far end of an object, seen from the key point below it, in the frame of their joint [m]."""
         link = self.model.frames[frame]
-        key = Skeleton.from_model(self.model, self.link_ends, self.tips).nearest(self.model, frame)
-        if key is None or link.parentJoint == 0:
+        below = Skeleton.from_model(self.model, self.link_ends, self.tips).nearest(self.model, frame)
+        if below is None or link.parentJoint == 0:
             raise InputError(f"{item.name!r} has no danger: no joint of the skeleton is below {item.link!r}", self.name)
-        start, place = self.model.frames[key].placement.translation, link.placement * item.pose.se3
+        start, place = self.model.frames[below].placement.translation, link.placement * item.pose.se3
         hulls = [bounding_hull(part.geometry).moved(place * part.placement) for part in item.shape.parts()]
         points = np.concatenate([hull.points for hull in hulls])
         way = (points.min(axis=0) + points.max(axis=0)) / 2 - start
@@ -370,7 +371,7 @@ def _check_models(model: Any, collision: Any, visual: Any) -> None:
                 f"frame {frame.name!r} is on another joint than the frame before it: give that of {joint!r}"
             )
     for part in collision.geometryObjects:
-        with within(f"geometry {part.name!r}", ": "):
+        with document.within(f"geometry {part.name!r}", ": "):
             _check_shape(part.geometry)
 
 

@@ -12,8 +12,8 @@ import pinocchio as pin
 from safe_ompl.common import FloatArray, InputError, Section, documents as document, key
 from safe_ompl.geometry import Pose
 from safe_ompl.robot.ik import Place, error_from
+from safe_ompl.robot.parts import read_pose
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.spec import read_pose
 
 Bounds: TypeAlias = tuple[float, float]
 """Least and largest value, equal where there is one only."""

@@ -39,7 +39,7 @@ from safe_ompl.robot.joints import (
     resting_value,
     with_mimics,
 )
-from safe_ompl.robot.parts import BASE_JOINTS, Attachment, Models, RobotParts, combined, independent
+from safe_ompl.robot.parts import BASE_JOINTS, Attachment, Models, RobotParts, combined, independent, read_pose
 from safe_ompl.robot.srdf import SrdfFile
 from safe_ompl.robot.urdf import UrdfFile
 
@@ -107,11 +107,6 @@ def _path(name: str, value: Any) -> Path:
     if not isinstance(value, (str, Path)):
         raise InputError(f"must be a file name, got {document.kind_of(value)}", name)
     return (document.folder_of_document() / value).resolve()
-
-
-def read_pose(name: str, value: Any) -> Pose:
-    """Return a pose that is given in any of the forms of `Pose.of`."""
-    return Pose.of(value, name)
 
 
 def _ranges(name: str, value: Any) -> Ranges:
