@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import pairwise
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from safe_ompl.collision.kernels.distances import near_pairs, pair_bounds, pairs_within
 from safe_ompl.collision.kernels.proofs import prove_curve, prove_curves
-from safe_ompl.collision.kernels.tables import GROUP, LANES, EdgeTables, Pairs, Required
+from safe_ompl.collision.kernels.tables import EdgeTables, Pairs, Required, grouped
 from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import BoolArray, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import ConvexBodies
@@ -25,10 +24,6 @@ ALLOWANCE = 2 * DISTANCE_ERROR
 _INTERVALS = 64  # the most that may wait to be proven
 _TOGETHER = 256  # motions that a thread proves in one go: Ctrl-C waits for that
 _SUSPECTS = 8  # pairs that blocked motions last: they often block the next one
-BLOCK = 64  # parts of obstacles that are near each other
-_RUN = 8  # groups that are near each other
-_ROUNDING = 1e-9  # [m] of distances between balls
-
 
 # Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
 Curve: TypeAlias = Sequence[FloatArray]
@@ -79,9 +74,8 @@ class DistanceBounds:
         exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
         self.exact: BoolArray = exact[pairs[:, 0]] & exact[pairs[:, 1]]
         certain = np.where(self.exact, ALLOWANCE, np.inf)
-        poses = _poses(bodies)
-        groups, balls = _groups(bodies, poses, pairs, own)
-        numbers = pairs.astype(np.uintp)
+        poses, numbers = _poses(bodies), pairs.astype(np.uintp)
+        groups, balls = grouped(numbers, own, bodies.bodies, poses)
         pair_table = Pairs(numbers, np.array(radii.T, order="C"), reaches, certain, groups, own, balls)
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
         self._flat = robot.kinematics.joints, *bodies.shapes, *pair_table
@@ -200,47 +194,6 @@ def _poses(bodies: ConvexBodies) -> Records:
     poses["rotation"], poses["origin"] = known["rotation"], known["translation"]
     poses["centre"] = known["translation"] + (known["rotation"] @ known["centre"][..., None])[..., 0]
     return poses
-
-
-def _groups(bodies: ConvexBodies, poses: Records, pairs: IntArray, own: int) -> tuple[Records, FloatArray]:
-    """Return groups of pairs as they follow each other, and the balls about their obstacles."""
-    first, second = pairs.T
-    meets = second >= own
-    starts = np.flatnonzero((np.diff(first, prepend=-1) != 0) & meets | (np.diff(meets, prepend=True)))
-    cuts = [k for a, b in pairwise([0, *starts, len(pairs)]) for k in range(a, b, BLOCK)]
-    groups = np.zeros(len(cuts), GROUP)
-    groups["begin"], groups["end"], groups["body"] = cuts, [*cuts[1:], len(pairs)], first[cuts]
-    numbers = groups["end"] - groups["begin"]
-    lanes = -(-numbers // LANES) * LANES
-    groups["lane"] = np.cumsum(lanes) - lanes
-    balls = np.zeros((4, int(lanes.sum())))
-    reach, centres = bodies.bodies["reach"][second], poses["centre"][second]
-    lane = np.repeat(groups["lane"] - groups["begin"], numbers) + np.arange(len(pairs))
-    balls[:3, lane], balls[3, lane] = centres.T, reach
-    if len(cuts):
-        groups["centre"], radii = _balls_about(centres, reach, cuts)
-        groups["radius"] = np.where(meets[cuts], radii, np.inf)
-        _find_runs(groups)
-    return groups, balls
-
-
-def _balls_about(centres: FloatArray, radii: FloatArray, begins: list[int]) -> tuple[FloatArray, FloatArray]:
-    """Return centres (K, 3) and radii (K,) of balls that each hold balls (N,) from one that begins to the next."""
-    numbers = np.diff(begins, append=len(centres))
-    middle = np.add.reduceat(centres, begins) / numbers[:, None]
-    away = np.linalg.norm(centres - np.repeat(middle, numbers, axis=0), axis=1) + radii
-    return middle, np.maximum.reduceat(away, begins) + _ROUNDING
-
-
-def _find_runs(groups: Records) -> None:
-    """Write the runs of groups that are each of one of the robot's bodies."""
-    starts = np.flatnonzero((np.diff(groups["body"]) != 0) | (np.diff(groups["radius"] < np.inf) != 0)) + 1
-    runs = [k for a, b in pairwise([0, *starts, len(groups)]) for k in range(a, b, _RUN)]
-    numbers = np.diff(runs, append=len(groups))
-    middle, radii = _balls_about(groups["centre"], groups["radius"], runs)
-    groups["around"], groups["wide"] = np.repeat(middle, numbers, axis=0), np.repeat(radii, numbers)
-    groups["on"] = groups["back"] = 1
-    groups["on"][runs], groups["back"][np.cumsum(numbers) - 1] = numbers, numbers
 
 
 def edge_memory(joints: int, pairs: int, poses: Records) -> tuple[FloatArray, FloatArray, IntArray, Records]:

@@ -17,7 +17,7 @@ from safe_ompl.common import Changes, Counts, FloatArray, configuration, configu
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_REACH = 0.05  # [m]
+_REACH = 0.1  # [m]
 
 
 @dataclass(frozen=True)

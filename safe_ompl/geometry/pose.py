@@ -84,11 +84,11 @@ class Pose:
         else:
             matrix = finite_array(value, (4, 4), key)
         rotation = matrix[:3, :3]
-        turned = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _NORM_TOLERANCE
-        if not turned or np.linalg.det(rotation) < 0 or (matrix[3] != [0.0, 0.0, 0.0, 1.0]).any():
-            raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", key)
         quaternion = pin.Quaternion(rotation)
         quaternion.normalize()
+        apart = np.abs(quaternion.toRotationMatrix() - rotation).max()
+        if not apart <= _NORM_TOLERANCE or matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", key)
         return cls(tuple(matrix[:3, 3].tolist()), tuple(quaternion.coeffs().tolist()))
 
     @classmethod

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, inlined
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, inlined, part
 from safe_ompl.geometry.kernels import BODY, NODE, POSE, Records, Shapes, from_box
 from safe_ompl.robot.kernels import JOINT
 
@@ -88,7 +88,64 @@ class EdgeTables(NamedTuple):
 
 
 LANES = 8  # balls that are looked at together
+BLOCK = 64  # parts of obstacles that are near each other
 _FEW = 2 * LANES  # pairs of a group
+_RUN = 8  # groups that are near each other
+_ROUNDING = 1e-9  # [m] of distances between balls
+
+
+@compiled
+def grouped(pairs: Any, own: int, bodies: Records, poses: Records) -> tuple[Records, FloatArray]:
+    """Return groups of pairs (P, 2) as they follow each other, and the balls about their obstacles, as `Pairs`."""
+    P, count, lanes = len(pairs), 0, 0
+    groups, meets = np.zeros(P, GROUP), np.zeros(P, np.bool_)
+    centres, radii, middles, widths = np.zeros((P, 3)), np.zeros(P), np.zeros((P, 3)), np.full(P, inf)
+    for k in range(P):
+        body = np.intp(pairs[k, 1])
+        centres[k], radii[k], meets[k] = poses[body].centre, bodies[body].reach, body >= own
+    end = 0
+    while end < P:
+        begin, group = end, groups[count]
+        while end < min(P, begin + BLOCK) and meets[end] == meets[begin]:
+            if meets[end] and pairs[end, 0] != pairs[begin, 0]:
+                break
+            end += 1
+        group.begin, group.end, group.body, group.lane = begin, end, pairs[begin, 0], lanes
+        if meets[begin]:
+            widths[count] = _write_ball(centres[begin:end], radii[begin:end], middles[count])
+        group.centre[:], group.radius = middles[count], widths[count]
+        count, lanes = count + 1, lanes + (end - begin + LANES - 1) // LANES * LANES
+    balls, end = np.zeros((4, lanes)), 0
+    for g in range(count):
+        for k in range(groups[g].begin, groups[g].end):
+            lane = groups[g].lane + k - groups[g].begin
+            balls[:3, lane], balls[3, lane] = centres[k], radii[k]
+    while end < count:
+        begin, body = end, groups[end].body
+        while end < min(count, begin + _RUN) and groups[end].body == body:
+            if (widths[end] < inf) != (widths[begin] < inf):
+                break
+            groups[end].on = groups[end].back = 1
+            end += 1
+        wide = _write_ball(middles[begin:end], widths[begin:end], groups[begin].around)
+        for g in range(begin, end):
+            groups[g].around[:], groups[g].wide = groups[begin].around, wide
+        groups[begin].on = groups[end - 1].back = end - begin
+    return groups[:count].copy(), balls
+
+
+@part
+def _write_ball(centres: FloatArray, radii: FloatArray, middle: FloatArray) -> float:
+    """Write the centre (3,) of a ball that holds other balls (K,); return its radius."""
+    widest = 0.0
+    for x in range(3):
+        middle[x] = 0.0
+        for k in range(len(centres)):
+            middle[x] += centres[k, x] / len(centres)
+    for k in range(len(centres)):
+        x, y, z = centres[k, 0] - middle[0], centres[k, 1] - middle[1], centres[k, 2] - middle[2]
+        widest = max(widest, sqrt(x * x + y * y + z * z) + radii[k])
+    return widest + _ROUNDING
 
 
 @inlined
