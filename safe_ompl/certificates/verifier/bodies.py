@@ -85,7 +85,6 @@ class Separations:
             for name, shape, place in obstacle.geometries()
         ]
         self._own = [(int(pair.first), int(pair.second)) for pair in robot.shared.collision_model.collisionPairs]
-        self._axes = robot.shared.chain.axes
         self._required = [claims.required(obstacle.name) for _, obstacle, _, _ in self._obstacles]
         moving = [link.name for link in self._links if link.parentJoint != 0]
         self.names = [(self._links[a].name, self._links[b].name) for a, b in self._own]
@@ -97,9 +96,9 @@ class Separations:
         ]
 
     def examined(
-        self, q: FloatArray, steps: FloatArray, only: Container[tuple[str, str]] | None = None
+        self, q: FloatArray, steps: FloatArray, only: Container[tuple[str, str]]
     ) -> Iterator[tuple[tuple[str, str], float, float, float]]:
-        """For each pair, or some: names, distance at `q`, how far it can approach in `steps`, what it must keep."""
+        """For some of the pairs: names, distance at `q`, how far it can approach in `steps`, what it must keep."""
         self.budget.spend()
         robot, links = self._robot, self._links
         steps = robot.coupling.reach(steps)
@@ -108,7 +107,7 @@ class Separations:
         poses = [coal.Transform3s(place.rotation, place.translation) for place in places]
         radii = self._radii(places)
         for a, b in self._own:
-            if only is not None and (links[a].name, links[b].name) not in only:
+            if (links[a].name, links[b].name) not in only:
                 continue
             apart = self.distance(links[a].geometry, poses[a], links[b].geometry, poses[b])
             only_a = [i for i in self._movers[a] if i not in self._movers[b]]
@@ -119,12 +118,9 @@ class Separations:
             if link.parentJoint == 0:
                 continue
             approach = float(sum(radii[k][i] * steps[i] for i in self._movers[k]))
-            for (name, obstacle, shape, pose), required in zip(self._obstacles, self._required, strict=True):
-                allowed = plain_name(link.name) in obstacle.touched_by
-                if allowed or (only is not None and (link.name, name) not in only):
-                    continue
-                apart = self.distance(link.geometry, poses[k], shape, pose)
-                yield (link.name, name), apart, approach, required
+            for (name, _, shape, pose), required in zip(self._obstacles, self._required, strict=True):
+                if (link.name, name) in only:
+                    yield (link.name, name), self.distance(link.geometry, poses[k], shape, pose), approach, required
 
     @staticmethod
     def distance(shape: Any, pose: Any, other: Any, other_pose: Any) -> float:
@@ -135,10 +131,8 @@ class Separations:
 
     def _radii(self, places: list[pin.SE3]) -> FloatArray:
         """Return how far each body's farthest point is from the axes of the joints that move it; 1 if one slides."""
-        joints = list(self._data.oMi)[1:]
-        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)])
-        origins = np.array([joint.translation for joint in joints])
-        radii = np.zeros((len(places), len(self._axes)))
+        axes, origins = joint_lines(self._robot, self._data)
+        radii = np.zeros((len(places), len(axes)))
         for k, ((points, pad), place, by) in enumerate(zip(self._points, places, self._movers, strict=True)):
             radii[k, by] = farthest(points, place, origins[by], axes[by]) + pad
         return np.where(self._robot.joint_prismatic, 1.0, radii)
@@ -165,12 +159,15 @@ def plain_name(name: str) -> str:
 
 
 def joints_below(robot: Robot, joint: int) -> list[int]:
-    """Return the joints, counted from 0, between a joint of Pinocchio's and the base, itself included."""
-    found = []
-    while joint != 0:
-        found.append(joint - 1)
-        joint = int(robot.shared.model.parents[joint])
-    return found
+    """Return the joints, counted from 0, from a joint of Pinocchio's to the base, itself included."""
+    return [above - 1 for above in list(robot.shared.model.supports[joint])[:0:-1]]
+
+
+def joint_lines(robot: Robot, data: pin.Data) -> tuple[FloatArray, FloatArray]:
+    """Return the axes (m, 3) of the model's joints where they are placed, of length 1, and points (m, 3) on these."""
+    joints = list(data.oMi)[1:]
+    axes = [joint.rotation @ axis for joint, axis in zip(joints, robot.shared.chain.axes, strict=True)]
+    return np.array(axes), np.array([joint.translation for joint in joints])
 
 
 def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
@@ -208,7 +205,6 @@ class PlainSpeeds:
     def __init__(self, robot: Robot, budget: Budget) -> None:
         self._robot, self._budget = robot, budget
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
-        self._axes = robot.shared.chain.axes
         frame = self._model.frames[robot.tip_frame]
         self._tip = self._body(np.array(frame.placement.translation)[None], 0.0, int(frame.parentJoint))
         links = [self._link(link) for link in robot.shared.collision_model.geometryObjects]
@@ -248,24 +244,17 @@ class PlainSpeeds:
         robot = self._robot
         q, coupling = piece.at(middle), robot.coupling
         pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
-        turns, drifts = self._joint_motions(coupling.motions(piece.slope(middle)))
-        steps = coupling.reach(piece.steps(1.0))
+        axes, origins = joint_lines(robot, self._data)
+        motions, sliding = coupling.motions(piece.slope(middle))[:, None] * axes, robot.joint_prismatic[:, None]
+        turns = np.where(sliding, 0.0, motions)  # what a joint carries moves with turn × x + drift
+        drifts = np.where(sliding, motions, np.cross(origins, motions))
+        steps = coupling.reach(piece.steps)
         slid = np.abs(coupling.values(q)) + half * steps
         most = coupling.reach(piece.bends)
         exact = [self._speed(body, turns, drifts) for body in bodies]
         bends = [bend_bound(robot, body.movers, body.length, steps, most, slid) for body in bodies]
         bounds = (speed + half * bend for speed, bend in zip(exact, bends, strict=True))
         return max(exact, default=0.0), max(bounds, default=0.0)
-
-    def _joint_motions(self, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what each joint (m, 3) adds to the motion of what it carries: x moves with turn × x + drift."""
-        joints = list(self._data.oMi)[1:]
-        origins = np.array([joint.translation for joint in joints])
-        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)])
-        motions = rates[:, None] * axes
-        sliding = self._robot.joint_prismatic[:, None]
-        about = np.cross(origins, motions)
-        return np.where(sliding, 0.0, motions), np.where(sliding, motions, about)
 
     def _speed(self, body: _Body, turns: FloatArray, drifts: FloatArray) -> float:
         place = self._data.oMi[body.carrier]
@@ -307,11 +296,8 @@ class PlainTool:
 
     def __init__(self, robot: Robot, claim: Tool, budget: Budget = ENDLESS) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
-        self._model = robot.shared.model
-        self._data = self._model.createData()
-        carrier = int(self._model.frames[robot.tip_frame].parentJoint)
-        moving = set(self._model.supports[carrier])
-        self._moves = np.array([joint in moving for joint in range(1, self._model.njoints)])
+        self._model, self._data = robot.shared.model, robot.shared.model.createData()
+        self._movers = joints_below(robot, int(self._model.frames[robot.tip_frame].parentJoint))
 
     def exceeded(self, stretch: Stretch) -> tuple[float, str] | None:
         """Return where on a stretch, and which limit is not proven to be kept; else None."""
@@ -334,36 +320,20 @@ class PlainTool:
         robot, claim = self._robot, self._claim
         pin.framesForwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
         tip = self._data.oMf[robot.tip_frame]
-        reach = robot.coupling.reach(steps) * self._moves
+        axes, origins = (of[self._movers] for of in joint_lines(robot, self._data))
+        reach, slides = robot.coupling.reach(steps)[self._movers], robot.joint_prismatic[self._movers]
         found = []
         if claim.orientation is not None:
             axis, direction = claim.orientation.axis, claim.orientation.direction
             cosine = (tip.rotation @ axis) @ direction / sqrt((axis @ axis) * (direction @ direction))
             angle = acos(min(1.0, max(-1.0, float(cosine))))
-            turned = self._turned(tip.rotation @ axis / sqrt(axis @ axis), reach)
-            found.append(("orientation", angle - claim.orientation.angle, turned))
+            tool = tip.rotation @ axis / sqrt(axis @ axis)  # it turns on cones about the axes
+            turned = reach @ np.where(slides, 0.0, np.linalg.norm(np.cross(axes, tool), axis=1))
+            found.append(("orientation", angle - claim.orientation.angle, float(turned)))
         if claim.position is not None:
             bounds = claim.position.items()
             here = dict(zip("xyz", tip.translation, strict=True))
             outside = max(max(low - here[key], here[key] - high) for key, (low, high) in bounds)
-            found.append(("position", float(outside), self._moved(tip.translation, reach)))
+            arms = np.linalg.norm(np.cross(axes, tip.translation - origins), axis=1)
+            found.append(("position", float(outside), float(reach @ np.where(slides, 1.0, arms))))
         return found
-
-    def _turned(self, tool: FloatArray, reach: FloatArray) -> float:
-        """Return how far [rad] an axis can turn while the model's joints move by `reach`: on cones about theirs."""
-        axes = self._robot.shared.chain.axes
-        turned = 0.0
-        for i in np.flatnonzero(reach * ~self._robot.joint_prismatic):
-            across = np.cross(self._data.oMi[int(i) + 1].rotation @ axes[i], tool)
-            turned += float(reach[i]) * sqrt(float(across @ across))
-        return turned
-
-    def _moved(self, point: FloatArray, reach: FloatArray) -> float:
-        """Return how far [m] the tip can move while the model's joints move by up to `reach`."""
-        moved = 0.0
-        axes = self._robot.shared.chain.axes
-        for i in np.flatnonzero(reach):
-            joint = self._data.oMi[int(i) + 1]
-            arm = np.cross(joint.rotation @ axes[i], point - joint.translation)
-            moved += float(reach[i]) * (1.0 if self._robot.joint_prismatic[i] else sqrt(float(arm @ arm)))
-        return moved

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.claims import Certificate, Danger, MovingDanger
-from safe_ompl.certificates.verifier.bodies import ENDLESS, Budget, PlainTool, Stretch, bend_bound, joints_below
+from safe_ompl.certificates.verifier.bodies import Budget, PlainTool, Stretch, bend_bound, joint_lines, joints_below
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray, within
 from safe_ompl.robot import Robot
@@ -42,7 +42,7 @@ class PlainDanger:
     D/(D − δ) times what it was, at most. The danger points, (M, 3), are one at least.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, claim: Danger, budget: Budget = ENDLESS) -> None:
+    def __init__(self, robot: Robot, scene: Scene, claim: Danger, budget: Budget) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
         self._data = robot.shared.model.createData()
         with within("danger"):  # which may ask for too many points
@@ -89,10 +89,8 @@ class PlainDanger:
         """Return how far each key point (K,) can move [m] while the joints move by `steps` from `q`."""
         robot = self._robot
         pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
-        joints = list(self._data.oMi)[1:]
-        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, robot.shared.chain.axes, strict=True)])
-        arms = keypoints[:, None] - np.array([joint.translation for joint in joints])  # (K, n, 3)
-        across = arms - (arms * axes).sum(axis=2)[..., None] * axes
+        axes, origins = joint_lines(robot, self._data)
+        across = np.cross(axes, keypoints[:, None] - origins)  # (K, m, 3)
         radii = np.where(robot.joint_prismatic, 1.0, _norm(across)) * robot.joint_keypoint_support
         return np.asarray(radii @ robot.coupling.reach(steps))
 
@@ -144,7 +142,7 @@ class PlainMovingDanger:
 
     def __init__(self, robot: Robot, scene: Scene, claim: MovingDanger, budget: Budget) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
-        self._still = PlainDanger(robot, scene, claim)
+        self._still = PlainDanger(robot, scene, claim, budget)
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
         self._ends = robot.segments.T
         self._carriers = [int(np.flatnonzero(row).max(initial=-1)) + 1 for row in robot.joint_keypoint_support]
@@ -237,19 +235,15 @@ class PlainMovingDanger:
         q, coupling = piece.at(middle), robot.coupling
         places = robot.keypoints(q)
         pin.forwardKinematics(model, self._data, robot.pinocchio_configuration(q))
-        joints = list(self._data.oMi)[1:]
-        motions = coupling.motions(piece.slope(middle))
-        steps = coupling.reach(piece.steps(1.0))
+        axes, origins = joint_lines(robot, self._data)
+        motions = coupling.motions(piece.slope(middle))[:, None] * axes
+        turned = np.where(robot.joint_prismatic[:, None], motions, np.cross(motions, places[:, None] - origins))
+        velocities, bends = np.einsum("km,kmx->kx", robot.joint_keypoint_support, turned), np.zeros(len(places))
+        steps = coupling.reach(piece.steps)
         slid = np.abs(coupling.values(q)) + half * steps
-        velocities, bends = np.zeros_like(places), np.zeros(len(places))
         for k, carrier in enumerate(self._carriers):
-            movers = joints_below(robot, carrier)
-            for i in movers:
-                turn = motions[i] * (joints[i].rotation @ robot.shared.chain.axes[i])
-                arm = places[k] - joints[i].translation
-                velocities[k] += turn if robot.joint_prismatic[i] else np.cross(turn, arm)
-            if movers:
-                length = float(np.linalg.norm(places[k] - joints[carrier - 1].translation))
+            if movers := joints_below(robot, carrier):
+                length = float(np.linalg.norm(places[k] - origins[carrier - 1]))
                 bends[k] = bend_bound(robot, movers, length, steps, coupling.reach(piece.bends), slid)
         speeds = _norm(velocities) + half * bends
         both = [np.maximum(*(of[side] for side in self._ends)) for of in (speeds, bends)]

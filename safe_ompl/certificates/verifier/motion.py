@@ -51,10 +51,11 @@ class PlainPiece:
         """Return q″ (n,) there."""
         return self.second + sigma * self.third
 
-    def steps(self, half: float) -> FloatArray:
-        """Return how far each joint (n,) moves at most in half an interval."""
+    @property
+    def steps(self) -> FloatArray:
+        """The largest |q′| (n,) on the piece."""
         low, high = self.slopes(0.0, self.length)
-        return half * np.maximum(-low, high)
+        return np.maximum(-low, high)
 
     @property
     def bends(self) -> FloatArray:
@@ -151,8 +152,7 @@ class PlainMotion:
         for name, q, wanted in zip(("begin", "end"), own, ends, strict=True):
             if np.abs(robot.difference(q, wanted)).max() > _SAME:
                 raise CertificateError(f"trajectory: the curve does not {name} where the path does")
-        for k in range(1, len(self.pieces)):
-            before, after = self.pieces[k - 1], self.pieces[k]
+        for k, (before, after) in enumerate(pairwise(self.pieces), 1):
             if np.abs(before.at(before.length) - after.start).max() > _SAME:
                 raise CertificateError(f"trajectory: piece {k} does not begin where the one before ends")
 

@@ -28,23 +28,19 @@ PROGRAM_FORMAT, VERSION = "safe-ompl program certificate", 1
 _SAME = 1e-6  # [rad, m and s] that stretches, and things that change hands, may be apart
 
 
-def _certificate(key: str, value: Any) -> dict[str, Any]:
-    return document.mapping(key, value)
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Stretch(Section):
     begin: float = key(document.number, at_least=0.0)
     step: str = key(document.line, default="")
-    certificate: Mapping[str, Any] = key(_certificate)
+    certificate: Mapping[str, Any] = key(document.mapping)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Program(Section):
     format: str = key(document.one_of, known=[PROGRAM_FORMAT])
     version: int = key(document.one_of, known=[VERSION])
-    robots: tuple[Mapping[str, Any], ...] = key(document.each, read=_certificate, least="robot")
-    scenes: tuple[Mapping[str, Any], ...] = key(document.each, read=_certificate, least="scene")
+    robots: tuple[Mapping[str, Any], ...] = key(document.each, read=document.mapping, least="robot")
+    scenes: tuple[Mapping[str, Any], ...] = key(document.each, read=document.mapping, least="scene")
     stretches: tuple[_Stretch, ...] = key(document.each, read=document.section, kind=_Stretch, least="stretch")
     digest: str = key(document.sha)
 
