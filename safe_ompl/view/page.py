@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,50 +29,40 @@ def plot_kind(file: str | Path) -> str:
     return ending[1:]
 
 
-class Page:
-    """A figure of width and height [inch] that is saved to a file when it is complete, or only drawn on its canvas.
+@contextmanager
+def page(
+    file: str | Path | None, width: float, height: float, dpi: int = DPI, *, arranged: bool = True
+) -> Iterator[Any]:
+    """Yield a figure of width and height [inch]; once complete it is saved to a file, or only drawn on its canvas.
 
     Matplotlib arranges the axes, or they stand where they are put. Missing folders are made. Raises SafeOmplError if
     Matplotlib is not installed.
     """
+    try:
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from matplotlib.layout_engine import ConstrainedLayoutEngine
+    except ImportError as missing:
+        raise SafeOmplError("plots need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    kind = None if file is None else plot_kind(file)
+    with matplotlib.rc_context(fname=_STYLE):
+        # The margin keeps what ends at the edge of the axes, such as a tick's label, from being cut.
+        layout = ConstrainedLayoutEngine(rect=(0.008, 0.0, 0.98, 0.992)) if arranged else None
+        figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
+        FigureCanvasAgg(figure)
+        yield figure
+        if file is None:
+            figure.canvas.draw()
+            return
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        with files.replacing(file, binary=True) as stream:
+            figure.savefig(stream, format=kind)
 
-    def __init__(
-        self, file: str | Path | None, width: float, height: float, dpi: int = DPI, *, arranged: bool = True
-    ) -> None:
-        try:
-            import matplotlib
-            from matplotlib.backends.backend_agg import FigureCanvasAgg
-            from matplotlib.figure import Figure
-            from matplotlib.layout_engine import ConstrainedLayoutEngine
-        except ImportError as missing:
-            raise SafeOmplError("plots need Matplotlib: pip install 'safe-ompl[plots]'") from missing
-        self._file = None if file is None else Path(file)
-        self._kind = None if file is None else plot_kind(file)
-        self._style = matplotlib.rc_context(fname=_STYLE)
-        with matplotlib.rc_context(fname=_STYLE):
-            # The margin keeps what ends at the edge of the axes, such as a tick's label, from being cut.
-            layout = ConstrainedLayoutEngine(rect=(0.008, 0.0, 0.98, 0.992)) if arranged else None
-            self.figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
-            FigureCanvasAgg(self.figure)
 
-    def __enter__(self) -> Page:
-        self._style.__enter__()
-        return self
-
-    def set_title(self, title: str) -> None:
-        """Write a title above all axes."""
-        self.figure.suptitle(title, x=0.01, ha="left", fontsize=12, weight="bold")
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        try:
-            if error is None and self._file is None:
-                self.figure.canvas.draw()
-            elif error is None and self._file is not None:
-                self._file.parent.mkdir(parents=True, exist_ok=True)
-                with files.replacing(self._file, binary=True) as stream:
-                    self.figure.savefig(stream, format=self._kind)
-        finally:
-            self._style.__exit__(kind, error, trace)
+def set_title(figure: Any, title: str) -> None:
+    """Write a title above all axes."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, weight="bold")
 
 
 def curve(values: ArrayLike, kind: str) -> FloatArray:

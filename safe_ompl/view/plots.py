@@ -23,7 +23,7 @@ from safe_ompl.paths import forced_danger
 from safe_ompl.people.simulation import DriveReport
 from safe_ompl.planning import ProgramResult, Tradeoff
 from safe_ompl.trajectories import MotionDanger, Trajectory
-from safe_ompl.view.page import ALARM, ALONG, DANGER, DPI, GREY, Page, add_legend_above, curve, draw_limit
+from safe_ompl.view.page import ALARM, ALONG, DANGER, DPI, GREY, add_legend_above, curve, draw_limit, page, set_title
 from safe_ompl.view.style import Colour, cap_colours, planner_styles, shades
 
 _LINE = 0.08  # of the height of the axes: what a line of words needs
@@ -51,17 +51,17 @@ def plot_plan(
     gaps = {to: 1e3 * curve(found, "clearance") for to, found in (clearance or {}).items()}
     rows = 1 + bool(gaps)
     height = 1.2 + 2.5 * rows
-    with Page(file, 7.0, height, dpi, arranged=False) as page:  # half the time of an arranged figure
+    with page(file, 7.0, height, dpi, arranged=False) as figure:  # half the time of an arranged figure
         top, bottom = 1 - 0.35 / height, 0.55 / height
-        page.figure.subplots_adjust(left=0.1, right=0.925, top=top, bottom=bottom, hspace=0.25)
-        upper = lowest = page.figure.add_subplot(rows, 1, 1)
+        figure.subplots_adjust(left=0.1, right=0.925, top=top, bottom=bottom, hspace=0.25)
+        upper = lowest = figure.add_subplot(rows, 1, 1)
         _draw_danger(upper, values, planner_styles([planner])[planner].colour)
         upper.set_title(planner if title is None else title)
         if gaps:
-            lowest = page.figure.add_subplot(rows, 1, 2)
+            lowest = figure.add_subplot(rows, 1, 2)
             _draw_clearance(lowest, gaps)
         lowest.set_xlabel(ALONG)
-    return page.figure
+    return figure
 
 
 def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
@@ -112,9 +112,9 @@ def plot_motion(
     """
     jerk = trajectory.limits.jerk
     rows = 3 + (jerk is not None) + (danger is not None)
-    with Page(file, 7.5, 0.6 + 2.2 * rows + 0.8) as page:
-        upper, *lower = page.figure.subplots(rows, 1, height_ratios=[1.5] + [1.0] * (rows - 1))
-        page.set_title(f"{trajectory.duration:.2f} s" if title is None else title)
+    with page(file, 7.5, 0.6 + 2.2 * rows + 0.8) as figure:
+        upper, *lower = figure.subplots(rows, 1, height_ratios=[1.5] + [1.0] * (rows - 1))
+        set_title(figure, f"{trajectory.duration:.2f} s" if title is None else title)
         times = np.linspace(0.0, trajectory.duration, _SAMPLES)
         cells, _, speeds, _ = trajectory.law.at(times)
         bounds = {cap.name: cap.speeds[cells] for cap in trajectory.caps}
@@ -126,11 +126,11 @@ def plot_motion(
         _draw_joints(lower[1], times, state.qdd / limits.acceleration, "acceleration / limit")
         if jerk is not None:
             _draw_joints(lower[2], times, trajectory.jerks_at(times) / jerk, "jerk / limit")
-        _name_joints(page.figure, lower[0], trajectory.joint_names)
+        _name_joints(figure, lower[0], trajectory.joint_names)
         if danger is not None:
             _draw_danger_in_motion(lower[-1], danger)
         lower[-1].set_xlabel("time [s]")
-    return page.figure
+    return figure
 
 
 def _draw_speeds(
@@ -206,15 +206,15 @@ def plot_speeds(
     caps = {name: np.asarray(values, dtype=float) for name, values in bounds.items()}
     if {len(s), len(binding), *map(len, caps.values())} != {len(t)}:
         raise InputError(f"times, speeds, bounds and binding must be equally many, got {len(t)} times")
-    with Page(file, *SIZE, dpi, arranged=False) as page:
-        axes = page.figure.add_axes(AXES)
+    with page(file, *SIZE, dpi, arranged=False) as figure:
+        axes = figure.add_axes(AXES)
         used = _draw_speeds(axes, t, s, caps, binding)
         axes.set(xlabel="time [s]", xlim=(0.0, float(t[-1])))
-        page.figure.text(AXES[0], 0.93, title, weight="bold", fontsize=12)
-        page.figure.text(0.985, 0.93, f"{t[-1]:.2f} s", ha="right", color=GREY, fontsize=12)
+        figure.text(AXES[0], 0.93, title, weight="bold", fontsize=12)
+        figure.text(0.985, 0.93, f"{t[-1]:.2f} s", ha="right", color=GREY, fontsize=12)
         small = 8.5 if used < 4 else 7.5  # four names of caps are just within the axes
         add_legend_above(axes, small, handlelength=1.0, handletextpad=0.5, columnspacing=1.0)
-    return page.figure
+    return figure
 
 
 def _joined(values: FloatArray, chosen: Any) -> FloatArray:
@@ -244,11 +244,11 @@ def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None
     shares = [(around - middle) / np.where(half > 0, half, 1.0)]
     if limits is not None:
         shares += [motion.derivative(times, order) / getattr(limits, _KINDS[order]) for order in range(1, len(_KINDS))]
-    with Page(file, 7.5, 2.0 + 2.0 * len(shares) + 2.2) as page:
-        every = page.figure.subplots(len(shares) + 1, 1, sharex=True)
+    with page(file, 7.5, 2.0 + 2.0 * len(shares) + 2.2) as figure:
+        every = figure.subplots(len(shares) + 1, 1, sharex=True)
         for axes, values, kind in zip(every, shares, _KINDS, strict=False):
             _draw_joints(axes, times, values, f"{kind} / limit")
-        _name_joints(page.figure, every[0], robot.joint_names)
+        _name_joints(figure, every[0], robot.joint_names)
         _draw_distances(every[-1], times, Q, proof)
         every[-1].set(xlabel="time [s]" if motion.timed else "way point", xlim=_span(times[-1], times[0]))
         for found in check.violations:  # shaded, short ones a little wider
@@ -257,8 +257,8 @@ def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None
                 axes.axvspan(found.first - room, found.last + room, color=ALARM, alpha=0.16, linewidth=0)
         stretches = len(check.violations)
         said = "proven" if check else f"{stretches} stretch{'es' * (stretches > 1)} not proven"
-        page.set_title(said if title is None else title)
-    return page.figure
+        set_title(figure, said if title is None else title)
+    return figure
 
 
 def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionProver) -> None:
@@ -291,8 +291,8 @@ def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = D
     """Draw when a program does which step, one below the other; steps without motion are lines."""
     steps = () if result.scenario.program is None else result.scenario.program.steps
     colours = cap_colours(step.kind for step in steps)
-    with Page(file, 7.5, 1.2 + 0.4 * max(len(steps), 10), dpi) as page:
-        axes, time = page.figure.add_subplot(), 0.0
+    with page(file, 7.5, 1.2 + 0.4 * max(len(steps), 10), dpi) as figure:
+        axes, time = figure.add_subplot(), 0.0
         for k, step in enumerate(steps):
             spans = [(s.begin, s.motion.duration) for s in result.stretches if s.step == k]
             axes.broken_barh(spans or [(time, 0.0)], (k - 0.32, 0.64), color=colours[step.kind], linewidth=1.6)
@@ -301,8 +301,8 @@ def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = D
         axes.set_yticks(range(len(steps)), words)
         axes.grid(axis="y", visible=False)
         axes.set(xlabel="time [s]", xlim=_span(time), ylim=(len(steps) - 0.4, -0.6))
-        page.set_title(result.scenario.name)
-    return page.figure
+        set_title(figure, result.scenario.name)
+    return figure
 
 
 _HALTED = "0.90"
@@ -310,8 +310,8 @@ _HALTED = "0.90"
 
 def plot_drive(report: DriveReport, file: str | Path | None) -> Any:
     """Draw distance, protective distance and proven margin of a drive over time, and the robot's fastest key point."""
-    with Page(file, 10.0, 5.6) as page:
-        upper, lower = page.figure.subplots(2, 1, sharex=True, height_ratios=[2.0, 1.0])
+    with page(file, 10.0, 5.6) as figure:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.0, 1.0])
         for axes in (upper, lower):
             for halt in report.halts:
                 axes.axvspan(halt.begin, halt.end, color=_HALTED, linewidth=0)
@@ -329,7 +329,7 @@ def plot_drive(report: DriveReport, file: str | Path | None) -> Any:
         lower.set(xlabel="time [s]; grey: it brakes or stands, red: an assumption was broken", ylabel="speed [m/s]")
         lower.set_ylim(bottom=0.0)
         lower.set_xlim(*_span(report.times[-1], report.times[0]))
-    return page.figure
+    return figure
 
 
 _MOST_IN_AXES = 5  # planners whose legend finds room among their curves or points
@@ -344,8 +344,8 @@ def plot_profiles(
     solved.
     """
     many = len(profiles) > _MOST_IN_AXES  # then the legend stands beside them
-    with Page(file, 9.0 if many else 7.0, 4.4) as page:
-        axes = page.figure.add_subplot()
+    with page(file, 9.0 if many else 7.0, 4.4) as figure:
+        axes = figure.add_subplot()
         for name, style in planner_styles(profiles).items():
             runs = profiles[name]
             line = runs.mean(axis=0) if len(runs) else []
@@ -362,10 +362,10 @@ def plot_profiles(
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
         if many:
-            page.figure.legend(loc="outside right upper", handlelength=3.2)
+            figure.legend(loc="outside right upper", handlelength=3.2)
         else:
             axes.legend(handlelength=3.2)
-    return page.figure
+    return figure
 
 
 def plot_tradeoff(front: Tradeoff, file: str | Path | None, *, title: str = "What safety costs") -> Any:
@@ -377,8 +377,8 @@ def plot_tradeoff(front: Tradeoff, file: str | Path | None, *, title: str = "Wha
     lengths = np.array([report.length for report, _ in measured])
     means = np.array([danger.mean for _, danger in measured])
     colours = shades(len(measured))
-    with Page(file, 10.0, 4.4) as page:
-        left, right = page.figure.subplots(1, 2)
+    with page(file, 10.0, 4.4) as figure:
+        left, right = figure.subplots(1, 2)
         left.step(lengths, means, where="post", color="0.75", linewidth=1.4, zorder=1)
         left.scatter(lengths, means, s=80, color=colours, edgecolor="white", linewidth=1.0, zorder=3)
         for weight, length, mean in zip(front.weights, lengths, means, strict=True):
@@ -393,5 +393,5 @@ def plot_tradeoff(front: Tradeoff, file: str | Path | None, *, title: str = "Wha
         right.set(xlabel="along the path, from its start [rad]", ylabel=DANGER, xlim=(0.0, 1.03 * lengths[-1]))
         right.set_ylim(bottom=0.0)
         right.set_title("Danger along each path", fontsize=11, weight="normal")
-        page.set_title(title)
-    return page.figure
+        set_title(figure, title)
+    return figure
