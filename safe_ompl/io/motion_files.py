@@ -124,7 +124,8 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
     joints have no names, which arrays do without.
     """
     ending = Path(file).suffix.lower()
-    if ending not in WRITABLE:
+    write = FORMS[ending].write if ending in FORMS else None
+    if write is None:
         raise InputError(f"must have one of the endings {', '.join(WRITABLE)}", str(file))
     if ending == ".json" and not message:
         return strict_json(marked("motion", motion.to_mapping())) + "\n", motion
@@ -138,8 +139,7 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
     held = np.zeros((motion.pieces, max(back.degree, motion.degree) + 1, motion.n))
     held[:, : motion.degree + 1] = motion.coefficients
     held[:, : back.degree + 1] -= back.coefficients
-    fits = motion.degree <= 5 and np.abs(held).max() <= _SAME
-    if not fits:
+    if motion.degree > 5 or np.abs(held).max() > _SAME:
         raise InputError(
             "holds way points, and these cannot hold this motion: its degree is above 5, or its velocities or "
             "accelerations jump; give a file of ours (.json)",
@@ -147,8 +147,6 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
         )
     if motion.joint_names is None and ending != ".npz":
         raise InputError("needs the names of the joints, which the motion lacks", str(file))
-    write = FORMS[ending].write
-    assert write is not None
     return write(points), back
 
 

@@ -252,8 +252,7 @@ class TimedMotion:
         """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
         about = Problem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
-        given = document.mapping("bounds", document.require(data, "bounds"))
-        bounds = {name: document.sequence(f"bounds.{name}", values) for name, values in given.items()}
+        bounds = document.by_name("bounds", document.require(data, "bounds"), document.sequence)
         return cls(
             about.robot,
             about.scene,

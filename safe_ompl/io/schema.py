@@ -129,14 +129,12 @@ def carried_objects(items: list[dict[str, Any]]) -> dict[str, str]:
     return files
 
 
-def check_carried(key: str, items: Any, files: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return a list of objects, or raise InputError if one names a file that does not travel with it."""
-    found = [document.mapping(f"{key}[{k}]", item) for k, item in enumerate(document.sequence(key, items))]
-    for k, item in enumerate(found):
-        for part, value in item.items():
+def check_carried(key: str, items: Any, files: Mapping[str, str]) -> None:
+    """Raise InputError unless this is a list of objects, and none names a file that does not travel with it."""
+    for k, item in enumerate(document.sequence(key, items)):
+        for part, value in document.mapping(f"{key}[{k}]", item).items():
             if isinstance(value, dict) and "file" in value and value["file"] not in files:
                 raise InputError(f"the file {value['file']!r} is not carried", f"{key}[{k}].{part}.file")
-    return found
 
 
 def unpack(files: Mapping[str, str], folder: Path) -> None:

@@ -156,8 +156,7 @@ class OccupancyGrid:
                 raise InputError(f"is more than the {camera.block**2} pixels of a block of {name!r}", "min_points")
         self.time = -np.inf  # of the newest image [s]
         side = _SIDE * ceil(2 * options.reach / options.edge / _SIDE - _SAME)
-        frames = robot.joint_frames(np.zeros((1, robot.n)))
-        middle = frames[1][0, 0]
+        middle = robot.joint_frames(np.zeros((1, robot.n)))[1][0, 0]
         self.cells = Cells(middle - 0.5 * side * options.edge, options.edge, side)
         parts = [
             pin.GeometryObject(name, 0, pose, geometry)

@@ -78,13 +78,10 @@ class RateLimits:
         ----------
         robot : Robot
             The robot.
-        velocity : float, mapping of str to float, or array_like of shape (n,), optional
-            Default: the URDF's.
-        acceleration : float, mapping of str to float, or array_like of shape (n,), optional
-            Default: the robot's own (`Robot.with_accelerations`, or its entry in a scenario), and where it has none
-            what reaches the velocity limit in 0.25 s, with a warning: URDFs have no such limits.
-        jerk : float, mapping of str to float, or array_like of shape (n,), optional
-            Of all joints. Default: it is not limited.
+        velocity, acceleration, jerk : float, mapping of str to float, or array_like of shape (n,), optional
+            Default: the URDF's velocities; the robot's own accelerations (`Robot.with_accelerations`, or its entry in a
+            scenario), and where it has none what reaches the velocity limit in 0.25 s, with a warning: URDFs have no
+            such limits; no limit of the jerk, which otherwise is one of all joints.
 
         An InputError if the URDF has no velocity for a joint and none is given, or as the class; an UnknownNameError if
         there is no such joint.

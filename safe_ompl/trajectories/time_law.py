@@ -167,7 +167,7 @@ class SmoothLaw(TimeLaw):
     def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds of ṡ; as `TimeLaw`, but not exact."""
         times = np.maximum.accumulate(self._passed(edges))
-        ends, more = self.at(times)[2], np.diff(times) / 2 * self._most
+        ends, more = self.at(times)[2], np.diff(times) / 2 * np.abs(self._pushes).max()
         low = np.minimum(ends[:-1], ends[1:]) - more
         return np.maximum(low, 0.0), np.maximum(ends[:-1], ends[1:]) + more
 
@@ -227,10 +227,6 @@ class SmoothLaw(TimeLaw):
     @cached_property
     def _pushes(self) -> FloatArray:
         return TimeLaw(self.edges, self.plan_squares, self.arrivals).pushes
-
-    @cached_property
-    def _most(self) -> float:
-        return float(np.abs(self._pushes).max())
 
     @cached_property
     def _areas(self) -> FloatArray:

@@ -70,12 +70,7 @@ class DepthRenderer:
             vertices, faces = tessellate(solid.geometry)
             things.append((vertices @ solid.placement.rotation.T + solid.placement.translation, faces))
         points, faces = surfaces.joined([(body.vertices, body.faces), *things])
-        return {
-            name: self._eyes[name].spoilt(
-                np.minimum(self._eyes[name].behind, self._eyes[name].depths(points, faces)), self._rng
-            )
-            for name in names
-        }
+        return {name: self._eyes[name].spoilt(points, faces) for name in names}
 
 
 class _Eye:
@@ -84,7 +79,7 @@ class _Eye:
     behind: FloatArray
 
     def __init__(self, camera: DepthCamera, rng: np.random.Generator) -> None:
-        self._camera, self._seed = camera, int(rng.integers(2**31))
+        self._camera, self._rng, self._seed = camera, rng, int(rng.integers(2**31))
         off = pin.SE3(pin.exp3(rng.normal(0.0, _TURN, 3)), rng.uniform(-_SHIFT, _SHIFT, 3))
         self._place = camera.pose.se3 * off
 
@@ -123,10 +118,11 @@ class _Eye:
             found.append((v * shape[1] + u, noise, mixed, rng.random(shape) < _GONE))
         return found
 
-    def spoilt(self, true: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return an image with the errors of a sensor."""
-        rays, noise, mixed, gone = self._fields[rng.integers(_FIELDS)]
-        shift = int(rng.integers(true.size))
+    def spoilt(self, vertices: FloatArray, faces: IntArray) -> FloatArray:
+        """Return an image (H, W) of triangles before what stands still, with the errors of a sensor [m]."""
+        true = np.minimum(self.behind, self.depths(vertices, faces))
+        rays, noise, mixed, gone = self._fields[self._rng.integers(_FIELDS)]
+        shift = int(self._rng.integers(true.size))
         image = true.ravel()[rays]
         image = true + np.roll(mixed.ravel(), shift).reshape(true.shape) * (image - true)
         bound = self._camera.noise[0] + self._camera.noise[1] * image**2

@@ -160,14 +160,14 @@ class DrawnScene:
                 self.floor = float(group[0].surface.vertices[:, 2].max())
             else:
                 self.groups[name] = group
-        self.pedestal: list[ColouredSurface] = []
         self.pedestal = self._pedestal()
 
     def _pedestal(self) -> list[ColouredSurface]:
         """Return a column under a robot whose base neither stands on the floor nor on an obstacle."""
         centre, radius, bottom = self.body.footprint()
         gap = bottom - self.floor
-        if gap < 0.03 * self.size or any(_carries(thing, centre, bottom, gap) for thing in self.surroundings()):
+        things = (thing for group in self.groups.values() for thing in group)
+        if gap < 0.03 * self.size or any(_carries(thing, centre, bottom, gap) for thing in things):
             return []
         vertices, faces = surfaces.revolved_triangles(surfaces.cylinder_profile(radius, gap, np.inf), 64)
         place = np.array([centre[0], centre[1], self.floor + gap / 2])

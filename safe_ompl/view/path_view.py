@@ -82,8 +82,7 @@ class ClearanceLines:
 
 def wxyz(rotation: FloatArray) -> FloatArray:
     """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
-    x, y, z, w = pin.Quaternion(rotation).coeffs()
-    return np.array([w, x, y, z])
+    return np.roll(pin.Quaternion(rotation).coeffs(), 1)
 
 
 BOARD_SHAPE = SIZE[1] / SIZE[0]

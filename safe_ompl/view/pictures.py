@@ -224,8 +224,6 @@ def render_comparison(
     [px], by default they are smaller the more there are. Raises InputError if there is no path or one cannot be used,
     and SafeOmplError if Matplotlib and Pillow are not installed.
     """
-    if not paths:
-        raise InputError("no path to draw; give at least one")
     styles = planner_styles(paths)
     size = panel or {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(len(paths), (620, 520))
     drawn = DrawnScene(robot, scene, [_way_points(path) for path in paths.values()])

@@ -105,8 +105,7 @@ class Benchmark:
     def addPlannerAllocator(self, allocator: Callable[[Any], Any]) -> None:
         """Add a planner by a function that makes it from a space information, anew for every run."""
         if not callable(allocator):
-            right = "a function of a space information"
-            raise InputError(f"planner allocator must be {right}, got {allocator!r}")
+            raise InputError(f"planner allocator must be a function of a space information, got {allocator!r}")
         self._add(allocator)
 
     def _add(self, source: Any) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from decimal import ROUND_CEILING, Context
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.text import Text
 
 from safe_ompl.apps.cli import arguments, output
@@ -37,6 +37,8 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario
 from safe_ompl.trajectories import RateLimits
 from safe_ompl.view import ViewerContent, plots, save_page
+
+_UP = Context(prec=3, rounding=ROUND_CEILING)  # of widths: digits that are kept
 
 
 def add_commands(commands: Any) -> None:
@@ -376,7 +378,7 @@ def show_tubes(found: Mapping[str, MeasuredTube], factor: float) -> dict[str, fl
         places = {log: tube.joint_names.index(name) for log, tube in found.items()}
         log = max(found, key=lambda log: found[log].widths[places[log]])
         tube, k = found[log], places[log]
-        widths[name] = float(f"{_up(tube.widths[k]):.3g}")
+        widths[name] = float(_UP.create_decimal(repr(float(tube.widths[k]))))
         row = [name, f"{tube.errors[k]:.3g}", f"+{tube.between[k]:.2g}", f"{tube.times[k]:.3f}", f"{widths[name]:g}"]
         table.add_row(*row, *([log] if len(found) > 1 else []))
     table.caption = Text(f"tube: {factor:g} × (largest error + what may be between samples) [rad or m]")
@@ -386,11 +388,3 @@ def show_tubes(found: Mapping[str, MeasuredTube], factor: float) -> dict[str, fl
     for line in (f"--tube {by_name}", f"limits: {{tube: {{{entry}}}}}"):
         output.say(line)
     return widths
-
-
-def _up(width: float) -> float:
-    """Return a width rounded up to three digits."""
-    if not width > 0:
-        return 0.0
-    unit = 10.0 ** (np.floor(np.log10(width)) - 2)
-    return float(np.ceil(width / unit) * unit)

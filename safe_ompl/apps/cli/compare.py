@@ -70,7 +70,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     setup = setup_scenario(scenario)
     campaign.check(setup)
     folder = options.out or Path(f"compare-{scenario.name}")
-    output.make_folder(folder, "--out", ("report.json",), force=options.force)
+    output.make_folder(folder, ("report.json",), force=options.force)
     return partial(_compare, campaign, setup, options.workers or 1, folder)
 
 

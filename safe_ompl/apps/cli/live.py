@@ -125,7 +125,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     for mover in found.people.values():
         mover.tracker = replace(mover.tracker, gate=gate)
     still = limits_of_still(scenario, found.still, beside_people=bool(found.people))
-    output.make_folder(Path(options.out), "--out", ("ticks.jsonl", "summary.json"), force=options.force)
+    output.make_folder(Path(options.out), ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
     if driver is not None:
         arguments.refuse(options, ("any_order",), "is for the simulation; a robot drives there and back")

@@ -235,19 +235,18 @@ def _same_file(given: str | Path, path: Path) -> bool:
     return False
 
 
-def make_folder(folder: Path, option: str, names: Iterable[str], *, force: bool) -> None:
-    """Create a folder, or raise InputError, naming `option`; also if it holds files of these names, without --force."""
+def make_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
+    """Create the folder of --out, or raise InputError; also if it holds files of these names, without --force."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise InputError(f"cannot write into the folder {str(folder)!r} ({error.strerror})", option) from None
+        raise InputError(f"cannot write into the folder {str(folder)!r} ({error.strerror})", "--out") from None
     for name in names:
         if (folder / name).exists() and not force:
-            raise InputError(
-                f"the folder {str(folder)!r} holds {name} already: give another folder, or --force", option
-            )
+            words = f"the folder {str(folder)!r} holds {name} already: give another folder, or --force"
+            raise InputError(words, "--out")
 
 
 def opened(file: str) -> AbstractContextManager[IO[str]]:

@@ -28,7 +28,7 @@ from safe_ompl.scene import Scenario
 from safe_ompl.trajectories import RATE, RateLimits, Trajectory
 from safe_ompl.view import draw_plan, draw_program, plots
 
-_SLOWER = (1.005, 1.02, 1.05, 1.15)  # times as long: what is tried where stops between exported points are too late
+_SLOWER = (1.0, 1.005, 1.02, 1.05, 1.15)  # times as long: tried where stops between exported points are too late
 
 
 def add_commands(commands: Any) -> None:
@@ -172,28 +172,24 @@ def show_timed(
         content = marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
         # Stops with a limit of the jerk are proven of the trajectory alone.
         people = scenario.people if trajectory.limits.jerk is None else None
-        read, other = _written(content, options.trajectory)
-        found = setup.check(read, trajectory.limits, people)
-        sampled = content
+        # Stops between the points may take longer than those of the trajectory, which has no time to spare.
         for factor in _SLOWER:
-            # Stops between the points may take longer than those of the trajectory, which has no time to spare.
+            slower = content if factor == 1 else _slower(content, factor)
+            read, other = _written(slower, options.trajectory)
+            found = setup.check(read, trajectory.limits, people)
             if {violation.kind for violation in found.violations} != {"separation"}:
                 break
-            content = _slower(sampled, factor)
-            read, other = _written(content, options.trajectory)
-            found = setup.check(read, trajectory.limits, people)
-            if found:
-                output.error_console().print(
-                    f"{options.trajectory}: takes {factor:g} times as long, for stops between its points"
-                )
         if not found:
             output.error_console().print(
                 f"safe-ompl: nothing is written to {options.trajectory}: between its points {found.violations[0]}; "
                 "another --rate may do"
             )
             return False
+        if factor > 1:
+            longer = f"takes {factor:g} times as long, for stops between its points"
+            output.error_console().print(f"{options.trajectory}: {longer}")
         if other is None:
-            output.write_json(options.trajectory, content)
+            output.write_json(options.trajectory, slower)
         else:
             files.write(options.trajectory, other)
     return True

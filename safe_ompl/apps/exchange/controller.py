@@ -419,7 +419,6 @@ class LiveController:
         times, states = self.stop()
         still = np.full(self.cell.robot.n, np.nan) if self.joints is None else self.joints.q
         command = self.command
-        nothing: dict[str, Any] = {"people": {}, "objects": {}}
         work = {}
         if self.legs is not None:
             leg = self.legs.current
@@ -430,7 +429,7 @@ class LiveController:
             "q": still.tolist(),
             "qd": (np.full(len(still), np.nan) if self.joints is None else self.joints.qd).tolist(),
             "stop": stop_as_dict(times, states),
-            **(nothing if self._pilot is None else self._pilot.surroundings.seen()),
+            **({"people": {}, "objects": {}} if self._pilot is None else self._pilot.surroundings.seen()),
             "state": self.state,
             "margin": None if command is None else command.left.margin,
             **dict.fromkeys(("distance", "link", "who", "limb")),

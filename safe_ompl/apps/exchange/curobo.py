@@ -102,7 +102,8 @@ def robot_from_curobo(file: str | Path, urdf: str | Path, **options: Any) -> Rob
             with document.within(f"spheres.{link}"):
                 if not model.existFrame(link, pin.FrameType.BODY):
                     raise UnknownNameError("link", link, [f.name for f in model.frames if f.type == pin.FrameType.BODY])
-                frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+                index = model.getFrameId(link, pin.FrameType.BODY)
+                frame = model.frames[index]
                 for k, ball in enumerate(balls):
                     radius = document.number("radius", document.require(ball, "radius"))
                     if radius <= 0:  # cuRobo's way to have none
@@ -111,9 +112,7 @@ def robot_from_curobo(file: str | Path, urdf: str | Path, **options: Any) -> Rob
                     centre = np.array(document.numbers("center", document.require(ball, "center"), 3))
                     place = frame.placement * pin.SE3(np.eye(3), centre)
                     shape = coal.Sphere(document.number("radius", radius, above=0.0))
-                    index = model.getFrameId(link, pin.FrameType.BODY)
-                    body = pin.GeometryObject(f"{link}_{k}", frame.parentJoint, index, place, shape)
-                    bodies.addGeometryObject(body)
+                    bodies.addGeometryObject(pin.GeometryObject(f"{link}_{k}", frame.parentJoint, index, place, shape))
                     links.append(link)
         for i, a in enumerate(links):
             for j, b in enumerate(links[:i]):

@@ -59,8 +59,7 @@ class McapLog:
         self._stream = Path(file).open("wb")  # noqa: SIM115 (`close` closes it)
         self._writer = Writer(self._stream, chunk_size=_CHUNK)
         self._writer.start(library=f"safe-ompl {__version__}")
-        carried = strict_json(header).encode()
-        self._writer.add_attachment(0, 0, HEADER, "application/json", carried)
+        self._writer.add_attachment(0, 0, HEADER, "application/json", strict_json(header).encode())
         self._channels = {topic: self._channel(topic, kind) for topic, kind in _TOPICS.items()}
 
     def _channel(self, topic: str, kind: str) -> int:

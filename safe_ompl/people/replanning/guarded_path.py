@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -297,7 +297,7 @@ class GuardedPath:
                 return alone
         cells, times, fastest = motion.visits()
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
-        arrays = self._arrays(sets, clearance, enough, close, not exact)
+        arrays = self.frames, self.bodies.arrays, sets.arrays, clearance, enough, close, not exact
         most = _NO_CONTACT if contact is None else self._borne(contact, cells)[0]
         if receding is not None:
             rows = np.unique(cells)  # the others are not read
@@ -369,7 +369,7 @@ class GuardedPath:
             grown = sets.grown(longest) - sets.grown(0.0)
             fastest = max(float(grown.max()) / longest, _SLOWEST)
             far = fastest * (longest + _AHEAD)
-            arrays = self._arrays(sets, clearance, far, _ROUGH)
+            arrays = self.frames, self.bodies.arrays, sets.arrays, clearance, far, _ROUGH
             cells, no = np.arange(len(self.brakes)), np.zeros(len(self.brakes))
             margins = cell_gaps(cells, Borne(no, _NO_CONTACT), *arrays)
             left = max(0.0, float((margins / fastest - needed).min()))
@@ -424,10 +424,6 @@ class GuardedPath:
             smooth=None,
             frames=CellFrames(*map(np.concatenate, zip(self.frames, other.frames, strict=True))),
         )
-
-    def _arrays(self, sets: ReachSets, *rest: float) -> Any:
-        """Return the frames and hulls of the cells, the sets, and the rest, in the order of `gaps`."""
-        return self.frames, self.bodies.arrays, sets.arrays, *rest
 
 
 def _brakes(cells: Cells, joints: RateLimits, speeds: FloatArray, smooth: SmoothLimits | None) -> FloatArray:

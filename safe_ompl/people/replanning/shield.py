@@ -102,7 +102,7 @@ class Shield(Guard):
         self._rest = rest = self._path(BlendedCurve([piece], []))
         # The first proof makes and loads what all need: here, and not within the first tick.
         self.prover.proven_by_bounds(piece.powers[None])
-        self._verdict(piece)
+        self.prover.check_curve(piece.powers)
         rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
         self._last, self._way = None, None
         self._proposal, self._refused = None, _NOTHING
@@ -153,7 +153,7 @@ class Shield(Guard):
             first = Piece(stands, 0 * away, 6 * away / _OVER**2, -12 * away / _OVER**3, _OVER)
             curve = BlendedCurve([first, *curve.pieces], [1, *(1 + k for k in curve.stops)])
         for at, piece in zip((begin + curve.starts).tolist(), curve.pieces, strict=True):
-            verdict = self._verdict(piece)
+            verdict = self.prover.check_curve(piece.powers)
             if verdict.verdict is not Verdict.FREE:
                 raise InputError(_blocked(verdict, f"at {at + (verdict.at or 0.0) * piece.length:.2f} s"))
         path = self._path(curve)
@@ -285,7 +285,7 @@ class Shield(Guard):
                 proven.append(piece)
                 continue
             for _ in range(1 + _CUTS):
-                verdict = self._verdict(piece)
+                verdict = self.prover.check_curve(piece.powers)
                 if verdict.verdict is Verdict.FREE:
                     proven.append(piece)
                     break
@@ -299,10 +299,6 @@ class Shield(Guard):
         if not path.admits(pace, push):
             return None, ""
         return _Way(proposal, path, begin, whole and not blocked, blocked), ""
-
-    def _verdict(self, piece: Piece) -> MotionVerdict:
-        """Return the verdict on a piece among what stands still."""
-        return self.prover.check_curve(piece.powers)
 
     def _path(self, curve: BlendedCurve) -> GuardedPath:
         path = GuardedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)

@@ -279,7 +279,7 @@ class Simulation:
                 current = self._in_force(now, now, old, command)
                 new_path = logged is None or current.path is not logged.path
                 path, logged = path + new_path, current
-                line = {
+                line: dict[str, Any] = {
                     **current.tick_at(now, tick),
                     **self.world.tick(now),
                     **nearest._asdict(),
@@ -288,7 +288,10 @@ class Simulation:
                     "task": self.summary.tasks,
                     "reaction": reaction,
                 }
-                yield {**line, "ahead": _way_points(current)} if new_path else line
+                if new_path:
+                    curve = current.path.curve
+                    line["ahead"] = curve.at(np.append(curve.starts, curve.length)).q.tolist()
+                yield line
             over = seconds
         finally:  # also where Ctrl-C or the caller ends it before its time
             if over:
@@ -426,9 +429,3 @@ class Simulation:
             summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
             summary.contacts_retreating = sum(c.retreating and not c.moving for c in contacts)
             summary.contacts_at_rest = sum(not (c.moving or c.retreating) for c in contacts)
-
-
-def _way_points(command: Command) -> list[list[float]]:
-    curve = command.path.curve
-    points: list[list[float]] = curve.at(np.append(curve.starts, curve.length)).q.tolist()
-    return points
