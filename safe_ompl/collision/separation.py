@@ -128,8 +128,7 @@ class Separation:
         exempt: Sequence[tuple[str, str]] = (),
     ) -> Separation:
         """Return the same with another distance from chosen obstacles; arguments and errors of `MinClearance.of`."""
-        wanted = MinClearance.of(distance, obstacles, exempt, checker)
-        return replace(self, min_clearance=wanted)
+        return replace(self, min_clearance=MinClearance.of(distance, obstacles, exempt, checker))
 
     def required(self, checker: CollisionChecker) -> RequiredDistances:
         """Return the distances that the pairs of a checker must keep.

@@ -259,7 +259,6 @@ class Person(Shape):
         return float(((along / spacing + 4) * (2 * np.pi * radii / spacing + 1)).sum())
 
     def danger_points(self, spacing: float) -> FloatArray:
-        """Return points on the surface, shape (M, 3); all of it is within `spacing` of them [m]."""
         return surfaces.capsule_points(*self._capsules, spacing)
 
     def triangles(self, resolution: int) -> Triangles:

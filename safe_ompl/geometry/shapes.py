@@ -323,18 +323,11 @@ def _load(file: Path, scale: tuple[float, ...]) -> Triangles:
 def _check_volume(file: Path, vertices: FloatArray) -> None:
     if not np.isfinite(vertices).all():
         raise InputError(f"{file} has vertices that are not finite", "file")
-    if np.abs(vertices).max(initial=0.0) > LONGEST:
-        raise InputError(
-            f"{file} reaches {np.abs(vertices).max():g} m, {LONGEST:g} m are the most; "
-            "a file in millimetres needs a scale of [0.001, 0.001, 0.001]",
-            "scale",
-        )
-    if np.abs(vertices).max() > UNLIKELY:
-        warn_once(
-            _log,
-            f"scale: {file.name} reaches {np.abs(vertices).max():.0f} m: meshes are in metres; "
-            "a file in millimetres needs a scale of [0.001, 0.001, 0.001]",
-        )
+    reach, hint = np.abs(vertices).max(), "a file in millimetres needs a scale of [0.001, 0.001, 0.001]"
+    if reach > LONGEST:
+        raise InputError(f"{file} reaches {reach:g} m, {LONGEST:g} m are the most; {hint}", "scale")
+    if reach > UNLIKELY:
+        warn_once(_log, f"scale: {file.name} reaches {reach:.0f} m: meshes are in metres; {hint}")
     centred = vertices - vertices.mean(axis=0)
     thinnest = np.linalg.eigh(centred.T @ centred)[1][:, 0]
     if len(vertices) < 4 or np.ptp(vertices @ thinnest) < _FLAT:

@@ -207,8 +207,7 @@ def with_mimics(
 
 def joints_without_range(full: pin.Model, names: Iterable[str]) -> dict[str, float]:
     """Return those of the joints whose limits are one value, which they can only be held at [rad or m]."""
-    limits = {name: limits_of(full, name) for name in names}
-    return {name: ends[0] for name, ends in limits.items() if ends is not None and ends[0] == ends[1]}
+    return {name: ends[0] for name in names if (ends := limits_of(full, name)) is not None and ends[0] == ends[1]}
 
 
 def resting_value(full: pin.Model, name: str) -> float:

@@ -327,18 +327,16 @@ def _blended(lines: Sequence[Arc], cut: float) -> Iterator[Segment]:
     """Yield lines whose corners are arcs of circles that begin `cut` [m] before them, at most half way."""
     begin = 0.0
     for k, line in enumerate(lines):
-        end, corner = line.length, None
+        corner = 0.0  # [m] that an arc takes from this line and from the next one
         if k + 1 < len(lines):
             back, ahead = line.way / line.length, lines[k + 1].way / lines[k + 1].length
-            reach = min(cut, 0.5 * line.length, 0.5 * lines[k + 1].length)
             if np.linalg.norm(np.cross(back, ahead)) > _COLLINEAR:
-                end = line.length - reach
-                corner = reach
+                corner = min(cut, 0.5 * line.length, 0.5 * lines[k + 1].length)
+        end = line.length - corner
         first, last = (_frame(line, s) for s in (begin, end))
         if end - begin > _SHORTEST:
             yield _line(first, last)
-        begin = 0.0
-        if corner is not None:
+        if corner:
             entry, exit_ = last, _frame(lines[k + 1], corner)
             tip, middle = lines[k + 1].start, (entry.translation + exit_.translation) / 2
             half = np.linalg.norm(exit_.translation - entry.translation) / 2
@@ -347,7 +345,7 @@ def _blended(lines: Sequence[Arc], cut: float) -> Iterator[Segment]:
             radius = half * np.hypot(half, depth) / depth
             via = tip + out / depth * (np.hypot(radius, corner) - radius)
             yield _circle(entry, via, exit_)
-            begin = corner
+        begin = corner
 
 
 def _frame(line: Arc, s: float) -> pin.SE3:
