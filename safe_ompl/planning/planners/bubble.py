@@ -13,6 +13,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray, halton_point
 from safe_ompl.planning.ompl import CollisionFreeValidity, StateBridge
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
 from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.prm import SafePRM
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import TwoTrees, branch
 from safe_ompl.planning.planners.turns import ROOT
@@ -74,13 +75,7 @@ class BubblePlanner(SafePlanner):
         that it cannot keep the planner out of a narrow place. 0 for no decay.""",
         kept_in="_decay.half_life",
     )
-    slide = Parameter(
-        0.8,
-        """Largest sideways motion of the middle of a motion of the path, as a fraction of the range; it acts where α
-        > 0.""",
-        at_most=1,
-        kept_in="_descent.share",
-    )
+    slide = SafePRM.slide
     clearance = Parameter(
         0.05,
         """Margin from all obstacles, dangerous or not. Points nearer than this wait with a penalty of 0.5 m on their

@@ -150,7 +150,8 @@ class SafeJTRRT(SafePlanner):
         """EXTEND_RANDOMLY: one step towards a random configuration from the node with the least ρ + α·CDF."""
         q_rand = self._problem.random(self._rng)
         approach, tree = self._trees, self._trees.start
-        old = tree.best(q_rand, self._danger.drawn_weight(self.nearest_fraction, self._rng))
+        ignores_danger = self.nearest_fraction > 0 and self._rng.random() < self.nearest_fraction
+        old = tree.best(q_rand, 0.0 if ignores_danger else self._danger.weight)
         outcome, new = self._growth.extend(approach, tree, old, q_rand, self.getRange())
         if outcome is not Extension.TRAPPED:
             approach.measure()

@@ -119,10 +119,6 @@ class DangerWeight:
             return 0.0
         return self.alpha / self.slope if self.slope else 0.0
 
-    def drawn_weight(self, ignored: float, rng: np.random.Generator) -> float:
-        """Return the weight; or none, by chance, in a share `ignored` of the calls."""
-        return 0.0 if ignored > 0 and rng.random() < ignored else self.weight
-
     def prepare(self) -> None:
         """Measure the slope if it will be needed, so that planning need not."""
         if self.alpha:
