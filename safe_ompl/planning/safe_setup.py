@@ -354,15 +354,13 @@ def plan(
 def setup_scenario(scenario: scenes.Scenario, robot: Robot | None = None) -> SafeSetup:
     """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
     robot = robot or scenario.build_robot()
-    start, goal = scenario.start_configuration(robot), scenario.goal
+    start, goal = scenario.start_configuration(robot), scenario.goal  # None: steps of a program say where to go
     goals = scenario.goal_configurations(robot) if goal is not None and goal.configurations else None
     with document.within(str(scenario.file or scenario.name), ": "):
         setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
-        if goal is None:
-            pass  # there is a program: its steps say where to go
-        elif goal.position is not None:
+        if goal is not None and goal.position is not None:
             setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
-        elif goal.region is not None:
+        elif goal is not None and goal.region is not None:
             setup.setGoalRegion(goal.region, goal.tolerance)
         if goals is None:
             setup.setStartConfiguration(start)
