@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from functools import cache
 from math import inf
 from typing import NamedTuple, TypeAlias
 
@@ -95,20 +94,6 @@ def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
 
     That would change distances by micrometres, and with them, now and then, what a planner finds with the same seed.
     """
-    data, template = pin.GeometryData(geometry), _fresh_pair()
-    pairs = len(geometry.collisionPairs)
-    data.collisionRequests[:] = [template.collisionRequests[0]] * pairs
-    data.distanceRequests[:] = [template.distanceRequests[0]] * pairs
-    return data
-
-
-@cache
-def _fresh_pair() -> pin.GeometryData:
-    """Return such memory of one pair; Pinocchio's requests are the same for every pair."""
-    geometry = pin.GeometryModel()
-    for name in "ab":
-        geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), coal.Sphere(1.0)))
-    geometry.addCollisionPair(pin.CollisionPair(0, 1))
     data = pin.GeometryData(geometry)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # in favour of an option that Pinocchio overrides

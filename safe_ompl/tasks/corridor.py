@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, number, polynomials
+from safe_ompl.common import FloatArray, IntArray, Section, documents, key, number, polynomials
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
 from safe_ompl.tasks.tip import Tip
@@ -20,7 +20,7 @@ _MOST = 200_000  # intervals
 
 
 @dataclass(frozen=True)
-class Corridor:
+class Corridor(Section):
     """How near the tip must be to a curve, at every instant.
 
     Parameters
@@ -38,15 +38,9 @@ class Corridor:
         If a width is not positive, the angle is above π, or the axis is none.
     """
 
-    position: float = 0.001
-    angle: float = 0.01
-    free_axis: str | None = None
-
-    def __post_init__(self) -> None:
-        number("position of the corridor", self.position, above=0.0)
-        number("angle of the corridor", self.angle, above=0.0, at_most=np.pi)
-        if self.free_axis is not None and self.free_axis not in _AXES:
-            raise InputError(f"must be x, y or z, got {self.free_axis!r}", "free_axis")
+    position: float = key(number, default=0.001, above=0.0)
+    angle: float = key(number, default=0.01, above=0.0, at_most=np.pi)
+    free_axis: str | None = key(documents.one_of, default=None, known=_AXES)
 
     @property
     def axis(self) -> FloatArray | None:
