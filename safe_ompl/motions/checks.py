@@ -275,10 +275,8 @@ def widest_tube(
     if rate_violations(motion, robot) or not proven(0.0):
         return np.zeros(robot.n)
     low, high = 0.0, 1e-3
-    while proven(high):
+    while high <= 2 * np.pi and proven(high):
         low, high = high, 2 * high
-        if high > 2 * np.pi:
-            break
     while high - low > tolerance * low and high > 1e-9:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if proven(middle) else (low, middle)

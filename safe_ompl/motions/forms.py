@@ -36,14 +36,14 @@ def straight(times: ArrayLike | None, points: ArrayLike, name: str) -> Pieces:
         held = np.repeat(held, 2, axis=0)
     if len(held) < 2:
         raise InputError(f"must be two at least, got {len(held)}", name)
-    at = np.arange(float(len(held))) if times is None else _increasing(times, len(held), "times")
+    at = np.arange(float(len(held))) if times is None else _increasing(times, len(held))
     ends = np.stack([held[:-1], held[1:]], axis=1)
     return at, *polynomials.hermite(np.diff(at), ends, None, None)
 
 
 def hermite(times: ArrayLike, positions: ArrayLike, velocities: Any, accelerations: Any) -> Pieces:
     """Return Hermite pieces; arguments and errors as `Motion.hermite`."""
-    at = _increasing(times, None, "times")
+    at = _increasing(times)
     held = finite_array(positions, (len(at), None), "positions")
     rates, has_rates = _rate_rows(velocities, held.shape, "velocities")
     bends, has_bends = _rate_rows(accelerations, held.shape, "accelerations")
@@ -66,7 +66,7 @@ def hermite(times: ArrayLike, positions: ArrayLike, velocities: Any, acceleratio
 def bezier(control_points: ArrayLike, times: ArrayLike) -> Pieces:
     """Return Bézier curves of control points (K, d + 1, n), one after another."""
     points = of_degree(finite_array(control_points, (None, None, None), "control points"))
-    return _increasing(times, len(points) + 1, "times"), *polynomials.powers(points, np.zeros_like(points[:, 0]))
+    return _increasing(times, len(points) + 1), *polynomials.powers(points, np.zeros_like(points[:, 0]))
 
 
 def bspline(thing: Any) -> Pieces:
@@ -81,7 +81,7 @@ def powers_from_left(thing: Any) -> Pieces:
     """Return SciPy's piecewise polynomials of (t − x_j), highest power first."""
     pieces = np.swapaxes(vectors(thing, 3), 0, 1)
     pieces = finite_array(pieces, (None, None, None), "coefficients")
-    times = _increasing(thing.x, len(pieces) + 1, "times")
+    times = _increasing(thing.x, len(pieces) + 1)
     unused = np.cumsum(np.abs(pieces[:, :-1]).sum(axis=(0, 2))) == 0  # powers that no piece has
     rising = of_degree(pieces[:, int(unused.sum()) :][:, ::-1])
     orders = np.arange(float(rising.shape[1]))
@@ -99,18 +99,18 @@ def unwound(coefficients: FloatArray, rounding: FloatArray | None, robot: Robot)
     return found, error if rounding is None else rounding + error
 
 
-def _increasing(times: ArrayLike, count: int | None, name: str) -> FloatArray:
+def _increasing(times: ArrayLike, count: int | None = None) -> FloatArray:
     """Return times that increase by a nanosecond at least, `count` of them if that is given."""
-    found = finite_array(times, (None,), name)
+    found = finite_array(times, (None,), "times")
     if count is not None and len(found) != count:
-        raise InputError(f"must be {count}, got {len(found)}", name)
+        raise InputError(f"must be {count}, got {len(found)}", "times")
     if len(found) < 2:
-        raise InputError(f"must be two at least, got {len(found)}", name)
+        raise InputError(f"must be two at least, got {len(found)}", "times")
     steps = np.diff(found)
     if not (steps >= _LEAST).all():
         k = int((steps < _LEAST).argmax())
         least = ", by 1e-9 at least" * bool(steps[k] > 0)
-        raise InputError(f"must increase{least}, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", name)
+        raise InputError(f"must increase{least}, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", "times")
     return found
 
 

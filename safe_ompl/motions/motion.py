@@ -148,8 +148,7 @@ class Motion:
             raise InputError("time must be a number of seconds, got nan")
         t = np.atleast_1d(given)
         piece = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.pieces - 1)
-        spans = np.diff(self.times)
-        u = np.clip((t - self.times[piece]) / spans[piece], 0.0, 1.0)[:, None]
+        u = np.clip((t - self.times[piece]) / np.diff(self.times)[piece], 0.0, 1.0)[:, None]
         values = polynomials.values(self.derivative_coefficients(order)[piece], u)
         if order:
             values[(t < self.times[0]) | (t > self.times[-1])] = 0.0

@@ -86,17 +86,16 @@ def _values(
     proof: MotionProver, found: MotionVerdict, q: FloatArray
 ) -> tuple[str, tuple[str, ...], float | None, float | None]:
     """Return what kind of violation it is, of what, what is found at `q: (n,)`, and its bound."""
-    name = None if found.pair is None else found.pair[0]
-    robot = proof.checker.robot
-    if name in robot.joint_names and found.pair is not None and found.pair[1] == "its limits":
-        return "position", (str(name),), float(q[robot.joint_names.index(str(name))]), None
+    (name, what), robot = found.pair or ("", ""), proof.checker.robot
+    if what == "its limits" and name in robot.joint_names:
+        return "position", (name,), float(q[robot.joint_names.index(name)]), None
     for limit in proof.limits:
         if getattr(limit, "name", type(limit).__name__) == name:
             if isinstance(limit, DangerLimit):
                 return "danger", (), limit.danger(q), limit.limit
             if isinstance(limit, ToolLimit):
                 return limit.name, (), limit.excess(q), 0.0
-            return str(name), (), None, None
+            return name, (), None, None
     checker, required = proof.checker, proof.required
     distances = checker.pair_distances(q)  # of the pairs that may touch, the first of those required
     if not len(distances):

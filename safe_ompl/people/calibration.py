@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, fraction, number
 from safe_ompl.geometry import STANDING
-from safe_ompl.people.reach import CalibratedReach, concave_lines
+from safe_ompl.people.reach import CalibratedReach, concave_lines, stacked
 from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.people.tracking import PersonTrack, Tracker, without_glitches
 from safe_ompl.scene import People
@@ -147,7 +147,7 @@ def calibrate(
     fit = sorted(sources[k] for k in drawn)
     rest = [source for source in sources if source not in fit]
     shapes = _shapes([windows[source] for source in fit])
-    lines = [np.stack([_padded(concave_lines(HORIZONS, of)) for of in shape.tolist()]) for shape in shapes.values()]
+    lines = [stacked([concave_lines(HORIZONS, of) for of in shape.tolist()]) for shape in shapes.values()]
     ratios = ((w.ratios(lines, SPEEDS), w.rate) for w in (windows[source] for source in rest))
     scores = [score for found, rate in ratios for score in _scores(found, rate, block)]
     factor = conformal_quantile(scores, level)
@@ -171,12 +171,6 @@ def _shaping(recordings: int, level: float, block: float | None) -> int:
     least, most = ceil(_FIT[0] * recordings), ceil(_FIT[1] * recordings)
     needed = 0 if block is not None else ceil(level / (1 - level) * (1 - _SAME))
     return max(least, min(most, recordings - needed))
-
-
-def _padded(lines: FloatArray) -> FloatArray:
-    """Return lines (L, 2) as many as there can be: one for each two horizons, and the last one."""
-    most = len(HORIZONS) * (len(HORIZONS) + 1) // 2 + 1
-    return np.pad(lines, ((0, most - len(lines)), (0, 0)), "edge")
 
 
 def _shapes(windows: Sequence[Windows]) -> dict[str, FloatArray]:

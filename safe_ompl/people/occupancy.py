@@ -265,8 +265,7 @@ class OccupancyGrid:
         if array.dtype.kind not in "fiu":
             raise InputError(f"must be numbers, got {array.dtype}", "depths")
         if array.ndim == 2 and array.shape[1] == 3 != camera.width:
-            points = np.ascontiguousarray(array, dtype=np.float64)
-            return cloud_blocks(plain(points), view, size, few, near, far)
+            return cloud_blocks(plain(array), view, size, few, near, far)
         if array.shape != size:
             raise InputError(f"must have shape {size} or (N, 3), got {array.shape}", "depths")
         image = np.require(array, np.float32, ["C", "W"])

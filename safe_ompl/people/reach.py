@@ -201,10 +201,7 @@ class CalibratedReach(Section):
             for limb, states in self.growth.items()
         }
         most = max(len(lines) for states in found.values() for lines in states)
-        return {
-            limb: np.stack([np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in states])
-            for limb, states in found.items()
-        }
+        return {limb: stacked(states, most) for limb, states in found.items()}
 
     def state(self, speed: float) -> int:
         """Return the state of who is so fast [m/s]."""
@@ -213,6 +210,12 @@ class CalibratedReach(Section):
     def grown(self, limb: str, time: float, speed: float = inf) -> float:
         """Return how far a limb goes at most in a time [s], from where it was seen, of who is so fast [m]."""
         return float((self.lines[limb][self.state(speed)] @ [1.0, time]).min())
+
+
+def stacked(lines: Sequence[FloatArray], most: int = 0) -> FloatArray:
+    """Return S times some lines (K, 2) as (S, L, 2), with L of `most` at least: the last ones repeat."""
+    most = max([most, *map(len, lines)])
+    return np.stack([np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in lines])
 
 
 def concave_lines(horizons: Sequence[float], lengths: Sequence[float]) -> FloatArray:

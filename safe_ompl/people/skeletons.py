@@ -98,13 +98,9 @@ def skeleton_of(points: Sequence[str]) -> Skeleton:
 HEIGHT = 1.75  # [m]
 _CHEST = 0.28  # from the shoulders towards the pelvis, as in `safe_ompl.geometry.person`
 _HEIGHTS = (0.3, 2.8)  # [m] of people
+_OUTWARDS = {"elbow": "shoulder", "wrist": "elbow", "hand": "wrist", "knee": "hip", "ankle": "knee", "toe": "ankle"}
 _HANGS_ON = {
-    **{
-        f"{side}_{name}": (f"{side}_{parent}",)
-        for side in ("left", "right")
-        for name, parent in (("elbow", "shoulder"), ("wrist", "elbow"), ("knee", "hip"), ("ankle", "knee"))
-    },
-    **{f"{side}_toe": (f"{side}_ankle",) for side in ("left", "right")},
+    **{f"{side}_{end}": (f"{side}_{begin}",) for side in ("left", "right") for end, begin in _OUTWARDS.items()},
     "left_hip": ("pelvis", "right_hip", "left_shoulder", "right_shoulder"),
     "right_hip": ("pelvis", "left_hip", "right_shoulder", "left_shoulder"),
     "left_shoulder": ("right_shoulder", "left_hip", "head"),
@@ -211,7 +207,7 @@ def _order(known: tuple[bool, ...]) -> list[str]:
     missing = [name for name in STANDING if name not in have]
     order: list[str] = []
     while missing:
-        ready = [name for name in missing if any(parent in have for parent in _parents(name))]
+        ready = [name for name in missing if any(parent in have for parent in _HANGS_ON[name])]
         if not ready:
             raise InputError(
                 "nothing is known of the trunk: at least one of head, shoulders, hips and pelvis must have been seen"
@@ -222,12 +218,8 @@ def _order(known: tuple[bool, ...]) -> list[str]:
     return order
 
 
-def _parents(name: str) -> tuple[str, ...]:
-    return (name.replace("hand", "wrist"),) if name.endswith("_hand") else _HANGS_ON[name]
-
-
 def _parent(name: str, known: BoolArray) -> int:
-    return next(_INDEX[parent] for parent in _parents(name) if known[_INDEX[parent]])
+    return next(_INDEX[parent] for parent in _HANGS_ON[name] if known[_INDEX[parent]])
 
 
 def facing(points: FloatArray) -> FloatArray:

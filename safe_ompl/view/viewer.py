@@ -100,7 +100,6 @@ class BrowserView:
             for k, name in enumerate(names)
         ]
         self._set_camera()
-        self.share = 0.0
         self.go_to(0.0)
 
     @property
@@ -190,7 +189,6 @@ def save_page(content: ViewerContent, file: str | Path) -> None:
     """Write a view as one HTML file that needs no server and no network; SafeOmplError if viser is not installed."""
     view = BrowserView(content)
     try:
-        view.go_to(0.0)
         recording = view.server.get_scene_serializer()
         if content.paths:
             wanted = _RATE * content.playing_time if content.motions else _FEWEST

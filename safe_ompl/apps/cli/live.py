@@ -254,8 +254,7 @@ def _simulate(simulation: Simulation, options: argparse.Namespace, wait: Callabl
         if options.mcap is not None:
             from safe_ompl.apps.exchange import McapLog  # needs the extra
 
-            mcap = McapLog(options.mcap, header)
-            logs.append(stack.enter_context(closing(mcap)))
+            logs.append(stack.enter_context(closing(McapLog(options.mcap, header))))
         bar = stack.enter_context(output.progress_bar(output.error_console()))
         ticks = stack.enter_context(closing(simulation.ticks(options.seconds)))
 

@@ -132,9 +132,7 @@ def page(report: DriveReport, name: str, found: Mapping[str, Any]) -> str:
     ]
     for title, columns, rows in tables(report):
         more = f"<p>{len(rows) - _SHOWN} more are in the JSON.</p>" if len(rows) > _SHOWN else ""
-        parts.append(
-            f"<h2>{title}</h2>{_table(columns, rows[:_SHOWN])}{more}" if rows else f"<h2>{title}</h2><p>none</p>"
-        )
+        parts.append(f"<h2>{title}</h2>{_table(columns, rows[:_SHOWN]) + more if rows else '<p>none</p>'}")
     parts += ["<h2>Made by</h2>", _table(("what", "version or hash"), list(report.made_by.items()))]
     parts.append(f"<p>{_NO_CLAIM}</p>")
     head = f'<meta charset="utf-8"><title>{escape(name)}</title><style>{_STYLE}</style>'

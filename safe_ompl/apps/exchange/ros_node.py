@@ -180,7 +180,6 @@ class RosNode:
     def _subscribe_to_all(self) -> None:
         """Hand all that sensors and users say to the controller."""
         controller, cell, frames = self._controller, self._controller.cell, self._frames
-        cloud_radius = controller.options.cloud_radius
 
         def joints(message: Any) -> None:
             controller.see_joints(messages.stamp_of(message.header), message.name, message.position, message.velocity)
@@ -195,9 +194,6 @@ class RosNode:
             time, pose = messages.pose_of(message, frames)
             controller.see_object(time, name, pose)
 
-        def cloud(message: Any) -> None:
-            controller.see_cloud(*messages.cloud_of(message, cloud_radius, frames))
-
         self._subscribe(messages.JOINT_STATE, "joint_states", joints)
         self._subscribe(messages.MARKERS, "people", people)
         for name in cell.objects:
@@ -208,14 +204,16 @@ class RosNode:
             self._subscribe(messages.BOOL, "run", lambda message: controller.run(message.data), reliable=True)
             return
         if cell.eyes is None:
-            self._subscribe(CLOUD, "cloud", cloud)
+            radius = controller.options.cloud_radius
+            self._subscribe(
+                CLOUD, "cloud", lambda cloud: controller.see_cloud(*messages.cloud_of(cloud, radius, frames))
+            )
         if cell.shielded:
             proposal = messages.JOINT_TRAJECTORY, "proposal"
             self._subscribe(*proposal, lambda message: controller.propose(*messages.proposal_of(message, self._robot)))
         elif self._server is None:
-            goal = messages.JOINT_STATE, "goal"
             go_to = controller.go_to
-            self._subscribe(*goal, lambda message: go_to(message.name, message.position), reliable=True)
+            self._subscribe(messages.JOINT_STATE, "goal", lambda goal: go_to(goal.name, goal.position), reliable=True)
 
     def _subscribe_to_camera(self, name: str) -> None:
         """Take what a depth camera is, and its images or clouds."""

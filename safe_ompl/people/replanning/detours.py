@@ -258,10 +258,12 @@ class Detours:
             return None
         if self._undisturbed[0] is path and now < self._undisturbed[1]:
             return None
-        expected, left = path.coarse.pace(around, self._tick)
+        coarse = path.coarse
+        expected, left = coarse.pace(around, self._tick)
         self._undisturbed = path, now + left
-        ahead = path.coarse.edges[1:] > rest
-        stay, least = float(expected[ahead].sum()), float(alone(path.coarse)[ahead].sum())
+        ahead = coarse.edges[1:] > rest
+        alone = np.diff(coarse.edges) / np.sqrt(coarse.squares)  # how long cells take with nobody near, at least
+        stay, least = float(expected[ahead].sum()), float(alone[ahead].sum())
         if stay < _SLOW * least + _WORTH:
             return None
         start, goal = path.curve.at(np.array([rest, path.length])).q
@@ -304,8 +306,3 @@ class Detours:
                     k = other
                     break
         return kept
-
-
-def alone(path: GuardedPath) -> FloatArray:
-    """Return how long (N,) the cells of a path take with nobody near, at least [s]."""
-    return np.asarray(np.diff(path.edges) / np.sqrt(path.squares))

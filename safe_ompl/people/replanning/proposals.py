@@ -196,7 +196,7 @@ def _bent(pieces: list[Piece], bend: FloatArray, pace: float, jerk: FloatArray) 
     q, slope, rest, bump = still, still, change, list[Piece]()
     for swing in _BUMP:
         bump.append(Piece(q, slope, rest, swing / length * change, length / len(_BUMP)))
-        q, slope, rest, _ = (values[0] for values in bump[-1].places(np.array([bump[-1].length])))
+        q, slope, rest = _end(bump)
     difference = BlendedCurve([*bump, Piece(still, still, still, still, spline.length - length)], [])
     at = np.union1d(spline.starts, difference.starts)
     at = at[np.diff(at, append=spline.length) > _SAME]
@@ -237,19 +237,18 @@ class Velocity:
             jacobian = self.robot.tip_jacobian(state.q)
             damped = jacobian @ jacobian.T + _DAMPING**2 * np.eye(6)
             target = jacobian.T @ np.linalg.solve(damped, target)
-        limits = self.limits
+        limits, still = self.limits, np.zeros_like(target)
         if limits.jerk is None:
             pushes = _SHARE * limits.acceleration
             up = float((np.abs(target - state.qd) / pushes).max())
             down = max(float((np.abs(target) / pushes).max()), _SHORTEST)
             up = max(up, _SHORTEST) if up > 0 else 0.0
-            still, q, pieces = np.zeros_like(target), state.q, []
+            q, pieces = state.q, []
             for slope, last, span in ((state.qd, target, up), (target, target, self.held - up), (target, still, down)):
                 if span > 0:
                     pieces.append(Piece(q, slope, (last - slope) / span, still, span))
                     q = q + span * (slope + last) / 2
         else:
-            still = np.zeros_like(target)
             pieces = _ramp(state, target, limits)
             up = sum(piece.length for piece in pieces)
             if up < self.held:
@@ -272,8 +271,7 @@ def _ramp(state: State, target: FloatArray, limits: RateLimits) -> list[Piece]:
     slow &= np.abs(state.qdd + half * first) <= _SHARE * limits.acceleration
     k = int(slow.all(axis=1).argmax())
     one = Piece(state.q, state.qd, state.qdd, first[k], float(_RAMPS[k]))
-    middle = _end([one])
-    return [one, Piece(*middle, second[k], one.length)]
+    return [one, Piece(*_end([one]), second[k], one.length)]
 
 
 def _end(pieces: list[Piece]) -> State:

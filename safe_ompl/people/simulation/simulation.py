@@ -141,8 +141,7 @@ class ContactMonitor:
         if moving and not contact.moving:
             contact.moving, contact.obeyed = True, obeyed
         if qd is not None:
-            speeds = [touch.speed for touch in self.touches(q, qd, solids)]
-            contact.speed = max(contact.speed, *speeds, 0.0)
+            contact.speed = max([contact.speed, *(touch.speed for touch in self.touches(q, qd, solids))])
         return nearest
 
 
