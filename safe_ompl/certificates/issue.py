@@ -224,8 +224,7 @@ def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
         more |= {"window": law.window, "jerk": jerk.tolist()}
     stops = None
     if trajectory.people is not None and trajectory.brakes is not None:
-        people = _people(trajectory.people, scene)
-        stops = {**people, "brakes": trajectory.brakes.tolist()}
+        stops = {**_people(trajectory.people, scene), "brakes": trajectory.brakes.tolist()}
     return {
         "pieces": [
             {name: getattr(piece, name) for name in ("start", "slope", "bend", "swing", "length")}

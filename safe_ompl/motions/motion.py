@@ -80,7 +80,7 @@ class Motion:
             object.__setattr__(self, "joint_names", forms.named(self.joint_names, n))
         _freeze(self, "times", times)
         _freeze(self, "coefficients", coefficients)
-        jumps = self._jumps
+        jumps = np.abs(self.jumps(0))
         if (jumps > RATE_TOLERANCE[0]).any():
             piece, k = np.unravel_index(jumps.argmax(), jumps.shape)
             joint = f"column {k}" if self.joint_names is None else f"joint {self.joint_names[k]!r}"
@@ -130,7 +130,7 @@ class Motion:
         allowance: FloatArray = np.where(rough > _ROUGH, rough, 0.0)
         for part in (self.slack, self.rounding):
             allowance += 0.0 if part is None else part
-        allowance[1:] += self._jumps
+        allowance[1:] += np.abs(self.jumps(0))
         return allowance
 
     def at(self, time: float | ArrayLike) -> FloatArray:
@@ -161,6 +161,11 @@ class Motion:
         factors = np.array([float(perm(k, order)) for k in range(order, self.degree + 1)])
         spans = np.diff(self.times)[:, None, None]
         return np.asarray(self.coefficients[:, order:] * factors[:, None] / spans**order)
+
+    def jumps(self, order: int) -> FloatArray:
+        """Return how far (K − 1, n) the derivative by time of an order jumps from each piece to the next."""
+        held = self.derivative_coefficients(order)
+        return np.asarray(held[1:, 0] - held[:-1].sum(axis=1))
 
     def for_robot(self, robot: Robot, degrees: bool = False) -> Motion:
         """Return the same motion with its columns in the order of the robot's joints.
@@ -334,11 +339,6 @@ class Motion:
             data.get("rounding"),
             documents.flag("short_way", data.get("short_way", False)),
         )
-
-    @cached_property
-    def _jumps(self) -> FloatArray:
-        """How far (K − 1, n) each piece begins from where the one before ends."""
-        return np.asarray(np.abs(self.coefficients[1:, 0] - self.coefficients[:-1].sum(axis=1)))
 
 
 def _freeze(motion: Motion, name: str, array: FloatArray) -> None:

@@ -111,17 +111,11 @@ def roughness(motion: Motion, order: int) -> FloatArray:
     spans = np.diff(motion.times)[:, None]
     found = np.zeros((motion.pieces, motion.n))
     for lower in range(order):
-        jumps = np.minimum(np.abs(_jumps(motion, lower)), RATE_TOLERANCE[lower])
+        jumps = np.minimum(np.abs(motion.jumps(lower)), RATE_TOLERANCE[lower])
         found[1:] += factorial(order - lower) * jumps / spans[1:] ** (order - lower)
     if motion.rounding is None:
         return found
     return np.maximum(found, perm(motion.degree, order) * motion.rounding / spans**order)  # jumps within it are none
-
-
-def _jumps(motion: Motion, order: int) -> FloatArray:
-    """Return how far (K − 1, n) a derivative jumps between pieces."""
-    held = motion.derivative_coefficients(order)
-    return np.asarray(held[1:, 0] - held[:-1].sum(axis=1))
 
 
 def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -162,7 +156,7 @@ def rate_violations(motion: Motion, robot: Robot, limits: RateLimits | None = No
             excess = np.abs(values) - most - RATE_TOLERANCE[order]
             found += _worst(robot, order, kind, times, values, excess, most)
             if order > 1:
-                jumps = _jumps(motion, order - 1)
+                jumps = motion.jumps(order - 1)
                 times = np.broadcast_to(motion.times[1:-1, None], jumps.shape)
                 excess = np.abs(jumps) - RATE_TOLERANCE[order - 1]
                 none = np.zeros(robot.n)

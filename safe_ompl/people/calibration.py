@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, fraction, number
-from safe_ompl.geometry import STANDING
 from safe_ompl.people.reach import CalibratedReach, concave_lines, stacked
-from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
+from safe_ompl.people.skeletons import KEYPOINTS, UPRIGHT, Recording, Skeleton, TrackedBody
 from safe_ompl.people.tracking import PersonTrack, Tracker, without_glitches
 from safe_ompl.scene import People
 
@@ -93,10 +92,8 @@ class Windows:
 def measured_limbs(skeleton: Skeleton) -> tuple[str, ...]:
     """Return the limbs whose ends follow from what a skeleton sees; the others stand as `TrackedBody` assumes."""
     body = TrackedBody(height=1.0)
-    standing = np.array([STANDING[name] for name in KEYPOINTS[:-1]] + [np.zeros(3)])
-    standing[-1] = body.pelvis(standing)
     known = np.array([name in skeleton.sources for name in KEYPOINTS])
-    points, rests = body.completed(np.where(known[:, None], standing, np.nan))
+    points, rests = body.completed(np.where(known[:, None], UPRIGHT, np.nan))
     assumed = np.linalg.norm(body.ends(points - points[rests]), axis=2).max(axis=1)
     return tuple(limb for limb, away in zip(body.limbs, assumed, strict=True) if away < _SAME)
 

@@ -25,8 +25,7 @@ class ObjectTrack:
         self.name, self.obstacle = obstacle.name, obstacle
         self.speed = number(f"objects.{obstacle.name}", speed, at_least=0.0)
         self.time, self.seen = -np.inf, -np.inf
-        hulls = [(bounding_hull(part.geometry), part.placement) for part in obstacle.shape.parts()]
-        self._hulls = [hull.moved(placement) for hull, placement in hulls]
+        self._hulls = [bounding_hull(part.geometry).moved(part.placement) for part in obstacle.shape.parts()]
 
     @property
     def pose(self) -> pin.SE3:

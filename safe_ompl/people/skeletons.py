@@ -107,8 +107,9 @@ _HANGS_ON = {
     "right_shoulder": ("left_shoulder", "right_hip", "head"),
     "head": ("left_shoulder", "right_shoulder"),
 }
-# Of a standing body, as a fraction of its height.
+# Of a standing body, as fractions of its height: the middle of the hips, and all key points (18, 3).
 PELVIS: FloatArray = (STANDING["left_hip"] + STANDING["right_hip"]) / 2
+UPRIGHT: FloatArray = np.array([*STANDING.values(), PELVIS])
 
 
 @dataclass(frozen=True)
@@ -170,10 +171,10 @@ class TrackedBody:
             return points, rests
         turn = facing(points)
         for name in _order(tuple(known.tolist())):
-            k, parent = _INDEX[name], _parent(name, known)
+            k, parent = _INDEX[name], next(_INDEX[on] for on in _HANGS_ON[name] if known[_INDEX[on]])
             points[k] = points[parent]
             if not name.endswith("_hand"):
-                points[k] += self.height * turn @ (_standing(k) - _standing(parent))
+                points[k] += self.height * turn @ (UPRIGHT[k] - UPRIGHT[parent])
             rests[k], known[k] = rests[parent], True
         return points, rests
 
@@ -196,10 +197,6 @@ def _weights(end: str) -> FloatArray:
     return weights
 
 
-def _standing(k: int) -> FloatArray:
-    return PELVIS if KEYPOINTS[k] == "pelvis" else STANDING[KEYPOINTS[k]]
-
-
 @lru_cache(64)
 def _order(known: tuple[bool, ...]) -> list[str]:
     """Return the key points that are not known, each after one that it can hang on."""
@@ -216,10 +213,6 @@ def _order(known: tuple[bool, ...]) -> list[str]:
         have.add(ready[0])
         missing.remove(ready[0])
     return order
-
-
-def _parent(name: str, known: BoolArray) -> int:
-    return next(_INDEX[parent] for parent in _HANGS_ON[name] if known[_INDEX[parent]])
 
 
 def facing(points: FloatArray) -> FloatArray:

@@ -154,8 +154,7 @@ def ask_for_simplification() -> None:
     setup.setConfigurations([-1.0, 0.0], [1.0, 0.0])
     result = setup.plan(_PLANNER, time=_TIME, seed=0, simplify=True)
     result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=People(speed=1.6))
-    contact = People(speed=1.6, contact=True)
-    result.timed(RateLimits.of(robot, acceleration=10.0), people=contact)
+    result.timed(RateLimits.of(robot, acceleration=10.0), people=People(speed=1.6, contact=True))
     ask_for_retreats()
 
 
@@ -176,8 +175,7 @@ def ask_for_people() -> None:
 def ask_for_depth() -> None:
     """Call what depth cameras need."""
     robot = small_robot()
-    camera = DepthCamera(16, 16, (16.0, 16.0), (8.0, 8.0))
-    grid = OccupancyGrid(robot, Scene(), {"camera": camera})
+    grid = OccupancyGrid(robot, Scene(), {"camera": DepthCamera(16, 16, (16.0, 16.0), (8.0, 8.0))})
     for time, depths in enumerate((np.ones((16, 16)), np.tile([0.0, 0.0, 1.0], (3, 1)))):
         grid.observe("camera", DepthFrame(depths, float(time), np.zeros(robot.n)), float(time))
         grid.sets(float(time))

@@ -42,8 +42,7 @@ def main(words: Sequence[str] | None = None) -> int:
     """
     console = output.error_console()
     try:
-        parser = command_line()
-        options = parser.parse_args((sys.argv[1:] if words is None else words) or ["--help"])
+        options = command_line().parse_args((sys.argv[1:] if words is None else words) or ["--help"])
         output.check_outputs(options)
         with (
             output.ompl_messages(options.verbose),

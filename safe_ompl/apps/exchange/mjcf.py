@@ -112,10 +112,7 @@ class _World:
                     touched += [] if checked == {True} else [link]
                 shape, within_geom = self.shape(k)
                 if isinstance(shape, tuple):
-                    if folder is None:
-                        raise InputError("is a mesh: give the folder to write it to (meshes=)")
-                    folder.mkdir(parents=True, exist_ok=True)
-                    shape = written_mesh(folder / f"geom{k}.obj", *(array.tolist() for array in shape))
+                    shape = written_mesh(folder, f"geom{k}", *(array.tolist() for array in shape))
                 obstacles.append(Obstacle(name, shape, self.places[k] * within_geom, touched_by=touched))
         return self.robot(on_robot, options) if any(self.moving) else None, Scene(obstacles)
 

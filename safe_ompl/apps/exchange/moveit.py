@@ -216,17 +216,20 @@ class _Moveit:
         return found
 
     def mesh(self, name: str, data: Mapping[str, Any]) -> Mesh:
-        if self.folder is None:
-            raise InputError("is a mesh: give the folder to write it to (meshes=)")
-        self.folder.mkdir(parents=True, exist_ok=True)
         vertices = [(point["x"], point["y"], point["z"]) for point in data["vertices"]]
         faces = [[int(corner) for corner in each["vertex_indices"]] for each in data["triangles"]]
         safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
-        return written_mesh(self.folder / f"{safe}.obj", vertices, faces)
+        return written_mesh(self.folder, safe, vertices, faces)
 
 
-def written_mesh(file: Path, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]) -> Mesh:
-    """Return a mesh (V, 3), (F, 3) that is written to a file."""
+def written_mesh(
+    folder: Path | None, name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]
+) -> Mesh:
+    """Return a mesh (V, 3), (F, 3) that is written to a folder (.obj), or raise InputError where there is none."""
+    if folder is None:
+        raise InputError("is a mesh: give the folder to write it to (meshes=)")
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{name}.obj"
     lines = ["v {!r} {!r} {!r}".format(*map(float, point)) for point in vertices]
     files.write(file, "\n".join([*lines, *("f {} {} {}".format(*(k + 1 for k in face)) for face in faces), ""]))
     return Mesh(file)

@@ -54,13 +54,12 @@ def proven_pieces(
     source = Mesh(file, scale, convex=False)
     grown = number("margin", margin, above=0.0) * _CUBE
     factors, place = np.array(source.scale), Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
     meshes = []
     for k, piece in enumerate(pieces):
         corners = finite_array(piece, (None, 3), f"pieces[{k}]") * factors
         points = (corners[:, None] + grown).reshape(-1, 3).tolist()
         faces = [(i, i + 1, i + 2) for i in range(len(points) - 2)]  # the hull is taken of all corners
-        meshes.append(written_mesh(place / f"{source.file.stem}_{k}.obj", points, faces))
+        meshes.append(written_mesh(place, f"{source.file.stem}_{k}", points, faces))
     vertices, triangles = source.surface
     missed = _uncovered(vertices[triangles], meshes, _FINEST * margin)
     if missed is not None:

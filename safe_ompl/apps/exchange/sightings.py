@@ -74,8 +74,7 @@ class DepthEyes:
 
     def restart(self) -> None:
         """Begin anew: nothing was seen yet."""
-        known = len(self._cameras) == len(self.names)
-        self.grid = self._make(self._cameras) if known else None
+        self.grid = self._make(self._cameras) if len(self._cameras) == len(self.names) else None
 
     def introduce(self, name: str, camera: DepthCamera) -> None:
         """Take what a camera is; raise InputError if it was another one before."""
