@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -284,27 +284,35 @@ _FEWEST, _MOST = 2, 4  # samples of an edge
 
 
 @caller
-def edge_costs(terms: DangerTerms, path: FloatArray, edges: IntArray, wraps: BoolArray) -> tuple[FloatArray, int]:
-    """Return J (E,) of `edges: (E, 2)` between way points (N, n) by the midpoint rule, and from how many samples."""
-    samples, costs, total = np.empty((_MOST * len(edges), path.shape[1])), np.zeros(len(edges)), 0
-    numbers = np.zeros(len(edges), np.int64)
-    for e in range(len(edges)):
-        start, end = path[edges[e, 0]], path[edges[e, 1]]
-        for i in range(len(start)):
-            costs[e] += way(start[i], end[i], wraps[i]) ** 2
-        costs[e] = sqrt(costs[e])
-        numbers[e] = min(_MOST, max(_FEWEST, int(np.ceil(costs[e] / _SPACING))))
-        for s in range(numbers[e]):
-            for i in range(len(start)):
-                samples[total, i] = start[i] + (s + 0.5) / numbers[e] * way(start[i], end[i], wraps[i])
-            total += 1
+def edge_costs(terms: DangerTerms, path: FloatArray, wanted: BoolArray, wraps: BoolArray) -> tuple[FloatArray, int]:
+    """Return J (N, N) by the midpoint rule of edges between way points (N, n), and from how many samples.
+
+    Of edges to earlier way points, and of those that are not `wanted: (N, N)`, it is ∞.
+    """
+    N, n = path.shape
+    samples, costs, total = np.empty((_MOST * np.sum(wanted), n)), np.full((N, N), inf), 0
+    numbers = np.zeros((N, N), np.int64)
+    for a in range(N):
+        for b in range(a + 1, N):
+            if not wanted[a, b]:
+                continue
+            squares = 0.0
+            for i in range(n):
+                squares += way(path[a, i], path[b, i], wraps[i]) ** 2
+            costs[a, b] = sqrt(squares)
+            numbers[a, b] = min(_MOST, max(_FEWEST, int(np.ceil(costs[a, b] / _SPACING))))
+            for s in range(numbers[a, b]):
+                for i in range(n):
+                    samples[total, i] = path[a, i] + (s + 0.5) / numbers[a, b] * way(path[a, i], path[b, i], wraps[i])
+                total += 1
     danger, s = danger_at(terms, samples[:total], np.empty((0, len(terms.shift)))), 0
-    for e in range(len(edges)):
-        squares = 0.0
-        for _ in range(numbers[e]):
-            squares += danger[s] ** 2
-            s += 1
-        costs[e] *= 1.0 + terms.weight * squares / numbers[e]
+    for a in range(N):
+        for b in range(a + 1, N):
+            squares = 0.0
+            for _ in range(numbers[a, b]):
+                squares += danger[s] ** 2
+                s += 1
+            costs[a, b] *= 1.0 + terms.weight * squares / max(1, numbers[a, b])
     return costs, total
 
 

@@ -263,7 +263,6 @@ def ask_for_retreats() -> None:
 
 MOST = 40  # way points of a path that edges may skip to
 _JOINT = 1.2  # [rad]
-_BATCH = 400  # edges whose costs are estimated at once
 
 
 def shortcut(
@@ -305,13 +304,10 @@ def _cheapest_proven_chain(
     stop: Callable[[], bool],
     worth: float = np.inf,
 ) -> FloatArray | None:
-    edges, costs = np.array(np.argwhere(np.triu(wanted, 1)), order="C"), np.full(wanted.shape, np.inf)
-    for k in range(0, len(edges), _BATCH):
-        if stop():
-            return None
-        some = edges[k : k + _BATCH]
-        costs[some[:, 0], some[:, 1]], samples = edge_costs(cost.terms, plain(path), some, cost.robot.continuous)
-        cost.count(samples)
+    if stop():
+        return None
+    costs, samples = edge_costs(cost.terms, plain(path), wanted, cost.robot.continuous)
+    cost.count(samples)
     most = worth * float(np.diagonal(costs, 1).sum()) if worth < np.inf else np.inf
     known = np.eye(len(path), k=1, dtype=np.intp)  # the path's own edges may be accepted without the margin
     while not stop():
