@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from functools import partial
-from itertools import chain
+from itertools import chain, groupby
 from typing import Any
 
 import numpy as np
@@ -26,14 +26,11 @@ def joint_space(robot: Robot) -> Any:
     if not robot.continuous.any():
         return _real_vector(robot.lower, robot.upper)
     space = ob.CompoundStateSpace()
-    first = 0
-    for i in range(robot.n + 1):
-        ends_run = i == robot.n or robot.continuous[i]
-        if ends_run and i > first:
-            space.addSubspace(_real_vector(robot.lower[first:i], robot.upper[first:i]), 1.0)
-        if ends_run and i < robot.n:
-            space.addSubspace(ob.SO2StateSpace(), 1.0)
-            first = i + 1
+    for turn, run in groupby(range(robot.n), key=robot.continuous.item):
+        rows = list(run)
+        parts = [ob.SO2StateSpace() for _ in rows] if turn else [_real_vector(robot.lower[rows], robot.upper[rows])]
+        for part in parts:
+            space.addSubspace(part, 1.0)
     return space
 
 
