@@ -230,10 +230,8 @@ class TimedMotion:
     def remark(self, time: float) -> str:
         """Return what there is to say of it at a time [s]."""
         sample = self.sample(time)
-        if self.remarks:
-            return f"{min(time, self.duration):.2f} s: {self.remarks[sample]}"
-        bound = self.binding[sample] or ACCELERATION
-        return f"{min(time, self.duration):.2f} s: {self.speeds[sample]:.2f} rad/s, bounded by {bound}"
+        said = f"{self.speeds[sample]:.2f} rad/s, bounded by {self.binding[sample] or ACCELERATION}"
+        return f"{min(time, self.duration):.2f} s: {self.remarks[sample] if self.remarks else said}"
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a file holds besides the points of the trajectory; `from_mapping` reads both."""

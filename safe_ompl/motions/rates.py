@@ -231,8 +231,7 @@ class MotionCurve:
             error = 16 * (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1) + rough
             boxes.append((points.min(axis=1) - error, points.max(axis=1) + error))
         swings = np.maximum(np.abs(boxes[2][0]), np.abs(boxes[2][1]))
-        rests = np.searchsorted(edges, times[self._rests])
-        return Cells(edges, Boxes(*boxes[0], *boxes[1]), swings, rests)
+        return Cells(edges, Boxes(*boxes[0], *boxes[1]), swings, np.searchsorted(edges, times[self._rests]))
 
 
 def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, people: People) -> Stops:

@@ -311,10 +311,8 @@ def _basis(motion: Motion) -> FloatArray:
     smoothness = np.zeros(motion.pieces - 1, dtype=np.intp)
     equal = np.ones(motion.pieces - 1, dtype=bool)
     for order in range(1, degree):
-        held = motion.derivative_coefficients(order)
-        before, after = held.sum(axis=1)[:-1], held[1:, 0]
-        size = np.abs(held).sum(axis=1).max(axis=1)
-        jump = np.abs(before - after).max(axis=1)
+        size = np.abs(motion.derivative_coefficients(order)).sum(axis=1).max(axis=1)
+        jump = np.abs(motion.jumps(order)).max(axis=1)
         equal = equal & (jump <= _SMOOTH * np.maximum(np.maximum(size[:-1], size[1:]), 1e-12))
         smoothness += equal
     inner = np.repeat(motion.times[1:-1], degree - smoothness)

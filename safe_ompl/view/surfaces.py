@@ -250,8 +250,7 @@ class RobotBody:
         """Return where each of the links is in the world at `q: (n,)`."""
         model, data = self._robot.shared.model, self._robot.shared.model.createData()
         bodies = self._geometry.createData()
-        full = self._robot.pinocchio_configuration(q)
-        pin.updateGeometryPlacements(model, data, self._geometry, bodies, full)
+        pin.updateGeometryPlacements(model, data, self._geometry, bodies, self._robot.pinocchio_configuration(q))
         return [pin.SE3(place) for place in bodies.oMg]
 
 

@@ -192,8 +192,7 @@ def _tour(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) -> 
         result = setup.plan(arguments.PLANNER, **arguments.run_options(options, scenario, arguments.PLANNER))
         if result.path is None:
             raise SafeOmplError(f"{arguments.PLANNER} found no path to {goal.round(3).tolist()}: {result.status}")
-        ways = result.path, result.path[::-1]
-        return [timed_way(way, setup.robot, setup.motion_prover, scenario) for way in ways]
+        return [timed_way(way, robot, setup.motion_prover, scenario) for way in (result.path, result.path[::-1])]
 
     robot = setup.robot
     return Tour.between([scenario.start_configuration(robot), *scenario.goal_configurations(robot)], to_and_fro)

@@ -213,8 +213,7 @@ class PlainSpeeds:
     def _link(self, link: pin.GeometryObject) -> _Body:
         points, pad = corners(link.geometry)
         place = link.placement
-        points = points @ place.rotation.T + place.translation
-        return self._body(points, pad, int(link.parentJoint))
+        return self._body(points @ place.rotation.T + place.translation, pad, int(link.parentJoint))
 
     def _body(self, points: FloatArray, pad: float, carrier: int) -> _Body:
         length = float(np.linalg.norm(points, axis=1).max()) + pad

@@ -422,9 +422,8 @@ class Simulation:
             summary.reaction = tuple(np.percentile(self.reactions, (50, 99)).tolist())
         if self.monitor is not None:
             contacts = self.monitor.contacts
-            summary.contacts_while_moving = sum(c.moving and c.obeyed for c in contacts)
             speeds = [c.speed for c in contacts if c.moving and c.obeyed]
-            summary.contact_speed = max(speeds, default=0.0)
+            summary.contacts_while_moving, summary.contact_speed = len(speeds), max(speeds, default=0.0)
             summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
             summary.contacts_retreating = sum(c.retreating and not c.moving for c in contacts)
             summary.contacts_at_rest = sum(not (c.moving or c.retreating) for c in contacts)
