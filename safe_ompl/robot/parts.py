@@ -353,10 +353,10 @@ def _check_models(model: Any, collision: Any, visual: Any) -> None:
     """Raise InputError for anything but models of Pinocchio's, and for bodies whose shapes are not supported."""
     if not isinstance(model, pin.Model):
         raise InputError(f"model must be a pin.Model, not {type(model).__name__}")
-    for geometry in (collision, visual):
-        if geometry is not None and not isinstance(geometry, pin.GeometryModel):
+    for geometry in (collision,) if visual is None else (collision, visual):
+        if not isinstance(geometry, pin.GeometryModel):
             raise InputError(f"geometry must be a pin.GeometryModel, not {type(geometry).__name__}")
-        for part in () if geometry is None else geometry.geometryObjects:
+        for part in geometry.geometryObjects:
             if part.parentJoint >= model.njoints:
                 raise InputError(f"geometry {part.name!r}: there is no joint {part.parentJoint} in the model")
             if part.parentFrame >= model.nframes or model.frames[part.parentFrame].type != pin.FrameType.BODY:

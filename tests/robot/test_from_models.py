@@ -108,7 +108,11 @@ def tool_on(joint):
 )
 def test_what_would_crash_pinocchio_is_named(spoil, message):
     model, geometry = arm([coal.Sphere(0.1), coal.Sphere(0.1)])
-    for wrong, kind in ((("robot.urdf", geometry), "a pin.Model, not str"), ((model, model), "a pin.GeometryModel")):
+    for wrong, kind in (
+        (("robot.urdf", geometry), "a pin.Model, not str"),
+        ((model, model), "a pin.GeometryModel, not Model"),
+        ((model, None), "a pin.GeometryModel, not NoneType"),
+    ):
         with pytest.raises(InputError, match=f"must be {kind}"):
             Robot.from_models(*wrong)
     spoil(model, geometry)
