@@ -41,7 +41,7 @@ def in_order(
         return _by_executor(do, tasks, workers, lost)
     if whole_number("workers", workers, at_least=1) == 1:
         return map(do, tasks)
-    return _sorted(_in_processes(do, tasks, min(workers, len(tasks)), lost))
+    return _sorted(_in_processes(do, tasks, min(workers, len(tasks))), tasks, lost)
 
 
 def _by_executor(
@@ -87,20 +87,27 @@ def _together(do: Callable[[_Task], _Outcome], *tasks: _Task) -> tuple[float, li
     return perf_counter() - begin, outcomes
 
 
-def _sorted(done: Iterator[tuple[int, _Outcome]]) -> Iterator[_Outcome]:
-    """Yield what comes with the numbers 0, 1, 2, … in the order of these."""
-    waiting: dict[int, _Outcome] = {}
+class _Lost(str):
+    """How a process ended, in the place of what its task would have returned."""
+
+
+def _sorted(
+    done: Iterator[tuple[int, _Outcome | _Lost]], tasks: Sequence[_Task], lost: Callable[[_Task, str], _Outcome]
+) -> Iterator[_Outcome]:
+    """Yield what comes with the numbers 0, 1, 2, … in the order of these; what is lost is told in this order, too."""
+    waiting: dict[int, _Outcome | _Lost] = {}
     number = 0
-    for k, outcome in done:
-        waiting[k] = outcome
+    for k, found in done:
+        waiting[k] = found
         while number in waiting:
-            yield waiting.pop(number)
+            outcome = waiting.pop(number)
+            yield lost(tasks[number], outcome) if isinstance(outcome, _Lost) else outcome
             number += 1
 
 
 def _in_processes(
-    do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], workers: int, lost: Callable[[_Task, str], _Outcome]
-) -> Iterator[tuple[int, _Outcome]]:
+    do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], workers: int
+) -> Iterator[tuple[int, _Outcome | _Lost]]:
     """Do tasks in forked processes; yield the number of each with what comes of it, as they come."""
     context = multiprocessing.get_context("fork")
     left = list(reversed(range(len(tasks))))
@@ -129,7 +136,7 @@ def _in_processes(
                     message = pipe.recv()
                 except (EOFError, ConnectionResetError):
                     process.join()
-                    message = lost(tasks[number], f"the process ended with exit code {process.exitcode}")
+                    message = _Lost(f"the process ended with exit code {process.exitcode}")
                 if isinstance(message, logging.LogRecord):
                     pass_on(message)
                     continue
