@@ -7,6 +7,7 @@ out.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -212,3 +213,13 @@ def samples(motion: Motion, spacing: float) -> FloatArray:
     pieces = zip(motion.times[:-1], motion.times[1:], sample_counts(motion, spacing), strict=True)
     times = [np.linspace(start, end, count + 1)[1:] for start, end, count in pieces]
     return motion.at(np.concatenate([motion.times[:1], *times]))
+
+
+def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
+    """Return memory in which no query starts from the result of another, which changes distances by micrometres."""
+    data = pin.GeometryData(geometry)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # in favour of an option that Pinocchio overrides
+        for request in (*data.collisionRequests, *data.distanceRequests):
+            request.enable_cached_gjk_guess = False
+    return data

@@ -7,8 +7,8 @@ from math import sqrt
 import numpy as np
 import pinocchio as pin
 
+from bench._plain import fresh_data
 from safe_ompl import People, Robot, Scene
-from safe_ompl.collision.queries import fresh_data
 from safe_ompl.common import FloatArray
 from safe_ompl.people.simulation import ContactMonitor, Nearest, Solid
 

@@ -26,6 +26,7 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from bench._harness import Report, in_turn
+from bench._plain import fresh_data
 from bench._scenes import ACCELERATIONS
 from bench._touches import Bearable, Gaps, thickness
 from safe_ompl import (
@@ -41,7 +42,6 @@ from safe_ompl import (
     Trajectory,
 )
 from safe_ompl.certificates.verifier.bodies import corners
-from safe_ompl.collision.queries import fresh_data
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import rate_violations
 from safe_ompl.motions.rates import stops_of

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import fresh_data
+from bench._plain import fresh_data
 
 
 class Limbs:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         Verdict as Verdict,
     )
     from safe_ompl.collision.pairs import PairSet as PairSet
-    from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR, fresh_data as fresh_data
+    from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR
     from safe_ompl.collision.self_filter import robot_points as robot_points, without_robot as without_robot
     from safe_ompl.collision.separation import (
         TOUCHING_ONLY as TOUCHING_ONLY,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from math import inf
 from typing import NamedTuple, TypeAlias
 
@@ -87,16 +86,3 @@ class CoalPairs:
 
 def _posed(shape: coal.CollisionGeometry, place: pin.SE3) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
     return shape, coal.Transform3s(place.rotation, place.translation)
-
-
-def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
-    """Return working memory in which a query does not start from the result of the one before.
-
-    That would change distances by micrometres, and with them, now and then, what a planner finds with the same seed.
-    """
-    data = pin.GeometryData(geometry)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # in favour of an option that Pinocchio overrides
-        for request in (*data.collisionRequests, *data.distanceRequests):
-            request.enable_cached_gjk_guess = False
-    return data

@@ -6,7 +6,6 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import People, Scenario
-from safe_ompl.collision import fresh_data
 from safe_ompl.scene.constraints import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, ContactLimits, RateLimits, contact_speed, time_path
 from safe_ompl.trajectories.contact import limb_thickness
@@ -36,7 +35,7 @@ class Adversary:
                 self.geometry.addGeometryObject(pin.GeometryObject(f"still {part}", 0, place, shape))
         self.bodies = list(self.geometry.geometryObjects)
         self.moving = [k for k, body in enumerate(self.bodies) if body.parentJoint]
-        self.kinematics, self.data = self.model.createData(), fresh_data(self.geometry)
+        self.kinematics, self.data = self.model.createData(), self.geometry.createData()
 
     def place(self, q, slope):
         full, rates = self.robot.pinocchio_configuration(q), self.robot.coupling.motions(slope)

@@ -12,7 +12,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import fresh_data
 from safe_ompl.common import FloatArray, Section, fraction, key, number
 from safe_ompl.people import ReachSets, ReachViolation, Surroundings
 from safe_ompl.people.replanning import Command, Doing, Replanner, Tour
@@ -70,7 +69,7 @@ class ContactMonitor:
         self._model = robot.shared.model
         self._bodies = robot.shared.collision_model
         self._kinematics = self._model.createData()
-        self._data = fresh_data(self._bodies)
+        self._data = self._bodies.createData()
         self._moving = [k for k, part in enumerate(self._bodies.geometryObjects) if part.parentJoint != 0]
         self._links = robot.shared.body_links
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
