@@ -16,8 +16,7 @@ import pinocchio as pin
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.drive import LOG, add_robot, driven, rehearse, robot_driver, scenario_within
-from safe_ompl.apps.exchange import Driver, limits_of_still
+from safe_ompl.apps.exchange import limits_of_still
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
@@ -98,7 +97,6 @@ def add_commands(commands: Any) -> None:
     option(parser, "--out DIR", "folder for ticks.jsonl and summary.json", required=True)
     option(parser, "--html FILE", "also write a page that plays the simulation offline (.html)", output.PAGE)
     arguments.add_mcap(parser)
-    add_robot(parser)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     words = "reach each of the goal's configurations, and the start, in whichever order is soonest"
     option(parser, "--any-order", words)
@@ -114,11 +112,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
     faults = Faults(options.noise, options.drops, options.late, options.seed, min(Faults.latency, options.tick))
-    robot, driver = scenario.build_robot(), None
-    if options.robot is not None:
-        if scenario.program is not None:
-            raise InputError("is for a path to a goal; the scenario has a program", "--robot")
-        driver, scenario = robot_driver(options, scenario, robot)
+    robot = scenario.build_robot()
     people = people_who_move(scenario, options)
     found = choose_actors(scenario, robot, people, options)
     gate = gate_of(people)
@@ -127,10 +121,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     still = limits_of_still(scenario, found.still, beside_people=bool(found.people))
     output.make_folder(Path(options.out), ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
-    if driver is not None:
-        arguments.refuse(options, ("any_order",), "is for the simulation; a robot drives there and back")
     if options.cameras is not None:
-        wrong = ("robot", "noise") if options.tracked else ("robot", "reach", "noise")
+        wrong = ("noise",) if options.tracked else ("reach", "noise")
         arguments.refuse(options, wrong, "is for people who are tracked, not --cameras")
     elif options.tracked:
         raise InputError("all people are tracked but with --cameras", "--tracked")
@@ -156,14 +148,13 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         return SightedSimulation(replanner, ways, World(found.people, found.objects, truth), eyes.see, faults=faults)
 
     world([])  # what cannot be used is said now
-    return partial(_drive, scenario, setup, world=world, driver=driver, options=options)
+    return partial(_drive, scenario, setup, world=world, options=options)
 
 
 def _drive(
     scenario: Scenario,
     setup: SafeSetup,
     world: Callable[[Sequence[Trajectory] | Tour], Simulation],
-    driver: Driver | None,
     options: argparse.Namespace,
 ) -> int:
     """Plan there and back, or between all places in any order, and drive that again and again."""
@@ -174,14 +165,8 @@ def _drive(
     if result.path is None:
         output.error_console().print(f"safe-ompl: {arguments.PLANNER} found no path: {result.status}")
         return 1
-    if driver is not None:
-        scenario = scenario_within(driver, scenario, robot, result.path)
     ways = [timed_way(way, robot, prover, scenario) for way in (result.path, result.path[::-1])]
-    if driver is None:
-        return _simulate(world(ways), options)
-    rehearse(world(ways))
-    with driven(world(ways), driver, Path(options.out) / LOG) as (simulation, wait):
-        return _simulate(simulation, options, wait)
+    return _simulate(world(ways), options)
 
 
 def _tour(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) -> Tour:
@@ -244,8 +229,8 @@ def program_legs(
     return legs
 
 
-def _simulate(simulation: Simulation, options: argparse.Namespace, wait: Callable[[], object] | None = None) -> int:
-    """Simulate, and write ticks and summary; `wait` for the end of each tick where time goes by."""
+def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:
+    """Simulate, and write ticks and summary."""
     folder, robot = Path(options.out), simulation.replanner.robot
     header = simulation.log_header()
     with ExitStack() as stack:
@@ -260,8 +245,6 @@ def _simulate(simulation: Simulation, options: argparse.Namespace, wait: Callabl
         def write(tick: dict[str, Any]) -> None:
             for log in logs:
                 log.write(tick)
-            if wait is not None:
-                wait()
 
         status = output.each_until_ctrl_c(
             bar.track(ticks, total=round(options.seconds / options.tick), description="live"), write

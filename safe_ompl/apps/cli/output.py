@@ -36,8 +36,6 @@ EXTRAS = {
     "viewer": ("viser", "the viewer"),
     "mcap": ("mcap", "logs and recordings"),
     "ros": ("rclpy", "the node of ROS 2"),
-    "franka": ("pylibfranka", "Franka's robots"),
-    "ur": ("rtde_control", "Universal Robots"),
     "mujoco": ("mujoco", "the examples of MuJoCo"),
     "xacro": ("xacro", "robots in .xacro files"),
 }

@@ -13,7 +13,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from safe_ompl.apps.cli import arguments, check, compare, drive, live, new, output, plan, report, ros, verify, view
+from safe_ompl.apps.cli import arguments, check, compare, live, new, output, plan, report, ros, verify, view
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError, ctrl_c_as_such
@@ -80,7 +80,7 @@ def command_line() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (plan, view, check, new, verify, compare, live, drive, report, ros):
+    for command in (plan, view, check, new, verify, compare, live, report, ros):
         command.add_commands(commands)
     add_commands(commands)
     for name, own in commands.choices.items():

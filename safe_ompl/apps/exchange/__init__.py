@@ -1,7 +1,6 @@
-"""What others read and write: logs for Foxglove, recordings and a node of ROS 2, worlds of planners; and robots.
+"""What others read and write: logs for Foxglove, recordings and a node of ROS 2, and worlds of planners.
 
-Logs and recordings need the extra `safe-ompl[mcap]`, what starts a node ROS, too (`safe-ompl[ros]`). Robots that are
-driven need those of their makers (`safe-ompl[franka]`, `safe-ompl[ur]`).
+Logs and recordings need the extra `safe-ompl[mcap]`, what starts a node ROS, too (`safe-ompl[ros]`).
 """
 
 from typing import TYPE_CHECKING
@@ -18,13 +17,6 @@ if TYPE_CHECKING:
     from safe_ompl.apps.exchange.curobo import (
         robot_from_curobo as robot_from_curobo,
         scene_from_curobo as scene_from_curobo,
-    )
-    from safe_ompl.apps.exchange.drivers import (
-        DRY as DRY,
-        DriveLog as DriveLog,
-        Driver as Driver,
-        RobotRates as RobotRates,
-        open_driver as open_driver,
     )
     from safe_ompl.apps.exchange.execution import (
         ACTION as ACTION,

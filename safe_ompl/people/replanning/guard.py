@@ -82,10 +82,6 @@ class Command:
         slope, bend = place.slope[0], place.bend[0]
         return State(place.q[0], slope * speed, slope * push + bend * speed * speed)
 
-    def positions(self, times: FloatArray) -> FloatArray:
-        """Return joint values (T, n) at times [s] from `time` on."""
-        return self.path.curve.at(self.motion.places_at(times - self.time)).q
-
     def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
         """Return times (K,) [s] from one on, a step apart, the last one when the robot stands, and what holds then."""
         steps = np.arange(time, self.standstill - 1e-6, step)

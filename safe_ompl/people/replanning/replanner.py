@@ -150,11 +150,6 @@ class Replanner(Guard):
         self._path = found.path
         return self._given(found, time)
 
-    def withdraw(self, before: Command | None) -> None:
-        """Forget the newest command, which the robot cannot follow: it goes on with the one `before`, to its stop."""
-        self._last, self._path = before, self._path if before is None else before.path
-        self._detour = self._retreat = None
-
     def think(self, units: int = 60) -> bool:
         """Search a detour if the path ahead is barred or slow; return whether the next command has one to take.
 

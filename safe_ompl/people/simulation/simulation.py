@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -18,8 +17,6 @@ from safe_ompl.people.replanning import Command, Doing, Replanner, Tour
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
-
-_log = logging.getLogger(__name__)
 
 _FINE = 0.005  # [s] between two observations of the contact monitor
 _STILL = 1e-9  # [rad/s] slower than this is at rest
@@ -236,7 +233,6 @@ class Simulation:
         self.faults = Faults() if faults is None else faults
         self.latency = number("latency", self.faults.latency, at_least=0.0, at_most=replanner.tick)
         self.monitor: ContactMonitor | None = ContactMonitor(replanner.robot)
-        self.follow: Callable[[Command], str] | None = None
         self.summary = Summary()
         self._rng = np.random.default_rng(self.faults.seed)
         self._promised: dict[float, ReachSets] = {}
@@ -306,13 +302,6 @@ class Simulation:
         begin = self.clock()
         new = self.replanner.command(now + self.latency)
         reaction += self.clock() - begin
-        why = "" if self.follow is None or (command and new.motion is command.motion) else self.follow(new)
-        if why:
-            _log.warning("%.3f s: the robot goes on as it was told before: %s", now, why)
-            self.summary.deadlines_missed += 1
-            self.summary.tasks -= command is not None and command.doing is Doing.DONE  # it is to start again
-            self.replanner.withdraw(command)
-            return command, None
         self.replanner.think()
         self.reactions.append(reaction)
         return new, reaction

@@ -339,47 +339,6 @@ def test_the_command_refuses_in_one_line(clips, tmp_path, capsys, change, messag
     assert len(error.strip().splitlines()) == 1
 
 
-def test_a_robot_that_cannot_follow_a_command_goes_on_with_the_one_before(simulated):
-    one, told, refused = simulated(), [], []
-
-    def follow(command):
-        if len(told) + len(refused) in (0, 9, 10, 11, 40, 55):
-            refused.append(command)
-            return "too late"
-        told.append(command)
-        return ""
-
-    one.follow = follow
-    done = [tick for tick in one.ticks(8.0) if tick["state"] == "done"]
-    assert len(refused) == 6 == one.summary.deadlines_missed
-    assert one.summary.contacts_while_moving == 0
-    assert len({tick["task"] for tick in done}) == one.summary.tasks > 0
-    for before, after in pairwise(told):
-        np.testing.assert_allclose(before.at(after.time).q, after.at(after.time).q, atol=1e-6)
-        np.testing.assert_allclose(before.at(after.time).qd, after.at(after.time).qd, atol=1e-4)
-    times = told[5].time + np.linspace(0.0, told[5].standstill - told[5].time + 0.1, 50)
-    np.testing.assert_allclose(told[5].positions(times), [told[5].at(t).q for t in times], atol=1e-12)
-
-
-def test_live_drives_a_robot_within_the_limits_of_its_maker(tmp_path, capsys):
-    words = ["--people", "random", "--seconds", "3", "--robot", "franka://dry"]
-    assert main(live(tmp_path, *words)) == 0
-    assert "limits: {tube:" in capsys.readouterr().out
-    _, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
-    log = np.load(tmp_path / "out" / "drive.npz")
-    q = np.stack([log[f"panda_joint{k}_commanded"] for k in range(1, 8)], axis=1)
-    np.testing.assert_allclose(q[50 * np.arange(1, 60)], [tick["q"] for tick in ticks[1:]], atol=1e-9)
-    assert np.ptp(q, axis=0).max() > 0.5
-    published = (
-        np.repeat([2.175, 2.61], [4, 3]),
-        np.r_[10.0, 7.5, np.full(5, 10.0)],
-        np.r_[5e3, 3750, np.full(5, 5e3)],
-    )
-    for limits in published:
-        q = np.diff(q, axis=0) * 1e3
-        assert (np.abs(q) <= limits).all()
-
-
 def test_people_and_things_that_move_at_random(tmp_path):
     runs = []
     for _ in range(2):
