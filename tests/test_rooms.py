@@ -15,8 +15,7 @@ import safe_ompl
 
 PACKAGE = Path(safe_ompl.__file__).parent
 NEEDS = {  # rooms that are nothing without an extra
-    "safe_ompl.apps.exchange": ("mcap", "rosbags"),
-    "safe_ompl.apps.exchange.lerobot": ("lerobot",),
+    "safe_ompl.apps.exchange": ("mcap", "rosbags")
 }
 FLOORS = (  # rooms; each imports from those before it only
     "common",

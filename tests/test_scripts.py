@@ -4,8 +4,14 @@ import re
 import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+
+from safe_ompl import People, Shield, Surroundings, Tracker
+from safe_ompl.people import TrackedBody
+from safe_ompl.people.simulation import ALL_KEYPOINTS, ContactMonitor, limb_solids
 
 FOLDER = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
@@ -48,3 +54,28 @@ def test_the_list_of_examples_is_complete():
     with_ros = [FOLDER / "ros" / "world.py"]  # see tests/apps/exchange/test_ros_node.py
     found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS, *PHYSICS, *with_ros)]
     assert sorted(listed) == sorted(found)
+
+
+@pytest.mark.parametrize("shielded", [True, False])
+def test_a_robot_behind_send_action_touches_nobody_while_it_moves(shielded):
+    example = SimpleNamespace(**runpy.run_path(str(FOLDER / "send_action.py")))
+    robot, people, tick, now = example.robot, {}, example.shield.tick, 0.0
+    inner = example.StandIn([*example.keys, "gripper.pos"], [*example.start, 0.0])
+    arm, monitor = inner, ContactMonitor(robot)
+    if shielded:
+        around = Surroundings(example.scene, {"anna": Tracker(ALL_KEYPOINTS)}, people=People(speed=1.6))
+        arm = example.ShieldedRobot(inner, Shield(robot, around), lambda: people, lambda: now)
+    touched, error, before = 0, [], example.start
+    for now in np.arange(0.0, 4.0, tick):
+        people["anna"] = example.body + np.array([0.45 + 1.6 * max(0.0, 2.0 - now), 0.0, 0.0])
+        wave = example.start + 0.6 * np.sin(2.0 * now) * np.eye(7)[0]
+        asked = dict(zip(example.keys, np.degrees(wave).tolist(), strict=True)) | {"gripper.pos": 40.0}
+        assert arm.send_action(asked)["gripper.pos"] == 40.0
+        q = np.radians([inner.get_observation()[key] for key in example.keys])
+        error.append(np.abs(q - wave).max())
+        body = TrackedBody(1.75)
+        solids = limb_solids("anna", body, body.completed(ALL_KEYPOINTS.keypoints(people["anna"]))[0])
+        moves, before = np.abs(q - before).max() > 1e-6, q
+        touched += bool(moves and monitor.nearest(q, solids).distance <= 0)
+    assert max(error[10:20]) < 0.1  # while she is far away, it follows
+    assert bool(touched) != shielded

@@ -51,7 +51,6 @@ SMALL = {
     "peers": None,  # tests/bench/test_bench_peers.py
     "physics": "--motions 1 --drives 1 --seconds 0.5",
     "planners": "planar2 random {files}/problems.json --problems 0:1 --families RRTConnect --pairs ours crossed",
-    "policy": None,  # needs LeRobot
     "programs": "--programs xarm7_inspection --seeds 1",
     "reach": "{files} --level 0.5",
     "robots": "{files}/arm.urdf",

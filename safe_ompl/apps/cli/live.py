@@ -16,7 +16,6 @@ import pinocchio as pin
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.exchange import limits_of_still
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
@@ -421,3 +420,32 @@ def people_who_move(scenario: Scenario, options: argparse.Namespace) -> People:
 def gate_of(people: People) -> float | None:
     """Return the gate with which the reach of people was calibrated [m/s]; None where they have none."""
     return None if people.reach is None else CalibratedReach.load(people.reach).gate
+
+
+def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) -> Scenario:
+    """Return the scenario with its still obstacles only, and limits that concern them."""
+    limits = scenario.limits
+    dangerous = [obstacle.name for obstacle in still if obstacle.weight > 0]
+    kept_from = dangerous
+    if limits.obstacles is not None:
+        kept_from = [name for name in limits.obstacles if name in still.names]
+        gone = set(limits.obstacles) - set(scenario.scene.names)
+        if gone:
+            raise UnknownNameError("obstacle", min(gone), scenario.scene.names, "limits.obstacles")
+    limits = replace(
+        limits,
+        max_danger=limits.max_danger if dangerous else 0.0,
+        min_clearance=limits.min_clearance if kept_from else 0.0,
+        obstacles=tuple(kept_from) if kept_from else None,
+        exempt=tuple(pair for pair in limits.exempt if pair[1] in kept_from),
+        moving=None,
+    )
+    if scenario.limits.max_danger and beside_people:
+        _log.warning(
+            "limits.max_danger counts obstacles that stand still only; the robot keeps a distance from people who move"
+        )
+    if scenario.people is not None and scenario.people.contact:
+        _log.warning("contact is allowed: %s", scenario.people.contact_sentence)
+    if scenario.motion.max_danger is not None:
+        _log.warning("motion.max_danger is not kept in `live`; the robot keeps distances from all that moves instead")
+    return replace(scenario, scene=still, people=None, limits=limits)

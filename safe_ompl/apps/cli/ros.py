@@ -14,7 +14,7 @@ import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import gate_of, people_who_move, program_legs, timed_way
+from safe_ompl.apps.cli.live import gate_of, limits_of_still, people_who_move, program_legs, timed_way
 from safe_ompl.apps.exchange import (
     ACTION,
     Cell,
@@ -24,7 +24,6 @@ from safe_ompl.apps.exchange import (
     Frames,
     LiveController,
     in_metres,
-    limits_of_still,
     trajectory_action,
 )
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError

@@ -34,11 +34,6 @@ if TYPE_CHECKING:
         scene_from_octomap as scene_from_octomap,
     )
     from safe_ompl.apps.exchange.pieces import proven_pieces as proven_pieces
-    from safe_ompl.apps.exchange.policy import (
-        PolicyGuard as PolicyGuard,
-        PolicyOptions as PolicyOptions,
-        limits_of_still as limits_of_still,
-    )
     from safe_ompl.apps.exchange.ros_node import (
         RosNode as RosNode,
         lookup_of as lookup_of,

@@ -295,11 +295,6 @@ class LiveController:
         nearest = min(found, key=lambda state: float((self._apart(state.q, joints.q) / self._allowed()).max()))
         return self._apart(nearest.q, joints.q), np.abs(nearest.qd - joints.qd)
 
-    def behind(self) -> FloatArray:
-        """Return by how much (n,) the joints were short of wherever they may have been; negative: beyond it."""
-        found = [self.cell.robot.difference(self.joints.q, state.q) for state in self._expected() if self.joints]
-        return np.clip(0.0, np.min(found, axis=0), np.max(found, axis=0)) if found else np.zeros(self.cell.robot.n)
-
     def _apart(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return how far (n,) the joints of two configurations are apart."""
         return np.asarray(np.abs(self.cell.robot.difference(one, other)))

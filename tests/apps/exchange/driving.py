@@ -54,9 +54,9 @@ def ball(centre):
 class Drive:
     """A controller, a robot that does what it is told, and a person, in simulated time."""
 
-    def __init__(self, cell, start=START, *, guarded=False):
+    def __init__(self, cell, start=START, *, guarded=False, control=None):
         self.time = 10.0
-        self.controller = LiveController(cell, lambda: self.time, ControlOptions(), AtOnce())
+        self.controller = LiveController(cell, lambda: self.time, control or ControlOptions(), AtOnce())
         self.pilot = TrajectoryGuard(self.controller, lambda: self.time) if guarded else self.controller
         self.robot, self.q, self.qd = cell.robot, np.array(start), np.zeros(len(start))
         self.person, self.told, self.ticks = AWAY.copy(), None, []

@@ -19,6 +19,7 @@ from safe_ompl import CollisionChecker, InputError, Motion
 from safe_ompl.apps.cli.ros import cell_of, rehearse, trackers_of
 from safe_ompl.apps.exchange import ControlOptions
 from safe_ompl.geometry import STANDING, Pose, Sphere
+from safe_ompl.people.replanning import ReplanningOptions
 from safe_ompl.people.simulation import ContactMonitor, part_solids
 from safe_ompl.scene import Scenario, Wait
 
@@ -152,6 +153,31 @@ def test_whatever_is_wrong_stops_the_robot_until_it_is_mended(moving, why):
     assert seconds < 0.1 or not moving.qd.any()
     mended(moving)
     moving.arrives()
+
+
+class Late(Drive):
+    """A drive of a robot that is where it was told to be two ticks later."""
+
+    def move(self):
+        super().move()
+        self.done = [*getattr(self, "done", [self.q] * 2), self.q]
+
+    def see(self):
+        now, self.q = self.q, self.done[-3] if hasattr(self, "done") else self.q
+        super().see()
+        self.q = now
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.1])
+def test_in_a_tube_a_robot_is_late_by_no_more_than_the_lag(lag):
+    given, options = Scenario.load("panda_shelf"), argparse.Namespace(**OPTIONS, shield=False)
+    given = replace(given, limits=replace(given.limits, tube=0.005))
+    control = ControlOptions(ReplanningOptions(lag=lag))
+    drive = Late(cell_of(given, given.build_robot(), trackers_of(given, options), options, control), control=control)
+    drive.go()
+    reasons = " ".join(tick["reason"] for tick in drive.run(2.0))
+    assert ("from where it should be, and 0.005 is allowed" in reasons) == (lag == 0.0)
+    assert np.abs(drive.q - START).max() > (0.3 if lag else 0.02)
 
 
 @pytest.mark.parametrize(("now", "why"), [(2.0, "the clock went back by 8.450 s"), (3610.0, "no joint states for 35")])

@@ -63,13 +63,16 @@ def replanner_for(panda, table, tracker):
 
 @pytest.fixture
 def shield_for(panda, table):
-    """Return a function that makes a shield beside a ball of 1.6 m/s: with a tube [rad], or limits of the jerk (7,)."""
+    """Return a function that makes a shield beside a ball of 1.6 m/s.
 
-    def make(tube=0.0, jerk=None):
+    It may have a tube [rad], limits of the jerk (7,), and a lag of the robot [s].
+    """
+
+    def make(tube=0.0, jerk=None, lag=0.0):
         limits = PathLimits(RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS, jerk=jerk))
         checker = CollisionChecker(panda, table.without("ball"))
         proof = MotionProver(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
-        around, options = Surroundings(table, objects={"ball": 1.6}), ReplanningOptions(limits=limits)
+        around, options = Surroundings(table, objects={"ball": 1.6}), ReplanningOptions(limits=limits, lag=lag)
         shield = Shield(panda, around, options=options, prover=proof)
         shield.start(HOME)
         return shield
