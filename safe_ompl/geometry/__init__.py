@@ -21,7 +21,14 @@ if TYPE_CHECKING:
     )
     from safe_ompl.geometry.obstacle import Obstacle as Obstacle, check_number as check_number
     from safe_ompl.geometry.person import LIMBS as LIMBS, STANDING as STANDING, Limb as Limb, Person as Person
-    from safe_ompl.geometry.pose import Pose as Pose, PoseLike as PoseLike, placed as placed
+    from safe_ompl.geometry.pose import (
+        Pose as Pose,
+        PoseLike as PoseLike,
+        placed as placed,
+        rotation_vectors as rotation_vectors,
+        turn_between as turn_between,
+        turn_onto as turn_onto,
+    )
     from safe_ompl.geometry.shapes import (
         Box as Box,
         Capsule as Capsule,

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, documents as document, key
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.pose import Pose, placed
+from safe_ompl.geometry.pose import Pose, placed, turn_onto
 from safe_ompl.geometry.shapes import Capsule, Part, Shape, Sphere
 from safe_ompl.geometry.surfaces import Triangles
 
@@ -159,8 +159,7 @@ class Limb(NamedTuple):
     def placement(self) -> pin.SE3:
         """Where the shape is in the frame of the person."""
         axis = self.end - self.start
-        turn = pin.Quaternion.FromTwoVectors(_UP, axis if axis.any() else _UP)
-        return pin.SE3(turn.toRotationMatrix(), (self.start + self.end) / 2)
+        return pin.SE3(turn_onto(_UP, axis if axis.any() else _UP), (self.start + self.end) / 2)
 
     @property
     def geometry(self) -> coal.CollisionGeometry:

@@ -21,6 +21,13 @@ _ROUNDING = 1e-12  # a quaternion this close to unit length is left as it is
 _NORM_TOLERANCE = 1e-3  # one this close is brought to unit length; one farther off is a mistake
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 
+# Rotations whose cosine is below this take their logarithm from `pin.log3`: the sine alone would lose digits there.
+_NEAR_HALF_TURN = -0.9
+# Angles this near to π count as half turns, which are as short one way as the other.
+_HALF_TURN = 1e-10  # [rad]
+# At least one component of every unit vector is larger.
+_DISTINCT = 0.1
+
 
 @dataclass(frozen=True)
 class Pose:
@@ -129,6 +136,46 @@ PoseLike: TypeAlias = Pose | pin.SE3 | Mapping[str, Any] | ArrayLike
 def placed(transform: pin.SE3, points: FloatArray) -> FloatArray:
     """Return `points`, shape (M, 3), moved by a rigid transform."""
     return np.asarray(points @ transform.rotation.T + transform.translation)
+
+
+def rotation_vectors(matrices: FloatArray) -> FloatArray:
+    """Return the logarithms (S, 3) of rotation matrices (S, 3, 3), as `pin.log3`: axes times angles in [0, π] [rad].
+
+    A half turn has two logarithms. Within 1e-10 rad of π the axis is the one whose first component above 0.1 is
+    positive, so that rounding does not choose between them; the angle is then at most π + 1e-10.
+    """
+    vectors = 0.5 * (matrices[:, (2, 0, 1), (1, 2, 0)] - matrices[:, (1, 2, 0), (2, 0, 1)])
+    sine = np.linalg.norm(vectors, axis=1)
+    cosine = 0.5 * (np.trace(matrices, axis1=1, axis2=2) - 1)
+    vectors *= np.where(sine > 1e-9, np.arctan2(sine, cosine) / np.maximum(sine, 1e-9), 1.0)[:, None]
+    for k in np.flatnonzero(cosine < _NEAR_HALF_TURN):
+        vector = pin.log3(matrices[k])
+        angle = float(np.linalg.norm(vector))
+        if angle > np.pi - _HALF_TURN and vector[np.abs(vector) > _DISTINCT * angle][0] < 0:
+            vector *= 1 - 2 * np.pi / angle
+        vectors[k] = vector
+    return vectors
+
+
+def turn_between(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the rotation vector (3,), in world axes, of the shortest turn between two orientations (3, 3) [rad].
+
+    Of a half turn, which is as short about the opposite axis, the one that `rotation_vectors` chooses.
+    """
+    return np.asarray(rotation_vectors((end @ start.T)[None])[0])
+
+
+def turn_onto(start: ArrayLike, end: ArrayLike) -> FloatArray:
+    """Return the rotation matrix (3, 3) of the shortest turn from one direction (3,) to another; not of length 0."""
+    given = np.array([start, end], dtype=np.float64)
+    a, b = given / np.linalg.norm(given, axis=1, keepdims=True)
+    if a @ b > _NEAR_HALF_TURN:
+        return np.asarray(pin.Quaternion.FromTwoVectors(*given).matrix())
+    # Pinocchio's function loses half of the digits near opposite directions. A half turn about an axis across both
+    # reverses the first one, and what remains is a small turn about the same axis.
+    across = np.linalg.svd([a, b])[2][2]
+    half_turn = 2 * np.outer(across, across) - np.eye(3)
+    return np.asarray(pin.Quaternion.FromTwoVectors(-a, b).matrix() @ half_turn)
 
 
 def _turned(rpy: tuple[float, ...]) -> tuple[float, ...]:

@@ -20,7 +20,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
-from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull
+from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull, turn_onto
 from safe_ompl.geometry.kernels import farthest_from_axes
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class ReachCylinder:
     @property
     def body(self) -> pin.GeometryObject:
         """The cylinder as a body that the world carries."""
-        place = pin.SE3(pin.Quaternion.FromTwoVectors(_UP, self.axis).matrix(), self.center)
+        place = pin.SE3(turn_onto(_UP, self.axis), self.center)
         return pin.GeometryObject("", 0, place, coal.Cylinder(self.radius, 2 * self.half_length))
 
 

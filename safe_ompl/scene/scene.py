@@ -167,7 +167,7 @@ class Scene(document.Section):
                 with document.within(repr(obstacle.name)):
                     core = obstacle.shape.core(document.number("depth", depth, above=0.0))
                 obstacle = replace(obstacle, touched_by=(*obstacle.touched_by, *links[obstacle.name]))
-                found.append(Obstacle(f"{obstacle.name}, {1e3 * depth:g}{CORE}", core, obstacle.pose, weight=0.0))
+                found.append(Obstacle(f"{obstacle.name}, {1e3 * depth:.12g}{CORE}", core, obstacle.pose, weight=0.0))
             found.append(obstacle)
         return Scene(tuple(found), self.spacing)
 

@@ -169,7 +169,7 @@ class _Proof:
                 drift -= own * np.einsum("bx,bx->b", own, drift)[:, None]
             rates[k] = np.linalg.norm(drift, axis=1)
         deviations[0] += self._slack[0][piece]
-        deviations[1] += self._slack[1][piece]
+        deviations[1] = np.minimum(np.pi, deviations[1] + self._slack[1][piece])
         return deviations, rates
 
     def _bounds(
@@ -194,4 +194,4 @@ class _Proof:
             spin = np.maximum(*(np.linalg.norm(self._path.at(s).spins, axis=1) for s in (first, last))) + twist * h
             change += turning * (turning + spin)
         turned = (ends[1] + h / 2 * rates).max(axis=0) + change * h**2 / 8
-        return apart, turned
+        return apart, np.minimum(np.pi, turned)

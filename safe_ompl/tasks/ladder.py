@@ -254,4 +254,4 @@ class Ladder:
 
 
 def _off(error: FloatArray) -> str:
-    return f"{1e3 * np.linalg.norm(error[:3]):.2g} mm and {np.degrees(np.linalg.norm(error[3:])):.2g}° off"
+    return f"{1e3 * np.linalg.norm(error[:3]):.2g} mm and {np.degrees(np.linalg.norm(error[3:])):.3g}° off"

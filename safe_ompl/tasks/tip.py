@@ -10,13 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.geometry import rotation_vectors
 from safe_ompl.robot import METRES_PER_RADIAN, Robot, motion_limits
-from safe_ompl.tasks.tool_path import Frames, rotation_vectors
+from safe_ompl.tasks.tool_path import Frames
 
 _DAMPING = 1e-8  # [m²/rad²]
 _CAUTION = 0.05  # [1/rad²] damping by squared error, as `robot.ik.cautious_step`
 _LONGEST = 0.5  # [rad or m] of a step
 _SEEDS, _ITERATIONS, _PRECISION = 40, 40, 1e-7  # of `configurations_at`; [m]
+_PARALLEL = 1e-7  # sine of the angle below which axes count as parallel
 _SAME = 0.2  # [rad or m] configurations that differ by less are one branch
 
 
@@ -60,8 +62,10 @@ class Tip:
             own, wanted = state.rotations @ self.free_axis, frames.rotations @ self.free_axis
             across = _cross(own, wanted)
             sine = np.linalg.norm(across, axis=1)
-            angle = np.arctan2(sine, np.einsum("bx,bx->b", own, wanted))
-            turn = across * (angle / np.maximum(sine, 1e-12))[:, None]
+            cosine = np.einsum("bx,bx->b", own, wanted)
+            turn = across * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-300))[:, None]
+            for k in np.flatnonzero((sine < _PARALLEL) & (cosine < 0)):
+                turn[k] = np.arctan2(sine[k], cosine[k]) * _reversing_axis(own[k], state.jacobians[k, 3:])
         return np.hstack([offset, turn])
 
     def task(self, state: TipState, frames: Frames) -> tuple[FloatArray, FloatArray]:
@@ -134,6 +138,17 @@ def configurations_at(robot: Robot, pose: pin.SE3, near: FloatArray, rng: np.ran
         if all(np.abs(robot.difference(q, other)).max() > _SAME for other in found):
             found.append(q)
     return np.reshape(found, (-1, robot.n))
+
+
+def _reversing_axis(axis: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """Return the unit vector (3,) across an axis of the tool about which joints can best reverse that axis.
+
+    Every one of them leads to the opposite direction; about some the robot may not be able to turn at all. `jacobian`
+    (3, n) is the rotational one. The first component above 0.3 is positive.
+    """
+    across = np.linalg.svd(axis[None])[2][1:]
+    best: FloatArray = np.linalg.svd(across @ jacobian)[0][:, 0] @ across
+    return best * np.sign(best[np.abs(best) > 0.3][0])
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

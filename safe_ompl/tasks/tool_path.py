@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials, shown
-from safe_ompl.geometry import Pose
+from safe_ompl.geometry import Pose, turn_between
 from safe_ompl.robot import METRES_PER_RADIAN
 
 _SHORTEST = 1e-6  # [m] of a segment; a turn counts METRES_PER_RADIAN
@@ -90,8 +90,10 @@ class PoseSpline:
     def through(cls, poses: Sequence[pin.SE3]) -> PoseSpline:
         """Return the spline through two poses or more; parameters are the distances between them, added up."""
         turns = np.array([pin.Quaternion(pose.rotation).coeffs() for pose in poses])
-        for k in range(1, len(turns)):
-            turns[k] *= np.sign(turns[k] @ turns[k - 1]) or 1.0  # the short way
+        for k, (one, other) in enumerate(pairwise(poses)):
+            # Of the two quaternions of a pose the one that the shortest turn leads to.
+            turn = pin.Quaternion(pin.exp3_quat(turn_between(one.rotation, other.rotation)))
+            turns[k + 1] *= np.sign(turns[k + 1] @ (turn * pin.Quaternion(turns[k])).coeffs())
         steps = [pose_distance(one, other) for one, other in pairwise(poses)]
         knots = np.concatenate([[0.0], np.cumsum(steps)])
         values = np.hstack([[pose.translation for pose in poses], turns])
@@ -208,6 +210,7 @@ class ToolPath:
     def line(cls, start: Any, end: Any) -> ToolPath:
         """Return the straight line between two poses; the tool turns evenly the short way.
 
+        Half a turn goes about the axis whose first component above 0.1 is positive, in the world frame.
         Poses are Pose, pin.SE3, matrices (4, 4), or what SciPy's RigidTransform gives by `as_matrix`.
         """
         return cls.polyline([start, end])
@@ -257,7 +260,7 @@ def _turns_sharply(one: Segment, other: Segment) -> bool:
 
 def pose_distance(one: pin.SE3, other: pin.SE3) -> float:
     """Return √(‖p‖² + c²‖ω‖²) [m] between poses, with c METRES_PER_RADIAN."""
-    turn = pin.log3(other.rotation @ one.rotation.T)
+    turn = turn_between(one.rotation, other.rotation)
     return float(
         np.hypot(np.linalg.norm(other.translation - one.translation), METRES_PER_RADIAN * np.linalg.norm(turn))
     )
@@ -274,14 +277,6 @@ def rotated(vectors: FloatArray) -> FloatArray:
         np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * cross @ cross
     )
     return matrices
-
-
-def rotation_vectors(matrices: FloatArray) -> FloatArray:
-    """Return the rotation vectors (S, 3) of rotation matrices (S, 3, 3), of angles below π."""
-    vectors = 0.5 * (matrices[:, (2, 0, 1), (1, 2, 0)] - matrices[:, (1, 2, 0), (2, 0, 1)])
-    sine = np.linalg.norm(vectors, axis=1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(matrices, axis1=1, axis2=2) - 1))
-    return vectors * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[:, None]
 
 
 def _poses(given: Any, least: int = 1) -> list[pin.SE3]:
@@ -305,7 +300,7 @@ def _pose(key: str, pose: Any) -> pin.SE3:
 
 
 def _line(one: pin.SE3, other: pin.SE3) -> Arc:
-    turn = pin.log3(other.rotation @ one.rotation.T)
+    turn = turn_between(one.rotation, other.rotation)
     return Arc(one.translation.copy(), other.translation - one.translation, one.rotation.copy(), turn)
 
 
@@ -319,7 +314,7 @@ def _circle(first: pin.SE3, via: FloatArray, last: pin.SE3) -> Arc:
     centre = first.translation + to_centre / (2 * size**2)
     normal, arm, end = normal / size, first.translation - centre, last.translation - centre
     angle = float(np.arctan2(normal @ np.cross(arm, end), arm @ end)) % (2 * np.pi)
-    turn = pin.log3(last.rotation @ first.rotation.T)
+    turn = turn_between(first.rotation, last.rotation)
     return Arc(first.translation.copy(), np.zeros(3), first.rotation.copy(), turn, centre, normal, angle)
 
 

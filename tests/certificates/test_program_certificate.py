@@ -4,10 +4,12 @@ import copy
 import dataclasses
 
 import pytest
+from hypothesis import given, strategies as st
 from signing import signed
 
-from safe_ompl import CertificateError, InputError, PlanningError, Scenario, Scene, plan_program
+from safe_ompl import Box, Capsule, CertificateError, InputError, Obstacle, PlanningError, Scenario, Scene, plan_program
 from safe_ompl.certificates import program_certificate, terms_of, verify_program
+from safe_ompl.certificates.verifier.program import _without_contact
 from safe_ompl.io import built_robot
 from safe_ompl.planning import program_robot
 from safe_ompl.robot import robot_hash
@@ -166,6 +168,17 @@ def test_what_is_changed_is_refused(content, change, words):
         verify_program(forged)
     with pytest.raises((CertificateError, InputError), match=words):
         verify_program(resigned(forged))
+
+
+@given(st.floats(0.1, 90.0), st.floats(1e-5, 0.04), st.floats(2e-9, 0.01), st.sampled_from((-1, 1)), st.booleans())
+def test_cores_are_as_deep_as_they_say_however_large_the_obstacle_is(size, depth, wrong, sign, round_):
+    shape = Capsule(size / 2, 1.0) if round_ else Box([size, 1.0, size])
+    scene = Scene([Obstacle("block", shape)]).touched([("hand", "block")], depth)
+    assert [obstacle.name for obstacle in _without_contact(scene)] == ["block"]
+    core, block = scene.obstacles
+    other = Scene([dataclasses.replace(core, shape=shape.core(depth + sign * min(wrong, 0.9 * depth))), block])
+    with pytest.raises(CertificateError, match="is not what is so deep in 'block'"):
+        _without_contact(other)
 
 
 @pytest.mark.parametrize("name", ["robot", "scene"])

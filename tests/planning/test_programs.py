@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError, plan_program
+from safe_ompl import InputError, Pose, plan_program
 from safe_ompl.planning import program_robot
 from safe_ompl.scene import Attach, Detach, Gripper, Scenario, list_scenarios
 
@@ -239,3 +239,20 @@ def test_shipped_programs_are_read_as_they_are_written(tmp_path):
         assert read.name == name
         read.save(tmp_path / "again.yaml")
         assert Scenario.load(tmp_path / "again.yaml") == read
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_a_gripper_turns_half_a_turn_in_place(axis):
+    down = pin.utils.rotate("x", np.pi)
+    poses = [pin.SE3(down @ turn, np.array([0.4, 0.0, 0.4])) for turn in (np.eye(3), pin.utils.rotate(axis, np.pi))]
+    steps = [{"move": {"pose": Pose.of(pose).to_mapping()}} for pose in poses]
+    start = [0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.7]
+    content = {"name": "turn", "robot": "panda", "start": start, "scene": {}, "program": {"steps": steps}}
+    found = plan_program(Scenario.from_mapping(content), time=PATIENCE)
+    assert found, found.why
+    assert len(found.stretches) == 2
+    for stretch, pose in zip(found.stretches, poses, strict=True):
+        assert stretch.check
+        tip = stretch.robot.tip_pose(stretch.motion.knots[-1])
+        assert np.linalg.norm(tip.translation - pose.translation) < 1e-4
+        assert np.linalg.norm(pin.log3(tip.rotation.T @ pose.rotation)) < 1e-3

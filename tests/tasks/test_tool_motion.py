@@ -7,9 +7,10 @@ import pinocchio as pin
 import pytest
 
 import safe_ompl
-from safe_ompl import Box, InputError, Motion, Obstacle, Pose, Robot, Scene, inverse_kinematics
+from safe_ompl import Box, InputError, Motion, Obstacle, Pose, Robot, Scenario, Scene, inverse_kinematics
 from safe_ompl.tasks import Corridor, ToolPath, prove_corridor, tool_motion
 from safe_ompl.tasks.tip import Tip
+from safe_ompl.tasks.tool_path import Frames
 
 DOWN = pin.utils.rotate("x", np.pi)
 
@@ -26,6 +27,14 @@ def arm(request):
     return Robot.from_example(request.param)
 
 
+def angle_between(own, wanted, axis):
+    """Return the angle between two orientations, or between an axis of both."""
+    if axis is None:
+        return np.linalg.norm(pin.log3(wanted @ own.T))
+    a, b = own @ axis, wanted @ axis
+    return np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+
+
 def deviations(robot, motion, path, corridor, number=1500):
     """Return the largest deviations of position and angle at samples, by plain Pinocchio."""
     model, data = robot.model, robot.model.createData()
@@ -35,11 +44,7 @@ def deviations(robot, motion, path, corridor, number=1500):
         pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(q))
         tip = data.oMf[robot.tip_frame]
         own, wanted = tip.rotation, frames.rotations[k]
-        if corridor.axis is None:
-            angle = np.linalg.norm(pin.log3(wanted @ own.T))
-        else:
-            a, b = own @ corridor.axis, wanted @ corridor.axis
-            angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+        angle = angle_between(own, wanted, corridor.axis)
         found.append((np.linalg.norm(tip.translation - frames.positions[k]), angle))
     return np.max(found, axis=0)
 
@@ -100,6 +105,66 @@ def test_proofs_agree_with_samples(arm, wide, axis):
             assert far > 0.999 * corridor.position or turned > 0.999 * corridor.angle
         verdicts.append(proof.proven)
     assert verdicts[0]
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("free", [None, "x", "y", "z"])
+def test_half_turns_are_errors_of_half_a_turn(free, axis):
+    """A robot of the plane cannot turn its tip upside down; where a free axis allows it, it need not."""
+    robot = Robot(Scenario.load("planar3").robot)
+    here = robot.tip_pose(np.array([0.3, 0.5, -0.4]))
+    poses = [
+        pin.SE3(here.rotation @ pin.utils.rotate(axis, np.pi), here.translation + np.array([x, x, 0]))
+        for x in (0, -0.02)
+    ]
+    path, corridor = ToolPath.line(*poses), Corridor(0.01, 3.0, free)
+    found = tool_motion(path, robot, Scene(), corridor)
+    standing = Motion([0.0, path.length], np.array([[[0.3, 0.5, -0.4], [0.0] * 3]]), timed=False)
+    proof = prove_corridor(standing, robot, path, Corridor(0.1, 3.0, free))
+    if free == axis:
+        assert found
+        assert deviations(robot, found.along, path, corridor)[1] < 3.0
+    else:
+        assert not found
+        assert proof.outside
+    assert proof.angle == pytest.approx(0.0 if free == axis else np.pi, abs=2e-8)
+    assert prove_corridor(standing, robot, path, Corridor(0.1, np.pi, free)), "no angle is more than half a turn"
+
+
+@pytest.mark.parametrize("axis", ["x", "z"])
+@pytest.mark.parametrize("spline", [False, True])
+def test_the_tool_turns_half_a_turn_in_place(axis, spline):
+    robot, first = Robot.from_example("panda"), at(0.4, 0.0, 0.4)
+    last = pin.SE3(DOWN @ pin.utils.rotate(axis, np.pi), first.translation)
+    path = ToolPath.spline([first, last]) if spline else ToolPath.line(first, last)
+    found = tool_motion(path, robot, Scene())
+    assert found, found.why
+    far, turned = deviations(robot, found.along, path, found.corridor)
+    assert far <= found.proof.position <= 0.001
+    assert turned <= found.proof.angle <= 0.01
+    ends = [robot.tip_pose(q).rotation for q in found.motion.knots[[0, -1]]]
+    assert np.linalg.norm(pin.log3(ends[1] @ ends[0].T)) == pytest.approx(np.pi, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "planar3"])
+@pytest.mark.parametrize("free", [None, "x", "y", "z"])
+def test_solutions_are_found_from_where_the_tip_is_half_a_turn_off(rng, name, free):
+    """As often as from a bit less than half a turn: the error has a direction there, which joints can follow."""
+    robot = Robot(Scenario.load(name).robot) if name == "planar3" else Robot.from_example(name)
+    tip, solved = Tip(robot, Corridor(free_axis=free).axis), []
+    Q = rng.uniform(robot.lower, robot.upper, (60, robot.n))
+    state = tip.at(Q)
+    turns = np.array([pin.utils.rotate("z", np.pi), pin.utils.rotate("z", np.pi - 0.1)])
+    for turn in turns:
+        poses = state.positions * 0.8, turn @ state.rotations
+        frames = Frames(*poses, np.zeros((60, 3)), np.zeros((60, 3)))
+        found, arrived = tip.solved(Q, frames, 1e-6, 60)
+        for q, position, rotation in zip(found[arrived], *(part[arrived] for part in poses), strict=True):
+            there = robot.tip_pose(q)
+            assert np.linalg.norm(there.translation - position) < 1e-5
+            assert angle_between(there.rotation, rotation, tip.free_axis) < 1e-5
+        solved.append(arrived.sum())
+    assert solved[0] >= 0.8 * solved[1] > 3
 
 
 def test_it_begins_where_the_arm_is(arm):

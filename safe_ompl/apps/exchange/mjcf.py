@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from safe_ompl.apps.exchange.moveit import written_mesh
 from safe_ompl.common import FloatArray, InputError, within
-from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, Triangles, triangle_tree
+from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, Triangles, triangle_tree, turn_onto
 from safe_ompl.robot import Mimic, Robot
 from safe_ompl.scene import Scene
 
@@ -192,7 +192,7 @@ class _World:
         if m.jnt_type[k] == _SLIDE:
             at, kind = pin.SE3(_STRAIGHT, -start * axis), pin.JointModelPrismaticUnaligned(axis)
             return model.addJoint(parent, kind, place * at, name, most, most, low, high), pin.SE3.Identity()
-        anchor = pin.SE3(pin.Quaternion.FromTwoVectors(_X, axis).matrix(), np.array(m.jnt_pos[k]))
+        anchor = pin.SE3(turn_onto(_X, axis), np.array(m.jnt_pos[k]))
         at = anchor * pin.SE3(pin.AngleAxis(-start, _X).matrix(), np.zeros(3))
         if m.jnt_limited[k]:
             kind = pin.JointModelRX()

@@ -15,7 +15,7 @@ R_k is the length of the chain from joint k to the farthest point.
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
-from math import acos, inf, sqrt
+from math import atan2, inf, sqrt
 from typing import Any, NamedTuple
 
 import coal
@@ -287,7 +287,7 @@ def bend_bound(
 
 _LEAST_TURN = 1e-5  # [rad or m] intervals in which the tool moves less are not divided any more
 _LEAST_STEP = 1e-7  # [rad or m] intervals in which no joint moves more, neither
-_TOOL_ROUNDING = 1e-7  # [rad or m], that of the arc cosine included
+_TOOL_ROUNDING = 1e-7  # [rad or m]
 
 
 class PlainTool:
@@ -324,9 +324,9 @@ class PlainTool:
         found = []
         if claim.orientation is not None:
             axis, direction = claim.orientation.axis, claim.orientation.direction
-            cosine = (tip.rotation @ axis) @ direction / sqrt((axis @ axis) * (direction @ direction))
-            angle = acos(min(1.0, max(-1.0, float(cosine))))
             tool = tip.rotation @ axis / sqrt(axis @ axis)  # it turns on cones about the axes
+            across, along = np.cross(tool, direction), float(tool @ direction)
+            angle = atan2(sqrt(float(across @ across)), along)
             turned = reach @ np.where(slides, 0.0, np.linalg.norm(np.cross(axes, tool), axis=1))
             found.append(("orientation", angle - claim.orientation.angle, float(turned)))
         if claim.position is not None:
