@@ -28,7 +28,7 @@ from bench._touches import TouchJudge
 from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Surroundings, Tracker, Trajectory, time_path
 from safe_ompl.collision import MotionProver
 from safe_ompl.danger import DangerField
-from safe_ompl.people import CalibratedReach, Recording, TrackedBody, facing, list_clips
+from safe_ompl.people import Recording, TrackedBody, facing, list_clips
 from safe_ompl.people.replanning import Command, Doing, ReplanningOptions, Tour
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin
 from safe_ompl.people.replanning.stop_motion import StopMotion
@@ -42,7 +42,7 @@ OURS = ("ours", "in-order", "any-order", "contact", "staying")
 _NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
 _ARMS_REACH = 0.85  # [m] from the base to the hip of people within arm's reach, who face it
 _HIP = 0.15  # [m] above the base
-_SHARES = ("model_obeyed", "model_obeyed_raw", "refused", "moving")
+_SHARES = ("model_obeyed", "moving")
 _CONTACTS = ("while_moving", "after_violations", "at_rest", "retreating")
 _LATENCY = 0.4  # of a tick, from a measurement to the command that answers it
 _BESIDE = 0.4  # [m] who is nearer than that is beside the robot
@@ -94,7 +94,7 @@ class StopAndGo(Replanner):
         stop = float((full / path.brakes).max())
         delay = time - self.surroundings.time + self.tick
         body = float((2 * path.frames.travel.max(axis=1) / np.diff(path.edges) * full).max())  # [m/s]
-        fastest = float(self.surroundings.sets.growth[..., 1].max())
+        fastest = float(self.surroundings.sets.growth[:, 1].max())
         return fastest * (delay + stop) + body * (delay + stop / 2)
 
 
@@ -188,31 +188,19 @@ def places(recording: Recording, count: int, seed: int, *, near: bool = False) -
 
 
 def simulation(
-    file: Path,
-    clip: str,
-    place: int,
-    policy: str,
-    *,
-    count: int = 20,
-    reach: str | None = None,
-    near: bool = False,
-    gate: float | None = None,
-    tick: float = TICK,
+    file: Path, clip: str, place: int, policy: str, *, count: int = 20, near: bool = False, tick: float = TICK
 ) -> Simulation:
-    """Return the simulation of one clip at one place; with a reach file of the limbs that were calibrated.
+    """Return the simulation of one clip at one place.
 
-    Key points that are faster than the gate [m/s] are glitches; a reach has a gate of its own. People are measured, and
-    commands given, at every tick [s], and a command holds two fifths of a tick after its measurement.
+    People are measured, and commands given, at every tick [s]; a command holds two fifths of a tick after its
+    measurement.
     """
     scenario = Scenario.load("panda_shelf")
     robot = scenario.build_robot()
     recording = Recording.load(file, clip)
     pose = places(recording, count, seed=sum(map(ord, file.stem + clip)), near=near)[place]
-    tracker = Tracker(recording.skeleton, TrackedBody(), pose, gate=gate)
-    if reach is not None:
-        calibrated = CalibratedReach.load(reach)
-        tracker = replace(tracker, body=TrackedBody(only=calibrated.limbs), gate=calibrated.gate)
-    people = People(speed=1.6, speeds=HANDS, contact=policy == "contact", reach=reach)
+    tracker = Tracker(recording.skeleton, TrackedBody(), pose)
+    people = People(speed=1.6, speeds=HANDS, contact=policy == "contact")
     replanner = POLICIES[policy](
         robot,
         Surroundings(scenario.scene, {"operator": tracker}, people=people),
@@ -231,12 +219,12 @@ def simulation(
     return one
 
 
-def run(job: tuple[Path, str, int, str, float, int, str | None, bool, float | None, float]) -> dict[str, Any]:
+def run(job: tuple[Path, str, int, str, float, int, bool, float]) -> dict[str, Any]:
     """Run one simulation, and return its summary."""
     file, clip, place, policy, seconds, *how = job
     logging.disable(logging.WARNING)
     begin = process_time()
-    options = dict(zip(("count", "reach", "near", "gate", "tick"), how, strict=True))
+    options = dict(zip(("count", "near", "tick"), how, strict=True))
     one = simulation(file, clip, place, policy, **options)
     duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
     ticks = list(one.ticks(duration))
@@ -286,7 +274,7 @@ def show(report: Report, rows: list[dict[str, Any]]) -> None:
         said = ", ".join(f"{rule} {number}" for rule, number in bound.items())
         contacts.append((policy, round(total["beside"]), standing, sum(too_fast), sum(clamped), *most, said))
     header = ("", "tasks/h", "stops", "contacts moving", "after violation", "at rest", "retreating", "obeyed")
-    report.table((*header, "raw", "refused", "moving", "danger", "reaction 50 % [ms]", "99 %"), table)
+    report.table((*header, "moving", "danger", "reaction 50 % [ms]", "99 %"), table)
     header = ("", "beside a person [s]", "standing", "too fast for the limb", "clamped above it")
     header += ("speed, at most", "gap, at most", "relative [m/s]", "ticks bound by")
     report.table(header, contacts)
@@ -304,9 +292,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--places", type=int, default=20, metavar="N")
     add("--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's")
     add("--sample", type=int, default=0, metavar="N", help="of all clips and places, drawn evenly")
-    add("--reach", metavar="FILE", help="calibrated reach, with its gate; default: speeds")
     add("--near", action="store_true", help="people within arm's reach, who face the robot")
-    add("--gate", type=float, metavar="V", help="key points above V m/s are glitches")
     add("--tick", type=float, default=TICK, metavar="S", help="between measurements, and between commands")
     add("--policies", default=",".join(POLICIES))
     add("--jobs", type=int, default=1, metavar="N", help="processes")
@@ -314,10 +300,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace, report: Report) -> int:
     """Run what the options choose."""
-    if options.gate is not None and options.reach is not None:
-        raise SystemExit("--gate: a reach has a gate of its own")
     chosen = situations(options.folder, options.places, options.sample)
-    how = (options.seconds, options.places, options.reach, options.near, options.gate, options.tick)
+    how = (options.seconds, options.places, options.near, options.tick)
     jobs = [(*situation, policy, *how) for situation in chosen for policy in options.policies.split(",")]
     if options.jobs == 1:
         rows = [run(job) for job in jobs]

@@ -35,8 +35,7 @@ ORDER = (  # of the page; files with claims only have no section
     ),
     *("stops_contact", "stops_motions", "mutations", "timing", "field", "scaling", "scaling_nodes", "scaling_runs"),
     *("setup", "simplify", "hard", "clearances", "paper", "smoothing", "worth", "live", "shield"),
-    "depth",
-    *("reach", "physics", "physics_contact", "physics_live", "tools"),
+    *("physics", "physics_contact", "physics_live", "tools"),
 )
 CLAIMS_ONLY = ("motion_many", "hard", "worth", "tools")  # whose tables no other page needs: they stand in the files
 INTRODUCTION = """# What was measured

@@ -41,7 +41,6 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "docs/",
     "motions/test_checks.py::test_no_proven_motion_touches",
     "people/simulation/",
-    "people/test_occupancy.py::test_a_robot_goes_on",
     "planning/ompl/test_validity.py::test_quickly_and_in_words",
     "planning/ompl/test_goals.py::test_nothing_is_left_over_at_exit",
     "planning/ompl/test_goals.py::test_out_of_reach",

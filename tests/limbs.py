@@ -45,14 +45,12 @@ class Limbs:
         return fastest
 
 
-def least_left(stop_from, begins, limbs, people, grown=None):
+def least_left(stop_from, begins, limbs, people):
     """Return the least that is left [m] when people run at the robot while it stops, over stops from these instants.
 
-    `stop_from(begin)` returns how long a stop takes, and a function of the time since to q and q̇; `grown(limb, time)`
-    how far limbs go, by default as fast as `people` says. Where contact is allowed only limbs that would be harmed
-    count.
+    `stop_from(begin)` returns how long a stop takes, and a function of the time since to q and q̇. Limbs are as fast as
+    `people` says. Where contact is allowed only limbs that would be harmed count.
     """
-    grown = grown or (lambda limb, time: people.speed_of(limb) * time)
     regions = [people.region_of(name) for name in limbs.names]
     bears = np.array([region.force / np.sqrt(1e3 * region.mass * region.stiffness) for region in regions])
     least = np.inf
@@ -62,7 +60,7 @@ def least_left(stop_from, begins, limbs, people, grown=None):
             q, qd = at(t)
             if np.abs(qd).max() <= 1e-9:
                 continue
-            gone = [grown(name, people.reaction_time + t) for name in limbs.names]
+            gone = [people.speed_of(name) * (people.reaction_time + t) for name in limbs.names]
             left = limbs.at(q) - gone - people.clearance
             if people.contact:
                 left = left[(left > 0) | (limbs.fastest(q, qd) > bears)]
@@ -70,11 +68,11 @@ def least_left(stop_from, begins, limbs, people, grown=None):
     return least
 
 
-def left_beside(trajectory, limbs, people, number, grown=None):
+def left_beside(trajectory, limbs, people, number):
     """Return the same of stops of a trajectory from so many random instants."""
 
     def stop_from(begin):
         stop = trajectory.stop_from(begin)
         return stop.duration, lambda t: stop.at(t)[:2]
 
-    return least_left(stop_from, np.random.default_rng(0).uniform(0, trajectory.duration, number), limbs, people, grown)
+    return least_left(stop_from, np.random.default_rng(0).uniform(0, trajectory.duration, number), limbs, people)

@@ -243,8 +243,6 @@ def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
 
 def _people(people: People, scene: Scene) -> dict[str, Any]:
     """Return what stops beside people are about; of the speeds of limbs those of limbs that are there."""
-    if people.reach is not None:
-        raise InputError("a certificate states speeds of people, no calibrated reach: leave it out", "people.reach")
     if people.contact:
         raise InputError(
             "a certificate states that the robot stops, not how it touches: leave it out", "people.contact"

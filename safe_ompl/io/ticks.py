@@ -3,14 +3,14 @@
 The first line is a header:
 
     {"format": "safe-ompl ticks", "version": 2, "tick": 0.05, "joint_names": [...], "robot": {...}, "scene": {...},
-     "people": {"operator": {"height": 1.75, "limbs": ["head", ...], "noise": 0.0, "growth": {"head": [[0.0, 1.6]]}}},
+     "people": {"operator": {"height": 1.75, "limbs": ["head", ...], "noise": 0.0, "speeds": {"head": 1.6, ...}}},
      "objects": {"cube": 0.5}, "rules": {"clearance": 0.0, "contact": false, "assumed": "..."},
      "made_by": {"safe-ompl": "0.1.0", ...}}
 
 ``robot`` and ``scene`` are as in saved results (`safe_ompl.io.problems`); the scene holds what stands still, and moving
 objects where they are at first, but no tracked people; ``objects`` are bounds of speeds [m/s]. In a time t a limb goes
-no farther than the least of its lines g₀ + g₁·t of ``growth``; ``noise`` bounds the errors of what is seen [m]. Every
-other line is a tick:
+no farther than its speed · t, of ``speeds`` [m/s]; ``noise`` bounds the errors of what is seen [m]. Every other line is
+a tick:
 
     {"time": 1.25, "q": [...], "qd": [...], "stop": {"times": [1.25, 1.3, ...], "q": [[...], ...], "qd": [[...], ...]},
      "people": {"operator": {"head": [x, y, z], "left_shoulder": [...], ...}},

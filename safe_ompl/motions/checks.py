@@ -28,7 +28,6 @@ from safe_ompl.motions.pieces import piece_proofs
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations, stops_of
 from safe_ompl.motions.tube import tube_of
 from safe_ompl.paths import Constraints, claims_of
-from safe_ompl.people import OccupancyGrid
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import RateLimits, Stops, Trajectory, time_path
@@ -80,7 +79,7 @@ def check(
     constraints: Constraints | None = None,
     tube: ArrayLike | Mapping[str, float] | None = None,
     limits: RateLimits | None = None,
-    people: People | OccupancyGrid | None = None,
+    people: People | None = None,
 ) -> MotionCheck:
     """Prove a motion that something else made, or find what stands in the way.
 
@@ -98,12 +97,10 @@ def check(
         Prove it of every motion whose joints are so near to this one at any time [rad or m].
     limits : RateLimits, optional
         Largest velocities, accelerations and jerks; for a motion in time. Default: these are not looked at.
-    people : People or OccupancyGrid, optional
+    people : People, optional
         Who may begin to move at any instant, from where the scene has them: a stop on the motion, from whatever instant
         on, within the accelerations of `limits`, is over before they are nearer than their clearance; or, where contact
-        is allowed, the robot is slow enough. The motion must be in time, and end at rest. Of a grid that is whatever
-        depth cameras saw, or do not see, when the last image came; for other rules than those of `People()` give
-        `grid.people(rules)`.
+        is allowed, the robot is slow enough. The motion must be in time, and end at rest.
 
     Returns
     -------
@@ -115,8 +112,7 @@ def check(
     ------
     InputError
         If it is no motion of this robot's joints, or the tube is not ≥ 0. Beside people, if the motion is no function
-        of time or does not end at rest; if limits are missing, or limit the jerk; or contact is allowed within a tube;
-        or, of a grid, if it is of another scene, or a camera has shown nothing yet.
+        of time or does not end at rest; if limits are missing, or limit the jerk; or contact is allowed within a tube.
     UnknownNameError
         If the scene has no obstacle of a name.
 
@@ -126,16 +122,7 @@ def check(
     itself (`docs/mathematics.md` §4), and so are stops (§9). Of bare samples with a bound of the speed, it is proven of
     all motions between.
     """
-    scene, people = _among(scene, people)
     return check_with(motion, _proof(robot, scene, constraints, tube), limits, people)
-
-
-def _among(scene: Scene, people: People | OccupancyGrid | None) -> tuple[Scene, People | None]:
-    """Return scene and people, also of a grid."""
-    if not isinstance(people, OccupancyGrid):
-        return scene, people
-    people.check_scene(scene)
-    return people.people()
 
 
 _Told = tuple[Motion, tuple[str, ...], tuple[Violation, ...], RateLimits | None]  # of a check; sent in little time
@@ -147,7 +134,7 @@ def check_many(
     scene: Scene,
     *,
     limits: RateLimits | None = None,
-    people: People | OccupancyGrid | None = None,
+    people: People | None = None,
     workers: int = 1,
     **wanted: Any,
 ) -> list[MotionCheck]:
@@ -157,14 +144,13 @@ def check_many(
     Other arguments, `constraints` and `tube`, and errors are those of `check`; an error says which motion it is of,
     counted from 0.
     """
-    scene, beside = _among(scene, people)
     proof, given = _proof(robot, scene, **wanted), list(motions)
 
     def found(some: range) -> list[_Told]:
         told = list[_Told]()
         for k in some:
             with document.within(f"motion {k}", ": "):
-                check = check_with(given[k], proof, limits, beside)
+                check = check_with(given[k], proof, limits, people)
             told.append((check.motion, check.claims, check.violations, check.limits))
         return told
 
@@ -174,7 +160,7 @@ def check_many(
     parts = [range(k, min(k + _TOGETHER, len(given))) for k in range(0, len(given), _TOGETHER)]
     parts_told = in_order(found, parts, workers, lost)
     return [
-        MotionCheck(motion, claims, violations, proof, rates, beside)
+        MotionCheck(motion, claims, violations, proof, rates, people)
         for told in parts_told
         for motion, claims, violations, rates in told
     ]

@@ -5,20 +5,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.calibration import GATE as GATE, calibrate as calibrate
-    from safe_ompl.people.cameras import (
-        DepthCamera as DepthCamera,
-        DepthFrame as DepthFrame,
-        looking as looking,
-        read_cameras as read_cameras,
-    )
-    from safe_ompl.people.occupancy import OccupancyGrid as OccupancyGrid, OccupancyOptions as OccupancyOptions
-    from safe_ompl.people.reach import (
-        CalibratedReach as CalibratedReach,
-        ReachSets as ReachSets,
-        ReachViolation as ReachViolation,
-        limb_lines as limb_lines,
-    )
+    from safe_ompl.people.reach import ReachSets as ReachSets, ReachViolation as ReachViolation
     from safe_ompl.people.skeletons import (
         HEIGHT as HEIGHT,
         KEYPOINTS as KEYPOINTS,
@@ -30,11 +17,6 @@ if TYPE_CHECKING:
         find_skeleton as find_skeleton,
         list_clips as list_clips,
     )
-    from safe_ompl.people.tracking import (
-        Surroundings as Surroundings,
-        Tracker as Tracker,
-        who_is_where as who_is_where,
-        without_glitches as without_glitches,
-    )
+    from safe_ompl.people.tracking import Surroundings as Surroundings, Tracker as Tracker, who_is_where as who_is_where
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

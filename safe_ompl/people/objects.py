@@ -66,7 +66,7 @@ class ObjectTrack:
     def sets(self) -> ReachSets:
         """Return where it may be from the time of the last measurement on."""
         found = ReachSets.none()
-        growth = np.array([[[self.speed * self.age, self.speed]]])
+        growth = np.array([[self.speed * self.age, self.speed]])
         for points, hull in zip(self.points_at(self.pose), self._hulls, strict=True):
             found = found.beside(ReachSets.of(((self.name, ""),), points[None], np.array([hull.radius]), growth))
         return found
@@ -97,5 +97,5 @@ class CloudTrack(ObjectTrack):
     def sets(self) -> ReachSets:
         centres, radius = self._balls(self.obstacle)
         count = len(centres)
-        growth = np.tile([[[self.speed * self.age, self.speed]]], (count, 1, 1))
+        growth = np.tile([self.speed * self.age, self.speed], (count, 1))
         return ReachSets.of(((self.name, ""),) * count, centres[:, None], np.full(count, radius), growth)

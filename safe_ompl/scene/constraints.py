@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, pi
-from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from safe_ompl.common import RATE_BOUNDS, InputError, Section, documents as document, key
@@ -192,8 +191,6 @@ class People(Section):
         its own speed; the person's is not counted. Where a limb may be clamped half of the force counts.
     regions : mapping of str to 3 float, optional
         Regions whose force [N], mass [kg] and stiffness [N/mm] replace those of `CONTACT_TABLE`.
-    reach : path, optional
-        Reach file (YAML) of `safe-ompl people calibrate`, which says beside people who move how far limbs go.
 
     Raises
     ------
@@ -208,7 +205,6 @@ class People(Section):
     clearance: float = key(document.number, default=0.0, at_least=0.0)
     contact: bool = key(document.flag, default=False)
     regions: Mapping[str, BodyRegion] = key(document.by_name, factory=dict, read=_region, known=CONTACT_TABLE)
-    reach: Path | None = key(document.file, default=None, endings=(".yaml", ".yml"))
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the obstacles that are treated as people.

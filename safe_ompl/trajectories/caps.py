@@ -141,7 +141,7 @@ def _parts(
     """Return into how many parts (N,) to divide cells, so that motion within them costs little of the time left."""
     parts: IntArray = np.ones(len(cells), dtype=np.intp)
     k, m = np.unique(np.stack([where, limb])[:, limb >= 0], axis=1)
-    speed = distances.speed(m, left.times[k, m] + distances.people.reaction_time)
+    speed = distances.speeds[m]
     moved = speeds[k, left.nearest[k, m]] * cells.sizes[k] / 2
     lost = np.divide(moved, speed, out=np.zeros(len(k)), where=speed > 0)
     wanted = lost / (loss * np.maximum(left.times[k, m] + lost, _INSTANT))

@@ -1,8 +1,6 @@
 """Lower bounds of the time that people need to reach the robot along a curve, proven for every cell.
 
-A limb may be at a distance d [m] after the time τ with g(τ) = d, where g is its growth: speed · τ, or that of a
-calibrated reach. Where g is the least of some lines a + bτ, it is below d until *all* lines reach d at the latest: τ is
-the largest of all (d − a)/b.
+A limb that is no faster than a speed may be at a distance d [m] after the time d / speed at the earliest.
 
 Every distance is a lower bound for the middle of a cell, less what the body moves from there to an end of it. In the
 middle it is bounded by balls, then by a ball and a box, then by planes that separate convex bodies
@@ -19,10 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import DISTANCE_ERROR
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray, compiled, part
 from safe_ompl.geometry import ConvexBodies
 from safe_ompl.geometry.kernels import POSE, Shapes, begin_axis, distance_bounds, from_box, place_bodies
-from safe_ompl.people import CalibratedReach, limb_lines
 from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import place_joints
 from safe_ompl.scene import People, Scene
@@ -30,7 +27,6 @@ from safe_ompl.trajectories.contact import ContactLimits
 from safe_ompl.trajectories.curve import Cells, Curve
 
 _SHORT = 0.05  # [s] See `PeopleDistances.along`
-_NEVER = 1e6  # [s]
 _ROUNDING = 1e-9  # [m]
 
 
@@ -51,8 +47,7 @@ class _Limbs(NamedTuple):
 
     bodies: IntArray  # (B,), their shapes
     limbs: IntArray  # (M,)
-    lines: FloatArray  # (M, L, 2), a [m] and b [m/s] of the lines of the growth
-    moves: BoolArray  # (M,), whether a limb moves
+    speeds: FloatArray  # (M,), of the limbs, at most [m/s]
     clearance: float  # [m]
     reaction: float  # [s]
 
@@ -60,21 +55,16 @@ class _Limbs(NamedTuple):
 @part
 def _arrival(limbs: _Limbs, m: int, distance: float) -> float:
     """Return when limb m may be at a body that is so far away; infinite at rest, −∞ if it is too near already."""
-    time, room = -inf, distance - limbs.clearance
-    for k in range(limbs.lines.shape[1]):
-        left, slope = room - limbs.lines[m, k, 0], limbs.lines[m, k, 1]
-        time = max(time, left / slope if slope > 0.0 else inf if left > 0.0 else -inf)
+    room, speed = distance - limbs.clearance, limbs.speeds[m]
+    time = room / speed if speed > 0.0 else inf if room > 0.0 else -inf
     return float(time - limbs.reaction)
 
 
 @part
 def _reach(limbs: _Limbs, m: int, time: float) -> float:
     """Return the distance from which limb m does not arrive before a time."""
-    growth = inf
-    for k in range(limbs.lines.shape[1]):
-        start, slope = limbs.lines[m, k, 0], limbs.lines[m, k, 1]
-        growth = min(growth, start + slope * (time + limbs.reaction) if slope > 0.0 else start)
-    return float(limbs.clearance + growth)
+    speed = limbs.speeds[m]
+    return float(limbs.clearance + (speed * (time + limbs.reaction) if speed > 0.0 else 0.0))
 
 
 @compiled
@@ -126,7 +116,7 @@ def arrivals(
                 time = _arrival(limbs, limb, lower)
                 if time < times[row, limb]:
                     times[row, limb], nearest[row, limb] = time, g
-            if times[row, limb] < first and limbs.moves[limb]:
+            if times[row, limb] < first and limbs.speeds[limb] > 0.0:
                 first, earliest = times[row, limb], limb
     return distances, times, nearest
 
@@ -145,16 +135,13 @@ class PeopleDistances:
         names = people.names(scene)
         found = [(name, *part) for name in names for part in scene[name].geometries()]
         self.limbs = tuple((name, part[len(name) + 1 :]) for name, part, _, _ in found)
-        reach = None if people.reach is None else CalibratedReach.load(people.reach)
-        # Nobody sees how fast they are: they may be in the state in which limbs go farthest.
-        self._lines = limb_lines([limb for _, limb in self.limbs], people, reach)[-1]
-        self.speeds: FloatArray = self._lines[..., 1].max(axis=1)
+        self.speeds: FloatArray = np.array([people.speed_of(limb) for _, limb in self.limbs])
         own = robot.bounds.convex_bodies
         placed = [pin.GeometryObject(f"person:{part}", 0, place, shape) for _, part, shape, place in found]
         self._shapes = own.joined(ConvexBodies.of(placed)).shapes
         limbs = np.arange(len(placed)) + len(own.bodies)
         times = people.clearance, people.reaction_time
-        self._limbs = _Limbs(self.moving, limbs, self._lines, self.speeds > 0, *times)
+        self._limbs = _Limbs(self.moving, limbs, self.speeds, *times)
         self.contact: ContactLimits | None = None
         self.alike: IntArray = np.zeros(len(self.limbs), dtype=np.intp)
         if people.contact:
@@ -167,13 +154,7 @@ class PeopleDistances:
 
     def grown(self, limb: int, time: float) -> float:
         """Return how far one of the limbs goes in a time [s], at most [m]."""
-        return float((self._lines[limb] @ [1.0, time]).min())
-
-    def speed(self, limbs: IntArray, times: FloatArray) -> FloatArray:
-        """Return how fast the growth of limbs (K,) is after times (K,) [s], in [m/s]."""
-        lines, times = self._lines[limbs], np.clip(times, 0.0, _NEVER)[:, None]
-        steepest = (lines[..., 0] + lines[..., 1] * times).argmin(axis=1)
-        return np.asarray(lines[np.arange(len(limbs)), steepest, 1])
+        return float(self.speeds[limb] * time)
 
     def along(
         self, curve: Curve, cells: Cells, speeds: FloatArray, soon: float, short: float = _SHORT

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         ViewerContent as ViewerContent,
         read_recording as read_recording,
     )
-    from safe_ompl.view.depth_images import DepthRenderer as DepthRenderer
     from safe_ompl.view.page import PLOT_ENDINGS as PLOT_ENDINGS
     from safe_ompl.view.pictures import (
         ANIMATION_ENDINGS as ANIMATION_ENDINGS,

@@ -38,7 +38,6 @@ def files(tmp_path_factory):
 
 SMALL = {
     "certify": "--edges 14 --hard 14 --paths 1 --only verdicts hard danger",
-    "depth": "--boxes --drives 1 --seconds 0.1 --policies depth --ingest 2",
     "field": "--rounds 2",
     "guard": "--runs 1 --only guard",
     "hard": "--problems 0:1 --time 1 --families RRTConnect",
@@ -52,7 +51,6 @@ SMALL = {
     "physics": "--motions 1 --drives 1 --seconds 0.5",
     "planners": "planar2 random {files}/problems.json --problems 0:1 --families RRTConnect --pairs ours crossed",
     "programs": "--programs xarm7_inspection --seeds 1",
-    "reach": "{files} --level 0.5",
     "robots": "{files}/arm.urdf",
     "same": None,  # tests/bench/test_bench_same.py
     "scaling": "--nodes 20 --obstacles 1 2 --cloud 40 --points 1 --joints 2 --runs 2",

@@ -9,7 +9,7 @@ import pytest
 
 from safe_ompl import InputError, Scenario, Scene, load, read_motion
 from safe_ompl.io import read_ticks
-from safe_ompl.people import CalibratedReach, Recording
+from safe_ompl.people import Recording
 from safe_ompl.scene import MbmFile
 
 DEEP = 30_000
@@ -43,7 +43,7 @@ JSON = {
     "\xff": "cannot be read|is not text in UTF-8|malformed JSON",
 }
 READERS = {
-    ".yaml": (Scene.from_file, Scenario.load, CalibratedReach.load, read_motion),
+    ".yaml": (Scene.from_file, Scenario.load, read_motion),
     ".json": (load, read_motion, read_ticks, MbmFile.load),
 }
 

@@ -61,7 +61,7 @@ def path(panda):
     return GuardedPath.along(RobotBodies(panda), trajectory.curve, PathLimits.of(trajectory))
 
 
-def sets(at, growth=((0.0, 1.6),)):
+def sets(at, growth=(0.0, 1.6)):
     points = np.array([[at, np.add(at, [0, 0, 0.3])]], dtype=float)
     return ReachSets.of((("anna", "hand"),), points, np.array([0.05]), np.array([growth], dtype=float))
 
@@ -78,19 +78,9 @@ def test_margins_fall_with_time_growth_and_clearance(path):
     assert margin(path, 40, 0.0, 0.0, sets((0.9, 0, 0.4)), 0.2) == pytest.approx(alone - 0.2, abs=2e-4)
 
 
-def test_of_several_lines_of_growth_the_least_counts(path):
-    alone = margin(path, 40, 0.0, 0.0, sets((0.9, 0, 0.4)))
-    lines = [(0.0, 4.0), (0.1, 2.0), (0.3, 0.5)]
-    for end in (0.02, 0.1, 0.2):
-        grown = min(start + slope * end for start, slope in lines)
-        found = margin(path, 40, 0.01, end, sets((0.9, 0, 0.4), lines))
-        assert found == pytest.approx(alone - grown, abs=2e-4)
-
-
 def test_of_several_bodies_the_nearest_counts(path):
-    near, far = sets((0.7, 0, 0.4)), sets((1.2, 0, 0.4), [(0.0, 4.0), (0.1, 2.0)])
+    near, far = sets((0.7, 0, 0.4)), sets((1.2, 0, 0.4), (0.1, 2.0))
     for both in (near.beside(far), far.beside(near)):
-        assert both.growth.shape == (2, 2, 2)
         np.testing.assert_allclose(np.sort(both.grown(0.1)), [0.16, 0.3])
         assert margin(path, 40, 0.1, 0.1, both) == pytest.approx(margin(path, 40, 0.1, 0.1, near), abs=2e-4)
 

@@ -141,6 +141,7 @@ def test_goals_of_all_kinds():
         (("urdf: planar3.urdf,", ""), "robot.example: give either example or urdf"),
         (("tip: tip", "locked: {joint3: stiff}"), "robot.locked.joint3: must be a finite number"),
         (("tip: tip", "group: 7"), "robot.group: must be"),
+        (("start:", "people: {reach: reach.yaml}\nstart:"), "people.reach: unknown key; valid keys: who, "),
         (("start:", "time: -1\nstart:"), "time: must be a positive number, got -1"),
         (("start:", "danger: 3\nstart:"), "danger: must be a mapping"),
         (("start:", "danger: {spacing: .nan}\nstart:"), "danger.spacing: must be a finite number"),

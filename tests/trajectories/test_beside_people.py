@@ -19,10 +19,7 @@ from safe_ompl import (
     UnknownNameError,
     time_path,
 )
-from safe_ompl.certificates.issue import trajectory_claim
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
-from safe_ompl.geometry import LIMBS
-from safe_ompl.people import CalibratedReach
 from safe_ompl.scene import BodyRegion
 from safe_ompl.scene.constraints import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, PeopleDistances
@@ -80,42 +77,6 @@ def test_nobody_is_reached_whenever_she_begins_to_run(
         assert_within_limits(stop)
         assert abs(stop.at(stop.duration).qd).max() < 1e-6
     assert pushed > 2
-
-
-def test_whoever_keeps_to_a_calibrated_reach_is_not_reached(timed, operator, tmp_path, shelf):
-    def reach(growth):
-        made = CalibratedReach(
-            "recording12",
-            4.0,
-            0.9,
-            20,
-            (0.05, 0.1, 0.4),
-            (),
-            {limb: (far,) for limb, far in growth.items()},
-            ("a",),
-            ("b",),
-        )
-        made.save(tmp_path / "reach.yaml")
-        return tmp_path / "reach.yaml"
-
-    growth = dict.fromkeys(LIMBS, (0.06, 0.1, 0.28)) | {"right_hand": (0.15, 0.25, 0.5), "head": (0.01, 0.02, 0.1)}
-    del growth["left_foot"]
-    people = People(speed=0.5, reaction_time=0.05, clearance=0.02, reach=reach(growth))
-    known = CalibratedReach.load(people.reach)
-
-    def grown(limb, time):
-        return known.grown(limb, time) if limb in known.limbs else people.speed_of(limb) * time
-
-    trajectory = timed(people)
-    assert 0 < left_beside(trajectory, operator, people, 100, grown) < 0.1
-    # A bound of the speed that is never less costs more time, one that is too low does not stop in time.
-    slow, fast = (replace(people, reach=None, speed=speed) for speed in (0.5, 3.0))
-    assert left_beside(timed(slow), operator, people, 100, grown) < 0
-    assert timed(fast).duration > trajectory.duration
-    reached = timed(People(reach=reach(dict.fromkeys(LIMBS, (0.05, 0.1, 0.4)))))  # 1 m/s
-    assert reached.duration == pytest.approx(timed(People(speed=1.0)).duration, rel=1e-9)
-    with pytest.raises(InputError, match=r"people\.reach: a certificate states speeds of people"):
-        trajectory_claim(reached, shelf.scene)
 
 
 def test_where_nothing_allows_motion_it_says_where_and_who_and_what(timed, shelf_motion):

@@ -87,24 +87,9 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
     option(parser, "scenario SCENARIO", "name or YAML file, see `safe-ompl scenarios`")
 
 
-def add_reach(parser: argparse.ArgumentParser) -> None:
-    """Add how far people go."""
-    option(
-        parser,
-        "--reach FILE",
-        "how far people go, see `safe-ompl people calibrate` (YAML); default: the reach of the scenario's people, "
-        "or their speeds",
-    )
-
-
 def add_mcap(parser: argparse.ArgumentParser) -> None:
     """Add the log that Foxglove opens."""
     option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)", output.LOG)
-
-
-def add_clear(parser: argparse.ArgumentParser) -> None:
-    """Add what is known of what depth cameras do not see at first."""
-    option(parser, "--clear M", "what no camera sees so near to the robot is free at first", noise, 0.2)
 
 
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:

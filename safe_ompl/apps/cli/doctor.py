@@ -28,7 +28,7 @@ from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.motions import Motion, check
 from safe_ompl.paths import ask_for_retreats
-from safe_ompl.people import DepthCamera, DepthFrame, OccupancyGrid, Surroundings, Tracker, find_skeleton
+from safe_ompl.people import Surroundings, Tracker, find_skeleton
 from safe_ompl.people.kernels import gaps
 from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
@@ -46,7 +46,6 @@ ALL_JOBS = (  # those that need what a plan needs come after it
     f"{__name__}:ask_for_motions",
     f"{__name__}:ask_for_simplification",
     f"{__name__}:ask_for_people",
-    f"{__name__}:ask_for_depth",
     f"{__name__}:ask_for_pictures",
 )
 
@@ -170,15 +169,6 @@ def ask_for_people() -> None:
         replanner.update({"anna": keypoints_now}, {}, 0.05 * tick)
         replanner.command(0.05 * tick + 0.02)
         replanner.think()
-
-
-def ask_for_depth() -> None:
-    """Call what depth cameras need."""
-    robot = small_robot()
-    grid = OccupancyGrid(robot, Scene(), {"camera": DepthCamera(16, 16, (16.0, 16.0), (8.0, 8.0))})
-    for time, depths in enumerate((np.ones((16, 16)), np.tile([0.0, 0.0, 1.0], (3, 1)))):
-        grid.observe("camera", DepthFrame(depths, float(time), np.zeros(robot.n)), float(time))
-        grid.sets(float(time))
 
 
 def ask_for_pictures() -> None:

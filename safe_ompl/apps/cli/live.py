@@ -17,22 +17,10 @@ import pinocchio as pin
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, documents as document
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
-from safe_ompl.people import (
-    HEIGHT,
-    PELVIS,
-    CalibratedReach,
-    OccupancyGrid,
-    OccupancyOptions,
-    Recording,
-    Surroundings,
-    TrackedBody,
-    Tracker,
-    facing,
-    read_cameras,
-)
+from safe_ompl.people import HEIGHT, PELVIS, Recording, Surroundings, TrackedBody, Tracker, facing
 from safe_ompl.people.replanning import Leg, Replanner, ReplanningOptions, Tour
 from safe_ompl.people.simulation import (
     ALL_KEYPOINTS,
@@ -42,17 +30,15 @@ from safe_ompl.people.simulation import (
     PersonMover,
     Playback,
     ProgramSimulation,
-    SightedSimulation,
     Simulation,
     Walker,
-    World,
     part_solids,
 )
 from safe_ompl.planning import PROGRAM_TIME, ProgramResult, SafeSetup, plan_program, program_robot, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Move, People, Scenario, Scene
 from safe_ompl.trajectories import PathTimer, RateLimits, Trajectory, time_path
-from safe_ompl.view import DepthRenderer, read_recording, save_page
+from safe_ompl.view import read_recording, save_page
 
 _log = logging.getLogger(__name__)
 RANDOM = "random"
@@ -86,10 +72,6 @@ def add_commands(commands: Any) -> None:
         "where the first person of the scenario stands",
         _place,
     )
-    arguments.add_reach(parser)
-    option(parser, "--cameras FILE", "depth cameras (YAML) that see people and things, which the robot does not know")
-    arguments.add_clear(parser)
-    option(parser, "--tracked", "beside --cameras people are tracked, too: they go no farther than their own bounds")
     option(parser, "--movers N", "number of balls of 0.1 m that fly around the robot", arguments.count, 0)
     option(parser, "--mover-speed V", "largest speed of these balls [m/s]", arguments.limit, 0.5)
     option(parser, "--seconds S", "simulated time", arguments.seconds, 60.0)
@@ -112,39 +94,21 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
     faults = Faults(options.noise, options.drops, options.late, options.seed, min(Faults.latency, options.tick))
     robot = scenario.build_robot()
-    people = people_who_move(scenario, options)
+    people = people_who_move(scenario)
     found = choose_actors(scenario, robot, people, options)
-    gate = gate_of(people)
-    for mover in found.people.values():
-        mover.tracker = replace(mover.tracker, gate=gate)
     still = limits_of_still(scenario, found.still, beside_people=bool(found.people))
     output.make_folder(Path(options.out), ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
-    if options.cameras is not None:
-        wrong = ("noise",) if options.tracked else ("reach", "noise")
-        arguments.refuse(options, wrong, "is for people who are tracked, not --cameras")
-    elif options.tracked:
-        raise InputError("all people are tracked but with --cameras", "--tracked")
     if scenario.program is not None:
-        wrong = ("simplify", "any_order", "cameras")
-        arguments.refuse(options, wrong, "is for a path to a goal; the scenario has a program")
+        arguments.refuse(options, ("simplify", "any_order"), "is for a path to a goal; the scenario has a program")
         program_robot(still)
         return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
     setup = setup_scenario(still, robot)
-    cameras = None if options.cameras is None else read_cameras(options.cameras)
 
     def world(ways: Sequence[Trajectory] | Tour) -> Simulation:
-        around = truth = Surroundings(found.scene, trackers, found.speeds, people)
-        if cameras is not None:
-            speed = max([people.speed, *people.speeds.values(), *found.speeds.values()])
-            grid = OccupancyGrid(robot, found.still, cameras, OccupancyOptions(speed, clear=options.clear))
-            around = Surroundings(found.still, trackers if options.tracked else {}, people=people, depth=grid)
+        around = Surroundings(found.scene, trackers, found.speeds, people)
         replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
-        if cameras is None:
-            return Simulation(replanner, ways, found.people, found.objects, faults=faults)
-        floor = min([0.0, *(one.triangles()[0][:, 2].min() for one in scenario.scene)])
-        eyes = DepthRenderer(robot, found.still, cameras, floor, options.seed)
-        return SightedSimulation(replanner, ways, World(found.people, found.objects, truth), eyes.see, faults=faults)
+        return Simulation(replanner, ways, found.people, found.objects, faults=faults)
 
     world([])  # what cannot be used is said now
     return partial(_drive, scenario, setup, world=world, options=options)
@@ -406,20 +370,10 @@ def _add_balls(found: Actors, robot: Robot, start: FloatArray, base: FloatArray,
         found.speeds[name] = options.mover_speed
 
 
-def people_who_move(scenario: Scenario, options: argparse.Namespace) -> People:
-    """Return the scenario's people, whoever is tracked, with the larger clearance of theirs and the limits' own.
-
-    A reach that the options name takes the place of theirs.
-    """
+def people_who_move(scenario: Scenario) -> People:
+    """Return the scenario's people, whoever is tracked, with the larger clearance of theirs and the limits' own."""
     people = scenario.people or People()
-    clearance = max(people.clearance, scenario.limits.min_clearance)
-    with document.within("--", separator=""):
-        return replace(people, who=None, clearance=clearance, reach=options.reach or people.reach)
-
-
-def gate_of(people: People) -> float | None:
-    """Return the gate with which the reach of people was calibrated [m/s]; None where they have none."""
-    return None if people.reach is None else CalibratedReach.load(people.reach).gate
+    return replace(people, who=None, clearance=max(people.clearance, scenario.limits.min_clearance))
 
 
 def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) -> Scenario:

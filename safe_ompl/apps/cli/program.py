@@ -1,4 +1,4 @@
-"""The program `safe-ompl`: its commands and exit status, and the small ones: `scenarios`, `robots`, `people`."""
+"""The program `safe-ompl`: its commands and exit status, and the small ones: `scenarios`, `robots`, `doctor`."""
 
 from __future__ import annotations
 
@@ -6,27 +6,22 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NoReturn
 
-import numpy as np
 from rich.table import Table
-from rich.text import Text
 
 from safe_ompl.apps.cli import arguments, check, compare, live, new, output, plan, report, ros, verify, view
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError, ctrl_c_as_such
-from safe_ompl.people import GATE, CalibratedReach, Recording, calibrate, list_clips
 from safe_ompl.robot import EXAMPLES
 from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
 
 BAD_INPUT, BROKEN_PIPE = 2, 141
-_SHOWN = 0.3  # [s] of what a reach says
 # Commands that write no file of their own, and those that load neither a robot nor a saved file.
-_WITHOUT_FILES = ("people", "scenarios", "robots", "doctor", "verify", "tube")
-_WITHOUT_ROBOT = ("people", "scenarios", "robots", "doctor", "report")
+_WITHOUT_FILES = ("scenarios", "robots", "doctor", "verify", "tube")
+_WITHOUT_ROBOT = ("scenarios", "robots", "doctor", "report")
 
 _FIRST = (
     "to begin with: plan, view, check. First steps: safe-ompl view panda_shelf; for your own robot: "
@@ -94,8 +89,7 @@ def command_line() -> argparse.ArgumentParser:
 
 
 def add_commands(commands: Any) -> None:
-    """Add `people`, `scenarios`, `robots` and `doctor` to the commands."""
-    _add_people(commands)
+    """Add `scenarios`, `robots` and `doctor` to the commands."""
     arguments.add_parser(commands, "scenarios", lambda _: _printed(scenarios_table), "list the scenarios")
     arguments.add_parser(commands, "robots", lambda _: _printed(robots_table), "list the example robots")
     arguments.add_parser(
@@ -138,56 +132,4 @@ def robots_table() -> Table:
     for name, example in sorted(EXAMPLES.items()):
         locked = ", ".join(f"{joint} = {value:g}" for joint, value in example.locked.items())
         table.add_row(name, example.tip, locked)
-    return table
-
-
-def _add_people(commands: Any) -> None:
-    summary = "how far people go: reach models from recordings"
-    inner = commands.add_parser("people", help=summary, description=f"{summary}.".capitalize()).add_subparsers(
-        metavar="COMMAND", required=True
-    )
-    parser = arguments.add_parser(
-        inner,
-        "calibrate",
-        prepare_people,
-        "write a reach file: how far each limb goes in a time, at a level",
-        "Find how far limbs go from where they were seen last, so that all limbs of a share of the recordings keep to "
-        "it at all times. This holds for recordings that are exchangeable with those given: the same people at the "
-        "same kind of work. On other kinds of work it is measured, not guaranteed.",
-    )
-    option(parser, "recordings RECORDINGS", "files of recordings (.npz); all clips are used", nargs="+")
-    option(parser, "--level SHARE", "share of the units that keep to it", arguments.share, required=True)
-    option(parser, "-o, --out FILE", "the reach file (.yaml)", output.output_file(".yaml", ".yml"), required=True)
-    arguments.add_force(parser)
-    option(parser, "--gate V", "faster key points are glitches [m/s]", arguments.limit, GATE)
-    option(parser, "--block S", "units are blocks of so many seconds; default: recordings", arguments.seconds)
-
-
-def prepare_people(options: argparse.Namespace) -> Callable[[], int]:
-    """Read the recordings, and return the job."""
-    recordings = [Recording.load(file, clip) for file in options.recordings for clip in list_clips(file)]
-    return partial(_calibrate, recordings, options)
-
-
-def _calibrate(recordings: list[Recording], options: argparse.Namespace) -> int:
-    """Write the reach file, and show what is in it."""
-    found = calibrate(recordings, options.level, gate=options.gate, block=options.block)
-    found.save(options.out)
-    output.console().print(reach_table(found))
-    output.error_console().print(f"reach in {options.out}")
-    return 0
-
-
-def reach_table(reach: CalibratedReach) -> Table:
-    """Return how far limbs go in a time, by how fast the fastest of them was just before, and what that says."""
-    speeds = (*reach.speeds, np.inf)
-    names = [*(f"< {speed:g} m/s" for speed in reach.speeds), "faster"]
-    title = f"how far limbs go within {_SHOWN:g} s, by the speed of the fastest one, in metres"
-    table = output.plain_table("limb", *names, title=title)
-    for limb in reach.limbs:
-        table.add_row(limb, *(f"{reach.grown(limb, _SHOWN, 0.99 * speed):.3f}" for speed in speeds))
-    table.caption = Text(
-        f"{reach}; a gate of {reach.gate:g} m/s refused {100 * reach.refused:.2g} % of the key points.\n"
-        f"This holds for the same people at the same kind of work. On other work it must be measured."
-    )
     return table

@@ -14,12 +14,11 @@ import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import gate_of, limits_of_still, people_who_move, program_legs, timed_way
+from safe_ompl.apps.cli.live import limits_of_still, people_who_move, program_legs, timed_way
 from safe_ompl.apps.exchange import (
     ACTION,
     Cell,
     ControlOptions,
-    DepthEyes,
     Execution,
     Frames,
     LiveController,
@@ -29,7 +28,7 @@ from safe_ompl.apps.exchange import (
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
-from safe_ompl.people import OccupancyGrid, OccupancyOptions, Surroundings, TrackedBody, Tracker, find_skeleton
+from safe_ompl.people import Surroundings, TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.planning import PROGRAM_TIME, plan_program, program_robot, setup_scenario
@@ -74,12 +73,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     arguments.add_scenario(parser)
     option(parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names)
     option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
-    arguments.add_reach(parser)
     option(parser, "--noise M", "largest error of key points [m]", arguments.noise, 0.0)
-    cameras = "depth cameras: topics NAME/camera_info, and NAME/image or NAME/points"
-    option(parser, "--depth NAME[,…]", cameras, arguments.names)
-    option(parser, "--unseen RULE", "what no camera sees is 'occupied' or 'free'; default: occupied")
-    arguments.add_clear(parser)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     for name, usual, what in (
         ("latency", 0.05, "from a tick until its command holds, at most a tick [s]"),
@@ -107,8 +101,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         trajectory_action()
     scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=bool(options.controller))
     if scenario.program is not None:
-        arguments.refuse(options, ("shield", "simplify", "depth"), "is for paths to goals; the scenario has a program")
-    trackers = trackers_of(scenario, options, gate_of(people_who_move(scenario, options)))
+        arguments.refuse(options, ("shield", "simplify"), "is for paths to goals; the scenario has a program")
+    trackers = trackers_of(scenario, options)
     control = ControlOptions(
         ReplanningOptions(tick=options.tick, lost_after=options.lost_after),
         latency=min(options.latency, options.tick),
@@ -119,7 +113,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     return partial(_run, scenario, trackers, control, options)
 
 
-def trackers_of(scenario: Scenario, options: argparse.Namespace, gate: float | None = None) -> dict[str, Tracker]:
+def trackers_of(scenario: Scenario, options: argparse.Namespace) -> dict[str, Tracker]:
     """Return how the people that the options name are tracked; those of the scenario are as tall as there."""
     skeleton = ALL_KEYPOINTS if options.skeleton is None else in_metres(find_skeleton(options.skeleton))
     heights = {one.name: one.shape.height for one in scenario.scene if isinstance(one.shape, Person)}
@@ -134,7 +128,7 @@ def trackers_of(scenario: Scenario, options: argparse.Namespace, gate: float | N
         if name not in scenario.scene.names:
             raise UnknownNameError("obstacle", name, scenario.scene.names, "limits.moving.speeds")
     bodies = {name: TrackedBody(heights[name]) if name in heights else TrackedBody() for name in tracked}
-    return {name: Tracker(skeleton, body, noise=options.noise, gate=gate) for name, body in bodies.items()}
+    return {name: Tracker(skeleton, body, noise=options.noise) for name, body in bodies.items()}
 
 
 def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptions, options: argparse.Namespace) -> int:
@@ -163,7 +157,7 @@ def cell_of(
     scenario: Scenario, robot: Robot, trackers: dict[str, Tracker], options: argparse.Namespace, control: ControlOptions
 ) -> Cell:
     """Return the robot with its surroundings, and how it is planned there."""
-    people = people_who_move(scenario, options)
+    people = people_who_move(scenario)
     moving = {} if scenario.limits.moving is None else dict(scenario.limits.moving.speeds)
     still = scenario.scene.without(*(n for n in scenario.scene.names if n in trackers or n in moving))
     limited = limits_of_still(scenario, still, beside_people=bool(trackers))
@@ -179,19 +173,13 @@ def cell_of(
 
         return Cell(program_robot(limited), trackers, moving, work, program=True, moving=described)
     setup_scenario(limited, robot)  # what cannot be used is said now
-    eyes = None
-    if options.depth is not None:
-        seen_as = OccupancyOptions(max([people.speed, *people.speeds.values()]), options.unseen or "occupied")
-        wide = replace(seen_as, clear=options.clear)
-        eyes = DepthEyes(options.depth, lambda cameras: OccupancyGrid(robot, still, cameras, wide))
 
     def plan(start: FloatArray, goal: Any, cloud: Obstacle | None) -> Replanner | Shield:
         seen, own = () if cloud is None else (cloud,), scenario.motion
         aim = Goal(configurations=(tuple((start if isinstance(goal, Execution) else goal).tolist()),))
         asked = replace(limited, scene=still.with_obstacles(*seen), start=tuple(start.tolist()), goal=aim)
         setup = setup_scenario(asked, robot)
-        grid = None if eyes is None else eyes.grid
-        around = Surroundings(scenario.scene.with_obstacles(*seen), trackers, moving, people, grid)
+        around = Surroundings(scenario.scene.with_obstacles(*seen), trackers, moving, people)
         if options.shield or isinstance(goal, Execution):
             rates = RateLimits.of(robot, own.velocity, own.acceleration, own.jerk)
             limits = PathLimits(rates, own.tool_speed, own.link_speed)
@@ -210,7 +198,7 @@ def cell_of(
         replanner.start(timed_way(result.path, robot, setup.motion_prover, scenario))
         return replanner
 
-    return Cell(robot, trackers, moving, plan, options.shield, moving=described, eyes=eyes)
+    return Cell(robot, trackers, moving, plan, options.shield, moving=described)
 
 
 def legs_of(
@@ -235,12 +223,8 @@ def legs_of(
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     """Drive a small robot in memory: that compiles every kernel that a tick calls, whatever the robot."""
-    if options.depth is not None:
-        from safe_ompl.apps.cli.doctor import ask_for_depth  # which imports what draws
-
-        ask_for_depth()
     shield = options.shield or bool(options.controller)
-    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=shield, reach=None, depth=None)
+    usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=shield)
     found = Scenario.load("planar2")
     motion = MotionLimits(acceleration=5.0, tool_speed=1.0, link_speed=1.0)
     robot, scenario = found.build_robot(), replace(found, motion=motion, people=People(who=(_SOMEBODY,)))

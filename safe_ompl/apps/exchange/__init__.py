@@ -40,6 +40,5 @@ if TYPE_CHECKING:
         ros_context as ros_context,
         trajectory_action as trajectory_action,
     )
-    from safe_ompl.apps.exchange.sightings import DepthEyes as DepthEyes
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -23,14 +23,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from safe_ompl.apps.exchange.messages import by_name, goal_of
-from safe_ompl.apps.exchange.sightings import CloudView, DepthEyes, Joints, Sightings
+from safe_ompl.apps.exchange.sightings import CloudView, Joints, Sightings
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, Section, UnknownNameError, key, number
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion
-from safe_ompl.people import DepthFrame, Tracker
+from safe_ompl.people import Tracker
 from safe_ompl.people.replanning import Command, Doing, Legs, Replanner, ReplanningOptions, Shield, stop_as_dict
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import State
@@ -39,7 +38,6 @@ _log = logging.getLogger(__name__)
 
 _HISTORY = 100  # commands that are kept, to compare measured joints with
 _JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
-_JOINTS_APART = 0.1  # [s] joint states before and after an image must be nearer
 _RESTING = 0.01  # [rad/s] joints that are slower stand still
 _LAGS = 5  # times within a lag at which a robot is compared with what it was told
 _ARRIVED = "at the goal"
@@ -59,7 +57,6 @@ class Cell:
     shielded: bool = False  # Whether proposals are followed, and not goals
     program: bool = False  # Whether a program is driven
     moving: Mapping[str, Any] = field(default_factory=dict)  # Who and what moves, as the header of ticks has it
-    eyes: DepthEyes | None = None  # Depth cameras
 
 
 @dataclass(frozen=True)
@@ -107,9 +104,6 @@ class LiveController:
         lost_after, error = self.options.replanning.lost_after, self.options.clock_error
         self._sightings = Sightings((*self.cell.trackers, *self.cell.objects), lost_after, error)
         self.joints: Joints | None = None  # as they were measured last
-        self._recent: deque[Joints] = deque(maxlen=_HISTORY)
-        if self.cell.eyes is not None:
-            self.cell.eyes.restart()
         self._cloud: CloudView | None = None
         self._proven_cloud: CloudView | None = None
         self._strangers: tuple[float, str] = (-np.inf, "")
@@ -139,7 +133,6 @@ class LiveController:
         else:
             qd = self.cell.robot.difference(self.joints.q, q) / (time - self.joints.time)
         self.joints = Joints(time, q, qd)
-        self._recent.append(self.joints)
 
     def see_people(self, time: float, people: Mapping[str, FloatArray]) -> None:
         """Take key points (J, 3) of people in the world, in the order of their skeletons; NaN: not seen."""
@@ -166,21 +159,6 @@ class LiveController:
             raise InputError("comes without joint states of its time: the robot's own points are not known")
         around = None if self._pilot is None else self._pilot.surroundings
         self._cloud = CloudView.seen(points, self.options.cloud_radius, self.cell.robot, self.joints.q, around)
-
-    def see_depth(self, name: str, time: float, depths: ArrayLike, pose: Pose) -> None:
-        """Take what a depth camera saw from a pose; the robot was between the joint states before and after that."""
-        eyes = self.cell.eyes
-        if eyes is None or eyes.grid is None:
-            raise InputError(f"comes before the camera_info of all of {[] if eyes is None else list(eyes.names)}")
-        before = [joints for joints in self._recent if joints.time <= time][-1:]
-        after = [joints for joints in self._recent if joints.time >= time][:1]
-        if not before or not after or after[0].time - before[0].time > _JOINTS_APART:
-            raise InputError("comes without joint states of its time: the robot's own points are not known")
-        (one,), (other,) = before, after
-        share = (time - one.time) / max(other.time - one.time, 1e-9)
-        q = one.q + share * self.cell.robot.difference(one.q, other.q)
-        frame = DepthFrame(depths, time - self.options.clock_error, q, pose)
-        eyes.grid.observe(name, frame, self._clock())
 
     def go_to(self, names: Sequence[str], position: Sequence[float]) -> None:
         """Take a goal: the robot stops if it moves, and goes there. Without joints it stops, and stays."""
@@ -258,9 +236,6 @@ class LiveController:
             return "no joint states yet" if np.isinf(late) else f"no joint states for {late:.2f} s"
         if self._now - self._strangers[0] < self.options.replanning.lost_after:
             return f"{self._strangers[1]!r} is seen, but not tracked"
-        lost_after = self.options.replanning.lost_after
-        if self.cell.eyes is not None and (why := self.cell.eyes.fault(self._now, lost_after)):
-            return why
         if not self.driving:
             return None
         if self._cloud is not None and (new := self._cloud.news(self._proven_cloud)):

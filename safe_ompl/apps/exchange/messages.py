@@ -13,19 +13,18 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.geometry import Obstacle, PointCloud, Pose, placed
 from safe_ompl.motions import Motion
-from safe_ompl.people import DepthCamera, Skeleton
+from safe_ompl.people import Skeleton
 from safe_ompl.robot import Robot
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
-IMAGE, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 BOOL = "std_msgs/msg/Bool"
 SECOND = 10**9  # [ns]
 OK, WARN, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
@@ -37,7 +36,6 @@ _STILL, _DANGEROUS = (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
 _SEEN = (0.83, 0.43, 0.29)
 _AROUND = 24  # corners of round shapes
 _NAME, _SEQUENCES = 2, (3, 4)  # kinds of fields in rosbags
-_DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}  # types of depths by the encoding of their image
 _NUMBERS = {"float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"}
 
 Message = dict[str, Any]
@@ -327,33 +325,6 @@ def cloud_of(message: Any, radius: float, frames: Frames) -> tuple[float, FloatA
     """Return the time [s] of a `PointCloud2` and its finite points (M, 3) in the world [m]; errors as `PointCloud`."""
     points = PointCloud.from_message(message, radius).centres if message.width * message.height else np.zeros((0, 3))
     return stamp_of(message.header), placed(frames.place(message.header), points)
-
-
-def camera_of(message: Any) -> DepthCamera:
-    """Return the camera of a `CameraInfo`, of rectified images; raise InputError if it is not calibrated."""
-    fx, _, cx, _, fy, cy = (float(value) for value in message.k[:6])
-    if not min(fx, fy) > 0:
-        raise InputError(f"has no focal lengths, got {[fx, fy]}: the camera is not calibrated", "k")
-    return DepthCamera(int(message.width), int(message.height), (fx, fy), (cx, cy))
-
-
-def depths_of(message: Any, frames: Frames) -> tuple[float, NDArray[Any], Pose]:
-    """Return the time [s] of an `Image` or `PointCloud2`, its depths (H, W) or points (N, 3), and where the camera was.
-
-    Raises InputError if the encoding is none of depths, bytes are missing, or as `Frames.place` and `cloud_of`.
-    """
-    pose = Pose.of(frames.place(message.header))
-    if not hasattr(message, "encoding"):
-        time, points = cloud_of(message, 1.0, frames)
-        return time, placed(pose.se3.inverse(), points), pose
-    if message.encoding not in _DEPTHS:
-        raise InputError(f"must be one of {', '.join(_DEPTHS)}, got {message.encoding!r}", "encoding")
-    kind = np.dtype((">" if message.is_bigendian else "<") + _DEPTHS[message.encoding])
-    data, height, width, step = bytes(message.data), int(message.height), int(message.width), int(message.step)
-    if step < width * kind.itemsize or len(data) < height * step:
-        raise InputError(f"has {len(data)} bytes, but {height} rows of {width} pixels are announced", "data")
-    rows = np.frombuffer(data, np.uint8)[: height * step].reshape(height, step)[:, : width * kind.itemsize]
-    return stamp_of(message.header), rows.copy().view(kind).astype(kind.newbyteorder("=")), pose
 
 
 def _keypoint(place: Any, frame: pin.SE3) -> FloatArray:

@@ -198,37 +198,17 @@ class RosNode:
         self._subscribe(messages.MARKERS, "people", people)
         for name in cell.objects:
             self._subscribe(POSE, f"obstacles/{name}", partial(thing, name))
-        for name in () if cell.eyes is None else cell.eyes.names:
-            self._subscribe_to_camera(name)
         if cell.program:  # a cloud would have points of what it carries
             self._subscribe(messages.BOOL, "run", lambda message: controller.run(message.data), reliable=True)
             return
-        if cell.eyes is None:
-            radius = controller.options.cloud_radius
-            self._subscribe(
-                CLOUD, "cloud", lambda cloud: controller.see_cloud(*messages.cloud_of(cloud, radius, frames))
-            )
+        radius = controller.options.cloud_radius
+        self._subscribe(CLOUD, "cloud", lambda cloud: controller.see_cloud(*messages.cloud_of(cloud, radius, frames)))
         if cell.shielded:
             proposal = messages.JOINT_TRAJECTORY, "proposal"
             self._subscribe(*proposal, lambda message: controller.propose(*messages.proposal_of(message, self._robot)))
         elif self._server is None:
             go_to = controller.go_to
             self._subscribe(messages.JOINT_STATE, "goal", lambda goal: go_to(goal.name, goal.position), reliable=True)
-
-    def _subscribe_to_camera(self, name: str) -> None:
-        """Take what a depth camera is, and its images or clouds."""
-        controller, frames = self._controller, self._frames
-        eyes = controller.cell.eyes
-        assert eyes is not None
-
-        def seen(message: Any) -> None:
-            controller.see_depth(name, *messages.depths_of(message, frames))
-
-        self._subscribe(
-            messages.CAMERA_INFO, f"{name}/camera_info", lambda info: eyes.introduce(name, messages.camera_of(info))
-        )
-        self._subscribe(messages.IMAGE, f"{name}/image", seen)
-        self._subscribe(CLOUD, f"{name}/points", seen)
 
     # ----------------------------------------------------------------------------------------------------- ticks
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from safe_ompl.collision import robot_points
 from safe_ompl.common import FloatArray, InputError
 from safe_ompl.geometry import Obstacle, PointCloud
-from safe_ompl.people import DepthCamera, OccupancyGrid, Surroundings
+from safe_ompl.people import Surroundings
 from safe_ompl.robot import Robot
 
 _CLOUD = "cloud"
@@ -62,33 +62,6 @@ class Joints(NamedTuple):
     time: float  # [s]
     q: FloatArray
     qd: FloatArray
-
-
-class DepthEyes:
-    """Depth cameras: their `grid` is made as soon as each of the `names` has said what it is."""
-
-    def __init__(self, names: Sequence[str], make: Callable[[Mapping[str, DepthCamera]], OccupancyGrid]) -> None:
-        self.names, self._make = tuple(names), make
-        self._cameras: dict[str, DepthCamera] = {}
-        self.grid: OccupancyGrid | None = None
-
-    def restart(self) -> None:
-        """Begin anew: nothing was seen yet."""
-        self.grid = self._make(self._cameras) if len(self._cameras) == len(self.names) else None
-
-    def introduce(self, name: str, camera: DepthCamera) -> None:
-        """Take what a camera is; raise InputError if it was another one before."""
-        if self._cameras.setdefault(name, camera) != camera:
-            raise InputError(f"{name!r} is another camera than before: start the node anew", "camera_info")
-        if self.grid is None:
-            self.restart()
-
-    def fault(self, now: float, lost_after: float) -> str | None:
-        """Return why the robot must not move, if it must not."""
-        missing = [name for name in self.names if name not in self._cameras]
-        if missing or self.grid is None:
-            return f"no camera_info of {missing[0]!r} yet"
-        return self.grid.trouble(now, lost_after)
 
 
 class CloudView(NamedTuple):

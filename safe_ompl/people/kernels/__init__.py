@@ -108,7 +108,7 @@ class Hulls(NamedTuple):
 class Sets(NamedTuple):
     """M bodies that move: points (P, 3) of the sets in which they may be, first ones (M + 1,) and radii (M,).
 
-    Also growth (M, L, 2), of which the least counts; see `people.reach.ReachSets`.
+    Also growth (M, 2), g₀ [m] and g₁ [m/s]; see `people.reach.ReachSets`.
     """
 
     points: FloatArray
@@ -164,10 +164,7 @@ def gaps(
     for w in range(len(at)):
         k = at[w]
         for s in range(S):
-            least = inf
-            for i in range(growth.shape[1]):
-                least = min(least, growth[s, i, 0] + until[w] * growth[s, i, 1])
-            grown[s] = radii[s] + least
+            grown[s] = radii[s] + growth[s, 0] + until[w] * growth[s, 1]
         for g in range(G):
             R, o = rotations[k, carriers[g]], origins[k, carriers[g]]
             c0 = o[0] + R[0, 0] * middles[g, 0] + R[0, 1] * middles[g, 1] + R[0, 2] * middles[g, 2]

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, Section, key, number
 from safe_ompl.io import ticks_header
-from safe_ompl.people import DepthFrame, ReachViolation, Surroundings
+from safe_ompl.people import ReachViolation, Surroundings
 from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, PathLimits
 from safe_ompl.people.replanning.stop_motion import StopMotion
@@ -191,20 +191,15 @@ class Guard:
         return f"{type(self).__name__}({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
 
     def update(
-        self,
-        people: Mapping[str, ArrayLike | None],
-        objects: Mapping[str, Any],
-        time: float,
-        depth: Mapping[str, DepthFrame] | None = None,
+        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
     ) -> list[ReachViolation]:
         """Take what sensors saw at a time [s]; return who moved farther than promised, which makes the robot stop.
 
         `people` are key points (J, 3) of those that were seen, as their skeletons have them, NaN: not seen; `objects`
-        are poses (Pose, pin.SE3 or 4×4), those of clouds their points (N, 3) in the world [m]; `depth` are
-        images of cameras, by their names. Raises InputError if the time goes backwards, a name is not known, or what
-        was seen cannot be used.
+        are poses (Pose, pin.SE3 or 4×4), those of clouds their points (N, 3) in the world [m].
+        Raises InputError if the time goes backwards, a name is not known, or what was seen cannot be used.
         """
-        violations = self.surroundings.update(people, objects, time, depth)
+        violations = self.surroundings.update(people, objects, time)
         if violations and not self._violated:
             _log.warning("%.3f s: %s: stop", time, violations[0])
         self._violated = bool(violations)

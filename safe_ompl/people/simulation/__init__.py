@@ -22,12 +22,9 @@ if TYPE_CHECKING:
         ContactMonitor as ContactMonitor,
         Faults as Faults,
         Nearest as Nearest,
+        ProgramSimulation as ProgramSimulation,
         Simulation as Simulation,
         Summary as Summary,
-    )
-    from safe_ompl.people.simulation.variants import (
-        ProgramSimulation as ProgramSimulation,
-        SightedSimulation as SightedSimulation,
     )
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

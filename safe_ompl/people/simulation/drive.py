@@ -194,8 +194,7 @@ def _growth(header: Mapping[str, Any], who: str | None, limb: str | None, time: 
     if who in (header.get("objects") or {}):
         return float(header["objects"][who]) * time
     person = (header.get("people") or {}).get(who, {})
-    lines = np.array(person.get("growth", {}).get(limb, np.full((1, 2), np.nan)))
-    return float(person.get("noise", 0.0) + (lines @ [1.0, time]).min())
+    return float(person.get("noise", 0.0) + person.get("speeds", {}).get(limb, np.nan) * time)
 
 
 def _protective(header: Mapping[str, Any], tick: Mapping[str, Any], nearest: Nearest, robot: Robot) -> float:
@@ -246,7 +245,7 @@ def _went_too_far(header: Mapping[str, Any], before: Mapping[str, Any], after: M
     found, since = [], after["time"] - before["time"]
     for name, person in (header.get("people") or {}).items():
         places = [(tick.get("people") or {}).get(name) for tick in (before, after)]
-        if None in places or "growth" not in person:
+        if None in places or "speeds" not in person:
             continue
         body = TrackedBody(float(person["height"]), tuple(person["limbs"]))
         first, then = (body.ends(_keypoints(points)) for points in places if points is not None)

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, whole_number
 from safe_ompl.geometry import STANDING, Limb, Pose, Shape, placed
-from safe_ompl.people import Recording, Skeleton, Surroundings, TrackedBody, Tracker, who_is_where, without_glitches
+from safe_ompl.people import Recording, Skeleton, Surroundings, TrackedBody, Tracker, who_is_where
 from safe_ompl.scene import People
 
 # Of a sensor that sees all key points of the body.
@@ -48,10 +48,6 @@ class Playback:
     def at(self, time: float) -> FloatArray:
         """Return the key points (J, 3) at a time [s]."""
         return self.recording.at(time)
-
-    def without_glitches(self) -> Playback:
-        """Return the same person as the gate of the tracker leaves them."""
-        return Playback(without_glitches(self.recording, self.tracker)[0], self.tracker)
 
 
 class Drifting:
@@ -102,8 +98,7 @@ def part_solids(what: str, shape: Shape, place: pin.SE3) -> list[Solid]:
 class World:
     """The people and objects of a simulation, and where they truly are at any time.
 
-    Shapes, points and speeds of the objects are those of the replanner's surroundings. Recorded people are where the
-    gates of their trackers leave them; their sensors see what was recorded, with all glitches.
+    Shapes, points and speeds of the objects are those of the replanner's surroundings.
     """
 
     def __init__(
@@ -111,19 +106,14 @@ class World:
     ) -> None:
         self.people, self.objects = dict(people), dict(objects)
         self.surroundings = surroundings
-        self.gated = any(mover.tracker.gate is not None for mover in people.values())
-        self._true = {
-            name: mover.without_glitches() if isinstance(mover, Playback) and mover.tracker.gate is not None else mover
-            for name, mover in people.items()
-        }
 
-    def keypoints(self, time: float, *, glitches: bool = False) -> dict[str, FloatArray]:
+    def keypoints(self, time: float) -> dict[str, FloatArray]:
         """Return the key points (18, 3) of all people at a time [s], completed as their bodies have it.
 
         With glitches they are those that sensors see.
         """
         found = {}
-        for name, mover in (self.people if glitches else self._true).items():
+        for name, mover in self.people.items():
             tracker = mover.tracker
             seen = placed(tracker.place.se3, tracker.skeleton.keypoints(mover.at(time)))
             found[name] = tracker.body.completed(seen)[0]

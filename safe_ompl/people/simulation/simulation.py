@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, Section, fraction, key, number
 from safe_ompl.people import ReachSets, ReachViolation, Surroundings
-from safe_ompl.people.replanning import Command, Doing, Replanner, Tour
+from safe_ompl.people.replanning import Command, Doing, Leg, Legs, Replanner, Tour
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
@@ -169,10 +170,8 @@ class Summary:
     # Contacts with who ran after a robot that retreated from where they were measured
     contacts_retreating: int = 0
     # Share of the time in which everybody had kept to the model since the measurement that the motion was
-    # proven against; and the same if glitches that gates refuse were true
+    # proven against
     model_obeyed: float = 1.0
-    model_obeyed_raw: float = 1.0
-    refused: float = 0.0  # Share of the key points that the gates refused
     tasks: int = 0  # How often the goal was reached, the robot stopped on its way, and a detour was taken
     stops: int = 0
     detours: int = 0
@@ -193,15 +192,11 @@ class Summary:
     def __str__(self) -> str:
         median, late = (1e3 * t for t in self.reaction)
         fast = f" (the robot at {self.contact_speed:.2f} m/s at most)" if self.contacts_while_moving else ""
-        gated = ""
-        if self.refused:
-            raw, refused = 100 * self.model_obeyed_raw, 100 * self.refused
-            gated = f" ({raw:.1f} % with the {refused:.2g} % of the key points that the gate refused)"
         return (
             f"{self.seconds:g} s: {self.tasks} tasks, {self.stops} stops; contacts while moving "
             f"{self.contacts_while_moving}{fast}, after violations {self.contacts_after_violations}, at rest "
             f"{self.contacts_at_rest}, in retreats {self.contacts_retreating}; "
-            f"model obeyed {100 * self.model_obeyed:.1f} % of the time{gated}; reaction "
+            f"model obeyed {100 * self.model_obeyed:.1f} % of the time; reaction "
             f"{median:.1f} ms (99 %: {late:.1f}); deadlines missed {self.deadlines_missed}"
         )
 
@@ -232,7 +227,7 @@ class Simulation:
         self.world = World(people, objects or {}, replanner.surroundings)
         self.faults = Faults() if faults is None else faults
         self.latency = number("latency", self.faults.latency, at_least=0.0, at_most=replanner.tick)
-        self.monitor: ContactMonitor | None = ContactMonitor(replanner.robot)
+        self.monitor = ContactMonitor(replanner.robot)
         self.summary = Summary()
         self._rng = np.random.default_rng(self.faults.seed)
         self._promised: dict[float, ReachSets] = {}
@@ -257,7 +252,7 @@ class Simulation:
             self.replanner.start(self.trajectories[0])
         command: Command | None = None
         logged: Command | None = None
-        shares: FloatArray = np.zeros(3)
+        shares: FloatArray = np.zeros(2)
         path, over = 0, 0.0
         try:
             for k in range(round(number("seconds", seconds, above=0.0) / tick)):
@@ -358,13 +353,10 @@ class Simulation:
         return np.asarray(directions * radii)
 
     def _observe(self, now: float, old: Command | None, new: Command) -> tuple[FloatArray, Nearest]:
-        """Return what was nearest as a tick began, and shares (3,) of the tick.
-
-        In these all obeyed, all would have obeyed with their glitches, and the robot moved.
-        """
+        """Return shares (2,) of a tick, in which all obeyed and the robot moved, and what was nearest at first."""
         robot = self.replanner.robot
         times = now + np.arange(0.0, self.replanner.tick - 1e-9, _FINE)
-        shares: FloatArray = np.zeros(3)
+        shares: FloatArray = np.zeros(2)
         here, first_q, first = Nearest(np.inf), np.zeros(0), [np.zeros((0, 3))]
         for i, time in enumerate(times.tolist()):
             command = self._in_force(time, now, old, new)
@@ -375,13 +367,8 @@ class Simulation:
             sets = self._promised.get(command.measured)
             # Whether everybody is where the reach model has them after the measurement.
             since = time - command.measured
-            good = raw = sets is None or bool((sets.excess(ends, since) <= _ROUNDING).all())
-            if sets is not None and self.world.gated:
-                seen = self.world.ends(self.world.keypoints(time, glitches=True), time)
-                raw = bool((sets.excess(seen, since) <= _ROUNDING).all())
-            shares += (good, raw, moving)
-            if self.monitor is None:
-                continue
+            good = sets is None or bool((sets.excess(ends, since) <= _ROUNDING).all())
+            shares += (good, moving)
             if i:
                 way = float(np.abs(state.q - first_q) @ robot.bounds.displacement_radii.max(axis=0))
                 moved = (np.linalg.norm(a - b, axis=1).max() for a, b in zip(ends, first, strict=True))
@@ -403,15 +390,48 @@ class Simulation:
     def _conclude(self, seconds: float, shares: FloatArray) -> None:
         summary, kept = self.summary, np.minimum(shares / seconds, 1.0).tolist()
         summary.seconds = float(seconds)
-        summary.model_obeyed, summary.model_obeyed_raw, summary.moving = kept
-        gates = [person.gate for person in self.replanner.surroundings.people.values()]
-        summary.refused = sum(gate.refused for gate in gates) / max(1, sum(gate.seen for gate in gates))
+        summary.model_obeyed, summary.moving = kept
         if self.reactions:
             summary.reaction = tuple(np.percentile(self.reactions, (50, 99)).tolist())
-        if self.monitor is not None:
-            contacts = self.monitor.contacts
-            speeds = [c.speed for c in contacts if c.moving and c.obeyed]
-            summary.contacts_while_moving, summary.contact_speed = len(speeds), max(speeds, default=0.0)
-            summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
-            summary.contacts_retreating = sum(c.retreating and not c.moving for c in contacts)
-            summary.contacts_at_rest = sum(not (c.moving or c.retreating) for c in contacts)
+        contacts = self.monitor.contacts
+        speeds = [c.speed for c in contacts if c.moving and c.obeyed]
+        summary.contacts_while_moving, summary.contact_speed = len(speeds), max(speeds, default=0.0)
+        summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
+        summary.contacts_retreating = sum(c.retreating and not c.moving for c in contacts)
+        summary.contacts_at_rest = sum(not (c.moving or c.retreating) for c in contacts)
+
+
+class ProgramSimulation(Simulation):
+    """Drives `legs` one after the other, each once; the robot stops for people, and goes on from where it stands.
+
+    Then it rests. The summary counts legs as tasks. Raises InputError as `Legs`.
+    """
+
+    def __init__(
+        self,
+        legs: Sequence[Leg],
+        people: Mapping[str, PersonMover],
+        objects: Mapping[str, Drifting] | None = None,
+        *,
+        faults: Faults | None = None,
+    ) -> None:
+        self.legs = Legs(legs)
+        super().__init__(self.legs.current.replanner, [], people, objects, faults=faults)
+
+    def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
+        """Run for a time [s] or until all legs are driven, and yield ticks as `Simulation.ticks`."""
+        with closing(super().ticks(seconds)) as ticks:
+            for tick in ticks:
+                yield tick
+                if self.legs.finished:
+                    return
+
+    def _go_on(self, now: float, q: FloatArray) -> None:
+        self.legs.go_on(now)
+        self.summary.tasks = self.legs.done
+        leg = self.legs.current
+        if leg.replanner is self.replanner:
+            return
+        self.replanner = leg.replanner
+        contacts, self.monitor = self.monitor.contacts, ContactMonitor(leg.robot)
+        self.monitor.contacts = contacts

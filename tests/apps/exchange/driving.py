@@ -14,17 +14,7 @@ GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
 START = [1.45, 0.1, 0.0, -1.7, 0.0, 3.37, 0.785]
 AWAY = np.array([3.0, 0.0, -0.75])  # where a person stands who bars nothing
 BODY = 1.75 * np.array(list(STANDING.values()))
-OPTIONS = {
-    "people": None,
-    "skeleton": None,
-    "noise": 0.0,
-    "time": None,
-    "seed": 0,
-    "simplify": False,
-    "reach": None,
-    "controller": "",
-    "depth": None,
-}
+OPTIONS = {"people": None, "skeleton": None, "noise": 0.0, "time": None, "seed": 0, "simplify": False, "controller": ""}
 
 
 class AtOnce(Executor):

@@ -18,7 +18,7 @@ def balls(places):
     """Return the sets of balls of 30 mm that stand at places (M, 3)."""
     places = np.array(places, dtype=float).reshape(-1, 1, 3)
     names = tuple((f"ball {k}", "") for k in range(len(places)))
-    growth = np.tile([0.0, 1.6], (len(places), 1, 1))
+    growth = np.tile([0.0, 1.6], (len(places), 1))
     return ReachSets.of(names, places, np.full(len(places), 0.03), growth)
 
 

@@ -1,7 +1,6 @@
 """The simulation: people, robots and contacts in it, faults that are answered by a stop, and the command `live`."""
 
 import json
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,8 +13,7 @@ from safe_ompl.apps import main
 from safe_ompl.apps.cli.program import command_line
 from safe_ompl.geometry import STANDING
 from safe_ompl.io import built_robot, built_scene, read_ticks
-from safe_ompl.people import KEYPOINTS, CalibratedReach, Recording, TrackedBody, find_skeleton
-from safe_ompl.people.calibration import measured_limbs
+from safe_ompl.people import KEYPOINTS, Recording, TrackedBody, find_skeleton
 from safe_ompl.people.simulation import ContactMonitor, Drifting, Faults, Playback, Simulation, Walker, limb_solids
 from safe_ompl.people.tracking import PersonTrack
 from safe_ompl.scene import find_scenario
@@ -89,35 +87,6 @@ def test_noise_drops_and_late_answers_touch_nobody_and_the_same_world_gives_the_
     assert one.summary.contacts_while_moving == one.summary.violations == 0
     assert one.summary.deadlines_missed > 5
     assert one.summary.model_obeyed == pytest.approx(1.0)
-
-
-def reach_with_a_gate(file, speed=2.0):
-    """Save a reach that says no more than its gate does, of the limbs of the recordings."""
-    growth = dict.fromkeys(measured_limbs(RECORDING), ((0.5 * speed,),))
-    reach = CalibratedReach("recording12", speed, 0.9, 20, (0.5,), (), growth, ("a",), ("b",))
-    reach.save(file)
-    return reach
-
-
-def test_glitches_that_the_gate_refuses_are_not_where_people_are(replanner_for, to_and_fro, clips, tmp_path):
-    recording, reach = Recording.load(clips, "clip_0"), reach_with_a_gate(tmp_path / "reach.yaml")
-    frames = recording.frames.copy()
-    frames[20:100:7, 9:] += [-0.9, 0.0, 0.3]  # the right arm is in the robot, each time for a frame
-    recording = replace(recording, frames=frames)
-    tracker = Tracker(RECORDING, TrackedBody(only=reach.limbs), gate=reach.gate)
-    people = People(speed=1.6, reach=tmp_path / "reach.yaml")
-    replanner = replanner_for("anna", trackers={"anna": tracker}, people=people)
-    one = Simulation(replanner, to_and_fro(replanner), {"anna": Playback(recording, tracker)})
-    summary = one.run(4.0)
-    assert summary.model_obeyed == pytest.approx(1.0)
-    assert summary.model_obeyed_raw < 0.9
-    assert 0 < summary.refused < 0.1
-    assert summary.contacts_while_moving == summary.contacts_after_violations == summary.violations == 0
-    shown, true = (one.world.keypoints(27 / 20, glitches=glitches)["anna"] for glitches in (True, False))
-    wrist = KEYPOINTS.index("right_wrist")
-    assert np.linalg.norm(shown[wrist] - true[wrist]) == pytest.approx(0.95, abs=0.02)
-    with pytest.raises(InputError, match="anna: the reach was calibrated with"):
-        replanner_for("anna", people=people)
 
 
 def test_the_monitor_notes_contacts_once_and_whether_the_robot_moved(panda):
@@ -238,15 +207,12 @@ def test_all_places_are_reached_in_whichever_order_is_soonest(tmp_path, capsys):
     assert "--any-order: is for a path to a goal" in " ".join(capsys.readouterr().err.split())
 
 
-def test_the_command_plays_a_person_in_the_place_of_the_scenarios_with_a_reach_and_its_gate(clips, tmp_path, capsys):
-    reach_with_a_gate(tmp_path / "reach.yaml")
+def test_the_command_plays_a_person_in_the_place_of_the_scenarios(clips, tmp_path, capsys):
     words = ["--people", str(clips), "--clip", "clip_1", "--faster", "2", "--noise", "0.01", "--seconds", "1"]
-    assert main(live(tmp_path, *words, "--reach", str(tmp_path / "reach.yaml"))) == 0
+    assert main(live(tmp_path, *words)) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "contacts while moving 0" in said
-    assert "% of the key points that the gate refused)" in said
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["refused"] > 0
     assert set(summary["reaction"]) == {"median", "p99"}
     header, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
     assert built_robot(header["robot"]).joint_names == tuple(header["joint_names"])
@@ -256,41 +222,8 @@ def test_the_command_plays_a_person_in_the_place_of_the_scenarios_with_a_reach_a
     assert list(points) == list(KEYPOINTS)
     np.testing.assert_allclose(0.5 * (points["left_hip"] + points["right_hip"])[:2], [0.80, 0.05], atol=1e-6)
     assert (points["left_hip"] - points["right_hip"])[1] < 0  # facing the robot
-    assert main(live(tmp_path, *words, "--reach", str(tmp_path / "none.yaml"))) == 2
-    assert "--reach: '" in " ".join(capsys.readouterr().err.split())
     with pytest.raises(InputError, match=r"header\.format: must be 'safe-ompl ticks', got None"):
         read_ticks(tmp_path / "out" / "summary.json")
-
-
-def test_the_command_drives_by_what_cameras_see(clips, tmp_path, capsys):
-    cameras = tmp_path / "cameras.yaml"
-    eye = "{size: [160, 120], focal: [84, 84], block: 2, position: %s, at: [0.1, 0, 0.2], rate: %d}"
-    eyes = {"front": eye % ([0.3, -2.0, 0.0], 20), "back": eye % ([-1.2, 1.0, 2.2], 10)}
-    cameras.write_text("cameras:\n" + "".join(f"  {name}: {one}\n" for name, one in eyes.items()))
-    words = ["--people", str(clips), "--cameras", str(cameras)]
-    assert main(live(tmp_path, *words, "--clear", "1.5", "--seconds", "0.5")) == 0
-    assert "contacts while moving 0" in " ".join(capsys.readouterr().out.split())
-    header, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
-    assert "unseen='occupied', margin=0.02, min_points=3, clear=1.5" in header["rules"]["assumed"]
-    assert list(header["people"]) == ["operator"]
-    assert len(ticks) == 10
-    assert len(ticks[0]["people"]["operator"]) == len(KEYPOINTS)
-    assert max(np.abs(tick["qd"]).max() for tick in ticks) > 0.1  # it moves, beside what it sees
-    assert main(["report", str(tmp_path / "out" / "ticks.jsonl")]) == 0
-    capsys.readouterr()
-    assert main(live(tmp_path, *words, "--clear", "0", "--seconds", "0.1")) == 0  # all about it is unseen: it stands
-    _, ticks = read_ticks(tmp_path / "out" / "ticks.jsonl")
-    assert "'unseen space' may come to" in ticks[-1]["reason"]
-    assert main(live(tmp_path, *words, "--tracked", "--clear", "1.5", "--seconds", "0.5")) == 0
-    assert "contacts while moving 0" in " ".join(capsys.readouterr().out.split())
-    assert main(live(tmp_path, "--people", str(clips), "--tracked")) == 2
-    assert "--tracked: all people are tracked but with --cameras" in " ".join(capsys.readouterr().err.split())
-    for more, message in (
-        (["--noise", "0.1"], "--noise: is for people who are tracked, not --cameras"),
-        (["--cameras", str(tmp_path / "no.yaml")], "no.yaml"),
-    ):
-        assert main(live(tmp_path, *words, *more)) == 2
-        assert message in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
