@@ -14,10 +14,6 @@ if TYPE_CHECKING:
         ControlOptions as ControlOptions,
         LiveController as LiveController,
     )
-    from safe_ompl.apps.exchange.curobo import (
-        robot_from_curobo as robot_from_curobo,
-        scene_from_curobo as scene_from_curobo,
-    )
     from safe_ompl.apps.exchange.execution import (
         ACTION as ACTION,
         Code as Code,
@@ -29,10 +25,7 @@ if TYPE_CHECKING:
     from safe_ompl.apps.exchange.logs import McapLog as McapLog, read_joint_log as read_joint_log, read_log as read_log
     from safe_ompl.apps.exchange.messages import Frames as Frames, in_metres as in_metres
     from safe_ompl.apps.exchange.mjcf import world_from_mjcf as world_from_mjcf
-    from safe_ompl.apps.exchange.moveit import (
-        scene_from_moveit as scene_from_moveit,
-        scene_from_octomap as scene_from_octomap,
-    )
+    from safe_ompl.apps.exchange.moveit import scene_from_moveit as scene_from_moveit
     from safe_ompl.apps.exchange.pieces import proven_pieces as proven_pieces
     from safe_ompl.apps.exchange.ros_node import (
         RosNode as RosNode,

@@ -1,4 +1,4 @@
-"""Worlds of ROS: planning scenes of MoveIt, and maps of OctoMap.
+"""Planning scenes of MoveIt, with the maps of OctoMap in them.
 
 What cannot be represented is refused, in one line that names file, key and value. Meshes are their convex hulls.
 """
@@ -31,7 +31,6 @@ _SCENE = (
 _POSES = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
 _PLANNING_SCENE = "moveit_msgs/msg/PlanningScene"
 _DEPTH = 16  # levels of OctoMap's trees, from the root down
-_BINARY_MAP = b"# Octomap OcTree binary file"
 
 Placed = list[tuple[Shape, pin.SE3]]
 
@@ -263,30 +262,6 @@ def _primitive(data: Mapping[str, Any]) -> Shape:
         raise InputError(f"must be a box (1), sphere (2) or cylinder (3), got {kind!r}", "type")
     sizes = list(document.numbers("dimensions", sizes, counts[kind]))
     return Box(sizes) if kind == 1 else Sphere(*sizes) if kind == 2 else Cylinder(sizes[1], sizes[0])
-
-
-def scene_from_octomap(file: str | Path) -> Scene:
-    """Read a binary map of OctoMap (.bt): what is occupied as boxes, equal neighbours joined; unknown space is free.
-
-    Raises InputError if the file is another one, or is cut off.
-    """
-    with document.within(str(file), ": "):
-        try:
-            content = Path(file).read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot be read ({error.strerror})") from None
-        head, found, data = content.partition(b"\ndata\n")
-        if not head.startswith(_BINARY_MAP) or not found:
-            raise InputError(f"must be a binary map (.bt), which begins with {_BINARY_MAP.decode()!r}")
-        lines = (line.split(maxsplit=1) for line in head.decode(errors="replace").splitlines() if line[:1] != "#")
-        keys = {line[0]: line[1] for line in lines if len(line) == 2}
-        if keys.get("id") != "OcTree":
-            raise InputError(f"must be OcTree, got {keys.get('id')!r}", "id")
-        try:
-            resolution = float(document.require(keys, "res"))
-        except ValueError:
-            raise InputError(f"must be a number [m], got {keys['res']!r}", "res") from None
-        return Scene(_leaves(data, resolution, pin.SE3.Identity()))
 
 
 def _leaves(data: bytes, resolution: Any, place: pin.SE3) -> list[Obstacle]:

@@ -1,4 +1,4 @@
-"""Worlds of MoveIt, cuRobo and OctoMap: distances are those of the source's own shapes; what is not read is refused."""
+"""Worlds of MoveIt: distances are those of the source's own shapes; what is not read is refused."""
 
 import json
 import struct
@@ -9,9 +9,8 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from safe_ompl import CollisionChecker, InputError, Robot, Sphere
-from safe_ompl.apps.exchange import robot_from_curobo, scene_from_curobo, scene_from_moveit, scene_from_octomap
-from safe_ompl.robot import find_example, robots_folder
+from safe_ompl import InputError, Sphere
+from safe_ompl.apps.exchange import scene_from_moveit
 
 PLACES = 1000
 EXACT = 1e-6  # [m]
@@ -220,107 +219,6 @@ def test_meshes_are_written_only_where_one_says(tmp_path):
         scene_from_moveit(file)
 
 
-WORLD = """
-cuboid: {table: {dims: [0.4, 0.3, 0.1], pose: [0.5, 0.1, 0.2, 0.5, 0.5, -0.5, 0.5], color: [1, 0, 0, 1]}}
-sphere: {ball: {radius: 0.1, position: [-0.5, 0, 0]}, other: {radius: 0.2, pose: [0, 0, 0.9, 1, 0, 0, 0]}}
-capsule: {rod: {radius: 0.05, base: [0, 0, 0.1], tip: [0, 0.2, 0.5], pose: [0, 0.6, 0, 0.5, 0.5, 0.5, 0.5]}}
-cylinder: {can: {radius: 0.1, height: 0.3, pose: [0, -0.6, 0, 0.5, 0.5, 0.5, 0.5]}}
-"""
-
-
-def test_a_world_of_curobo_is_as_far_away_as_its_shapes(tmp_path):
-    file = tmp_path / "world.yml"
-    file.write_text(WORLD)
-
-    def at(x, y, z):
-        return pin.SE3(np.eye(3), np.array([x, y, z]))
-
-    rod = at(0, 0.6, 0) * turned(0.5, 0.5, 0.5, 0.5)
-    along = pin.Quaternion.FromTwoVectors(np.array([0, 0, 1.0]), np.array([0, 0.2, 0.4])).matrix()
-    expected = [
-        (coal.Box(0.4, 0.3, 0.1), at(0.5, 0.1, 0.2) * turned(0.5, -0.5, 0.5, 0.5)),
-        (coal.Sphere(0.1), at(-0.5, 0, 0)),
-        (coal.Sphere(0.2), at(0, 0, 0.9)),
-        (coal.Capsule(0.05, np.hypot(0.2, 0.4)), rod * pin.SE3(along, np.array([0, 0.1, 0.3]))),
-        (coal.Cylinder(0.1, 0.3), at(0, -0.6, 0) * turned(0.5, 0.5, 0.5, 0.5)),
-    ]
-    assert_same_distances(scene_from_curobo(file), expected)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("sphere:", "blox:", r"world.yml:\d: blox: unknown key"),
-        ("dims: [0.4, 0.3, 0.1]", "dims: [0.4, 0.3]", "world.yml:2: cuboid.table.*size: must be 3 numbers"),
-        ("radius: 0.1,", "scale: [1, 1, 2], radius: 0.1,", "ball.scale: must be"),
-        ("pose: [0, 0, 0.9, 1, 0, 0, 0]", "pose: [0, 0, 0.9, 1, 1, 0, 0]", "other.pose.quaternion_xyzw: .*length 1"),
-        ("capsule: {rod", "mesh: {rod", "rod.radius: unknown key"),
-    ],
-)
-def test_what_a_world_of_curobo_cannot_be_is_refused(old, new, said, tmp_path):
-    (tmp_path / "world.yml").write_text(WORLD.replace(old, new, 1))
-    with pytest.raises(InputError, match=said):
-        scene_from_curobo(tmp_path / "world.yml")
-
-
-LINKS = ("shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_3_link")
-BALLS = {
-    link: [{"center": [0.01 * k, 0, 0.1], "radius": 0.05}, {"center": [0, 0, 0], "radius": 0.04}]
-    for k, link in enumerate(LINKS)
-}
-
-
-def robots_of_spheres(folder, extra):
-    """Write a robot as cuRobo's YAML and as XRDF."""
-    ignore = {"shoulder_link": ["upper_arm_link"], "upper_arm_link": ["forearm_link"], "wrist_1_link": ["wrist_3_link"]}
-    robot = {"collision_spheres": BALLS, "collision_sphere_buffer": 0.004, "self_collision_buffer": extra,
-             "self_collision_ignore": ignore, "ee_link": "tool0", "lock_joints": {"wrist_3_joint": 0.3}}  # fmt: skip
-    moving = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint"]
-    xrdf = {"format": "xrdf", "format_version": 1.0, "cspace": {"joint_names": moving}, "tool_frames": ["tool0"],
-            "default_joint_positions": {"wrist_3_joint": 0.3}, "geometry": {"balls": {"spheres": BALLS}},
-            "collision": {"geometry": "balls", "buffer_distance": dict.fromkeys(LINKS, 0.004)},
-            "self_collision": {"geometry": "balls", "ignore": ignore, "buffer_distance": extra}}  # fmt: skip
-    (folder / "robot.yml").write_text(yaml.safe_dump({"robot_cfg": {"kinematics": robot}}))
-    (folder / "robot.xrdf").write_text(yaml.safe_dump(xrdf))
-    return ignore
-
-
-@pytest.mark.parametrize("form", ["yml", "xrdf"])
-@pytest.mark.parametrize("extra", [{}, {"forearm_link": 0.02, "wrist_1_link": -0.01}])
-def test_a_robot_of_spheres_is_as_far_away_as_its_spheres(form, extra, tmp_path):
-    ignore = robots_of_spheres(tmp_path, extra)
-    (tmp_path / "world.yml").write_text(WORLD)
-    scene = scene_from_curobo(tmp_path / "world.yml").without("rod", "can", "other", "table")
-    urdf = robots_folder() / find_example("ur5").urdf
-    robot = robot_from_curobo(tmp_path / f"robot.{form}", urdf, package_dirs=[robots_folder().parent])
-    assert robot.name.endswith("cuRobo's spheres")
-    checker = CollisionChecker(robot, scene)
-    with_ball = np.array(["ball" in pair for pair in checker.pair_names])
-    reaching = {link for link, other in checker.pair_names if other == "ball"}  # of other links there is no question
-    joints = Robot.from_example("ur5", locked={"wrist_3_joint": 0.3})  # another reading of the same joints
-    model, data = joints.shared.model, joints.shared.model.createData()
-    frames = {link: model.getFrameId(link) for link in LINKS}
-    for q in RNG.uniform(joints.lower, joints.upper, (PLACES, joints.n)):
-        pin.framesForwardKinematics(model, data, q)
-        balls = [
-            (link, data.oMf[frames[link]].act(np.array(ball["center"])), ball["radius"] + 0.004, extra.get(link, 0.0))
-            for link in LINKS
-            for ball in BALLS[link]
-        ]
-        own = checker.pair_distances(q)
-        to_ball = min(
-            np.linalg.norm(p - [-0.5, 0, 0]) - 0.1 - r - max(e, 0) for link, p, r, e in balls if link in reaching
-        )
-        selves = [
-            np.linalg.norm(p - s) - r - t - max(e, 0) - max(f, 0)
-            for i, (a, p, r, e) in enumerate(balls)
-            for b, s, t, f in balls[:i]
-            if a != b and a not in ignore.get(b, ()) and b not in ignore.get(a, ())
-        ]
-        assert own[with_ball].min() == pytest.approx(to_ball, abs=EXACT)
-        assert own[~with_ball].min() == pytest.approx(min(selves), abs=EXACT)
-
-
 def tree_bytes(occupied, free, depth=16):
     """Return the data of a binary map, by the format's specification, whose leaves are cells."""
     leaves = dict.fromkeys(occupied, 2) | dict.fromkeys(free, 1)
@@ -337,24 +235,21 @@ def tree_bytes(occupied, free, depth=16):
     return node(leaves, depth - 1)
 
 
-def write_map(file, data, resolution=0.1):
-    head = f"# Octomap OcTree binary file\n# a comment\nid OcTree\nsize 1\nres {resolution}\ndata\n"
-    file.write_bytes(head.encode() + data)
+def scene_with_map(folder, data, resolution=0.1):
+    """Read a planning scene that holds nothing but a map."""
+    bytes_of_ros = [value - 256 * (value > 127) for value in data]
+    octomap = {"binary": True, "id": "OcTree", "resolution": resolution, "data": bytes_of_ros}
+    (folder / "scene.json").write_text(json.dumps({"world": {"octomap": {"octomap": octomap}}}))
+    return scene_from_moveit(folder / "scene.json")[0]
 
 
 def test_a_map_is_as_far_away_as_its_leaves(tmp_path):
     cells = {tuple(key) for key in RNG.integers(-6, 6, (60, 3)).tolist()} | {(k, 0, 2) for k in range(-6, 6)}
     free = {tuple(key) for key in RNG.integers(-6, 6, (60, 3)).tolist()} - cells
-    data = tree_bytes(cells, free)
-    write_map(tmp_path / "map.bt", data)
-    scene = scene_from_octomap(tmp_path / "map.bt")
+    scene = scene_with_map(tmp_path, tree_bytes(cells, free))
     leaves = [(coal.Box(0.1, 0.1, 0.1), pin.SE3(np.eye(3), 0.1 * (np.array(key) + 0.5))) for key in cells]
     assert len(scene.obstacles) < len(leaves)  # neighbours are one
     assert_same_distances(scene, leaves)
-    message = {"world": {"octomap": {"octomap": {"binary": True, "id": "OcTree", "resolution": 0.1,
-               "data": [value - 256 * (value > 127) for value in data]}}}}  # fmt: skip
-    (tmp_path / "scene.json").write_text(json.dumps(message))
-    assert scene_from_moveit(tmp_path / "scene.json")[0] == scene
 
 
 @pytest.mark.parametrize(
@@ -362,13 +257,11 @@ def test_a_map_is_as_far_away_as_its_leaves(tmp_path):
     [(b"\xff", "cut off at byte 0"), (b"\xff\xff", "cut off at byte 2"), (b"\0\0\0", "has 3 bytes, 2 expected")],
 )
 def test_a_broken_map_is_refused(data, said, tmp_path):
-    write_map(tmp_path / "map.bt", data)
     with pytest.raises(InputError, match=said):
-        scene_from_octomap(tmp_path / "map.bt")
+        scene_with_map(tmp_path, data)
 
 
 def test_a_pruned_leaf_is_a_large_box(tmp_path):
-    write_map(tmp_path / "map.bt", struct.pack("<H", 2 << 2 * 7), resolution=1e-4)
-    (box,) = scene_from_octomap(tmp_path / "map.bt")
+    (box,) = scene_with_map(tmp_path, struct.pack("<H", 2 << 2 * 7), resolution=1e-4)
     assert box.shape.size == pytest.approx([3.2768] * 3)
     assert box.pose.position == pytest.approx([1.6384] * 3)
