@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         TOLERANCE as TOLERANCE,
         RegionGoal as RegionGoal,
         WorkspaceGoal as WorkspaceGoal,
+        states_of as states_of,
     )
     from safe_ompl.planning.ompl.objective import DangerObjective as DangerObjective, StateCost as StateCost
     from safe_ompl.planning.ompl.states import (

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ompl import base as ob
+from ompl import base as ob, util as ou
 
 from safe_ompl.common import FloatArray, InputError, PlanningError, instance, number, whole_number
 from safe_ompl.danger import DangerField
-from safe_ompl.planning.ompl.states import ScratchState
+from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.ompl.validity import bridge_of
 from safe_ompl.robot import METRES_PER_RADIAN, GoalRegion, Place, RegionPlace, Robot, approach, place_of, tip_reach
 
@@ -21,6 +21,15 @@ _FIRST_SEEDS = 16  # seeds of the first search: enough to see several of the arm
 _MORE_SEEDS = 1  # of the later ones, which happen while a planner plans
 _REQUESTS = 16  # after so many requests a planner that has seen all solutions is offered another
 _SAME = 0.05  # [rad] solutions nearer to each other than this are one
+
+
+def states_of(goal: Any, bridge: StateBridge) -> list[FloatArray]:
+    """Return the configurations (n,) that a goal consists of, valid or not; none for goals that are regions."""
+    if isinstance(goal, ob.GoalState):
+        return [bridge.read(goal.getState())]
+    if isinstance(goal, ob.GoalStates):
+        return [bridge.read(goal.getState(k)) for k in range(goal.getStateCount())]
+    return []
 
 
 class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
@@ -45,7 +54,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     field : DangerField, optional
         Ranks the solutions.
     seed : int, optional
-        Seed of the random numbers; by default another every time.
+        Seed of the random numbers; by default the next one of OMPL's, see `ou.RNG.setSeed`.
 
     Raises
     ------
@@ -74,7 +83,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
             raise InputError(f"the space has {self._bridge.n} coordinates, but {robot.name!r} {robot.n} joints")
         self._scratch = ScratchState(self._bridge)
         self._check_reach()
-        self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed)
+        self.setSeed(ou.RNG().getLocalSeed() if seed is None else seed)
 
     def setSeed(self, seed: int) -> None:
         """Start the random numbers anew and forget all solutions."""

@@ -179,19 +179,21 @@ class StateCost:
         settings = validity.settings if isinstance(validity, CollisionFreeValidity) else None
         if settings is None:
             return self._measured_slope(si)
-        if settings not in self._scales:
-            self._scales[settings] = self._measured_slope(si)
-        return self._scales[settings]
+        key = *settings, self._bridge.held.tobytes()
+        if key not in self._scales:
+            self._scales[key] = self._measured_slope(si)
+        return self._scales[key]
 
     @property
     def usual_value(self) -> float:
         """The median of the cost over the whole space, kept like the slope."""
         if self.is_zero:
             return 0.0
-        if None not in self._scales:
+        key = self._bridge.held.tobytes()
+        if key not in self._scales:
             shares = [halton_point(k, self._bridge.n) for k in range(1, 1 + _VALUE_SAMPLES)]
-            self._scales[None] = float(np.median(self.values(self._bridge.between_bounds(np.array(shares)))))
-        return self._scales[None]
+            self._scales[key] = float(np.median(self.values(self._bridge.between_bounds(np.array(shares)))))
+        return self._scales[key]
 
     def _measured_slope(self, si: Any) -> float:
         rng = np.random.default_rng(_SLOPE_SEED)

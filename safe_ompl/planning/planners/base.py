@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import logging
-import os
 import re
 import sys
 import textwrap
@@ -12,13 +11,15 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from operator import attrgetter
-from typing import Any, ClassVar, Generic, TypeVar, cast, overload
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast, overload
 
 import numpy as np
-from ompl import base as ob, geometric as og
+from ompl import base as ob, geometric as og, util as ou
 
 from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, flag, number, warn_once, whole_number
+from safe_ompl.planning.ompl import states_of
 from safe_ompl.planning.planners.problem import DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.roadmap import Roadmap
 from safe_ompl.planning.planners.tree import PlannerGraph, Trees, TwoTrees
@@ -164,6 +165,15 @@ class UnansweredRequest:
         return ob.Planner.getPlannerData.__get__(planner)
 
 
+class Query(NamedTuple):
+    """What a planner was asked for: the problem, its goal, and the valid starts; and the states that goals list."""
+
+    problem: Any
+    goal: Any
+    starts: dict[bytes, FloatArray]
+    goals: set[bytes]
+
+
 class SafePlanner(ob.Planner):  # type: ignore[misc]
     """Base of the planners: subclasses declare parameters and implement `_search` on arrays, without OMPL's states.
 
@@ -176,6 +186,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     _declared: ClassVar[dict[str, Parameter[Any]]]
     _danger: DangerWeight
     _structure: TwoTrees[Any] | Roadmap  # what has been built so far
+    _query: Query | None  # that it was built for
+    _goals: int  # taken so far
+    _settings: tuple[Any, ...]  # under which it was built
 
     range = Parameter(
         0.0,
@@ -191,16 +204,15 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def __init__(self, si: Any, name: str | None = None, **parameters: Any) -> None:
         super().__init__(si, name or type(self).__name__)
         self.counts = Counts()
-        self.setSeed(int.from_bytes(os.urandom(4), "little"))
-        self._problem = PlanningProblem(si)
-        self._bridge = self._problem.bridge
+        # As for OMPL's own planners the seed follows from `ou.RNG.setSeed`, if that was called before.
+        self.setSeed(ou.RNG().getLocalSeed())
         self._read: Any = _UNREAD  # the objective that is in use
-        self._make_parts()
+        self._take_space()
         for key, parameter in self._declared.items():
             setattr(self, key, parameter.default)
         for key, value in parameters.items():
             self.setParameter(key, value)
-        self._forget()
+        self._begin_anew()
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.getName()!r}, seed={self._seed})"
@@ -240,6 +252,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def setup(self) -> None:
         """Prepare for `solve`: read the problem's objective, and measure what planning will need."""
         ob.Planner.setup(self)
+        self._notice_space()
         if self.getProblemDefinition() is not None:
             self._read_objective()
         if hasattr(self, "_danger"):  # planners as printed have none
@@ -248,8 +261,13 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def clear(self) -> None:
         """Forget everything but the parameters. Random numbers go on: the runs of a benchmark must differ."""
         ob.Planner.clear(self)
-        self.counts.reset()
-        self._forget()
+        self._begin_anew()
+
+    def clearQuery(self) -> None:
+        """Forget starts and goals, and what was built for them; roadmaps keep what they know of the space."""
+        self._forget_ends()
+        self._query, self._goals = None, 0
+        self.getPlannerInputStates().restart()
 
     def solve(self, ptc: Any) -> Any:
         """Search until a path is found or `ptc` fires, a termination condition or a time limit [s].
@@ -289,47 +307,73 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Drop what has been built, and begin anew without starts and goals."""
         self._structure = self._trees = Trees(self._bridge, self._problem.cost, self.counts)
 
+    def _forget_ends(self) -> None:
+        """Drop what was built for starts and goals."""
+        self.counts.reset()
+        self._forget()
+
     # ------------------------------------------------------------------------------------- starts and goals
 
-    def _take_starts(self) -> None:
-        inputs = self.getPlannerInputStates()
-        while inputs.haveMoreStartStates():
-            state = inputs.nextStart()
-            if state is None:
-                return
-            self._structure.add_start(self._bridge.read(state))
+    def _take_query(self) -> None:
+        """Take the starts that are not known yet; first forget the query before, if the problem has another one now.
 
-    def _take_goals(self, ptc: Any) -> None:
-        """Take the goals that the problem offers: all of them at first, one now and then later."""
-        for state in self._later_goals() if self._structure.has_goals else self._first_goals(ptc):
+        OMPL tells a planner neither that its problem has other starts or goals nor that its problem is another one.
+        """
+        # The planner's own inputs only count starts, and do not notice that one was replaced.
+        inputs, starts = ob.PlannerInputStates(self), dict[bytes, FloatArray]()
+        while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
+            q = self._bridge.read(state)
+            starts[q.tobytes()] = q
+        problem = self.getProblemDefinition()
+        goals = {q.tobytes() for q in states_of(problem.getGoal(), self._bridge)}
+        now, before = Query(problem, problem.getGoal(), starts, goals), self._query
+        if before is not None and not self._still_serves(before, now):
+            self.clearQuery()
+        known = {} if self._query is None else self._query.starts
+        self._query = now
+        for key, q in starts.items():
+            if key not in known:
+                self._structure.add_start(q)
+
+    def _still_serves(self, before: Query, now: Query) -> bool:
+        """Return whether what was built for the query before may go on for the one now."""
+        same_goal = now.goal is before.goal and before.goals <= now.goals
+        return now.problem is before.problem and before.starts.keys() <= now.starts.keys() and same_goal
+
+    def _take_goals(self, ptc: Any, samples: int = 1) -> None:
+        """Take the goals that the problem offers: all of them at first, one of so many samples now and then later."""
+        for state in self._later_goals(ptc, samples) if self._structure.has_goals else self._first_goals(ptc):
             if state is not None:
+                self._goals += 1
                 self._structure.add_goal(self._bridge.read(state))
 
     def _first_goals(self, ptc: Any) -> Iterator[Any]:
-        """Yield the goal states that there are, up to a hundred; where there is none yet, wait for the first."""
+        """Yield the goal states that there are, up to a hundred; where none is valid yet, until the first that is."""
         inputs = self.getPlannerInputStates()
         if not self.getProblemDefinition().getGoal().maxSampleCount():
             yield inputs.nextGoal(ptc)
-        for _ in range(_FIRST_GOALS):
-            if ptc() or not inputs.haveMoreGoalStates():
+        for k in count():
+            if ptc() or not inputs.haveMoreGoalStates() or (k >= _FIRST_GOALS and self._structure.has_goals):
                 return
             yield inputs.nextGoal()
 
-    def _later_goals(self) -> Iterator[Any]:
+    def _later_goals(self, ptc: Any, samples: int) -> Iterator[Any]:
         """Yield another goal state, or none; this never waits. As in OMPL they stay fewer than half of the nodes."""
-        if self.counts.nodes > self._enough_nodes:
+        for _ in range(samples):
+            if self.counts.nodes <= self._enough_nodes or ptc():
+                return
             yield self.getPlannerInputStates().nextGoal()
 
     @property
     def _enough_nodes(self) -> int:
         """With more nodes than this the problem is asked for another goal; no number is enough where it has none."""
-        inputs = self.getPlannerInputStates()
-        return 2 * int(inputs.getSampledGoalsCount()) if inputs.haveMoreGoalStates() else sys.maxsize
+        return 2 * self._goals if self.getPlannerInputStates().haveMoreGoalStates() else sys.maxsize
 
     # -------------------------------------------------------------------------------------------- internals
 
     def _outcome(self, ptc: Any) -> Any:
         problem = self.getProblemDefinition()
+        self._notice_space()
         if problem.getOptimizationObjective() is not self._read:
             self._read_objective()
         if not self.accepts(goal := problem.getGoal()):
@@ -338,7 +382,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
                 *(self.getName(), self.plans_to.__name__, type(goal).__name__),
             )
             return ob.PlannerStatus.UNRECOGNIZED_GOAL_TYPE
-        self._take_starts()
+        self._take_query()
         if not self._structure.has_starts:
             return ob.PlannerStatus.INVALID_START
         self._take_goals(ptc)
@@ -360,6 +404,30 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._problem.take(objective)
         if self._problem.cost.is_zero:
             _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
-        self._forget()
-        self.getPlannerInputStates().restart()
+        self._begin_anew()
         self._read = objective
+
+    def _take_space(self) -> None:
+        """Plan in the space as it is now."""
+        self._problem = PlanningProblem(self.getSpaceInformation())
+        self._bridge = self._problem.bridge
+        self._make_parts()
+
+    def _notice_space(self) -> None:
+        """Take the space anew if it has other bounds now; drop what was built where other motions are free."""
+        if not self._bridge.is_current:
+            values = {key: getattr(self, key) for key in self._declared}
+            self._take_space()
+            for key, value in values.items():
+                setattr(self, key, value)
+            self._read = _UNREAD
+        if self._problem.settings != self._settings:
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Drop all that was built, and take starts and goals anew."""
+        self._settings = self._problem.settings
+        self.counts.reset()
+        self._forget()
+        self._query, self._goals = None, 0
+        self.getPlannerInputStates().restart()

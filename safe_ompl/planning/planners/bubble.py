@@ -87,7 +87,6 @@ class BubblePlanner(SafePlanner):
     )
 
     def _make_parts(self) -> None:
-        self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
@@ -185,6 +184,7 @@ class BubblePlanner(SafePlanner):
     # -------------------------------------------------------------------------------------------- the trees
 
     def _forget(self) -> None:
+        self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
         self._metric = JointMetric(self._bridge, self._validity.checker.robot.bounds.arm_rates, taxicab=False)
         self._structure = self._volumes = volume_trees(self._bridge, self._metric, diverse=False)
         self._turns = self._places = 0

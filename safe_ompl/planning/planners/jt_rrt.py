@@ -12,7 +12,7 @@ import numpy as np
 
 from safe_ompl.common import Counts, FloatArray
 from safe_ompl.planning.ompl import StateBridge, StateCost, WorkspaceGoal
-from safe_ompl.planning.planners.base import Parameter, SafePlanner
+from safe_ompl.planning.planners.base import Parameter, Query, SafePlanner
 from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
@@ -157,7 +157,11 @@ class SafeJTRRT(SafePlanner):
             approach.measure()
             approach.untried.append(new)
 
-    def _take_goals(self, ptc: Any) -> None:
+    def _still_serves(self, before: Query, now: Query) -> bool:
+        """Return whether the tree may go on: it grows from the start, to any place."""
+        return super()._still_serves(before._replace(goal=now.goal), now)
+
+    def _take_goals(self, ptc: Any, samples: int = 1) -> None:
         """Take the place from the problem; the tree stays, and all of its nodes may be tried for another place."""
         goal = self.getProblemDefinition().getGoal()
         if goal is not self._goal:

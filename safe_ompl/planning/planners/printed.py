@@ -12,7 +12,7 @@ from safe_ompl.collision import Bubble
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl import WorkspaceGoal
-from safe_ompl.planning.planners.base import Parameter, SafePlanner
+from safe_ompl.planning.planners.base import Parameter, Query, SafePlanner
 from safe_ompl.planning.planners.bubble import JointMetric, VolumeTree, bubble_validity, intersect, volume_trees
 from safe_ompl.planning.planners.extend import Extension, steered
 from safe_ompl.planning.planners.jt_rrt import STALLED, Approach
@@ -93,9 +93,7 @@ class PaperSafePRM(SafePlanner):
     neighbors = Parameter(25, "K: how many of the nearest milestones are neighbours.", at_least=1)
     samples = Parameter(50, "N: number of milestones.", at_least=1)
 
-    def clearQuery(self) -> None:
-        """Forget start and goal, but keep the samples."""
-        self.getPlannerInputStates().restart()
+    def _forget_ends(self) -> None:
         self._roadmap.forget_ends()
 
     def _search(self, ptc: Any) -> FloatArray | None:
@@ -103,7 +101,7 @@ class PaperSafePRM(SafePlanner):
         roadmap = self._roadmap
         missing = self.samples + len(roadmap.starts) + len(roadmap.goals) - len(roadmap)
         if missing > 0:
-            roadmap.add(self._problem.random(self._rng, missing))  # RANDOM_SET
+            roadmap.add(self._problem.valid_samples(self._rng, missing))  # RANDOM_SET
         self._take_goals(ptc)
         graph = SearchGraph(len(roadmap), roadmap.starts, from_start=True)
         other = SearchGraph(len(roadmap), roadmap.goals, from_start=False)
@@ -240,7 +238,11 @@ class PaperSafeJTRRT(SafePlanner):
         field = getattr(self.getProblemDefinition().getOptimizationObjective(), "field", None)
         return field if isinstance(field, DangerField) else None
 
-    def _take_goals(self, ptc: Any) -> None:
+    def _still_serves(self, before: Query, now: Query) -> bool:
+        """Return whether the tree may go on: it grows from the start, to any place."""
+        return super()._still_serves(before._replace(goal=now.goal), now)
+
+    def _take_goals(self, ptc: Any, samples: int = 1) -> None:
         """Take the place from the problem; the tree stays, and all of its nodes may be tried for another place."""
         self._goal = self.getProblemDefinition().getGoal()
         self._trees.take(self._goal)
@@ -266,9 +268,6 @@ class PaperSafeBubble(SafePlanner):
     alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
     beta = Parameter(0.0, "Weight β of the diversity.")
     iterations = Parameter(0, "k_max: how many turns the trees take; 0: until time is up.")
-
-    def _make_parts(self) -> None:
-        self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """BUBBLE_PLANNER."""
@@ -315,5 +314,6 @@ class PaperSafeBubble(SafePlanner):
         return points[self._metric.separations(bubble.q, points) > 1e-9]
 
     def _forget(self) -> None:
+        self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
         self._metric = JointMetric(self._bridge, np.ones(self._bridge.n), taxicab=True)
         self._structure = self._volumes = volume_trees(self._bridge, self._metric, diverse=self.beta > 0)

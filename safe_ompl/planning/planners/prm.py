@@ -22,6 +22,7 @@ _LARGEST_GROWTH = 500  # … but by no more milestones at a time, …
 _TOWARDS_SHARE = 0.8  # … of which this share grows out of the graph that is stuck, …
 _NEAREST_TO_GRAPH = 0.05  # … from this fraction of the way to a random configuration on.
 _LARGEST_FRINGE = 1000  # milestones of a stuck graph from which samples are drawn
+_GOAL_SAMPLES = 100  # at most, of the goal, each time when samples do not suffice
 _LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
 
 
@@ -33,7 +34,8 @@ class SafePRM(SafePlanner):
     do not suffice, more are drawn, and the search begins anew on the larger roadmap.
 
     The roadmap, with all verdicts on milestones and edges, is kept from query to query: `clearQuery` forgets start and
-    goal only, `clear` everything.
+    goal only, `clear` everything. Milestones are drawn uniformly, or by the valid state sampler whose allocator the
+    space information was given.
 
     Notes
     -----
@@ -98,9 +100,7 @@ class SafePRM(SafePlanner):
         self._band = ElasticBand(self._problem, self._danger, self._descent)
         self._margin = Margin(self._problem, self._danger, WORTHWHILE)
 
-    def clearQuery(self) -> None:
-        """Forget start and goal, but keep the roadmap and all that is known of it."""
-        self.getPlannerInputStates().restart()
+    def _forget_ends(self) -> None:
         self._roadmap.forget_ends()
         self._margin.reset()
 
@@ -110,7 +110,7 @@ class SafePRM(SafePlanner):
         roots = len(self._roadmap.starts) + len(self._roadmap.goals)
         self._random_set(self.samples + roots - len(self._roadmap))
         while not ptc():
-            self._take_goals(ptc)
+            self._take_goals(ptc, _GOAL_SAMPLES)
             ends = self._roadmap.starts, self._roadmap.goals
             self._margin.begin_between([self._roadmap.configurations[of] for of in ends])
             graph = SearchGraph(len(self._roadmap), self._roadmap.starts, from_start=True)
@@ -183,22 +183,22 @@ class SafePRM(SafePlanner):
     # ---------------------------------------------------------------------------------------------- samples
 
     def _random_set(self, count: int) -> None:
-        """RANDOM_SET: add uniform random milestones."""
+        """RANDOM_SET: add random milestones."""
         if count > 0:
-            self._roadmap.add(self._problem.random(self._rng, count))
+            self._roadmap.add(self._problem.valid_samples(self._rng, count))
 
     def _enlarge(self, stuck: SearchGraph) -> None:
         """Add milestones: some uniform, most of them around the graph that cannot go on."""
         roadmap = self._roadmap
         if len(roadmap) > _LARGEST_ROADMAP:
-            self._begin_anew()
+            self._restart_roadmap()
             return
         fringe = roadmap.configurations[stuck.closed]
         count = min(_LARGEST_GROWTH, 1 + int(_GROWTH * len(roadmap)))
         outwards = round(_TOWARDS_SHARE * count) if len(fringe) else 0
         rows = [self._outwards(fringe, outwards)] if outwards else []
         if count > outwards:
-            rows.append(self._problem.random(self._rng, count - outwards))
+            rows.append(self._problem.valid_samples(self._rng, count - outwards))
         roadmap.add(np.concatenate(rows))
 
     def _outwards(self, fringe: FloatArray, count: int) -> FloatArray:
@@ -245,7 +245,7 @@ class SafePRM(SafePlanner):
         self._detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
         self._margin.reset()
 
-    def _begin_anew(self) -> None:
+    def _restart_roadmap(self) -> None:
         """Forget all milestones but starts and goals."""
         old = self._roadmap
         self._forget()

@@ -7,6 +7,7 @@ from math import inf, isfinite, sqrt
 from typing import Any
 
 import numpy as np
+from ompl import base as ob
 
 from safe_ompl.collision import MotionProver, PairSet
 from safe_ompl.common import FloatArray
@@ -71,6 +72,26 @@ class PlanningProblem:
         """What proves motions; None where the problem's motion validator is another one."""
         validator = self._si.getMotionValidator()
         return validator.motion if type(validator) is CertifiedMotionValidator else None
+
+    @property
+    def settings(self) -> tuple[Any, ...]:
+        """What decides which states and motions are valid, to be compared: checker and validator, and what they use."""
+        validity, validator = self._si.getStateValidityChecker(), self._si.getMotionValidator()
+        known = isinstance(validity, CollisionFreeValidity)
+        return validity, validator, *((validity.check, validity.checker.revision) if known else ())
+
+    def valid_samples(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Return random configurations (count, n), uniform ones that may not be valid.
+
+        Where the space information was given an allocator of valid state samplers, its samples are taken: (S, n), at
+        most `count`, as such a sampler may fail.
+        """
+        sampler = self._si.allocValidStateSampler()
+        if type(sampler) is ob.UniformValidStateSampler:  # OMPL's, where there is no allocator
+            return self.random(rng, count)
+        state = self._from.state
+        rows = [self.bridge.read(state) for _ in range(count) if sampler.sample(state)]
+        return np.array(rows).reshape(-1, self.bridge.n)
 
     def random(self, rng: np.random.Generator, *count: int) -> FloatArray:
         """Return a uniform random configuration (n,), or several, (count, n)."""

@@ -23,7 +23,10 @@ from plane import (
 )
 
 from safe_ompl import InputError, SafePRM, SafeRRTConnect
+from safe_ompl.planning.planners import seed_ompl
+from safe_ompl.planning.planners.printed import PaperSafePRM, PaperSafeRRTConnect
 
+KINDS = [SafeRRTConnect, SafePRM, PaperSafeRRTConnect, partial(PaperSafePRM, samples=400)]
 ONE_MOTION = 300  # checks of the longest motion, and some
 
 
@@ -133,6 +136,69 @@ def test_a_goal_region_almost_without_end(problem, number):
     assert task.path[-1][0] == 0.8
 
 
+class Rare(ob.GoalSampleableRegion):
+    """A region of which one in so many samples is valid; the first that is valid may be walled in."""
+
+    def __init__(self, si, rarity, walled_in_first=False):
+        super().__init__(si)
+        self.rarity, self.walled_in_first, self.drawn = rarity, walled_in_first, 0
+
+    def distanceGoal(self, state):
+        return max(0.0, 0.7 - state[0])
+
+    def sampleGoal(self, state):
+        self.drawn += 1
+        first = self.walled_in_first and self.drawn == self.rarity
+        state[0:2] = [0.8, (0.0 if first else 0.5) if self.drawn % self.rarity == 0 else 2.0]
+
+    def maxSampleCount(self):
+        return 2**31
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_goals_are_sampled_as_long_as_there_is_time(kind):
+    task = PlaneProblem(kind, goals=[(0.0, 2.0)] * 150 + [GOAL])
+    assert task.solve() == EXACT
+    task.problem.clearSolutionPaths()
+    task.problem.setGoal(Rare(task.si, 500))
+    assert task.solve() == EXACT
+    np.testing.assert_array_equal(task.path[-1], (0.8, 0.5))
+    never = Rare(task.si, 2**31)
+    task.problem.setGoal(never)
+    stop = Stop(task.walls, 1000)
+    assert task.solve(stop.condition) == TIMEOUT
+    assert never.drawn >= 990
+
+
+def test_goals_are_sampled_in_turn_with_the_search(problem):
+    task = problem(walled_in)
+    rare = Rare(task.si, 200, walled_in_first=True)
+    task.problem.setGoal(rare)
+    assert task.solve() == EXACT
+    np.testing.assert_array_equal(task.path[-1], (0.8, 0.5))
+    assert rare.drawn >= 400
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bounds_that_are_set_after_the_planner_was_made(kind):
+    """As in OMPL's demos, where a space is given its bounds at any time before planning."""
+    wide, late = PlaneProblem(kind, wall_with_a_gap), PlaneProblem(kind, wall_with_a_gap)
+    late.si.getStateSpace().setBounds(-0.5, 0.5)
+    late.planner = kind(late.si)
+    late.planner.setParameter("range", 0.3)
+    wide.planner.setParameter("range", 0.3)
+    late.planner.setSeed(0)
+    late.si.getStateSpace().setBounds(-1, 1)
+    late.planner.setProblemDefinition(late.problem)
+    assert wide.solve() == late.solve() == EXACT
+    np.testing.assert_array_equal(wide.path, late.path)
+    assert late.planner.getRange() == 0.3
+    late.problem.clearSolutionPaths()
+    late.si.getStateSpace().setBounds(-0.9, 0.9)
+    assert late.solve() == EXACT
+    assert (np.abs(late.planner.plannerGraph().configurations) <= 0.9).all(), "what lies outside is dropped"
+
+
 def test_what_cannot_be_planned_is_said(problem, kind):
     class Right(ob.GoalRegion):
         def distanceGoal(self, state):
@@ -198,6 +264,44 @@ def test_a_point_keeps_clear_of_a_disc_only_if_told_that_it_is_dangerous(problem
     assert "no danger objective; planning is classical" in caplog.text
     aware = mean_clearance(lambda si: StateCosts(si, lambda state: 1 / max(clearance(*state[0:2]), 1e-3)))
     assert aware > unaware + 0.02
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_a_seed_of_its_own_a_planner_follows_ompls(kind):
+    def path(seed):
+        seed_ompl(seed)  # calls `ou.RNG.setSeed`, which complains of a second seed
+        task = PlaneProblem(kind, wall_with_a_gap)
+        task.planner = kind(task.si)
+        task.planner.setProblemDefinition(task.problem)
+        assert task.solve() == EXACT
+        return task.planner.getSeed(), task.path.tolist()
+
+    assert path(3) == path(3)
+    assert path(3)[0] != path(4)[0]
+    assert kind(PlaneProblem(kind).si).getSeed() != kind(PlaneProblem(kind).si).getSeed()
+
+
+class OnlyAbove(ob.ValidStateSampler):
+    """Samples one line, and fails now and then."""
+
+    def __init__(self, si):
+        super().__init__(si)
+        self.rng, self.asked = np.random.default_rng(0), 0
+
+    def sample(self, state):
+        self.asked += 1
+        state[0:2] = [self.rng.uniform(-1, 1), 0.65]
+        return self.asked % 3 != 0
+
+
+@pytest.mark.parametrize("kind", [SafePRM, partial(PaperSafePRM, samples=100)])
+def test_a_roadmap_asks_the_sampler_that_it_is_given(kind):
+    task = PlaneProblem(kind, lambda x, y: abs(x) < 0.1 and not 0.64 < y < 0.66, neighbors=60)
+    task.si.setValidStateSamplerAllocator(OnlyAbove)
+    assert task.solve() == EXACT
+    (through,) = {y for x, y in task.path[1:-1]}
+    assert through == 0.65
+    task.si.clearValidStateSamplerAllocator()
 
 
 # --------------------------------------------------------------------------------------------------- other spaces
