@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle, islice
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from safe_ompl.common import InputError, instance, number, seed as checked_seed, until_ctrl_c
 from safe_ompl.paths import PathCost, timed
@@ -56,11 +56,6 @@ class Tradeoff:
             numbers = f"{report.danger.mean:11.3f} {report.danger.max:8.3f}"
             lines.append(f"{weight:6g} {report.length:7.3f} rad {numbers:>23} {near:>11}")
         return "\n".join(lines)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return weights and results as plain numbers, lists and strings."""
-        paths = [{"weight": w, **result.as_dict()} for w, result in zip(self.weights, self.results, strict=True)]
-        return {"front": paths, "interrupted": self.interrupted}
 
 
 def tradeoff(setup: SafeSetup, weights: Sequence[float] = _WEIGHTS, *, time: float = 10.0, seed: int = 0) -> Tradeoff:

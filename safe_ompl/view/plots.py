@@ -20,7 +20,6 @@ from safe_ompl.common import FloatArray, InputError
 from safe_ompl.io import ACCELERATION
 from safe_ompl.motions import MotionCheck
 from safe_ompl.paths import forced_danger
-from safe_ompl.people.simulation import DriveReport
 from safe_ompl.planning import ProgramResult, Tradeoff
 from safe_ompl.trajectories import MotionDanger, Trajectory
 from safe_ompl.view.page import ALARM, ALONG, DANGER, DPI, GREY, add_legend_above, curve, draw_limit, page, set_title
@@ -302,33 +301,6 @@ def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = D
         axes.grid(axis="y", visible=False)
         axes.set(xlabel="time [s]", xlim=_span(time), ylim=(len(steps) - 0.4, -0.6))
         set_title(figure, result.scenario.name)
-    return figure
-
-
-_HALTED = "0.90"
-
-
-def plot_drive(report: DriveReport, file: str | Path | None) -> Any:
-    """Draw distance, protective distance and proven margin of a drive over time, and the robot's fastest key point."""
-    with page(file, 10.0, 5.6) as figure:
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.0, 1.0])
-        for axes in (upper, lower):
-            for halt in report.halts:
-                axes.axvspan(halt.begin, halt.end, color=_HALTED, linewidth=0)
-            for broken in report.broken:
-                axes.axvspan(broken.begin, broken.end, ymax=0.03, color=ALARM, linewidth=0)
-        seen = np.where(np.isfinite(report.distance), report.distance, np.nan)
-        upper.plot(report.times, seen, color="0.15", linewidth=1.8, label="distance")
-        upper.plot(report.times, report.protective, color=ALARM, linewidth=1.4, label="protective distance")
-        margin = np.where(report.moving, report.margin, np.nan)
-        upper.plot(report.times, margin, color=_JOINTS[0], linewidth=1.4, label="proven margin, moving")
-        upper.set(ylabel="[m]")
-        upper.set_ylim(bottom=min(0.0, float(np.nanmin([0.0, *margin]))))
-        add_legend_above(upper)
-        lower.plot(report.times, report.speed, color="0.15", linewidth=1.4)
-        lower.set(xlabel="time [s]; grey: it brakes or stands, red: an assumption was broken", ylabel="speed [m/s]")
-        lower.set_ylim(bottom=0.0)
-        lower.set_xlim(*_span(report.times[-1], report.times[0]))
     return figure
 
 

@@ -1,6 +1,5 @@
 """The front between the shortest and the least dangerous path: a front, proven, the same for the same seed."""
 
-import json
 from itertools import pairwise
 
 import numpy as np
@@ -8,8 +7,8 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from safe_ompl import CollisionError, InputError, Obstacle, Person, Pose, Robot, SafeSetup, Scene, Sphere, tradeoff
-from safe_ompl.apps import main
 from safe_ompl.scene import Scenario
+from safe_ompl.view import plots
 
 
 def assert_front(setup, front):
@@ -83,7 +82,7 @@ def test_a_time_limit_and_a_problem_without_solution(beside_a_worker):
     setup.setMaxDanger(1.01 * max(setup.field.values(np.array([[-1.2, 0.0, 0.0], [1.2, 0.0, 0.0]]))))
     front = tradeoff(setup, time=0.3)
     assert not front
-    assert (str(front), front.as_dict()["front"]) == ("no path", [])
+    assert (str(front), front.weights) == ("no path", ())
 
 
 @pytest.mark.parametrize(
@@ -106,13 +105,8 @@ def test_bad_input(beside_a_worker, options, named):
         tradeoff(plain)
 
 
-def test_on_the_command_line(capsys, tmp_path):
+def test_it_is_drawn(beside_a_worker, tmp_path):
     pytest.importorskip("matplotlib")
-    file, picture = tmp_path / "front.json", tmp_path / "front.png"
-    words = ["tradeoff", "ur5_handover", "--weights", "0,1,10", "--json", str(file), "--plot", str(picture)]
-    assert main(words) == 0
-    assert "mean danger" in capsys.readouterr().out
-    assert [path["weight"] for path in json.loads(file.read_text())["front"]] == [0, 1, 10]
-    assert picture.stat().st_size > 10_000
-    assert main(["tradeoff", "ur5_handover", "--weights", "0,-1"]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    front = tradeoff(beside_a_worker, weights=(0, 1), time=2.0)
+    plots.plot_tradeoff(front, tmp_path / "front.png")
+    assert (tmp_path / "front.png").stat().st_size > 10_000

@@ -84,7 +84,7 @@ def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """Add the scenario, as the first argument."""
-    option(parser, "scenario SCENARIO", "name or YAML file, see `safe-ompl scenarios`")
+    option(parser, "scenario SCENARIO", "name or YAML file, see `safe-ompl list`")
 
 
 def add_mcap(parser: argparse.ArgumentParser) -> None:

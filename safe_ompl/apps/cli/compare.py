@@ -1,4 +1,4 @@
-"""`safe-ompl compare`: several planners on one scenario; `tradeoff`: several paths; `mbm`: a file of problems."""
+"""`safe-ompl compare`: several planners on one scenario; `mbm`: a file of problems."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
 from safe_ompl.common import InputError, in_order
 from safe_ompl.io import strict_json as json_line
-from safe_ompl.planning import PlanResult, SafeSetup, setup_problem, setup_scenario, tradeoff
+from safe_ompl.planning import PlanResult, SafeSetup, setup_problem, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import EXAMPLES, Robot, RobotSpec
 from safe_ompl.scene import WHERE_FROM, MbmFile, Scene
@@ -29,7 +29,7 @@ _RUNS = 10
 
 
 def add_commands(commands: Any) -> None:
-    """Add `compare`, `tradeoff` and `mbm` to the commands."""
+    """Add `compare` and `mbm` to the commands."""
     parser = arguments.add_parser(
         commands,
         "compare",
@@ -50,15 +50,6 @@ def add_commands(commands: Any) -> None:
     )
     arguments.add_workers(parser, "runs")
     option(parser, "--out DIR", "folder for report and pictures (default: compare-SCENARIO)", Path)
-    words = "what safety costs: paths between the shortest and the least dangerous one"
-    parser = arguments.add_parser(commands, "tradeoff", prepare_tradeoff, words)
-    arguments.add_scenario(parser)
-    option(parser, "--weights A,B,...", "of danger against length (default: from 0 to 30)", _weights)
-    option(parser, "--time SECONDS", "time limit in all", arguments.seconds, 10.0)
-    option(parser, "--seed N", "random seed (default: 0)", arguments.random_seed, 0)
-    option(parser, "--json FILE", "write weights and paths as JSON; -: print it, and no table", output.JSON_FILE)
-    option(parser, "--plot FILE", "draw length and danger of the paths (.png, …)", output.PICTURE)
-    arguments.add_limit_options(parser)
     _add_mbm(commands)
 
 
@@ -105,31 +96,6 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
     console.print(f"report{'' if advice else ' and pictures'} in {folder}")
     console.print(f"see them move: safe-ompl view {campaign.scenario.file or name}")
     return status or int(not all(summary.solved for summary in summaries))
-
-
-def _weights(text: str) -> dict[str, Any]:
-    return {"weights": [arguments.noise(weight) for weight in arguments.names(text)]}
-
-
-def prepare_tradeoff(options: argparse.Namespace) -> Callable[[], int]:
-    """Check what the options name, and return the job."""
-    scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
-    setup = setup_scenario(arguments.with_limits(scenario, options))
-    setup.simplifier  # noqa: B018  # says so where there is no danger
-    return partial(_trade_off, f"{scenario.name} · {setup.robot.name}", setup, options)
-
-
-def _trade_off(title: str, setup: SafeSetup, options: argparse.Namespace) -> int:
-    front = tradeoff(setup, **(options.weights or {}), time=options.time, seed=options.seed)
-    if front.interrupted:
-        output.error_console().print("safe-ompl: interrupted: these are the best paths so far")
-    if options.json:
-        output.write_json(options.json, {"scenario": options.scenario, "robot": setup.robot.name, **front.as_dict()})
-    if options.json != output.STANDARD_OUTPUT:
-        output.say(f"{title}\n{front}")
-    if options.plot and front:
-        plots.plot_tradeoff(front, options.plot, title=title)
-    return 0 if front else 1
 
 
 _BEST = "*"

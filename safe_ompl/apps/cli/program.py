@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from rich.table import Table
 
-from safe_ompl.apps.cli import arguments, check, compare, live, new, output, plan, report, ros, verify, view
+from safe_ompl.apps.cli import arguments, check, compare, live, new, output, plan, ros, verify, view
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError, ctrl_c_as_such
@@ -20,8 +20,8 @@ from safe_ompl.version import __version__
 
 BAD_INPUT, BROKEN_PIPE = 2, 141
 # Commands that write no file of their own, and those that load neither a robot nor a saved file.
-_WITHOUT_FILES = ("scenarios", "robots", "doctor", "verify", "tube")
-_WITHOUT_ROBOT = ("scenarios", "robots", "doctor", "report")
+_WITHOUT_FILES = ("list", "doctor", "verify", "tube")
+_WITHOUT_ROBOT = ("list", "doctor")
 
 _FIRST = (
     "to begin with: plan, view, check. First steps: safe-ompl view panda_shelf; for your own robot: "
@@ -75,7 +75,7 @@ def command_line() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (plan, view, check, new, verify, compare, live, report, ros):
+    for command in (plan, view, check, new, verify, compare, live, ros):
         command.add_commands(commands)
     add_commands(commands)
     for name, own in commands.choices.items():
@@ -90,8 +90,7 @@ def command_line() -> argparse.ArgumentParser:
 
 def add_commands(commands: Any) -> None:
     """Add `scenarios`, `robots` and `doctor` to the commands."""
-    arguments.add_parser(commands, "scenarios", lambda _: _printed(scenarios_table), "list the scenarios")
-    arguments.add_parser(commands, "robots", lambda _: _printed(robots_table), "list the example robots")
+    arguments.add_parser(commands, "list", lambda _: list_all, "list the scenarios and the example robots")
     arguments.add_parser(
         commands,
         "doctor",
@@ -103,12 +102,10 @@ def add_commands(commands: Any) -> None:
     )
 
 
-def _printed(table: Callable[[], Table]) -> Callable[[], int]:
-    def job() -> int:
-        output.console().print(table())
-        return 0
-
-    return job
+def list_all() -> int:
+    """Print the scenarios and the example robots."""
+    output.console().print(scenarios_table(), robots_table(), sep="\n")
+    return 0
 
 
 def scenarios_table() -> Table:

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.simulation.drive import DriveReport as DriveReport
     from safe_ompl.people.simulation.movers import (
         ALL_KEYPOINTS as ALL_KEYPOINTS,
         Drifting as Drifting,
