@@ -4,20 +4,34 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import proxy
 
 import numpy as np
 from ompl import base as ob, geometric as og
 
 from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError
-from safe_ompl.planning.ompl import ScratchState, WorkspaceGoal
-from safe_ompl.planning.planners import accepts
+from safe_ompl.planning.ompl import ScratchState, WorkspaceGoal, states_of
+from safe_ompl.planning.planners import SafePlanner, accepts
 from safe_ompl.robot import Robot
 
 _log = logging.getLogger(__name__)
 
 END_TOLERANCE = 1e-6  # [rad or m] in joint space
+
+
+class Asked(NamedTuple):
+    """What a setup was asked for when a planner began: valid starts of how many, goal, objective and space.
+
+    `starts` are copies of states, `states` the configurations that the goal consists of, as bytes.
+    """
+
+    starts: list[Any]
+    count: int
+    goal: Any
+    states: set[bytes]
+    objective: Any
+    coordinates: Any
 
 
 class Problem:
@@ -27,16 +41,26 @@ class Problem:
     holds this object, is not kept alive.
     """
 
-    def __init__(self, setup: Any) -> None:
+    def __init__(self, setup: Any, definition: Any) -> None:
         # OMPL's setup makes its simplifier anew with every goal, so goals go through it, not to the definition.
-        self._setup = proxy(setup)
-        self.start: FloatArray | None = None
+        self._setup, self._definition = proxy(setup), definition
+        self._asked: Asked | None = None  # when a planner began
+        self._start: FloatArray | None = None
         self.goals: Sequence[FloatArray] = ()
         self.place: WorkspaceGoal | None = None
         self._goal_states: Any = None  # those of the goals that count
         self._unchecked = False  # whether the scene has changed since start and goals were found free
+        self._scratch = ScratchState(setup.bridge)
 
     # -------------------------------------------------------------------------------------- what is given
+
+    @property
+    def start(self) -> FloatArray | None:
+        """The start configuration (n,), the first valid one where several were given in OMPL's words."""
+        self.forget_stale()
+        if self._start is None and (starts := self._now().starts):
+            return np.asarray(self._setup.bridge.read(starts[0]))
+        return self._start
 
     def set_configurations(self, start: Any, goals: Any) -> None:
         """Set start and goals; parameters and errors as `SafeSetup.setConfigurations`."""
@@ -50,9 +74,8 @@ class Problem:
     def set_start(self, start: Any) -> None:
         """Set the start configuration (n,), numbers or by name; errors as `checked`."""
         q = self.checked(start, "start")
-        self.start = q
-        self._setup.clearStartStates()
-        self._setup.addStartState(ScratchState(self._setup.bridge).set(q))
+        self._setup.setStartState(self._scratch.set(q))
+        self._start = q
 
     # --------------------------------------------------------------------------------------------- checks
 
@@ -81,8 +104,9 @@ class Problem:
 
     def check(self) -> list[FloatArray]:
         """Return the goals that count; an error as `checked` if the start or all goals are not allowed any more."""
-        if self.start is not None:
-            self.checked(self.start, "start")
+        self.forget_stale()
+        if self._start is not None:
+            self.checked(self._start, "start")
         return self._checked_goals(self.goals) if self.goals else []
 
     def scene_changed(self) -> None:
@@ -118,33 +142,101 @@ class Problem:
                 "OMPL's GoalLazySamples waits for itself for ever where its sampler is Python's; take a WorkspaceGoal, "
                 "or a subclass of ob.GoalSampleableRegion"
             )
-        if not self._setup.getProblemDefinition().getStartStateCount():
+        if not self._definition.getStartStateCount():
             raise InputError("no start is set: call setConfigurations, setStartConfiguration or addStartState")
-        if isinstance(planner, og.SORRTstar) and self._setup.getProblemDefinition().isTrivial():
+        if isinstance(planner, og.SORRTstar) and self._definition.isTrivial():
             raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
 
     def check_ends(self, path: FloatArray, name: str) -> None:
         """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
-        bridge, inputs, starts = self._setup.bridge, ob.PlannerInputStates(), list[FloatArray]()
-        inputs.use(self._setup.getProblemDefinition())  # whose own states the bindings would free
-        while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
-            starts.append(bridge.read(state))
-        distance = min((float(np.linalg.norm(bridge.difference(start, path[0]))) for start in starts), default=np.inf)
-        if not distance <= END_TOLERANCE:
-            raise PlanningError(f"{name} returned a path that begins {distance:.3g} rad away from every start")
-        goal, scratch = self._setup.getGoal(), ScratchState(bridge)
-        state = scratch.set(path[-1])
+        objection = self._objection_to_start(path[0]) or self._objection_to_end(path[-1])
+        if objection is not None:
+            raise PlanningError(f"{name} returned a path that {objection}")
+
+    def _objection_to_start(self, q: FloatArray) -> str | None:
+        bridge = self._setup.bridge
+        starts = [bridge.read(state) for state in (self._asked or self._now()).starts]
+        distance = min((float(np.linalg.norm(bridge.difference(start, q))) for start in starts), default=np.inf)
+        return None if distance <= END_TOLERANCE else f"begins {distance:.3g} rad away from every start"
+
+    def _objection_to_end(self, q: FloatArray) -> str | None:
+        goal, state = self._definition.getGoal(), ScratchState(self._setup.bridge).set(q)
         if isinstance(goal, ob.GoalRegion):
             short, unit = float(goal.distanceGoal(state)), "m" if hasattr(goal, "place") else "rad"
             if not short <= max(END_TOLERANCE, goal.getThreshold()):
-                raise PlanningError(f"{name} returned a path that ends {short:.3g} {unit} away from the goal")
+                return f"ends {short:.3g} {unit} away from the goal"
         elif not goal.isSatisfied(state):
-            raise PlanningError(f"{name} returned a path that does not end in the goal")
+            return "does not end in the goal"
+        return None
+
+    # ------------------------------------------------------------------------------ what was found for the problem
+
+    def begin(self) -> None:
+        """Note what is asked for now, when a planner begins."""
+        self._asked = self._now()
+
+    def forget_stale(self) -> None:
+        """Forget what was found for other starts, another goal, objective or space than the setup has now.
+
+        OMPL tells nobody of a change, which may also be made to its problem definition, so this looks.
+        """
+        definition, asked = self._definition, self._asked
+        goal = definition.getGoal()
+        if self._start is not None and not definition.hasStartState(self._scratch.set(self._start), 0):
+            self._start = None
+        if goal is not None and goal is not self._goal_states and goal is not self.place:
+            self.goals, self._goal_states, self.place = (), None, None
+        if asked is None:
+            return
+        same_space = asked.coordinates == self._setup.bridge.coordinates()
+        same_objective = asked.objective is definition.getOptimizationObjective()
+        same_starts = asked.count == definition.getStartStateCount() and all(
+            definition.hasStartState(start, 0) for start in asked.starts
+        )
+        same_goal = asked.goal is goal and asked.states == self._states_in(goal)
+        if same_space and same_objective and same_starts and same_goal:
+            return
+        self._asked = None
+        definition.clearSolutionPaths()
+        planner = self._setup.getPlanner()
+        if planner is None or isinstance(planner, SafePlanner):  # ours notice what still holds of what they have built
+            return
+        if same_space and same_objective:
+            planner.clearQuery()
+        else:
+            planner.clear()
+
+    def forget_wrong(self) -> str | None:
+        """Forget the solution if it is not from a start to the goal, and return what is wrong with it."""
+        if not self._definition.hasSolution():
+            return None
+        path, read = self._definition.getSolutionPath(), self._setup.bridge.read
+        objection = self._objection_to_start(read(path.getState(0)))
+        if objection is None and not self._definition.hasApproximateSolution():
+            objection = self._objection_to_end(read(path.getState(path.getStateCount() - 1)))
+        if objection is not None:
+            self._definition.clearSolutionPaths()
+        return objection
+
+    def _now(self) -> Asked:
+        definition, si = self._definition, self._setup.getSpaceInformation()
+        inputs, starts = ob.PlannerInputStates(), list[Any]()
+        inputs.use(definition)  # whose own states the bindings would free
+        while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
+            starts.append(si.getStateSpace().allocState())
+            si.copyState(starts[-1], state)
+        goal, objective = definition.getGoal(), definition.getOptimizationObjective()
+        coordinates = self._setup.bridge.coordinates()
+        return Asked(starts, definition.getStartStateCount(), goal, self._states_in(goal), objective, coordinates)
+
+    def _states_in(self, goal: Any) -> set[bytes]:
+        return {q.tobytes() for q in states_of(goal, self._setup.bridge)}
 
     # --------------------------------------------------------------------------------------- which goal
 
     def choose_goal(self, planner: Any, seed: int) -> None:
         """Where a place and goal configurations are both set, take the one that the planner accepts."""
+        self.forget_stale()
         if self.place is None:
             return
         self.place.setSeed(seed)

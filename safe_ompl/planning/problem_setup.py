@@ -80,7 +80,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         si.setMotionValidator(self.validator)
         self.bridge = self.validity.bridge
         self._user_is_let_go = False
-        self.problem = Problem(self)
+        self.problem = Problem(self, super().getProblemDefinition())
         if self.field is not None:
             self.setOptimizationObjective(DangerObjective(si, self.field))
 
@@ -292,6 +292,41 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         """
         self._set_place(RegionGoal, region, tolerance)
 
+    def setStartState(self, state: Any) -> None:
+        """Set the start as OMPL's setup does."""
+        super().setStartState(state)
+        self.problem.forget_stale()
+
+    def addStartState(self, state: Any) -> None:
+        """Add a start as OMPL's setup does."""
+        super().addStartState(state)
+        self.problem.forget_stale()
+
+    def clearStartStates(self) -> None:
+        """Forget the starts as OMPL's setup does."""
+        super().clearStartStates()
+        self.problem.forget_stale()
+
+    def setGoalState(self, goal: Any, threshold: float = np.finfo(float).eps) -> None:
+        """Set a state as the goal as OMPL's setup does."""
+        super().setGoalState(goal, threshold)
+        self.problem.forget_stale()
+
+    def setGoal(self, goal: Any) -> None:
+        """Set the goal as OMPL's setup does."""
+        super().setGoal(goal)
+        self.problem.forget_stale()
+
+    def setStartAndGoalStates(self, start: Any, goal: Any, threshold: float = np.finfo(float).eps) -> None:
+        """Set start and goal as OMPL's setup does."""
+        super().setStartAndGoalStates(start, goal, threshold)
+        self.problem.forget_stale()
+
+    def setOptimizationObjective(self, objective: Any) -> None:
+        """Set the objective as OMPL's setup does."""
+        super().setOptimizationObjective(objective)
+        self.problem.forget_stale()
+
     def _set_place(self, kind: type[WorkspaceGoal], place: Any, tolerance: float) -> None:
         si = self.getSpaceInformation()
         self.problem.place = kind(si, self.robot, place, tolerance=tolerance, field=self.field, seed=0)
@@ -299,10 +334,29 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
     # ------------------------------------------------------------------------------------- paths and solutions
 
-    def solution(self) -> FloatArray:
-        """Return the solution path (N, n) found last; raise InputError if there is none."""
+    def getProblemDefinition(self) -> Any:
+        """Return OMPL's problem definition, whose solutions are of the problem as it is now."""
+        self.problem.forget_stale()
+        return super().getProblemDefinition()
+
+    def haveSolutionPath(self) -> bool:
+        """Return whether there is a path from a start towards the goal as they are now."""
+        self.problem.forget_stale()
+        self.problem.forget_wrong()
+        return bool(super().haveSolutionPath())
+
+    def haveExactSolutionPath(self) -> bool:
+        """Return whether there is a path from a start to the goal as they are now."""
+        return self.haveSolutionPath() and bool(super().haveExactSolutionPath())
+
+    def getSolutionPath(self) -> Any:
+        """Return the solution, an `og.PathGeometric`; an InputError if there is none for the problem as it is now."""
         if not self.haveSolutionPath():
             raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
+        return super().getSolutionPath()
+
+    def solution(self) -> FloatArray:
+        """Return the solution path (N, n) found last; raise InputError if there is none."""
         path, bridge = self.getSolutionPath(), self.bridge
         return np.array([bridge.read(path.getState(i)) for i in range(path.getStateCount())])
 
@@ -317,6 +371,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         planner = self.getPlanner()  # none, if a planner solved the problem on its own
         name = "" if planner is None else planner.getName()
         problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
+        self.problem.begin()
 
     def report(self, path: ArrayLike) -> paths.PathReport:
         """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""

@@ -22,6 +22,7 @@ import safe_ompl.trajectories as trajectories
 from safe_ompl.common import (
     FloatArray,
     InputError,
+    PlanningError,
     clock,
     ctrl_c_as_such,
     documents as document,
@@ -78,6 +79,8 @@ class SafeSetup(ProblemSetup):
         if isinstance(planner, str):
             raise InputError(f"planner must be an ob.Planner, got {planner!r}; `plan` takes names")
         check_planner(planner, self.getSpaceInformation())
+        if planner is not self.getPlanner():
+            planner.clear()  # may have been set before, for another scene or problem
         super().setPlanner(planner)
 
     def _choose_planner(self) -> None:
@@ -95,9 +98,11 @@ class SafeSetup(ProblemSetup):
         """Plan with the planner that is set, `SafeRRTConnect` if none is, as OMPL's `solve`; may be interrupted.
 
         The goal is what was set last; `SafeJTRRT` plans to the `setWorkspaceGoal` even if configurations came later.
+        Solutions of another problem are forgotten, and so is what the planner has built as far as it does not hold.
         Ctrl-C and exceptions of the user's callbacks end it at once and arrive unchanged. Then there is no solution,
         and the planner is cleared: it may have stopped between two halves of a step. The time is a limit [s], infinity
-        for none, or an `ob.PlannerTerminationCondition`. An InputError if it is neither, or no start or no goal is set.
+        for none, or an `ob.PlannerTerminationCondition`. An InputError if it is neither, or no start or no goal is set;
+        a PlanningError if the planner returns a path that is not from a start to the goal.
         """
         stop = termination(time)
         self.problem.check_complete(self.getPlanner())
@@ -109,9 +114,13 @@ class SafeSetup(ProblemSetup):
             super().setup()
             asked = objective.asked_by(self.getPlanner())
         try:
+            self.problem.forget_stale()
+            self.problem.begin()
             with asked:
                 status = super().solve(stop)
             self.problem.explain_missing_goal()
+            if (wrong := self.problem.forget_wrong()) is not None:
+                raise PlanningError(f"{self.getPlanner().getName()} returned a path that {wrong}")
             return status
         except BaseException:
             self.getProblemDefinition().clearSolutionPaths()

@@ -81,7 +81,11 @@ class StateBridge:
     @property
     def is_current(self) -> bool:
         """Whether the space still has the bounds that it had when this bridge was made."""
-        return _coordinates_of(self.space) == self._given
+        return self.coordinates() == self._given
+
+    def coordinates(self) -> tuple[list[bool], list[float], list[float]]:
+        """Return which coordinates of the space wrap, and the bounds that it has now."""
+        return _coordinates_of(self.space)
 
     def read(self, state: Any) -> FloatArray:
         """Return the configuration (n,) of a state as a new array."""

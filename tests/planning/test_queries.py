@@ -1,0 +1,225 @@
+"""A setup that has solved one query answers the next one, whichever planner and however it is asked."""
+
+import numpy as np
+import pytest
+from ompl import base as ob, geometric as og
+
+from safe_ompl import (
+    Box,
+    DangerObjective,
+    InputError,
+    Obstacle,
+    PlanningError,
+    Pose,
+    SafeRRTConnect,
+    SafeSetup,
+    Scenario,
+    make_planner,
+    planner_names,
+)
+from safe_ompl.planning.planners import needs_place
+
+PLANNERS = [name for name in planner_names() if not needs_place(name) and not name.startswith("Paper")]
+OPTIMISING = ("RRTstar", "InformedRRTstar", "SORRTstar", "BITstar")  # these use all of their time
+OTHER_START = np.array([0.05, 0.05, 0.0])
+MOTION = np.array([0.4, 0.2, -0.15])
+OTHER_MOTION = np.array([0.5, 0.15, -0.1])
+FAR = Obstacle("far", Box((0.1, 0.1, 0.1)), Pose((20.0, 0.0, 0.0)))
+
+
+def build():
+    scenario = Scenario.load("planar3")
+    setup = SafeSetup(scenario.build_robot(), scenario.scene.with_obstacles(FAR), movable=["far"])
+    start = scenario.start_configuration(setup.robot)
+    setup.setConfigurations(start, start + MOTION)
+    return setup, start
+
+
+def state(setup, q):
+    made = setup.getStateSpace().allocState()
+    setup.bridge.write(q, made)
+    return made
+
+
+def states(setup, *rows):
+    goal = ob.GoalStates(setup.getSpaceInformation())
+    for q in rows:
+        goal.addState(state(setup, q))
+    return goal
+
+
+def solved(setup, name, time=None):
+    time = time or (0.2 if name in OPTIMISING else 10.0)
+    assert setup.solve(time).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
+    path = setup.solution()
+    assert setup.report(path).certified
+    return path
+
+
+def begun(name):
+    setup, start = build()
+    setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
+    solved(setup, name)
+    assert setup.haveSolutionPath()
+    return setup, start
+
+
+# -------------------------------------------------------------------------------------------- another start or goal
+
+ASK = {
+    "setConfigurations": lambda setup, start, goal: setup.setConfigurations(start, goal),
+    "setStartConfiguration": lambda setup, start, goal: (
+        setup.setStartConfiguration(start),
+        setup.setGoalState(state(setup, goal)),
+    ),
+    "setStartState": lambda setup, start, goal: (
+        setup.setStartState(state(setup, start)),
+        setup.setGoal(states(setup, goal)),
+    ),
+    "addStartState": lambda setup, start, goal: (
+        setup.clearStartStates(),
+        setup.addStartState(state(setup, start)),
+        setup.setGoalState(state(setup, goal)),
+    ),
+    "setStartAndGoalStates": lambda setup, start, goal: setup.setStartAndGoalStates(
+        state(setup, start), state(setup, goal)
+    ),
+    "setWorkspaceGoal": lambda setup, start, goal: (
+        setup.setStartConfiguration(start),
+        setup.setWorkspaceGoal(setup.robot.tip_pose(goal).translation, tolerance=1e-3),
+    ),
+    "problem definition": lambda setup, start, goal: setup.getProblemDefinition().setStartAndGoalStates(
+        state(setup, start), state(setup, goal)
+    ),
+}
+
+
+@pytest.mark.parametrize("ask", ASK.values(), ids=ASK)
+@pytest.mark.parametrize("name", PLANNERS)
+def test_the_next_query_is_answered(name, ask):
+    setup, start = begun(name)
+    start = start + OTHER_START
+    goal = start + OTHER_MOTION
+    ask(setup, start, goal)
+    assert not setup.haveSolutionPath()
+    assert not setup.haveExactSolutionPath()
+    with pytest.raises(InputError, match="there is no solution"):
+        setup.solution()
+    path = solved(setup, name)
+    np.testing.assert_allclose(path[0], start, atol=1e-9)
+    tips = [setup.robot.tip_pose(q).translation for q in (path[-1], goal)]
+    np.testing.assert_allclose(*tips, atol=1e-9 if isinstance(setup.getGoal(), (ob.GoalState, ob.GoalStates)) else 1e-3)
+
+
+@pytest.mark.parametrize("name", [name for name in planner_names() if needs_place(name)][:2])
+def test_the_next_place_is_gone_to(name):
+    setup, start = build()
+    for shift in (0.0, 0.2):
+        tip = setup.robot.tip_pose(start + MOTION + shift).translation
+        setup.setStartConfiguration(start + shift)
+        setup.setWorkspaceGoal(tip)
+        assert not setup.haveSolutionPath()
+        if shift == 0.0:
+            setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
+        path = solved(setup, name)
+        np.testing.assert_array_equal(path[0], start + shift)
+        np.testing.assert_allclose(setup.robot.tip_pose(path[-1]).translation, tip, atol=0.01)
+
+
+def test_the_same_query_goes_on_and_its_solution_stays():
+    setup, start = begun("SafeRRTConnect")
+    before = {q.tobytes() for q in setup.getPlanner().plannerGraph().configurations}
+    assert setup.haveSolutionPath()
+    solved(setup, "SafeRRTConnect")
+    assert before <= {q.tobytes() for q in setup.getPlanner().plannerGraph().configurations}
+
+
+def test_in_ompls_words_start_and_goal_are_those_that_are_checked_and_looked_at():
+    setup, start = build()
+    setup.setWorkspaceGoal(setup.robot.tip_pose(start + MOTION).translation)
+    goal = states(setup, start + OTHER_MOTION)
+    setup.setStartAndGoalStates(state(setup, start + OTHER_START), state(setup, start))
+    np.testing.assert_allclose(setup.problem.start, start + OTHER_START, atol=1e-12)
+    setup.setGoal(goal)
+    result = setup.plan(seed=1)
+    np.testing.assert_allclose(result.path[[0, -1]], [start + OTHER_START, start + OTHER_MOTION], atol=1e-12)
+    assert setup.getGoal() is goal
+
+
+# ------------------------------------------------------------------------------------- another scene, objective, space
+
+CHANGE = {
+    "moveObstacle": lambda setup: setup.moveObstacle("far", Pose((21.0, 0.0, 0.0))),
+    "setScene": lambda setup: setup.setScene(setup.scene.without("far")),
+    "setMinClearance": lambda setup: setup.setMinClearance(1e-3),
+    "setTube": lambda setup: setup.setTube(1e-4),
+    "setStateValidityChecker": lambda setup: setup.setStateValidityChecker(lambda state: True),
+    "setOptimizationObjective": lambda setup: setup.setOptimizationObjective(
+        ob.PathLengthOptimizationObjective(setup.getSpaceInformation())
+    ),
+    "another danger": lambda setup: setup.setOptimizationObjective(
+        DangerObjective(setup.getSpaceInformation(), setup.field)
+    ),
+    "its problem's objective": lambda setup: setup.getProblemDefinition().setOptimizationObjective(
+        ob.PathLengthOptimizationObjective(setup.getSpaceInformation())
+    ),
+    "bounds": lambda setup: setup.getStateSpace().setBounds(-3.1, 3.1),
+}
+
+
+@pytest.mark.parametrize("change", CHANGE.values(), ids=CHANGE)
+@pytest.mark.parametrize("name", ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect", "RRTstar", "BITstar"])
+def test_another_scene_objective_or_space_forgets_solution_and_trees(name, change):
+    setup, start = begun(name)
+    change(setup)
+    assert not setup.haveSolutionPath()
+    before = setup.getPlanner()
+    path = solved(setup, name)
+    assert setup.getPlanner() is before
+    np.testing.assert_array_equal(path[[0, -1]], [start, start + MOTION])
+
+
+@pytest.mark.parametrize("name", ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect", "RRTstar"])
+def test_a_planner_that_was_set_aside_comes_back_without_what_it_had_built(name):
+    setup, start = begun(name)
+    aside, path = setup.getPlanner(), setup.solution()
+    setup.setPlanner(SafeRRTConnect(setup.getSpaceInformation()))
+    middle = setup.robot.tip_pose(path[len(path) // 2]).translation
+    setup.addObstacle(Obstacle("new", Box((0.05, 0.05, 0.4)), Pose((*middle[:2], 0.0))))
+    assert not setup.is_free(path)
+    setup.setPlanner(aside)
+    setup.solve(0.3)
+    assert not setup.haveSolutionPath() or setup.is_free(setup.solution())
+
+
+# ------------------------------------------------------------------------------------------- planners that are wrong
+
+
+class Stubborn(ob.Planner):
+    """Returns the same path, whatever it is asked."""
+
+    def __init__(self, si, path, setup):
+        super().__init__(si, "Stubborn")
+        self.path = path
+
+    def solve(self, ptc):
+        self.getProblemDefinition().addSolutionPath(self.path, False, 0.0, "Stubborn")
+        return ob.PlannerStatus(ob.PlannerStatus.EXACT_SOLUTION)
+
+
+def test_a_path_to_another_goal_does_not_leave_the_setup():
+    setup, start = build()
+    path = og.PathGeometric(setup.getSpaceInformation())
+    for q in (start, start + MOTION):
+        path.append(state(setup, q))
+    setup.setPlanner(Stubborn(setup.getSpaceInformation(), path, setup))
+    assert setup.solve(1.0)
+    setup.setConfigurations(start, start + OTHER_MOTION)
+    with pytest.raises(PlanningError, match="Stubborn returned a path that ends"):
+        setup.solve(1.0)
+    assert not setup.haveSolutionPath()
+    setup.setConfigurations(start + OTHER_START, start + MOTION)
+    with pytest.raises(PlanningError, match="Stubborn returned a path that begins"):
+        setup.solve(1.0)
+    setup.getProblemDefinition().addSolutionPath(path, False, 0.0, "nobody")
+    assert not setup.haveSolutionPath(), "nor is it taken from elsewhere"
