@@ -133,7 +133,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     given = scenario.limits.tube if options.tube is None else options.tube
     source = f"{scenario.file}: limits.tube" if options.tube is None else "--tube"
     tube = () if given is None else tube_of(given, robot, source)
-    setup = without_ends(replace(scenario, limits=replace(scenario.limits, tube=None)), robot, tube)
+    setup = _without_ends(replace(scenario, limits=replace(scenario.limits, tube=None)), robot, tube)
     how = {"degrees": options.degrees, "joints": options.joints, "ignore": options.ignore or ()}
     motion = _sampled(read_motion(options.file, robot, **how), options, robot)
     limits = rate_limits(scenario, robot, options)
@@ -186,7 +186,7 @@ def _sampled(motion: Motion, options: argparse.Namespace, robot: Robot) -> Motio
         return Motion.sampled(motion.times, motion.knots, bounds, robot.joint_names)
 
 
-def without_ends(scenario: Scenario, robot: Robot, tube: tuple[float, ...]) -> SafeSetup:
+def _without_ends(scenario: Scenario, robot: Robot, tube: tuple[float, ...]) -> SafeSetup:
     """Return a setup with the scenario's limits and a tube, which the scenario's start need not keep."""
     given = setup_scenario(scenario, robot)
     setup = SafeSetup(robot, given.scene, danger=given.danger_options)
@@ -363,12 +363,7 @@ def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
 
 
 def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
-    show_tubes(found, factor)
-    return 0
-
-
-def show_tubes(found: Mapping[str, MeasuredTube], factor: float) -> dict[str, float]:
-    """Print the widest tube of some logs, by joint, and how it is given to `check` and in a scenario; return it."""
+    """Print the widest tube of some logs, by joint, and how it is given to `check` and in a scenario."""
     samples = sum(tube.samples for tube in found.values())
     table = output.plain_table("joint", "largest error", "between samples", "at\ns", "tube", title=f"{samples} samples")
     if len(found) > 1:
@@ -387,4 +382,4 @@ def show_tubes(found: Mapping[str, MeasuredTube], factor: float) -> dict[str, fl
     entry = ", ".join(f"{name}: {width:g}" for name, width in widths.items())
     for line in (f"--tube {by_name}", f"limits: {{tube: {{{entry}}}}}"):
         output.say(line)
-    return widths
+    return 0

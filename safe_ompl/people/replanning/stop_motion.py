@@ -68,14 +68,6 @@ class StopMotion(NamedTuple):
         place = self.places[k] + since * (speed + 0.5 * since * push)
         return float(min(place, self.places[k + 1])), float(max(speed + since * push, 0.0)), float(push)
 
-    def places_at(self, times: FloatArray) -> FloatArray:
-        """Return s (T,) at times since it began [s], as `at`."""
-        now = np.clip(times, 0.0, self.duration)
-        if not self.window:
-            return self._plan(now)[1]
-        areas = self._plan(now)[0] - self._plan(now - self.window)[0]
-        return np.clip(areas / self.window, 0.0, self.places[-1])
-
     def _plan(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return ∫σ from the first time on, σ and σ̇ (T,) at times."""
         speeds, spans = np.sqrt(self.squares), np.diff(self.times)
