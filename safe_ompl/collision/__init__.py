@@ -23,7 +23,6 @@ if TYPE_CHECKING:
         Verdict as Verdict,
     )
     from safe_ompl.collision.pairs import PairSet as PairSet
-    from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR
     from safe_ompl.collision.self_filter import robot_points as robot_points, without_robot as without_robot
     from safe_ompl.collision.separation import (
         TOUCHING_ONLY as TOUCHING_ONLY,
@@ -36,5 +35,6 @@ if TYPE_CHECKING:
         ToolLimit as ToolLimit,
         ToolOrientation as ToolOrientation,
     )
+    from safe_ompl.geometry import DISTANCE_ERROR as DISTANCE_ERROR
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -11,9 +11,8 @@ import numpy as np
 from safe_ompl.collision.kernels.distances import near_pairs, pair_bounds, pairs_within
 from safe_ompl.collision.kernels.proofs import prove_curve, prove_curves
 from safe_ompl.collision.kernels.tables import EdgeTables, Pairs, Required, grouped
-from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import BoolArray, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.geometry import ConvexBodies
+from safe_ompl.geometry import DISTANCE_ERROR, ConvexBodies
 from safe_ompl.geometry.kernels import POSE, Records
 from safe_ompl.robot import JointLimits, Robot, plain
 

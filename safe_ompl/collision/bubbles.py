@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.geometry import DISTANCE_ERROR
 
 _TINY = 1e-200
 INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)

@@ -12,9 +12,9 @@ from safe_ompl.collision.bounds import DistanceBounds
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.kernels.distances import pair_bounds
 from safe_ompl.collision.kernels.tables import BLOCK
-from safe_ompl.collision.queries import DISTANCE_ERROR, CoalPairs, Nearest
+from safe_ompl.collision.queries import CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
-from safe_ompl.geometry import ConvexBodies
+from safe_ompl.geometry import DISTANCE_ERROR, ConvexBodies
 from safe_ompl.robot import Robot
 from safe_ompl.robot.kernels import JOINT
 

@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.geometry import DISTANCE_ERROR
 from safe_ompl.robot import Robot
 
-DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 _SPARE = 1e-4  # [m] apart, and more than coal's distances are off by
 _DISTANCE = coal.DistanceRequest()
 

@@ -19,7 +19,7 @@ import re
 import shutil
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
@@ -280,9 +280,15 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], delimiter: st
     return stream.getvalue()
 
 
-def dump_document(data: Mapping[str, Any]) -> str:
-    """Return `data` as YAML; numbers are written so that they are read back exactly."""
-    return yaml.dump(data, Dumper=_FlowListDumper, sort_keys=False, allow_unicode=True, width=110)
+def dump_document(data: Any, *, flow: bool | None = False, width: float = 110) -> str:
+    """Return `data` as YAML, which is read back exactly; `flow` is PyYAML's `default_flow_style`."""
+    style: dict[str, Any] = {"default_flow_style": flow, "width": width}
+    return yaml.dump(data, Dumper=_FlowListDumper, sort_keys=False, allow_unicode=True, **style)
+
+
+def dump_line(value: Any) -> str:
+    """Return a value as YAML on one line, such as a name that would be a number without quotes."""
+    return dump_document(value, flow=True, width=np.inf).removesuffix("...\n").strip()
 
 
 class _StrictLoader(_Loader):
@@ -321,7 +327,7 @@ class _FlowListDumper(yaml.SafeDumper):
 
     def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
         plain = not any(isinstance(item, (dict, list, tuple)) for item in sequence)
-        return super().represent_sequence(tag, sequence, flow_style=plain)
+        return super().represent_sequence(tag, sequence, flow_style=plain or self.default_flow_style)
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from safe_ompl.geometry.cells import Cells as Cells
     from safe_ompl.geometry.cloud import PointCloud as PointCloud
     from safe_ompl.geometry.hulls import (
+        DISTANCE_ERROR as DISTANCE_ERROR,
         ConvexBodies as ConvexBodies,
         Hull as Hull,
         bounding_box as bounding_box,
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
         hull_planes as hull_planes,
         triangle_tree as triangle_tree,
     )
+    from safe_ompl.geometry.meshes import MeshFrame as MeshFrame, check_mesh as check_mesh
     from safe_ompl.geometry.obstacle import Obstacle as Obstacle, check_number as check_number
     from safe_ompl.geometry.person import LIMBS as LIMBS, STANDING as STANDING, Limb as Limb, Person as Person
     from safe_ompl.geometry.pose import (
+        LONGEST as LONGEST,
         Pose as Pose,
         PoseLike as PoseLike,
         placed as placed,

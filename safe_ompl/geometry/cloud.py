@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Mapping, Sized
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,14 +14,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import coal
 import numpy as np
 import pinocchio as pin
-import plyfile
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, float_array, key, warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.cells import Cells
-from safe_ompl.geometry.pose import Pose, placed
-from safe_ompl.geometry.shapes import LONGEST, Part, Shape, Sphere, array_digest
+from safe_ompl.geometry.meshes import PLY_SURFACES, read_ply
+from safe_ompl.geometry.pose import LONGEST, Pose, placed
+from safe_ompl.geometry.shapes import Part, Shape, Sphere, array_digest
 from safe_ompl.geometry.surfaces import Triangles
 
 _log = logging.getLogger(__name__)
@@ -333,14 +332,18 @@ def _part(whole: Any, name: str) -> Any:
 
 
 def _read_ply(file: Path) -> FloatArray:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of elements that are empty
-            vertices = plyfile.PlyData.read(file)["vertex"]
-        columns = [np.asarray(vertices[axis], dtype=np.float64) for axis in "xyz"]
-    except (plyfile.PlyParseError, KeyError, ValueError, TypeError, IndexError, OSError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{file} cannot be read as PLY with vertices x, y and z: {reason}", "file") from None
+    with document.within("file", ": "):
+        content = read_ply(file)
+        for element in content.elements:
+            if element.name in PLY_SURFACES and element.count:
+                raise InputError(
+                    f"{file} holds a surface ({element.name}), of which a pointcloud would keep the vertices alone: "
+                    "give it as a mesh"
+                )
+        try:
+            columns = [np.asarray(content["vertex"][axis], dtype=np.float64) for axis in "xyz"]
+        except (KeyError, ValueError, TypeError) as error:
+            raise InputError(f"{file} cannot be read as PLY with vertices x, y and z: {error}") from None
     return np.column_stack(columns)
 
 

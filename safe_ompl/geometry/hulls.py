@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, halton_point
 from safe_ompl.geometry.cells import Cells
 from safe_ompl.geometry.kernels import BODY, NODE, Records, Shapes, extreme_vertices
+from safe_ompl.geometry.pose import LONGEST
 
 _log = logging.getLogger(__name__)
 
+DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 _JITTER = 1e-6  # of the body's size: enough to make corners that lie in one plane leave it
 _ROUNDING = 1e-9  # by which a hull is larger than computed
 _IN_PLANE = 1e-9  # [m], spread of vertices that lie in a plane
@@ -49,6 +51,8 @@ def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> c
     vertices = np.asarray(mesh.vertices(), dtype=np.float64)
     if not np.isfinite(vertices).all():
         raise InputError(f"mesh of {name!r} has vertices that are not finite")
+    if np.abs(vertices).max(initial=0.0) > LONGEST:
+        raise InputError(f"mesh of {name!r} reaches {np.abs(vertices).max():g} m, {LONGEST:g} m are the most")
     if not len(vertices):
         raise InputError(f"mesh of {name!r} has no vertices")
     thin = _thin_directions(vertices)

@@ -15,6 +15,7 @@ from safe_ompl.common import FloatArray, InputError, documents as document, fini
 
 _log = logging.getLogger(__name__)
 
+LONGEST = 1e4  # [m] of a size or a distance from the origin: what is larger is a slip of unit
 UNLIKELY = 100.0  # [m] from the origin of a robot's world: more is taken for millimetres, and said
 _FULL_TURN = 6.3  # [rad] more is taken for degrees, and said
 _ROUNDING = 1e-12  # a quaternion this close to unit length is left as it is
@@ -44,7 +45,7 @@ class Pose:
     Raises
     ------
     InputError
-        If a number is not finite, or the quaternion is not of unit length.
+        If a number is not finite, a position farther than 10 000 m away, or the quaternion is not of unit length.
     """
 
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -57,6 +58,8 @@ class Pose:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", document.numbers("position", self.position, 3))
         farthest = max(self.position, key=abs)
+        if abs(farthest) > LONGEST:
+            raise InputError(f"{list(self.position)} is farther than {LONGEST:g} m away; are they metres?", "position")
         if abs(farthest) > UNLIKELY:
             warn_once(
                 _log,

@@ -22,13 +22,13 @@ from safe_ompl.common import FloatArray, InputError, IntArray, Section, document
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.cells import Cells
 from safe_ompl.geometry.hulls import convex_hull, triangle_tree
-from safe_ompl.geometry.pose import UNLIKELY, Pose
+from safe_ompl.geometry.meshes import MESH_ENDINGS, read_mesh
+from safe_ompl.geometry.pose import LONGEST, UNLIKELY, Pose
 from safe_ompl.geometry.surfaces import Triangles
 
 _log = logging.getLogger(__name__)
 
 _FLAT = 1e-6  # [m]; a thinner mesh has no volume: broad-phase managers drop it in silence
-LONGEST = 1e4  # [m] of a size: what is larger is a slip of unit
 
 
 def _settle_boxes() -> None:
@@ -249,16 +249,16 @@ class Mesh(Shape):
     Parameters
     ----------
     file : path-like
-        An STL, OBJ, DAE or PLY file.
+        An STL, OBJ, DAE or PLY file. The unit and the upward axis of a DAE are obeyed: its upward axis is z here.
     scale : sequence of 3 float, optional
-        Factors along x, y and z that turn the file's units into metres.
+        Factors along x, y and z that turn the units of other files into metres.
     convex : bool, optional
         True: the solid convex hull. False: the triangles themselves, which are hollow: a link that is wholly
         inside does not collide.
     """
 
     kind: ClassVar[str] = "mesh"
-    file: Path = key(document.file, endings=(".stl", ".obj", ".dae", ".ply"))
+    file: Path = key(document.file, endings=MESH_ENDINGS)
     scale: tuple[float, ...] = key(document.numbers, default=(1.0, 1.0, 1.0), count=3, above=0.0)
     convex: bool = key(document.flag, default=True)
 
@@ -273,7 +273,8 @@ class Mesh(Shape):
     @cached_property
     def surface(self) -> Triangles:
         """Vertices, shape (V, 3) [m], and triangles, shape (F, 3), of the obstacle: of its hull if convex."""
-        vertices, faces = _load(self.file, self.scale)
+        with document.within("file", ": "):
+            vertices, faces = read_mesh(self.file, np.array(self.scale))
         _check_volume(self.file, vertices)
         if not self.convex:
             return vertices, faces
@@ -306,18 +307,6 @@ def array_digest(*arrays: FloatArray | IntArray) -> str:
     for array in arrays:
         state.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
     return state.hexdigest()
-
-
-def _load(file: Path, scale: tuple[float, ...]) -> Triangles:
-    try:
-        tree = coal.MeshLoader().load(str(file), np.array(scale))
-    except (ValueError, RuntimeError) as error:
-        reason = str(error).split("message: ")[-1].replace("\n", " ").strip()
-        raise InputError(f"{file} cannot be read as a mesh: {reason}", "file") from None
-    if not tree.num_tris:
-        raise InputError(f"{file} has no triangles; points alone are a pointcloud", "file")
-    faces = [[tree.tri_indices(k)[i] for i in range(3)] for k in range(tree.num_tris)]
-    return np.array(tree.vertices()), np.array(faces, dtype=np.intp).reshape(-1, 3)
 
 
 def _check_volume(file: Path, vertices: FloatArray) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
 from safe_ompl.common import FloatArray, InputError, documents as document, files, listed
 from safe_ompl.io.motions import JointPath, kept_columns, read_table
@@ -357,10 +356,7 @@ def _seconds(value: Any) -> float | None:
     return None if value is None else document.number("time_from_start", value)
 
 
-_YAML = Form(
-    partial(_from_document, read=_read_yaml),
-    partial(_as_message, write=lambda content: str(yaml.safe_dump(content, sort_keys=False))),
-)
+_YAML = Form(partial(_from_document, read=_read_yaml), partial(_as_message, write=files.dump_document))
 FORMS: dict[str, Form] = {
     ".csv": Form(_from_table, partial(_as_table, delimiter=",")),
     ".tsv": Form(_from_table, partial(_as_table, delimiter="\t")),

@@ -260,10 +260,14 @@ class TimedMotion:
                 name: np.array([np.inf if v is None else document.number(f"bounds.{name}", v) for v in values])
                 for name, values in bounds.items()
             },
-            tuple(document.sequence("binding", document.require(data, "binding"))),
+            document.each("binding", document.require(data, "binding"), _name_or_none),
             about.danger,
             str(data.get("planner") or ""),
         )
+
+
+def _name_or_none(key: str, value: Any) -> str | None:
+    return None if value is None else document.text(key, value)
 
 
 def _points(points: Sequence[Any], n: int) -> tuple[FloatArray, FloatArray]:

@@ -26,7 +26,6 @@ OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can p
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 _MOST_CHARACTERS = 270_000_000  # of all files that travel in one document
 _MOST_BYTES = 500_000_000  # of these, unpacked
-_PACKAGE = "package://"
 
 
 class NotPlainError(InputError):
@@ -186,10 +185,7 @@ def _mesh_places(name: str, given: Sequence[Path]) -> Iterator[Path]:
         yield folder.joinpath(*steps)
     if examples is not None:
         yield examples.parents[1].joinpath(*steps)
-    if name.startswith(_PACKAGE):
-        found = PackageFolders(Path("/"), [folder.resolve() for folder in given]).find(_PACKAGE + "/".join(steps))
-        if found is not None:
-            yield found
+    yield from PackageFolders(Path("/"), given).elsewhere(steps)
 
 
 def _steps(name: str) -> tuple[str, ...] | None:

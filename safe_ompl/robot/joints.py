@@ -27,6 +27,7 @@ _WRIST = re.compile(r"wrist|roll|pitch|yaw")
 _PART_OF_FINGER = re.compile(r"finger|jaw|knuckle|thumb")
 # Words in names of links that are no end of an arm.
 _SENSOR = re.compile(r"camera|optical|accelerometer|gyro|lidar|laser|sensor|infra|depth|(^|_)(imu|range|rgb|scan)(_|$)")
+_UNLIMITED = float(np.finfo(np.float32).max)  # what this or more is limits nothing
 _LINK = " (link)"  # tells a link from a joint of the same name
 
 
@@ -119,7 +120,7 @@ def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tu
 def has_range(full: pin.Model, joint: int) -> bool:
     """Return whether a joint can be planned for: it has one value, and limits unless it is continuous."""
     ends = limits_of(full, full.names[joint]) or (0.0, 0.0)
-    return full.joints[joint].nv == 1 and all(abs(end) < np.finfo(np.float32).max for end in ends)
+    return full.joints[joint].nv == 1 and all(abs(end) < _UNLIMITED for end in ends)
 
 
 def limits_of(model: pin.Model, name: str) -> tuple[float, float] | None:
@@ -280,7 +281,7 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
     """Return lower and upper limits (n,) [rad or m], ±π where joints are continuous; InputError if one has no range."""
     limits = np.array([limits_of(model, name) or (-np.pi, np.pi) for name in list(model.names)[1:]])
     for name, (low, high) in zip(list(model.names)[1:], limits, strict=True):
-        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        if not (-_UNLIMITED < low < high < _UNLIMITED):
             raise InputError(f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source)
     lower, upper = np.ascontiguousarray(limits.T)
     return lower, upper

@@ -47,7 +47,7 @@ _log = logging.getLogger(__name__)
 
 Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 
-_ENDINGS = {"urdf": (".urdf", ".xml", ".xacro"), "srdf": (".srdf", ".xml")}
+_ENDINGS = {"urdf": (".urdf", ".xml", ".xacro"), "srdf": (".srdf", ".xml", ".xacro")}
 _OF_FILES = ("srdf", "package_dirs", "xacro_args")
 _OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "group", "free")
 _GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
@@ -299,7 +299,12 @@ class RobotSpec(Section):
     def urdf_file(self) -> UrdfFile:
         """Read the URDF, which there must be."""
         assert self.urdf is not None
-        return UrdfFile(self.urdf, self.package_dirs, self.xacro_args)
+        for_srdf = self.srdf is not None and self.srdf.suffix == ".xacro"
+        return UrdfFile(self.urdf, self.package_dirs, self.xacro_args, may_be_plain=for_srdf)
+
+    def srdf_file(self) -> SrdfFile | None:
+        """Read the SRDF, if there is one."""
+        return None if self.srdf is None else SrdfFile(self.srdf, self.package_dirs, self.xacro_args)
 
     def assemble(self) -> RobotParts:
         """Build the parts of the robot; errors as `Robot.from_urdf`."""
@@ -376,7 +381,7 @@ class RobotSpec(Section):
         drop_fixed_pairs(collision_model)
         if not len(collision_model.collisionPairs):
             samples = sample_configurations(model, mimics=mimics)
-            select_self_pairs(model, collision_model, self.srdf, samples, name)
+            select_self_pairs(model, collision_model, self.srdf_file(), samples, name)
 
         def visual() -> pin.GeometryModel | None:
             drawn = read_visual()
@@ -410,6 +415,7 @@ class RobotSpec(Section):
         return {**locked, **idle}
 
     def _groups(self, source: str) -> SrdfFile:
-        if self.srdf is None:
+        srdf = self.srdf_file()
+        if srdf is None:
             raise InputError("group is a name of an SRDF: give the SRDF", source)
-        return SrdfFile(self.srdf)
+        return srdf

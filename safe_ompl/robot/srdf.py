@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,20 +20,40 @@ from safe_ompl.robot.collision import (
     sample_configurations,
 )
 from safe_ompl.robot.joints import limits_of
-from safe_ompl.robot.urdf import UrdfFile, existing_file
+from safe_ompl.robot.urdf import PackageFolders, UrdfFile, existing_file, read_xml
 
 _log = logging.getLogger(__name__)
 
 
 class SrdfFile:
-    """The groups of an SRDF; raises InputError if the file is missing or is none."""
+    """The groups of an SRDF, and the pairs of links that it disables; raises InputError if the file is missing or none.
 
-    def __init__(self, path: str | Path) -> None:
+    A file that holds xacro is expanded as a URDF is, see `UrdfFile`.
+    """
+
+    def __init__(
+        self, path: str | Path, package_dirs: Sequence[str | Path] = (), xacro_args: Mapping[str, str] | None = None
+    ) -> None:
         self.path = existing_file(path, "SRDF")
-        try:
-            self._root = ElementTree.parse(self.path).getroot()
-        except ElementTree.ParseError as error:
-            raise InputError(f"not a valid SRDF ({error})", str(path)) from None
+        self._root, _ = read_xml(self.path, str(path), PackageFolders(self.path, package_dirs), xacro_args, "SRDF")
+        self._disabled, self._enabled = (self._pairs_of(f"{word}_collisions") for word in ("disable", "enable"))
+        tags = self._root.iter("disable_default_collisions")
+        self._off_by_default = frozenset(tag.get("link", "") for tag in tags)
+
+    def _pairs_of(self, tag: str) -> frozenset[frozenset[str]]:
+        return frozenset(frozenset((pair.get("link1", ""), pair.get("link2", ""))) for pair in self._root.iter(tag))
+
+    def disables(self, first: str, second: str) -> bool:
+        """Return whether two links are not checked against each other.
+
+        As in MoveIt `disable_collisions` come first, then `enable_collisions`, then `disable_default_collisions`.
+        """
+        pair = frozenset((first, second))
+        return pair in self._disabled or not (pair in self._enabled or pair.isdisjoint(self._off_by_default))
+
+    def text(self) -> str:
+        """Return the text of the SRDF, expanded."""
+        return ElementTree.tostring(self._root, encoding="unicode")
 
     def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
         """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups."""

@@ -6,6 +6,7 @@ it drops all shapes of the link: what it leaves out would be "proven free".
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import re
@@ -20,8 +21,11 @@ from xml.parsers import expat
 import coal
 import pinocchio as pin
 
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, UnknownNameError, warn_once, within
+from safe_ompl.geometry import LONGEST, check_mesh
 from safe_ompl.robot.joints import Mimic
+
+_log = logging.getLogger(__name__)
 
 _EXPRESSION = re.compile(r"\$[{(][^})]*[})]")
 _SIZES = {  # attributes of each shape, and how many positive numbers they hold
@@ -31,6 +35,16 @@ _SIZES = {  # attributes of each shape, and how many positive numbers they hold
 }
 _MESH = "mesh"
 _MOVING = ("revolute", "continuous", "prismatic", "planar")
+_KINDS = (*_MOVING, "fixed", "floating")
+_LIMITED = ("revolute", "prismatic")
+_JOINT_NUMBERS = {  # attributes of the tags of a joint that hold a number
+    "limit": ("lower", "upper", "effort", "velocity"),
+    "dynamics": ("damping", "friction"),
+    "mimic": ("multiplier", "offset"),
+    "calibration": ("rising", "falling"),
+    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
+}
+_INERTIAL_NUMBERS = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
 _PACKAGE = "package://"
 _MANIFEST = "package.xml"
 
@@ -42,8 +56,11 @@ class PackageFolders:
     the folders of ROS_PACKAGE_PATH, and `share` in those of AMENT_PREFIX_PATH.
     """
 
-    def __init__(self, urdf: Path, given: Sequence[Path]) -> None:
-        self._urdf, self._given = urdf, tuple(given)
+    def __init__(self, urdf: Path, given: Sequence[str | Path]) -> None:
+        self._urdf, self._given = urdf, tuple(Path(folder).resolve() for folder in given)
+        for folder in self._given:
+            if not folder.is_dir():
+                raise InputError(f"package folder {str(folder)!r} does not exist", str(urdf))
 
     def find(self, mesh: str) -> Path | None:
         """Return the file of a mesh by its name in the URDF, or None if there is none."""
@@ -53,6 +70,7 @@ class PackageFolders:
         name = re.sub("^(package|file)://", "", mesh)
         if not mesh.startswith(_PACKAGE):
             yield from (folder / name for folder in (self._urdf.parent, *self._given))
+            yield from self.elsewhere(Path(name).parts[1:]) if Path(name).is_absolute() else ()
             return
         yield from (folder / name.lstrip("/") for folder in (*self._given, *self._urdf.parents))
         package, _, file = name.partition("/")
@@ -60,6 +78,15 @@ class PackageFolders:
             yield from (folder / file for folder in self.named(package))
         else:  # it is a path, whole or below one of the folders
             yield Path(name)
+
+    def elsewhere(self, steps: Sequence[str]) -> Iterator[Path]:
+        """Yield where a file may be that was at a path on another machine, where xacro wrote it for `$(find PKG)`.
+
+        One of the folders of the path, `steps`, may be a package, or be in a folder that is given.
+        """
+        for k, step in enumerate(steps[:-1]):
+            yield from (folder.joinpath(*steps[k:]) for folder in self._given)
+            yield from (folder.joinpath(*steps[k + 1 :]) for folder in self.named(step))
 
     def named(self, package: str) -> list[Path]:
         """Return the folders of a package, the nearest first."""
@@ -118,12 +145,12 @@ def parsed(path: Path) -> ElementTree.Element:
     return tree.close()
 
 
-def _xacro_evidence(root: ElementTree.Element) -> str | None:
-    """Return one of xacro's tags that `root` holds, or an expression in what describes links and joints; or None."""
+def _xacro_evidence(root: ElementTree.Element, kind: str) -> str | None:
+    """Return one of xacro's tags or expressions in a file, or None; elsewhere in a URDF, others have expressions."""
     for element in root.iter():
         if element.tag.startswith("xacro:"):
             return f"<{element.tag}>"
-    for part in (part for part in root if part.tag in ("link", "joint")):
+    for part in (part for part in root if kind != "URDF" or part.tag in ("link", "joint")):
         for text in (text for element in part.iter() for text in element.attrib.values()):
             expression = _EXPRESSION.search(text)
             if expression is not None:
@@ -132,7 +159,7 @@ def _xacro_evidence(root: ElementTree.Element) -> str | None:
 
 
 def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]) -> ElementTree.Element:
-    """Return the outermost tag of the URDF that xacro makes of a file; `packages` are those that `$(find …)` names."""
+    """Return the outermost tag of what xacro makes of a file; `packages` are those that `$(find …)` names."""
     import xacro
     from xacro import substitution_args
 
@@ -146,43 +173,104 @@ def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]
     try:
         return ElementTree.fromstring(xacro.process_file(str(path), mappings=dict(arguments)).toxml())
     except Exception as error:  # of any kind: files hold expressions of Python
-        raise InputError(f"xacro cannot expand it ({' '.join(str(error).split())})", str(path)) from None
+        raise InputError(f"xacro cannot expand it ({_reason(error)})", str(path)) from None
     finally:
         substitution_args._eval_find = finds
 
 
-def _read(
-    path: Path, source: str, packages: PackageFolders, arguments: Mapping[str, str] | None
-) -> ElementTree.Element:
-    """Return the outermost tag of a URDF, which xacro has expanded if it had to be."""
+def _reason(error: BaseException) -> str:
+    """Return what an error of xacro says, without the class of another error that it passes on."""
+    about = getattr(error, "exc", None)
+    if about is None:
+        return " ".join(str(error).split())
+    own = "" if str(error).startswith("<class") else str(error.args[0] or "")
+    return " ".join(f"{own} {_reason(about)} {getattr(error, 'suffix', None) or ''}".split())
+
+
+def read_xml(
+    path: Path, source: str, packages: PackageFolders, arguments: Mapping[str, str] | None, kind: str
+) -> tuple[ElementTree.Element, bool]:
+    """Return the outermost tag of a URDF or SRDF, and whether xacro has expanded it."""
     try:
         root = parsed(path)
     except ElementTree.ParseError as error:
-        raise InputError(f"not well-formed XML ({error})", source) from None
-    evidence = _xacro_evidence(root)
-    if evidence is None:
-        if arguments:
-            raise InputError(f"holds no xacro that could take the arguments {', '.join(arguments)}", source)
-        return root
-    if arguments is not None:
+        raise InputError(f"not a valid {kind}: it is not well-formed XML ({error})", source) from None
+    evidence, expanded = _xacro_evidence(root, kind), False
+    if evidence is not None and arguments is not None:
         with suppress(ModuleNotFoundError):
-            return _expanded(path, packages, arguments)
-    raise InputError(
-        f"a xacro file, not yet a URDF (it holds {evidence}); `pip install xacro`, and it is expanded", source
-    )
+            root, expanded = _expanded(path, packages, arguments), True
+    if evidence is not None and not expanded:
+        raise InputError(
+            f"a xacro file, not yet a {kind} (it holds {evidence}); `pip install xacro`, and it is expanded", source
+        )
+    if root.tag != "robot":
+        raise InputError(f"not a {kind}: the outermost tag is <{root.tag}>, not <robot>", source)
+    return root, expanded
 
 
 def _check_joints(root: ElementTree.Element, source: str) -> None:
-    """Raise InputError if a joint has an axis of length zero, or an axis or origin that is not finite."""
+    """Raise InputError if a joint is of no known kind, lacks limits that it needs, or holds numbers that are none."""
     for joint in root.findall("joint"):
-        where = f"joint {joint.get('name')!r}"
+        where, kind = f"joint {joint.get('name')!r}", joint.get("type", "")
+        if kind not in _KINDS:
+            raise UnknownNameError(f"type of {where}", kind, _KINDS, source)
         _check_origin(joint, where, source)
         axis = joint.find("axis")
-        if axis is None or joint.get("type") not in _MOVING:
-            continue
-        values = _finite_numbers(axis, "xyz", 3, f"{where}: axis", source, default="1 0 0")
-        if not any(values):
-            raise InputError(f"{where}: its axis is {axis.get('xyz')!r}; it must have a direction", source)
+        if axis is not None and kind in _MOVING:
+            values = _finite_numbers(axis, "xyz", 3, f"{where}: axis", source, default="1 0 0")
+            if not any(values):
+                raise InputError(f"{where}: its axis is {axis.get('xyz')!r}; it must have a direction", source)
+        _check_numbers(joint, _JOINT_NUMBERS, where, source)
+        limit = joint.find("limit")
+        if limit is None and kind in _LIMITED:
+            needed = '<limit lower="…" upper="…" effort="…" velocity="…"/>'
+            raise InputError(f"{where}: it has no <limit>, and a {kind} joint needs one: {needed}", source)
+        for attribute in ("effort", "velocity"):
+            if limit is not None and float(limit.get(attribute, "0")) < 0:
+                given = limit.get(attribute)
+                raise InputError(f"{where}: limit: {attribute}={given!r} must be a number >= 0", source)
+
+
+def _check_inertials(root: ElementTree.Element, source: str) -> None:
+    for link in root.findall("link"):
+        for inertial in link.findall("inertial"):
+            where = f"link {link.get('name')!r}: inertial"
+            _check_origin(inertial, where, source)
+            _check_numbers(inertial, _INERTIAL_NUMBERS, where, source)
+
+
+def _check_numbers(element: ElementTree.Element, numbers: Mapping[str, Sequence[str]], where: str, source: str) -> None:
+    """Raise InputError if an attribute of a tag in `element` is no number: "-1,5", say. Infinite ones are numbers."""
+    for child in element:
+        for attribute in numbers.get(child.tag, ()):
+            text = child.get(attribute, "0")
+            try:
+                if not math.isnan(float(text)):
+                    continue
+            except ValueError:
+                pass
+            raise InputError(f"{where}: {child.tag}: {attribute}={text!r} must be a number", source)
+
+
+def _drop_empty_shapes(root: ElementTree.Element, source: str) -> None:
+    """Drop shapes of size zero, which some exporters write where a link has none; say so once."""
+    links = set()
+    for link in root.findall("link"):
+        for element in (*link.findall("collision"), *link.findall("visual")):
+            if any(map(_is_empty, element.findall("geometry/*"))):
+                link.remove(element)
+                links.add(link.get("name", ""))
+    if links:
+        warn_once(_log, f"{source}: shapes of size zero are taken for none, those of {', '.join(sorted(links))}")
+
+
+def _is_empty(shape: ElementTree.Element) -> bool:
+    """Return whether the sizes of a shape are given, and all zero."""
+    words = [word for name in _SIZES.get(shape.tag, ()) for word in shape.get(name, "").split()]
+    try:
+        return bool(words) and not any(map(float, words))
+    except ValueError:
+        return False
 
 
 def _check_shape(element: ElementTree.Element, where: str, source: str) -> None:
@@ -201,7 +289,7 @@ def _check_shape(element: ElementTree.Element, where: str, source: str) -> None:
             raise InputError(f"{where}: the scale {shape.get('scale')!r} makes the mesh flat", source)
         return
     for attribute, count in _SIZES[shape.tag].items():
-        values = _finite_numbers(shape, attribute, count, f"{where}: {shape.tag}", source)
+        values = _finite_numbers(shape, attribute, count, f"{where}: {shape.tag}", source, most=LONGEST)
         if min(values) <= 0:
             given = shape.get(attribute)
             raise InputError(f"{where}: the {attribute} of its {shape.tag} is {given!r}; it must be > 0", source)
@@ -210,12 +298,18 @@ def _check_shape(element: ElementTree.Element, where: str, source: str) -> None:
 def _check_origin(element: ElementTree.Element, where: str, source: str) -> None:
     origin = element.find("origin")
     if origin is not None:
-        for attribute in ("xyz", "rpy"):
-            _finite_numbers(origin, attribute, 3, f"{where}: origin", source, default="0 0 0")
+        for attribute, most in (("xyz", LONGEST), ("rpy", math.inf)):
+            _finite_numbers(origin, attribute, 3, f"{where}: origin", source, default="0 0 0", most=most)
 
 
 def _finite_numbers(
-    element: ElementTree.Element, attribute: str, count: int, where: str, source: str, default: str = ""
+    element: ElementTree.Element,
+    attribute: str,
+    count: int,
+    where: str,
+    source: str,
+    default: str = "",
+    most: float = math.inf,
 ) -> list[float]:
     text = element.get(attribute, default)
     try:
@@ -225,6 +319,8 @@ def _finite_numbers(
     if len(values) != count or not all(map(math.isfinite, values)):
         needed = f"{count} finite numbers" if count > 1 else "a finite number"
         raise InputError(f"{where}: {attribute}={text!r} must be {needed}", source)
+    if max(map(abs, values)) > most:
+        raise InputError(f"{where}: {attribute}={text!r} must be at most {most:g} m", source)
     return values
 
 
@@ -247,31 +343,35 @@ class UrdfFile:
     """A URDF file with its package folders; those above the URDF are searched too for `package://` names.
 
     A file that holds xacro is expanded with `xacro_args`; None refuses it: xacro evaluates expressions of Python, which
-    files that others made should not hold. What is malformed is an InputError.
+    files that others made should not hold. What is malformed is an InputError, and so are arguments for a file without
+    xacro, unless it `may_be_plain`, as they may be meant for an SRDF.
     """
 
     def __init__(
-        self, path: str | Path, package_dirs: Sequence[str | Path] = (), xacro_args: Mapping[str, str] | None = None
+        self,
+        path: str | Path,
+        package_dirs: Sequence[str | Path] = (),
+        xacro_args: Mapping[str, str] | None = None,
+        *,
+        may_be_plain: bool = False,
     ) -> None:
         self.path = existing_file(path, "URDF")
-        folders = [Path(folder).resolve() for folder in package_dirs]
-        for folder in folders:
-            if not folder.is_dir():
-                raise InputError(f"package folder {str(folder)!r} does not exist", str(path))
-        self._packages = PackageFolders(self.path, folders)
-        self._root = _read(self.path, str(path), self._packages, xacro_args)
-        if self._root.tag != "robot":
-            raise InputError(f"not a URDF: the outermost tag is <{self._root.tag}>, not <robot>", str(path))
+        self._packages = PackageFolders(self.path, package_dirs)
+        self._root, expanded = read_xml(self.path, str(path), self._packages, xacro_args, "URDF")
+        if xacro_args and not (expanded or may_be_plain):
+            raise InputError(f"holds no xacro that could take the arguments {', '.join(xacro_args)}", str(path))
         if self._root.find("link") is None:
             raise InputError("not a valid URDF: it has no link", str(path))
         if not self._root.get("name"):  # the parser refuses a robot without one
             self._root.set("name", self.path.stem)
         _check_joints(self._root, str(path))
+        _check_inertials(self._root, str(path))
+        _drop_empty_shapes(self._root, str(path))
 
     def build_model(self) -> pin.Model:
         """Return the kinematic model with all its joints free."""
         try:
-            return pin.buildModelFromXML(self._readable_text)
+            return pin.buildModelFromXML(ElementTree.tostring(self._readable_root(), encoding="unicode"))
         except (ValueError, RuntimeError) as error:
             raise InputError(f"not a valid URDF ({_first_line(error)})", str(self.path)) from None
 
@@ -282,12 +382,10 @@ class UrdfFile:
         for link in self._root.findall("link"):
             for number, element in enumerate(link.findall(tag)):
                 _check_shape(element, f"link {link.get('name')!r}, {tag} {number}", source)
-        self.mesh_files(tag)
+        text = self._text_with_meshes(tag)
         loader = coal.MeshLoader(coal.BV_OBB)  # fast to build
         try:
-            geometry = pin.buildGeomFromUrdfString(
-                model, self._readable_text, kind, package_dirs=[], mesh_loader=loader
-            )
+            geometry = pin.buildGeomFromUrdfString(model, text, kind, package_dirs=[], mesh_loader=loader)
         except (ValueError, RuntimeError) as error:
             reason = str(error).partition("message: ")[2].partition("Hint:")[0] or _first_line(error)
             raise InputError(f"cannot read a mesh ({' '.join(reason.split())})", source) from None
@@ -312,7 +410,11 @@ class UrdfFile:
 
     def text(self, meshes: Mapping[str, str] | None = None) -> str:
         """Return the text of the URDF, expanded, with other names for some of its meshes."""
-        return _text(self._root, meshes or {})
+        root = deepcopy(self._root)
+        for mesh in root.iterfind("link/*/geometry/mesh") if meshes else ():
+            name = mesh.get("filename", "")
+            mesh.set("filename", meshes.get(name, name))
+        return ElementTree.tostring(root, encoding="unicode")
 
     def links_with(self, tag: str) -> frozenset[str]:
         """Return the links that have "collision" or "visual" shapes."""
@@ -328,24 +430,41 @@ class UrdfFile:
             if tag is not None
         }
 
-    @cached_property
-    def _readable_text(self) -> str:
-        """The URDF as the parser can read it: with the paths of its meshes, without what is not a whole inertial."""
+    def _text_with_meshes(self, tag: str) -> str:
+        """Return the URDF as the parser can read it, with the paths of its meshes and scales to metres.
+
+        The unit of a mesh counts, as in RViz, MoveIt and Gazebo. Its axes are those of its link, whichever way its file
+        says is up, as there: TIAGo's collision and visual meshes fit each other only so.
+        """
+        root, files = self._readable_root(), self.mesh_files(tag)
+        frames, turned = {}, []
+        for link in root.findall("link"):
+            for mesh in link.iterfind(f"{tag}/geometry/mesh"):
+                file = files[mesh.get("filename", "")]
+                if file not in frames:
+                    with within(f"{self.path}: link {link.get('name')!r}: {tag} mesh", " "):
+                        frames[file] = check_mesh(file)
+                    turned += [] if frames[file].up == "Z_UP" else [file.name]
+                mesh.set("filename", str(file))
+                if frames[file].unit != 1.0:
+                    scale = (frames[file].unit * float(word) for word in mesh.get("scale", "1 1 1").split())
+                    mesh.set("scale", " ".join(map(repr, scale)))
+        if turned:
+            what = f"{len(turned)} {tag} meshes are in the axes of their links, as in RViz, though their files say "
+            said = f"{self._root.get('name')}: {what}that another axis than z is up"
+            if tag == "collision":
+                warn_once(_log, said)
+            _log.info("%s: %s", said, ", ".join(turned))
+        return ElementTree.tostring(root, encoding="unicode")
+
+    def _readable_root(self) -> ElementTree.Element:
+        """Return a copy of the URDF without what is not a whole inertial: the parser drops all shapes of its link."""
         root = deepcopy(self._root)
         for link in root.findall("link"):
             for inertial in link.findall("inertial"):
                 if inertial.find("mass") is None or inertial.find("inertia") is None:
-                    link.remove(inertial)  # else the parser drops all shapes of the link
-        names = {mesh.get("filename", "") for mesh in root.iterfind("link/*/geometry/mesh")}
-        return _text(root, {name: str(self._packages.find(name) or name) for name in names})
-
-
-def _text(root: ElementTree.Element, meshes: Mapping[str, str]) -> str:
-    root = deepcopy(root)
-    for mesh in root.iterfind("link/*/geometry/mesh"):
-        name = mesh.get("filename", "")
-        mesh.set("filename", meshes.get(name, name))
-    return ElementTree.tostring(root, encoding="unicode")
+                    link.remove(inertial)
+        return root
 
 
 def existing_file(path: str | Path, kind: str) -> Path:

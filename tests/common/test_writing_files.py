@@ -56,3 +56,14 @@ def test_pipes_are_written_directly(tmp_path):
     assert os.read(reader, 100) == b"through"
     os.close(reader)
     assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize(
+    "text", ["1e3", ".5e-3", "no", "On", "0x10", "12:30", "null", "~", "=", "<<", "a: b", "x #y", ""]
+)
+def test_text_stays_text(text):
+    data = {"name": text, "rows": [[text, [1.0, 2.0]]], **({text: 1.0} if text else {})}
+    for written in (files.dump_document(data), files.dump_document(data, flow=None), files.dump_line(data)):
+        assert files.parse_document(written) == data
+    assert "\n" not in files.dump_line(data)
+    assert files.parse_document(f"key: {files.dump_line(text)}") == {"key": text}

@@ -4,6 +4,7 @@ import pickle
 import sys
 
 import pytest
+from self_pairs import self_pairs
 
 from safe_ompl import InputError, Robot
 from safe_ompl.io.problems import built_robot, carried_robot
@@ -60,6 +61,31 @@ def test_xacro_is_expanded(macros, data_folder, tmp_path):
     assert len(hashes) == 1
 
 
+SRDF = """
+<xacro:macro name="off" params="a b"><disable_collisions link1="${a}" link2="${b}" reason="Never"/></xacro:macro>
+<xacro:off a="base" b="lower"/><group name="$(arg prefix)arm"><chain base_link="base" tip_link="hand"/></group>
+"""
+
+
+def test_an_srdf_in_xacro_is_expanded(data_folder, tmp_path):
+    """With the arguments of the URDF; files carry what was expanded, and what others sent is not expanded."""
+    pytest.importorskip("xacro")
+    urdf, srdf = data_folder / "gripper_arm.urdf", tmp_path / "arm.srdf.xacro"
+    srdf.write_text(XACRO.format(SRDF))
+    with pytest.raises(InputError, match=r"arm.srdf.xacro: a xacro file, not yet a SRDF \(it holds <xacro:macro>\)"):
+        Robot.from_urdf(urdf, srdf, xacro_args=None)
+    robot = Robot.from_urdf(urdf, srdf, group="my_arm", xacro_args={"prefix": "my_"})
+    assert robot.joint_names == ("turn", "elbow")
+    pairs = self_pairs(robot)
+    assert frozenset(("base_0", "lower_0")) not in pairs
+    assert frozenset(("base_0", "hand_0")) in pairs
+    carried = carried_robot(robot)
+    assert robot_hash(built_robot(carried)) == robot_hash(robot)
+    carried["recipe"]["srdf"]["text"] = srdf.read_text()
+    with pytest.raises(InputError, match="not yet a SRDF"):
+        built_robot(carried)
+
+
 def test_what_others_sent_is_never_expanded(macros):
     """Expressions of xacro are Python."""
     carried = carried_robot(Robot.from_urdf(macros, tip="hand", xacro_args={"prefix": ""}))
@@ -73,6 +99,18 @@ def test_what_others_sent_is_never_expanded(macros):
     [
         (XACRO.format('<link name="${size}"/>'), {}, "xacro cannot expand it.*size"),
         (XACRO.format('<xacro:include filename="$(find none)/a"/>'), {}, "package 'none' not found.*package dir"),
+        (
+            XACRO.format('<link name="$(find none)"/>'),
+            {},
+            r"xacro cannot expand it \(package 'none' not found; give the",
+        ),
+        (
+            XACRO.format('<link name="$(env NONE)"/>'),
+            {},
+            r"cannot expand it \(environment variable 'NONE' is not set\)",
+        ),
+        (XACRO.format('<link name="$(eval 1+)"/>'), {}, r"cannot expand it \(invalid syntax"),
+        (XACRO.format('<link name="$(arg none)"/>'), {}, r"cannot expand it \(Undefined substitution argument none\)"),
         (XACRO.format('<link name="base"/>'), {"prefix": "a"}, "no xacro that could take the arguments prefix"),
     ],
 )
@@ -121,6 +159,27 @@ def test_packages_are_found_by_their_manifest(workspace, tmp_path, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setenv(variable, f"{tmp_path / 'nowhere'}:{folder}")
             assert Robot.from_urdf(lonely).n == 6
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "file:///opt/ros/jazzy/share/twin_meshes/files/wedge.obj",
+        "/opt/ros/jazzy/share/twin_meshes/files/wedge.obj",
+        "file:///home/someone/work/src/twin_meshes/files/wedge.obj",
+        "file:///opt/ros/share/meshes-v2/files/wedge.obj",
+    ],
+)
+def test_meshes_that_xacro_named_on_another_machine(workspace, tmp_path, name):
+    """`file://$(find PKG)/…` is a path where it was expanded; here the package, or its folder, is elsewhere."""
+    lonely = tmp_path / "elsewhere" / "twin.urdf"
+    lonely.parent.mkdir()
+    lonely.write_text(workspace.read_text().replace("package://twin_meshes/files/wedge.obj", name))
+    with pytest.raises(InputError, match=f"collision mesh '{name}' not found"):
+        Robot.from_urdf(lonely)
+    robot = Robot.from_urdf(lonely, package_dirs=[tmp_path / "src"])
+    carried = carried_robot(robot)
+    assert robot_hash(built_robot(carried, package_dirs=[tmp_path / "src"])) == robot_hash(robot)
 
 
 @pytest.mark.parametrize("whole", [False, True])

@@ -124,7 +124,7 @@ def test_reads_every_legal_ply(tmp_path):
         "ply\nformat ascii 1.0\ncomment end_header comes later\nobj_info end_header\n"
         "element camera 1\nproperty float fov\n"
         "element vertex 2\nproperty list uchar int near\nproperty float x\nproperty float y\n"
-        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "property float z\nelement range_grid 1\nproperty list uchar int vertex_indices\nend_header\n"
         "0.5\n2 7 8 1 2 3\n0 nan 5 6\n3 0 1 1\n"
     )
     assert PointCloud(0.01, file).centres.tolist() == [[1, 2, 3]]

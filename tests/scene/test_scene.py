@@ -268,6 +268,7 @@ def test_parts_have_names_and_places(kitchen):
         (lambda: Obstacle("a", Sphere(1), 7), "pose: must be a Pose, a pin.SE3 or a 4×4 matrix, got 7"),
         (lambda: Obstacle("a", Sphere(1), 2 * np.eye(4)), "pose: must be a rigid transform, got [[2.0"),
         (lambda: Obstacle("a", Sphere(1), np.diag([1, 1, -1, 1])), "pose: must be a rigid transform"),
+        (lambda: Pose((0, 1e160, 0)), "position: [0.0, 1e+160, 0.0] is farther than 10000 m away; are they metres?"),
         (lambda: Box((1e12, 1, 1)), "size: must be a finite number in (0, 10000], got 1000000000000.0"),
         (lambda: Box((1, 1)), "size: must be 3 numbers, got 2"),
         (lambda: Box("big"), "size: must be a list, got str 'big'"),

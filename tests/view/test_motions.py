@@ -80,6 +80,16 @@ def test_a_motion_comes_back_from_its_file(motion, trajectory, tmp_path):
     assert back.scene == motion.scene
 
 
+@pytest.mark.parametrize("wrong", [[], {}, 1.0, ""])
+def test_what_binds_is_a_name_or_nothing(motion, trajectory, tmp_path, wrong):
+    file = tmp_path / "motion.json"
+    content = marked("trajectory", {**trajectory.as_dict(50.0), **motion.to_mapping()})
+    content["binding"][3] = wrong
+    file.write_text(strict_json(content), encoding="utf-8")
+    with pytest.raises(InputError, match=r"motion.json: binding\[3\]: must be text"):
+        load(file)
+
+
 def test_no_sample_is_faster_than_its_bounds(motion):
     assert "separation" in motion.bounds
     for values in motion.bounds.values():

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import yaml
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
@@ -114,11 +113,11 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
     What the spec leaves open is chosen: group and tip as the SRDF has them, or else the arm that the joints tell.
     """
     assert given.urdf is not None
-    urdf = UrdfFile(given.urdf, given.package_dirs, given.xacro_args)
+    urdf = given.urdf_file()
     full = urdf.build_model()
     # A joint that mimics one which does not exist is held as any other.
     mimics = {name: mimic for name, mimic in urdf.mimics().items() if full.existJointName(mimic.primary)}
-    srdf = None if given.srdf is None else SrdfFile(given.srdf)
+    srdf = given.srdf_file()
     if srdf is None and given.group:
         raise InputError("is a name of an SRDF: give --srdf, too", "--group")
     group, tip, moving = _arm(full, mimics, srdf, given)
@@ -280,12 +279,12 @@ class New:
 
     def _text(self, person: Obstacle, start: FloatArray, goal: FloatArray) -> str:
         robot = self.spec.to_mapping(self.file.parent)
-        lines = yaml.safe_dump({"robot": robot}, sort_keys=False, default_flow_style=None, width=100)
+        lines = files.dump_document({"robot": robot}, flow=None, width=100)
         x, y, z = person.pose.position
         yaw = _yaw(person)
         return f"""\
 # A scenario for safe-ompl; lengths in metres, angles in radians. What else there is: docs/scene.md and docs/goals.md
-name: {self.file.stem}
+name: {files.dump_line(self.file.stem)}
 
 # The joints in `locked` are held where it says.
 {lines}
@@ -320,7 +319,7 @@ def _touching(checker: CollisionChecker, samples: FloatArray) -> list[str]:
 
 def _by_joint(robot: Robot, q: FloatArray) -> str:
     values = dict(zip(robot.joint_names, np.round(q, 2).tolist(), strict=True))
-    return yaml.safe_dump(values, sort_keys=False, default_flow_style=True, width=np.inf).strip()
+    return files.dump_line(values)
 
 
 def _write_srdf(urdf: UrdfFile, file: str, collision: str) -> int:

@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import yaml
 
 from safe_ompl.collision import CollisionChecker
-from safe_ompl.common import FloatArray, InputError, SafeOmplError
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.geometry import Pose
 from safe_ompl.planning import ProgramResult, plan_program
-from safe_ompl.robot import Robot, RobotSpec, UrdfFile, finger_joints, has_range
+from safe_ompl.robot import Robot, RobotSpec, finger_joints, has_range
 from safe_ompl.scene import Scenario, Scene
 from safe_ompl.tasks import configurations_at
 from safe_ompl.view import RobotBody
@@ -40,7 +39,7 @@ class Gripper:
     def __init__(self, spec: RobotSpec, tip: str) -> None:
         assert spec.urdf is not None
         self._where = str(spec.urdf)
-        urdf = UrdfFile(spec.urdf, spec.package_dirs, spec.xacro_args)
+        urdf = spec.urdf_file()
         full, mimics, known = urdf.build_model(), urdf.mimics(), finger_joints(urdf.build_model())
         hand = full.subtrees[next(frame for frame in full.frames if frame.name == tip).parentJoint]
         fingers = [full.names[joint] for joint in hand if full.names[joint] in known]
@@ -202,11 +201,10 @@ def _rounded(values: FloatArray) -> Any:
 
 def block(value: Any, indent: str = "") -> str:
     """Return plain data as YAML: what fits is on one line."""
-    line = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=np.inf).removesuffix("...\n").strip()
+    line = files.dump_line(value)
     if not isinstance(value, (dict, list)) or (indent and len(indent) + len(line) < _LINE):
         return f" {line}"
     if isinstance(value, list):
         return "".join(f"\n{indent}- {block(item, indent + '  ').lstrip()}" for item in value)
-    return "".join(f"\n{indent}{key}:{block(item, indent + '  ')}" for key, item in value.items()).lstrip(
-        "\n" * (not indent)
-    )
+    lines = (f"\n{indent}{files.dump_line(key)}:{block(item, indent + '  ')}" for key, item in value.items())
+    return "".join(lines).lstrip("\n" * (not indent))

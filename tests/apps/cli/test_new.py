@@ -55,6 +55,24 @@ def test_a_new_scenario_can_be_planned(urdf, tmp_path, capsys):
     assert json.loads(result.read_text())["certified"]
 
 
+@pytest.mark.parametrize("name", ["1e3", "no", "0x10", "12:30", "null", "~", "1_000", "a: b", "- c", "2026-11-29"])
+def test_joints_may_have_names_that_yaml_takes_for_something_else(urdf, tmp_path, name):
+    urdf.write_text(SCARA.replace('"elbow"', f'"{name}"'))
+    file = tmp_path / ("no.yaml" if name == "no" else "1e3.yaml")
+    assert main(["new", str(urdf), "-o", str(file)]) == 0
+    scenario = Scenario.load(file)
+    assert scenario.name == file.stem
+    assert scenario.build_robot().joint_names == ("shoulder", name, "z")
+
+
+@pytest.mark.parametrize("robot", ["baxter", "tiago", "z1"])
+def test_robots_that_are_hard_to_begin_with(robot, tmp_path):
+    """Baxter's forearms always touch, which coal sees only if it is asked for contacts."""
+    file = tmp_path / "mine.yaml"
+    assert main(["new", str(next(robots_folder().rglob(f"{robot}.urdf"))), "-o", str(file)]) == 0
+    assert Scenario.load(file).build_robot().n >= 6
+
+
 def test_a_link_without_shapes_is_named_by_every_command(tmp_path, capfd):
     text = (Path(__file__).parents[3] / "examples" / "arm.urdf").read_text()
     file, scenario, result, proof = (tmp_path / f"arm.{kind}" for kind in ("urdf", "yaml", "json", "proof.json"))
